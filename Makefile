@@ -1,0 +1,31 @@
+# `make demo` and `make test` do all the set-up themselves, in .venv.
+PYTHON ?= python3
+# Which torch to install; see the README for choosing a CPU or a CUDA build.
+TORCH ?= torch==2.13.0
+BIN = .venv/bin
+
+.PHONY: demo test lint bench clean
+
+.venv/installed: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --upgrade pip
+	$(BIN)/pip install --quiet "$(TORCH)"
+	$(BIN)/pip install --quiet --editable ".[dev,digits]"
+	touch $@
+
+demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/
+	$(BIN)/python scripts/demo.py --out demo
+
+test: .venv/installed lint  ## lint, types, import contracts, then the tests
+	$(BIN)/pytest
+
+lint: .venv/installed
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports
+	$(BIN)/pyright
+
+bench: .venv/installed  ## the ratios of the performance page, one core
+	$(BIN)/python scripts/benchmark.py
+
+clean:
+	rm -rf .venv demo build *.egg-info

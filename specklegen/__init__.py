@@ -1,0 +1,1 @@
+"""Correlated speckle image stacks from bulk material parameters."""

@@ -1,0 +1,86 @@
+"""Counter-based random numbers: Philox 4x32-10.
+
+Every draw is a pure function of an address: a 64-bit key made from (seed, stream), and a counter
+(dimension, path, sample). No state is kept, so a path is the same whatever thread, block or order
+traced it.
+
+Source: Salmon, Moraes, Dror, Shaw, *Parallel random numbers: as easy as 1, 2, 3* (SC11).
+"""
+
+import math
+
+import numpy as np
+
+from specklegen.kernels import inlined, kernel
+
+_M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
+_W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
+_LOW = np.uint64(0xFFFFFFFF)
+_32 = np.uint64(32)
+_TO_UNIT = 2.0**-32
+_HALF = 2.0**-33
+
+
+@inlined
+def philox(key0, key1, c0, c1, c2, c3):
+    """Four 32-bit words (held in uint64) for a key of two and a counter of four such words."""
+    for _ in range(10):
+        p0 = c0 * _M0
+        p1 = c2 * _M1
+        c0, c1, c2, c3 = (
+            ((p1 >> _32) ^ c1 ^ key0) & _LOW,
+            p1 & _LOW,
+            ((p0 >> _32) ^ c3 ^ key1) & _LOW,
+            p0 & _LOW,
+        )
+        key0 = (key0 + _W0) & _LOW
+        key1 = (key1 + _W1) & _LOW
+    return c0, c1, c2, c3
+
+
+@inlined
+def open_unit(word):
+    """Map a 32-bit word to the middle of its cell of (0, 1): never 0, never 1."""
+    return word * _TO_UNIT + _HALF
+
+
+@inlined
+def uniforms(key0, key1, sample, path, dimension):
+    """Four uniforms in (0, 1) for path ``path`` of sample ``sample`` at ``dimension`` (all uint64)."""
+    a, b, c, d = philox(key0, key1, dimension, path & _LOW, path >> _32, sample)
+    return open_unit(a), open_unit(b), open_unit(c), open_unit(d)
+
+
+@kernel
+def philox_words(key0, key1, counters, out):
+    """Fill ``out`` uint32[n, 4] with the words of the counters uint32[n, 4] (the known-answer test)."""
+    for n in range(counters.shape[0]):
+        a, b, c, d = philox(
+            np.uint64(key0),
+            np.uint64(key1),
+            np.uint64(counters[n, 0]),
+            np.uint64(counters[n, 1]),
+            np.uint64(counters[n, 2]),
+            np.uint64(counters[n, 3]),
+        )
+        out[n, 0] = a
+        out[n, 1] = b
+        out[n, 2] = c
+        out[n, 3] = d
+
+
+@kernel
+def fill_normals(key0, key1, sample, out):
+    """Fill ``out`` float32/float64[n, 2] with standard normals (Box-Muller), pair m from block m // 2."""
+    pairs = out.shape[0]
+    for block in range((pairs + 1) // 2):
+        u0, u1, u2, u3 = uniforms(key0, key1, np.uint64(sample), np.uint64(block), np.uint64(0))
+        radius = math.sqrt(-2.0 * math.log(u0))
+        angle = 2.0 * math.pi * u1
+        out[2 * block, 0] = radius * math.cos(angle)
+        out[2 * block, 1] = radius * math.sin(angle)
+        if 2 * block + 1 < pairs:
+            radius = math.sqrt(-2.0 * math.log(u2))
+            angle = 2.0 * math.pi * u3
+            out[2 * block + 1, 0] = radius * math.cos(angle)
+            out[2 * block + 1, 1] = radius * math.sin(angle)

@@ -1,0 +1,50 @@
+"""The one place where work is spread over threads.
+
+Kernels are serial and release the interpreter lock; here blocks of them run side by side. Results come
+back in the order of the blocks, so that every sum over them is the same for any number of threads.
+"""
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+_IN_WORKER = False
+
+
+def run_serial_in_this_process() -> None:
+    """Make one thread the default here: for data-loader workers, which are parallel among themselves."""
+    global _IN_WORKER
+    _IN_WORKER = True
+
+
+def thread_count(threads: int | None = None) -> int:
+    """Return ``threads``, or by default the cores that this process may run on (1 in a worker).
+
+    Raises
+    ------
+    RuleError
+        If ``threads`` is less than 1.
+    """
+    if threads is None:
+        if _IN_WORKER:
+            return 1
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if threads < 1:
+        from specklegen.values import reject
+
+        reject("threads", "at least 1", threads, "Leave it out to use every core.")
+    return threads
+
+
+def map_blocks(function: Callable[[A], B], blocks: Iterable[A], threads: int | None = None) -> list[B]:
+    """Apply ``function`` to every block on ``threads`` threads; results in the order of the blocks."""
+    blocks = list(blocks)
+    workers = min(thread_count(threads), len(blocks))
+    if workers <= 1:
+        return [function(block) for block in blocks]
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(function, blocks))

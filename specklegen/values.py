@@ -1,0 +1,168 @@
+"""Frozen, validated values, and the one place that words their errors.
+
+Everything that describes a simulation is a :class:`Value`: keyword-only, immutable, checked once when
+it is made, equal by content, and serialisable to canonical JSON (whose SHA-256 is the fingerprint that
+keys pilots and stores) and to TOML.
+
+An error reads ``Owner.field must be RULE; got VALUE.`` and then the remedy, if there is one.
+"""
+
+import hashlib
+import json
+import tomllib
+from typing import Annotated, Any, NoReturn, Self
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+UnitInterval = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+PositiveInt = Annotated[int, Field(ge=1)]
+
+_RULES = {
+    "greater_than": "greater than {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than": "less than {lt}",
+    "less_than_equal": "at most {le}",
+    "finite_number": "finite",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "missing": "given",
+    "extra_forbidden": "absent: there is no such field",
+    "frozen_instance": "left as it is: values are frozen, use .replace(...)",
+    "literal_error": "one of {expected}",
+    "enum": "one of {expected}",
+    "bool_type": "True or False",
+    "bool_parsing": "True or False",
+    "string_type": "a text",
+    "union_tag_invalid": "one of the types {expected_tags}",
+    "union_tag_not_found": "an object with a known type",
+    "too_short": "at least {min_length} long",
+    "too_long": "at most {max_length} long",
+}
+
+
+class RuleError(ValueError):
+    """A value that breaks a rule; the message names the field, the rule, the value and the remedy."""
+
+
+def reject(field: str, rule: str, value: object, remedy: str = "") -> NoReturn:
+    """Raise the house error: ``field must be rule; got value.`` and then the remedy.
+
+    Raises
+    ------
+    RuleError
+        Always; a subclass of :class:`ValueError`.
+    """
+    raise RuleError(f"{field} must be {rule}; got {shown(value)}." + (f" {remedy}" if remedy else ""))
+
+
+def shown(value: object) -> str:
+    """Write a value in one short line for an error message."""
+    text = np.array2string(value, threshold=6) if isinstance(value, np.ndarray) else repr(value)
+    text = " ".join(text.split())
+    return text if len(text) <= 120 else text[:117] + "..."
+
+
+def _house_message(owner: str, error: ValidationError) -> str:
+    lines = []
+    for item in error.errors():
+        context = item.get("ctx", {})
+        if isinstance(context.get("error"), RuleError):
+            lines.append(str(context["error"]))
+            continue
+        where = ".".join([owner, *(str(part) for part in item["loc"])])
+        rule = _RULES.get(item["type"])
+        rule = rule.format(**context) if rule else item["msg"].removeprefix("Value error, ")
+        lines.append(f"{where} must be {rule}; got {shown(item['input'])}.")
+    return "\n".join(lines)
+
+
+class Value(BaseModel):
+    """A frozen, validated, serialisable value; equal to another when their canonical JSON is equal."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="constants")
+
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise RuleError(_house_message(type(self).__name__, error)) from None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
+        except ValidationError as error:
+            raise RuleError(_house_message(type(self).__name__, error)) from None
+
+    def canonical_json(self) -> str:
+        """Write the value as JSON with sorted keys and shortest round-trip numbers; equal values, equal text."""
+        return json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 of the canonical JSON, in hexadecimal."""
+        return hashlib.sha256(self.canonical_json().encode()).hexdigest()
+
+    def to_toml(self) -> str:
+        """Write the value as TOML."""
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Read a value from JSON."""
+        return cls(**json.loads(text))
+
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
+        """Read a value from TOML."""
+        return cls(**tomllib.loads(text))
+
+    def replace(self, **changes: Any) -> Self:
+        """Return a copy with some fields changed, validated anew."""
+        return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self.canonical_json() == other.canonical_json()  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash(self.canonical_json())
+
+
+def _frozen_array(value: Any) -> np.ndarray:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError("an array of numbers") from None
+    if not np.isfinite(array).all():
+        raise ValueError("finite everywhere")
+    array.flags.writeable = False
+    return array
+
+
+Array = Annotated[np.ndarray, BeforeValidator(_frozen_array), PlainSerializer(lambda a: a.tolist())]
+"""A read-only float64 array of any shape, finite everywhere, written to JSON as nested lists."""
+
+
+def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:
+    """Check directions ``(..., d)``, d = 2 or 3, and return them normalised to the last bit.
+
+    Raises
+    ------
+    RuleError
+        If the last axis is not 2 or 3 long, or a vector's length differs from 1 by more than 1e-6.
+    """
+    if vectors.ndim < 1 or vectors.shape[-1] not in (2, 3):
+        reject(field, "unit vectors along the last axis, of length 2 or 3", vectors.shape)
+    lengths = np.linalg.norm(vectors, axis=-1)
+    if vectors.size and np.abs(lengths - 1).max() > 1e-6:
+        worst = vectors.reshape(-1, vectors.shape[-1])[np.abs(lengths - 1).argmax()]
+        reject(field, "unit vectors", worst, "Divide each direction by its length.")
+    vectors = vectors / lengths[..., None] if vectors.size else vectors.copy()
+    vectors.flags.writeable = False
+    return vectors
