@@ -163,6 +163,7 @@ def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:
     if vectors.size and np.abs(lengths - 1).max() > 1e-6:
         worst = vectors.reshape(-1, vectors.shape[-1])[np.abs(lengths - 1).argmax()]
         reject(field, "unit vectors", worst, "Divide each direction by its length.")
-    vectors = vectors / lengths[..., None] if vectors.size else vectors.copy()
+    # Left alone when already of unit length to rounding, so that normalising twice changes nothing.
+    vectors = np.where(np.abs(lengths - 1)[..., None] > 1e-15, vectors / lengths[..., None], vectors)
     vectors.flags.writeable = False
     return vectors

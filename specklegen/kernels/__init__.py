@@ -53,15 +53,15 @@ _CACHE = _writable_cache()
 def kernel(function):
     """Compile a kernel: serial, no interpreter lock, cached under the digest of all kernels."""
     if _CACHE is None:
-        return njit(nogil=True)(function)
+        return njit(nogil=True, error_model="numpy", fastmath={"contract"})(function)
     before = numba.config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
     numba.config.CACHE_DIR = _CACHE  # pyright: ignore[reportAttributeAccessIssue]
     try:
-        return njit(nogil=True, cache=True)(function)
+        return njit(nogil=True, error_model="numpy", fastmath={"contract"}, cache=True)(function)
     finally:
         numba.config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def inlined(function):
     """Compile a small helper that LLVM folds into the kernels that call it."""
-    return njit(nogil=True, inline="never", error_model="numpy")(function)
+    return njit(nogil=True, inline="never", error_model="numpy", fastmath={"contract"})(function)

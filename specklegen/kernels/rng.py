@@ -28,9 +28,9 @@ def philox(key0, key1, c0, c1, c2, c3):
         p0 = c0 * _M0
         p1 = c2 * _M1
         c0, c1, c2, c3 = (
-            ((p1 >> _32) ^ c1 ^ key0) & _LOW,
+            (p1 >> _32) ^ c1 ^ key0,
             p1 & _LOW,
-            ((p0 >> _32) ^ c3 ^ key1) & _LOW,
+            (p0 >> _32) ^ c3 ^ key1,
             p0 & _LOW,
         )
         key0 = (key0 + _W0) & _LOW

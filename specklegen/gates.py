@@ -1,0 +1,73 @@
+"""Verdicts: what a scene needs, and why. The planner folds them; pipelines obey them."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from specklegen.media import Slab
+from specklegen.values import reject
+
+Reverse = bool | Literal["auto"]
+BACKSCATTER_WING = 0.65  # 3D, isotropic scatterers: the slow wing of the cone (physics.md 2)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether one part of the physics takes part, with the reason in words.
+
+    Attributes
+    ----------
+    part : str
+        The part judged.
+    needed : bool
+        Whether it takes part.
+    reason : str
+        Why, for a reader of ``plan(...).explain()``.
+    """
+
+    part: str
+    needed: bool
+    reason: str
+
+
+def reversal_verdict(
+    medium: Slab, wavelength: float, light: np.ndarray, views: np.ndarray, reverse: Reverse, tolerance: float
+) -> Verdict:
+    """Reversed paths (coherent backscattering): needed near v = -i.
+
+    Away from -i they add about 0.65 / (k l |i + v|) of the intensity (physics.md 2), with the mean free path
+    l and not the transport length, which is the safe side for forward scattering.
+
+    Parameters
+    ----------
+    light, views
+        float64[..., 3], all tilts and all views; every pair counts.
+    reverse
+        True or False decide, "auto" judges.
+    tolerance
+        Relative intensity below which they are left out.
+    """
+    part = "reversed paths"
+    if isinstance(reverse, bool):
+        return Verdict(part, reverse, "asked for" if reverse else "left out as asked")
+    if reverse != "auto":
+        reject("reverse", 'True, False or "auto"', reverse)
+    nearest = _nearest_sum(light.reshape(-1, 3), views.reshape(-1, 3))
+    wing = BACKSCATTER_WING * wavelength * medium.extinction / (2 * np.pi * max(nearest, 1e-300))
+    if wing > tolerance:
+        return Verdict(part, True, f"add up to {min(wing, 1):.2g} of the intensity near exact backscattering")
+    return Verdict(part, False, f"add at most {wing:.2g} of the intensity this far from backscattering")
+
+
+def _nearest_sum(light: np.ndarray, views: np.ndarray) -> float:
+    """Smallest |i + v| over all pairs, from a tree (grids have a million views)."""
+    if len(light) == 0 or len(views) == 0:
+        return 2.0
+    if views[:, 2].min() > 0:
+        # Transmission: |i + v| >= i_z + v_z, tight enough and free.
+        return float(light[:, 2].min() + views[:, 2].min())
+    from scipy.spatial import cKDTree
+
+    distance, _ = cKDTree(-light).query(views)
+    return float(distance.min())

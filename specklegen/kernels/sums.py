@@ -1,0 +1,150 @@
+"""Ends of connections, and the direct sum of fields.
+
+    u(t, v) = sum_m sqrt(W_m) z_m A_t(m) B_v(m)                                  [Bar19] Eqs. 13, 38
+
+A_t is the illumination end (profile, attenuation, phase, scattering into the first direction), B_v the
+sensor end. Phases are in turns and relative to the reference directions of the two ends, so that no
+absolute phase is ever formed: a common phase of a connection is random anyway.
+
+Single scattering couples both ends in s(i . v), which is the same for all connections: it stays out of A
+and B here (``single`` = 1), and the caller multiplies it on at the end.
+"""
+
+import math
+
+import numpy as np
+
+from specklegen.kernels import inlined, kernel
+from specklegen.kernels.phase_functions import henyey_greenstein
+from specklegen.kernels.rng import uniforms
+from specklegen.kernels.trigonometry import sincos_turns
+from specklegen.kernels.walk import (
+    ENTRY,
+    ENTRY_DIRECTION,
+    EXIT,
+    EXIT_DIRECTION,
+    WEIGHT,
+    escape_distance,
+    profile,
+)
+
+
+@kernel
+def random_phases(key0, key1, sample, orders, paths, out):
+    """Fill ``out`` complex128[M] with e^(2 pi i zeta), zeta addressed by (path, order)."""
+    for m in range(out.shape[0]):
+        u, _, _, _ = uniforms(
+            np.uint64(key0), np.uint64(key1), np.uint64(sample), np.uint64(paths[m]), np.uint64(orders[m])
+        )
+        sine, cosine = sincos_turns(u)
+        out[m] = complex(cosine, sine)
+
+
+@kernel
+def illumination_ends(records, single, g, sigma_t, footprint, radius, directions, offsets, factors, out):
+    """Fill ``out`` complex128[T, M] with factor_m sqrt(W_m) A_t(m).
+
+    directions : float64[T, 3]   tilts i_t
+    offsets : float64[T, 3]      (i_t - i_ref) / wavelength, turns per unit length
+    factors : complex128[M]      z_m, and whatever else belongs to the connection
+    """
+    for t in range(directions.shape[0]):
+        ix, iy, iz = directions[t, 0], directions[t, 1], directions[t, 2]
+        ax, ay, az = offsets[t, 0], offsets[t, 1], offsets[t, 2]
+        face = 1.0 / iz  # unit irradiance per area of the face, not across the beam
+        for m in range(records.shape[0]):
+            row = records[m]
+            x, y, z = row[ENTRY], row[ENTRY + 1], row[ENTRY + 2]
+            depth = z * face
+            beam = profile(footprint, radius, x - depth * ix, y - depth * iy)
+            if beam == 0.0:
+                out[t, m] = 0.0
+                continue
+            power = row[WEIGHT] * face
+            if not single:
+                power *= henyey_greenstein(
+                    g,
+                    ix * row[ENTRY_DIRECTION] + iy * row[ENTRY_DIRECTION + 1] + iz * row[ENTRY_DIRECTION + 2],
+                )
+            modulus = beam * math.sqrt(power) * math.exp(-0.5 * sigma_t * depth)
+            sine, cosine = sincos_turns(ax * x + ay * y + az * z)
+            out[t, m] = modulus * complex(cosine, sine) * factors[m]
+
+
+@inlined
+def sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz):
+    """|B_v| of one connection: scattering into v and attenuation on the way out."""
+    distance = escape_distance(row[EXIT + 2], thickness, vz)
+    if sigma_t * distance > 1400.0:
+        return 0.0
+    modulus = math.exp(-0.5 * sigma_t * distance)
+    if not single:
+        modulus *= math.sqrt(
+            henyey_greenstein(
+                g, row[EXIT_DIRECTION] * vx + row[EXIT_DIRECTION + 1] * vy + row[EXIT_DIRECTION + 2] * vz
+            )
+        )
+    return modulus
+
+
+@kernel
+def sensor_ends(records, single, g, sigma_t, thickness, directions, offsets, out):
+    """Fill ``out`` complex128[R, M] with B_v(m), phases relative to the reference view.
+
+    directions : float64[R, 3]   views v
+    offsets : float64[R, 3]      (v - v_ref) / wavelength, turns per unit length
+    """
+    for r in range(directions.shape[0]):
+        vx, vy, vz = directions[r, 0], directions[r, 1], directions[r, 2]
+        ax, ay, az = offsets[r, 0], offsets[r, 1], offsets[r, 2]
+        for m in range(records.shape[0]):
+            row = records[m]
+            modulus = sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz)
+            sine, cosine = sincos_turns(-(ax * row[EXIT] + ay * row[EXIT + 1] + az * row[EXIT + 2]))
+            out[r, m] = modulus * complex(cosine, sine)
+
+
+@kernel
+def direct_sum(records, single, g, sigma_t, thickness, ends, directions, offsets, out):
+    """Add sum_m ends[t, m] B_v(m) to ``out`` complex128[V, T], in the order of the connections.
+
+    ends : complex128[M, T]      factor sqrt(W) A, connection by connection
+    directions, offsets : float64[V, 3]   as for :func:`sensor_ends`
+    """
+    tilts = ends.shape[1]
+    for v in range(directions.shape[0]):
+        vx, vy, vz = directions[v, 0], directions[v, 1], directions[v, 2]
+        ax, ay, az = offsets[v, 0], offsets[v, 1], offsets[v, 2]
+        for m in range(records.shape[0]):
+            row = records[m]
+            modulus = sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz)
+            if modulus == 0.0:
+                continue
+            sine, cosine = sincos_turns(-(ax * row[EXIT] + ay * row[EXIT + 1] + az * row[EXIT + 2]))
+            end = modulus * complex(cosine, sine)
+            for t in range(tilts):
+                out[v, t] += ends[m, t] * end
+
+
+@kernel
+def full_weights(records, orders, g, sigma_t, thickness, footprint, radius, tilt, view, out):
+    """Fill ``out`` float64[M] with w = W |A_tilt|^2 |B_view|^2 of each connection, s(i . v) included."""
+    ix, iy, iz = tilt[0], tilt[1], tilt[2]
+    vx, vy, vz = view[0], view[1], view[2]
+    single_power = henyey_greenstein(g, ix * vx + iy * vy + iz * vz)
+    for m in range(records.shape[0]):
+        row = records[m]
+        x, y, z = row[ENTRY], row[ENTRY + 1], row[ENTRY + 2]
+        depth = z / iz
+        beam = profile(footprint, radius, x - depth * ix, y - depth * iy)
+        w = row[WEIGHT] * beam * beam / iz * math.exp(-sigma_t * depth)
+        single = 1 if orders[m] == 1 else 0
+        modulus = sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz)
+        w *= modulus * modulus
+        if single:
+            w *= single_power
+        else:
+            w *= henyey_greenstein(
+                g, ix * row[ENTRY_DIRECTION] + iy * row[ENTRY_DIRECTION + 1] + iz * row[ENTRY_DIRECTION + 2]
+            )
+        out[m] = w

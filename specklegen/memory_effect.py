@@ -1,0 +1,208 @@
+"""The memory-effect curve of a slab: how speckle decorrelates under tilt, with error bars.
+
+Along the axis, in transmission and at small tilts, from the distribution of lateral distances
+(:mod:`specklegen.stationary.kernel`, symmetric in azimuth and so less noisy). Otherwise from the exact
+amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from specklegen.fields import ends
+from specklegen.illumination import directions_of_sines
+from specklegen.media import Slab
+from specklegen.gates import Reverse, reversal_verdict
+from specklegen.stationary.kernel import AXIS, estimate_kernel, keep_threshold, plane_optics
+from specklegen.statistics import BATCHES, jackknife
+from specklegen.streams import Seed, pilot_seed
+from specklegen.tracing import plane_proposal, trace
+from specklegen.values import reject
+
+Mode = Literal["transmission", "reflection"]
+_OFF_BACKSCATTER = np.deg2rad(5.0)
+
+
+@dataclass(frozen=True)
+class MemoryEffect:
+    """A memory-effect curve.
+
+    Attributes
+    ----------
+    tilts : float64[T]
+        Tilts from the axis, radians.
+    q : float64[T]
+        k sin(tilt) L, the tilt in units of the slab (physics.md 4).
+    field : complex128[T]
+        K, the field correlation with zero tilt.
+    intensity : float64[T]
+        C_I = |K|^2, free of the bias of a squared estimate.
+    decorrelation : float64[T]
+        1 - C_I, to full relative precision at tiny tilts.
+    standard_error : float64[T]
+        Of ``intensity``, from 64 independent batches; NaN where it is undefined (no light, or one path).
+    single_share : float
+        Share of single scattering in the intensity; its square is the floor of ``intensity``.
+    paths : int
+        Paths traced.
+    reverse : bool
+        Whether reversed paths took part.
+    """
+
+    tilts: np.ndarray
+    q: np.ndarray
+    field: np.ndarray
+    intensity: np.ndarray
+    decorrelation: np.ndarray
+    standard_error: np.ndarray
+    single_share: float
+    paths: int
+    reverse: bool
+
+
+def memory_effect(
+    medium: Slab,
+    *,
+    wavelength: float,
+    tilts: ArrayLike,
+    mode: Mode = "transmission",
+    paths: int = 100_000,
+    seed: Seed = 0,
+    view: ArrayLike | None = None,
+    reverse: Reverse = "auto",
+    tolerance: float = 0.02,
+    threads: int | None = None,
+) -> MemoryEffect:
+    """Correlation of the speckle at zero tilt with that at each tilt, views moved with the tilt.
+
+    C(theta) = <u_0(v) u*_theta(v + theta)> over its two intensities, normal incidence, an unlimited plane
+    wave (in practice: a beam much wider than the slab is thick). [Bar19] section 6.
+
+    Parameters
+    ----------
+    medium
+        The slab.
+    wavelength
+        Inside the medium, in the slab's unit of length.
+    tilts
+        float[T], radians, in the x-z plane.
+    mode
+        "transmission" looks along the axis; "reflection" back through the entrance face.
+    paths, seed
+        Number of paths, and the seed of which (with the other arguments) the result is a function.
+    view
+        float[3], direction of the view at zero tilt. Default: the axis in transmission, and in reflection
+        5 degrees off exact backscattering, away from its enhancement.
+    reverse
+        Whether reversed paths (coherent backscattering) take part; "auto" drops them where they add less
+        than ``tolerance`` (physics.md 2).
+    tolerance
+        Relative intensity below which "auto" drops a part.
+    threads
+        Threads; the result does not depend on it.
+
+    Raises
+    ------
+    RuleError
+        For a field out of its range.
+    """
+    tilts = np.atleast_1d(np.asarray(tilts, dtype=np.float64))
+    if tilts.ndim != 1 or not np.isfinite(tilts).all() or (tilts.size and np.abs(tilts).max() >= np.pi / 2):
+        reject("memory_effect tilts", "radians between -pi/2 and pi/2, of shape (T,)", tilts, "Use np.deg2rad.")
+    if not (np.isfinite(wavelength) and wavelength > 0):
+        reject("memory_effect wavelength", "greater than 0", wavelength)
+    if paths < 1:
+        reject("memory_effect paths", "at least 1", paths)
+    if mode not in ("transmission", "reflection"):
+        reject("memory_effect mode", '"transmission" or "reflection"', mode)
+    side = 1.0 if mode == "transmission" else -1.0
+    if view is None:
+        sine = 0.0 if mode == "transmission" else np.sin(_OFF_BACKSCATTER)
+        view = directions_of_sines("view", [sine, 0.0], side)
+    view = np.asarray(view, dtype=np.float64)
+    if view.shape != (3,) or abs(np.linalg.norm(view) - 1) > 1e-6 or view[2] * side <= 0:
+        reject("memory_effect view", f"a unit vector of shape (3,) on the side of {mode}", view)
+
+    light = directions_of_sines("memory_effect tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
+    views = directions_of_sines("memory_effect view + tilts", view[:2] + light[:, :2], side)
+    reversal = reversal_verdict(medium, wavelength, light, views, reverse, tolerance)
+    small = np.abs(tilts).max(initial=0.0) <= 0.02 * (1 - abs(medium.scatterer.g))
+    symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
+    curve = _axial if symmetric else _exact
+    field, intensity, decorrelation, error, single = curve(
+        medium, wavelength, light, view, views, side, paths, seed, reversal.needed, threads
+    )
+    return MemoryEffect(
+        tilts=tilts,
+        q=2 * np.pi / wavelength * np.sin(tilts) * medium.thickness,
+        field=field,
+        intensity=intensity,
+        decorrelation=decorrelation,
+        standard_error=error,
+        single_share=single,
+        paths=paths,
+        reverse=reversal.needed,
+    )
+
+
+def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
+    kernel = estimate_kernel(medium, paths, seed, threads=threads)
+    if not kernel.weights.any():
+        return _dark(len(light))
+    q = 2 * np.pi / wavelength * light[:, 0]
+    intensity, decorrelation, error = kernel.intensity(q)
+    return kernel(q).astype(np.complex128), intensity, decorrelation, error, kernel.single_share
+
+
+def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
+    """Amplitudes a_t of every connection at the pairs (i_t, v_t); K_t = E[W a_0 a_t*] over its intensities."""
+    probes = view[None]
+    proposal = plane_proposal(medium, AXIS, probes, reverse=reverse)
+    pairs = plane_optics(medium, wavelength, np.concatenate([AXIS[None], light]), side)
+    views = np.concatenate([view[None], views])
+    if not reverse:
+        threshold = keep_threshold(medium, proposal, pairs, AXIS, pilot_seed(medium.fingerprint()))
+        proposal = replace(proposal, threshold=threshold)
+    sums = []
+    single = total = 0.0
+    edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        bank = trace(medium, proposal, seed, last - first, first=first, threads=threads)
+        ones = bank.select(bank.orders == 1)
+        many = bank.select(bank.orders > 1)
+        s = np.diag(ends.single_amplitudes(pairs, views))
+        alone = _pair_amplitudes(ones, pairs, views, np.ones(len(ones)), single=True) * s[:, None]
+        rest = _pair_amplitudes(many, pairs, views, np.ones(len(many)), single=False)
+        if reverse:
+            rest += _pair_amplitudes(bank.reversed(), pairs, views, ends.reversal_phases(bank, pairs), single=False)
+        amplitudes = np.concatenate([alone, rest], axis=1)
+        power = np.square(np.abs(amplitudes)).sum(axis=1)
+        product = (amplitudes[0] * amplitudes[1:].conj()).sum(axis=1)
+        sums.append(np.concatenate([product, power[1:], power[:1]]))
+        single += np.square(np.abs(alone[0])).sum()
+        total += power[0]
+    if total == 0:
+        return _dark(len(light))
+    sums = np.array(sums)
+    n = len(light)
+
+    def correlation(part: np.ndarray) -> np.ndarray:
+        return np.square(np.abs(part[:n])) / (part[n : 2 * n].real * part[2 * n].real)
+
+    intensity, error = jackknife(sums, correlation)
+    mean = sums.sum(axis=0)
+    field = mean[:n] / np.sqrt(mean[n : 2 * n].real * mean[2 * n].real)
+    return field, intensity, 1 - intensity, error, float(single / total)
+
+
+def _pair_amplitudes(bank, pairs, views, factors, *, single):
+    """complex128[T, M], sqrt(W) A_t B_t of every connection at the T pairs (tilt t, view t)."""
+    a = ends.illumination_ends(bank, pairs, factors.astype(np.complex128), single=single)
+    return a * ends.sensor_ends(bank, pairs, views, single=single)
+
+
+def _dark(n: int):
+    nan = np.full(n, np.nan)
+    return nan.astype(np.complex128), nan, nan, nan, float("nan")

@@ -1,0 +1,115 @@
+"""Sensors: views in the far field, at any directions or on a regular grid of direction sines."""
+
+from functools import cached_property
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from specklegen.illumination import directions_of_sines
+from specklegen.values import Array, Finite, Positive, PositiveInt, Value, reject, unit_vectors
+
+Side = Literal["transmission", "reflection"]
+
+
+class FarField(Value):
+    """Views at arbitrary directions of travel, float64[..., 3] unit vectors."""
+
+    type: Literal["FarField"] = "FarField"
+    directions: Array
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        directions = unit_vectors("FarField.directions", self.directions)
+        if directions.shape[-1] != 3:
+            reject(
+                "FarField.directions",
+                "vectors of three components",
+                directions.shape,
+                "Two-dimensional scenes are not built yet.",
+            )
+        object.__setattr__(self, "directions", directions)
+        return self
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of an image: that of ``directions`` less its last axis."""
+        return self.directions.shape[:-1]
+
+    @staticmethod
+    def grid(
+        shape: tuple[int, int], pitch: float, center: tuple[float, float] = (0.0, 0.0), side: Side = "transmission"
+    ) -> "FarFieldGrid":
+        """Views on a regular grid of direction sines: see :class:`FarFieldGrid`."""
+        return FarFieldGrid(shape=shape, pitch=pitch, center=center, side=side)
+
+
+class FarFieldGrid(Value):
+    """Views on a regular grid of direction sines inside the medium; the camera of a far-field scene.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) = (y, x); row 0 and column 0 hold the smallest sines.
+    pitch
+        Direction sine between neighbouring views.
+    center
+        (x, y) direction sines of the middle of the grid.
+    side
+        "transmission" looks at light that leaves through z = thickness, "reflection" through z = 0.
+    """
+
+    type: Literal["FarFieldGrid"] = "FarFieldGrid"
+    shape: tuple[PositiveInt, PositiveInt]
+    pitch: Positive
+    center: tuple[Finite, Finite] = (0.0, 0.0)
+    side: Side = "transmission"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        x, y = self.sines
+        corner = np.hypot(np.abs(x).max(), np.abs(y).max())
+        if corner > 1:
+            reject(
+                "FarFieldGrid.pitch",
+                "small enough that every view has a direction sine of at most 1",
+                self.pitch,
+                f"The corner of this grid would lie at {corner:.3g}: lower shape, pitch or |center|.",
+            )
+        return self
+
+    @property
+    def sines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Direction sines (x of the columns, y of the rows), float64[W] and float64[H]."""
+        rows, columns = self.shape
+        return (
+            self.center[0] + (np.arange(columns) - (columns - 1) / 2) * self.pitch,
+            self.center[1] + (np.arange(rows) - (rows - 1) / 2) * self.pitch,
+        )
+
+    @property
+    def sign(self) -> float:
+        """Sign of the views' z component."""
+        return 1.0 if self.side == "transmission" else -1.0
+
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """float64[H, W, 3], unit vectors of travel."""
+        y, x = np.meshgrid(*reversed(self.sines), indexing="ij")
+        return directions_of_sines("FarFieldGrid.pitch", np.stack([x, y], axis=-1), self.sign)
+
+    @property
+    def center_direction(self) -> np.ndarray:
+        """float64[3], the view in the middle of the grid."""
+        return directions_of_sines("FarFieldGrid.center", self.center, self.sign)
+
+    @property
+    def corner_directions(self) -> np.ndarray:
+        """float64[4, 3], the views at the corners."""
+        x, y = self.sines
+        return directions_of_sines(
+            "FarFieldGrid.pitch", [(a, b) for a in (x[0], x[-1]) for b in (y[0], y[-1])], self.sign
+        )
+
+
+Sensor = Annotated[FarField | FarFieldGrid, Field(discriminator="type")]

@@ -1,0 +1,174 @@
+"""The memory-effect kernel K of a wide slab at normal incidence.
+
+    K(q) = E[w J0(q r)] / E[w],     C_I = |K|^2                           [Bar19] sec. 6; physics.md 5
+
+with r the lateral distance from a path's entrance to its exit, w the full weight of its connection and q
+= k times the difference of two tilts' direction sines. K is stored as what it is, a distribution of r:
+a histogram on a geometric grid, one row per independent batch. It has no end (no table to run off), it is
+positive semidefinite for any set of tilts, and its errors are those of the batches.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import j0
+
+from specklegen.fields.ends import Optics, full_weights
+from specklegen.kernels import walk
+from specklegen.media import Slab
+from specklegen.statistics import BATCHES, jackknife
+from specklegen.streams import Seed, Stream, pilot_seed
+from specklegen.tracing import PathBank, Proposal, plane_proposal, trace
+
+AXIS = np.array([0.0, 0.0, 1.0])
+_BINS = 2048
+_SPAN = (1e-4, 1e4)  # smallest and largest radius told apart, over thickness + transport length
+PILOT_PATHS = 2000
+KEEP_ALWAYS = 10.0  # a connection is always kept from ten times the mean full weight (performance.md 3)
+
+
+@dataclass(frozen=True)
+class MemoryKernel:
+    """K as a distribution of lateral distances.
+
+    Attributes
+    ----------
+    radius : float64[n]
+        Root mean square distance of each bin; 0 for single scattering.
+    weights : float64[batches, n]
+        Full weight that each batch found in each bin.
+    paths : int
+        Paths behind it.
+    single_share : float
+        Share of single scattering in the intensity.
+    """
+
+    radius: np.ndarray
+    weights: np.ndarray
+    paths: int
+    single_share: float
+
+    def __call__(self, q: np.ndarray | float) -> np.ndarray:
+        """K at lateral wavevector differences q (radians per unit length), any shape; K(0) = 1."""
+        q = np.asarray(q, dtype=np.float64)
+        share = self.weights.sum(axis=0)
+        used = share > 0
+        share = share[used] / share[used].sum()
+        return _bessel(q.reshape(-1, 1), self.radius[used]).dot(share).reshape(q.shape)
+
+    def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
+        """Matrix float64[T, T] of K between beams at direction sines float64[T, 2]; positive semidefinite."""
+        difference = sines[:, None, :] - sines[None, :, :]
+        q = wavenumber * np.hypot(difference[..., 0], difference[..., 1])
+        unique, inverse = np.unique(q, return_inverse=True)
+        return self(unique)[inverse].reshape(q.shape)
+
+    def intensity(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """C_I = |K|^2 without bias, 1 - C_I to full relative precision, and their standard error, at q float64[T]."""
+        q = np.asarray(q, dtype=np.float64)
+        lost = self.weights @ _one_minus_bessel(q[:, None], self.radius).T  # E[w (1 - J0)], [batches, T]
+        sums = np.concatenate([lost, self.weights.sum(axis=1, keepdims=True)], axis=1)
+
+        def decorrelation(total: np.ndarray) -> np.ndarray:
+            delta = total[:-1] / total[-1]
+            return delta * (2 - delta)
+
+        value, error = jackknife(sums, decorrelation)
+        return 1 - value, value, error
+
+    def half_range(self, share: float = 0.5) -> float:
+        """Half range q at which (C_I - floor)/(1 - floor) falls to ``share``; the floor is (single share)^2.
+
+        A half range need not exist for thin forward-scattering slabs in the sense of C_I = 1/2; in this
+        sense, above the floor, it does unless all light is singly scattered (then infinite).
+        """
+        floor = self.single_share**2
+        if floor > 1 - 1e-9:
+            return float("inf")
+        target = floor + share * (1 - floor)
+        scale = 1 / np.sqrt(self.mean_square_radius)
+        q = np.geomspace(1e-2, 1e3, 400) * scale
+        below = np.flatnonzero(self(q) ** 2 < target)
+        if len(below) == 0:
+            return float("inf")
+        low, high = (q[below[0] - 1] if below[0] else 0.0), q[below[0]]
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self(middle) ** 2 > target else (low, middle)
+        return float(high)
+
+    @property
+    def mean_square_radius(self) -> float:
+        """<r^2>_w, which sets C_I = 1 - q^2 <r^2>/2 at small tilts."""
+        share = self.weights.sum(axis=0)
+        return float((share * self.radius**2).sum() / share.sum())
+
+
+def _bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    return j0(q * radius)
+
+
+def _one_minus_bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """1 - J0(q r) without cancellation at small arguments."""
+    x = q * radius
+    square = 0.25 * x * x
+    series = square * (1 - square / 4 * (1 - square / 9 * (1 - square / 16)))
+    return np.where(x < 0.3, series, 1 - j0(x))
+
+
+def plane_optics(medium: Slab, wavelength: float, tilts: np.ndarray, side: float = 1.0) -> Optics:
+    """Optics of unlimited plane waves at tilts float64[T, 3]; intensities are per unit area of the face."""
+    return Optics(wavelength, medium, walk.UNLIMITED, np.inf, tilts, AXIS, side * AXIS)
+
+
+def keep_threshold(medium: Slab, proposal: Proposal, optics: Optics, tilt: np.ndarray, seed: Seed) -> float:
+    """Full weight from which connections are always kept: ten times their mean in a pilot (physics.md 2)."""
+    bank = trace(medium, proposal, seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
+    if len(bank) == 0:
+        return 0.0
+    weights = [full_weights(bank, optics, tilt, view) for view in proposal.probes]
+    return KEEP_ALWAYS * float(np.max(weights, axis=0).mean())
+
+
+@lru_cache(maxsize=64)
+def _axial_threshold(medium: Slab) -> float:
+    proposal = plane_proposal(medium, AXIS, AXIS)
+    optics = plane_optics(medium, 1.0, AXIS[None])
+    return keep_threshold(medium, proposal, optics, AXIS, pilot_seed(medium.fingerprint()))
+
+
+def estimate_kernel(medium: Slab, paths: int, seed: Seed, *, threads: int | None = None) -> MemoryKernel:
+    """Estimate K of a slab in transmission along the axis, from ``paths`` paths in 64 batches.
+
+    K does not depend on the wavelength: q r does.
+    """
+    proposal = replace(plane_proposal(medium, AXIS, AXIS), threshold=_axial_threshold(medium))
+    optics = plane_optics(medium, 1.0, AXIS[None])
+    scale = medium.thickness + medium.transport_length
+    edges = np.log(np.array(_SPAN) * scale)
+    rows = np.zeros((min(BATCHES, max(paths, 1)), _BINS))
+    squares = np.zeros(_BINS)
+    bounds = np.linspace(0, paths, len(rows) + 1).astype(int)
+    bank = trace(medium, proposal, seed, paths, threads=threads)
+    radius, weight = lateral_distance(bank), full_weights(bank, optics, AXIS, AXIS)
+    with np.errstate(divide="ignore"):
+        place = (np.log(radius) - edges[0]) / (edges[1] - edges[0]) * (_BINS - 1)
+    place = np.where(radius > 0, np.clip(place, 0, _BINS - 2) + 1, 0).astype(np.int64)
+    batch = np.searchsorted(bounds, bank.paths, side="right") - 1
+    np.add.at(rows, (batch, place), weight)
+    squares += np.bincount(place, weight * radius**2, minlength=_BINS)
+    share = rows.sum(axis=0)
+    total = share.sum()
+    return MemoryKernel(
+        radius=np.sqrt(np.divide(squares, share, out=np.zeros(_BINS), where=share > 0)),
+        weights=rows,
+        paths=paths,
+        single_share=float(weight[bank.orders == 1].sum() / total) if total else 0.0,
+    )
+
+
+def lateral_distance(bank: PathBank) -> np.ndarray:
+    """float64[M], distance between entrance and exit points across the axis."""
+    difference = bank.exit[:, :2] - bank.entry[:, :2]
+    return np.hypot(difference[:, 0], difference[:, 1])

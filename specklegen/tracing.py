@@ -1,0 +1,245 @@
+"""Tracing: (scene, proposal, seed) -> PathBank, the connections of random paths to the sensor.
+
+Subpath sampling of [Bar19] Algorithms 1-4 as corrected in physics.md 2: first vertices exponentially
+along the illumination, first directions from a Henyey-Greenstein lobe, connections thinned on their full
+weight. Phases are not drawn here: a bank serves every tilt, every view and every realization of phases.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from specklegen.illumination import Beams, footprint_code, reference_direction
+from specklegen.kernels import walk
+from specklegen.media import Slab
+from specklegen.parallel import map_blocks
+from specklegen.streams import Seed, Stream, stream_key
+
+BLOCK = 4096
+"""Paths per block: the unit of parallel work, and of every fixed-order sum."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """How paths are drawn; any choice is right, a good one is fast.
+
+    Attributes
+    ----------
+    reference : float64[3]
+        Direction along which first vertices lie and about which first directions spread.
+    lobe : float
+        Anisotropy of the first directions' Henyey-Greenstein lobe.
+    footprint, extent, radius :
+        Kind of beam, size of the sampled footprint (which covers every tilt's), size of the profile.
+    probes : float64[n, 3]
+        Views at which the full weight of a connection is judged.
+    reverse : bool
+        Whether each path is weighed together with its reversal.
+    threshold : float
+        Full weight from which a connection is always kept; 0 keeps all.
+    max_order : int
+        Vertices after which a path is ended.
+    """
+
+    reference: np.ndarray
+    lobe: float
+    footprint: int
+    extent: float
+    radius: float
+    probes: np.ndarray
+    reverse: bool = False
+    threshold: float = 0.0
+    max_order: int = 1000
+
+
+@dataclass(frozen=True)
+class PathBank:
+    """Connections of traced paths to the sensor, in path order (struct of arrays over M connections).
+
+    Attributes
+    ----------
+    records : float64[M, walk.RECORD]
+        Vertices, directions, weights and path lengths; the properties below name the columns.
+    orders : int32[M]
+        Number of vertices, B.
+    paths : int64[M]
+        Number of the path.
+    count : int
+        Paths traced.
+    events : int
+        Scattering events simulated.
+    unfinished : int
+        Paths ended by ``max_order``.
+    unfinished_weight : float
+        Sum of the weights W that these carried.
+    """
+
+    records: np.ndarray
+    orders: np.ndarray
+    paths: np.ndarray
+    count: int
+    events: int = 0
+    unfinished: int = 0
+    unfinished_weight: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    @property
+    def entry(self) -> np.ndarray:
+        """float64[M, 3], first vertex x1."""
+        return self.records[:, walk.ENTRY : walk.ENTRY + 3]
+
+    @property
+    def entry_direction(self) -> np.ndarray:
+        """float64[M, 3], direction leaving x1; zero for single scattering."""
+        return self.records[:, walk.ENTRY_DIRECTION : walk.ENTRY_DIRECTION + 3]
+
+    @property
+    def exit(self) -> np.ndarray:
+        """float64[M, 3], last vertex x_B."""
+        return self.records[:, walk.EXIT : walk.EXIT + 3]
+
+    @property
+    def exit_direction(self) -> np.ndarray:
+        """float64[M, 3], direction arriving at x_B; zero for single scattering."""
+        return self.records[:, walk.EXIT_DIRECTION : walk.EXIT_DIRECTION + 3]
+
+    @property
+    def weight(self) -> np.ndarray:
+        """float64[M], W over the probability of keeping."""
+        return self.records[:, walk.WEIGHT]
+
+    @property
+    def length(self) -> np.ndarray:
+        """float64[M], sum of the free flights from x1 to x_B."""
+        return self.records[:, walk.LENGTH]
+
+    @property
+    def single(self) -> "PathBank":
+        """The connections of single scattering."""
+        return self.select(self.orders == 1)
+
+    @property
+    def multiple(self) -> "PathBank":
+        """The connections of two and more scatterings."""
+        return self.select(self.orders > 1)
+
+    def select(self, mask: np.ndarray) -> "PathBank":
+        """Return the connections chosen by a mask or a slice."""
+        return replace(self, records=self.records[mask], orders=self.orders[mask], paths=self.paths[mask])
+
+    def reversed(self) -> "PathBank":
+        """Return the same paths walked backwards; single scattering, its own reverse, is left out."""
+        bank = self.multiple
+        records = np.empty_like(bank.records)
+        records[:, walk.ENTRY : walk.ENTRY + 3] = bank.exit
+        records[:, walk.ENTRY_DIRECTION : walk.ENTRY_DIRECTION + 3] = -bank.exit_direction
+        records[:, walk.EXIT : walk.EXIT + 3] = bank.entry
+        records[:, walk.EXIT_DIRECTION : walk.EXIT_DIRECTION + 3] = -bank.entry_direction
+        records[:, walk.WEIGHT :] = bank.records[:, walk.WEIGHT :]
+        return replace(bank, records=records)
+
+    def translated(self, shift: np.ndarray) -> "PathBank":
+        """Return the bank with every vertex moved by ``shift`` float64[3]."""
+        records = self.records.copy()
+        records[:, walk.ENTRY : walk.ENTRY + 3] += shift
+        records[:, walk.EXIT : walk.EXIT + 3] += shift
+        return replace(self, records=records)
+
+
+def concatenate(banks: list[PathBank]) -> PathBank:
+    """Join banks in the order given."""
+    return PathBank(
+        records=np.concatenate([b.records for b in banks]) if banks else np.empty((0, walk.RECORD)),
+        orders=np.concatenate([b.orders for b in banks]) if banks else np.empty(0, np.int32),
+        paths=np.concatenate([b.paths for b in banks]) if banks else np.empty(0, np.int64),
+        count=sum(b.count for b in banks),
+        events=sum(b.events for b in banks),
+        unfinished=sum(b.unfinished for b in banks),
+        unfinished_weight=sum(b.unfinished_weight for b in banks),
+    )
+
+
+def default_max_order(medium: Slab) -> int:
+    """Vertices that bound a path: max(1000, 10 OD^2), far beyond what a slab needs."""
+    return int(min(max(1000.0, 10 * medium.optical_depth**2), 2e9))
+
+
+def beam_proposal(medium: Slab, beams: Beams, probes: np.ndarray, *, reverse: bool = False) -> Proposal:
+    """Draw first vertices over the union of all tilts' footprints and first directions from the medium's lobe."""
+    reference = reference_direction(beams.directions)
+    drift = beams.directions[:, :2] / beams.directions[:, 2:] - reference[:2] / reference[2]
+    margin = float(np.abs(drift).max(initial=0.0)) * medium.thickness * math.sqrt(2)
+    square = beams.profile == "square"
+    gaussian = beams.profile == "gaussian"
+    return Proposal(
+        reference=reference,
+        lobe=medium.scatterer.g,
+        footprint=footprint_code(beams.profile),
+        # The Gaussian density follows the intensity, whose standard deviation is a quarter of the width.
+        extent=(beams.width / 4 if gaussian else beams.width / 2) + margin / (math.sqrt(2) if square else 1),
+        radius=beams.width / 2,
+        probes=np.ascontiguousarray(np.atleast_2d(probes), dtype=np.float64),
+        reverse=reverse,
+        max_order=default_max_order(medium),
+    )
+
+
+def plane_proposal(medium: Slab, direction: np.ndarray, probes: np.ndarray, *, reverse: bool = False) -> Proposal:
+    """Paths of an unlimited plane wave; weights are per unit area of the face."""
+    return Proposal(
+        reference=direction,
+        lobe=medium.scatterer.g,
+        footprint=walk.UNLIMITED,
+        extent=1.0,
+        radius=math.inf,
+        probes=np.ascontiguousarray(np.atleast_2d(probes), dtype=np.float64),
+        reverse=reverse,
+        max_order=default_max_order(medium),
+    )
+
+
+def trace(
+    medium: Slab,
+    proposal: Proposal,
+    seed: Seed,
+    count: int,
+    *,
+    first: int = 0,
+    sample: int = 0,
+    stream: Stream = Stream.PATHS,
+    threads: int | None = None,
+) -> PathBank:
+    """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``.
+
+    The bank is a pure function of the arguments but ``threads``; splitting a range of paths over several
+    calls and joining the banks gives the same bank.
+    """
+    if medium.albedo == 0 or medium.thickness == 0 or count == 0:
+        return replace(concatenate([]), count=count)
+    key = stream_key(seed, stream)
+
+    def block(start: int) -> PathBank:
+        size = min(BLOCK, first + count - start)
+        room = 2 * size if proposal.threshold else int(size * (4 + 4 * medium.optical_depth))
+        while True:
+            records = np.empty((room, walk.RECORD))
+            orders = np.empty(room, np.int32)
+            paths = np.empty(room, np.int64)
+            found, events, unfinished, unfinished_weight = walk.trace_slab(
+                *key, sample, start, size,
+                medium.thickness, medium.extinction, medium.albedo, medium.scatterer.g, proposal.lobe,
+                *proposal.reference, proposal.footprint, proposal.extent, proposal.radius, proposal.probes,
+                int(proposal.reverse), proposal.threshold, proposal.max_order, records, orders, paths,
+            )  # fmt: skip
+            if found <= room:
+                break
+            room = found
+        return PathBank(
+            records[:found].copy(), orders[:found].copy(), paths[:found].copy(),
+            size, events, unfinished, unfinished_weight,
+        )  # fmt: skip
+
+    return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads))
