@@ -1,1 +1,73 @@
-"""Correlated speckle image stacks from bulk material parameters."""
+"""Correlated speckle image stacks from bulk material parameters.
+
+Scene -> plan -> trace -> PathBank -> field sums -> fields -> images: one page, ``specklegen.rendering``.
+Names load when they are first used, so that importing the package stays light.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from specklegen.illumination import CollimatedBeams, IncoherentObject, PlaneWaves
+    from specklegen.mean import mean_field
+    from specklegen.media import Slab
+    from specklegen.memory_curve import MemoryEffect, memory_effect
+    from specklegen.planning import Plan, plan
+    from specklegen.rendering import SpeckleStack, render
+    from specklegen.scatterers import HenyeyGreenstein, Isotropic
+    from specklegen.scene import Scene
+    from specklegen.sensors import FarField, FarFieldGrid
+    from specklegen.values import RuleError
+
+_HOME = {
+    "CollimatedBeams": "illumination",
+    "FarField": "sensors",
+    "FarFieldGrid": "sensors",
+    "HenyeyGreenstein": "scatterers",
+    "IncoherentObject": "illumination",
+    "Isotropic": "scatterers",
+    "MemoryEffect": "memory_curve",
+    "Plan": "planning",
+    "PlaneWaves": "illumination",
+    "RuleError": "values",
+    "Scene": "scene",
+    "Slab": "media",
+    "SpeckleStack": "rendering",
+    "mean_field": "mean",
+    "memory_effect": "memory_curve",
+    "plan": "planning",
+    "render": "rendering",
+}
+
+__all__ = [
+    "CollimatedBeams",
+    "FarField",
+    "FarFieldGrid",
+    "HenyeyGreenstein",
+    "IncoherentObject",
+    "Isotropic",
+    "MemoryEffect",
+    "Plan",
+    "PlaneWaves",
+    "RuleError",
+    "Scene",
+    "Slab",
+    "SpeckleStack",
+    "mean_field",
+    "memory_effect",
+    "plan",
+    "render",
+]
+__version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

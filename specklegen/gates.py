@@ -50,7 +50,7 @@ def reversal_verdict(
     """
     part = "reversed paths"
     if isinstance(reverse, bool):
-        return Verdict(part, reverse, "asked for" if reverse else "left out as asked")
+        return Verdict(part, reverse, "asked for" if reverse else "as asked")
     if reverse != "auto":
         reject("reverse", 'True, False or "auto"', reverse)
     nearest = _nearest_sum(light.reshape(-1, 3), views.reshape(-1, 3))

@@ -22,7 +22,12 @@ def _light(field: str, directions: np.ndarray) -> np.ndarray:
     if directions.ndim != 2:
         reject(field, "an array of shape (T, 3)", directions.shape)
     if directions.shape[-1] != 3:
-        reject(field, "vectors of three components", directions.shape, "Two-dimensional scenes are not built yet.")
+        reject(
+            field,
+            "vectors of three components",
+            directions.shape,
+            "Two-dimensional scenes are not built yet.",
+        )
     if (directions[:, -1] <= 0).any():
         worst = directions[directions[:, -1].argmin()]
         reject(field, "directions that travel towards +z", worst, "Light enters a slab through its face z = 0.")
@@ -100,7 +105,9 @@ class CollimatedBeams(Value):
         if angles.size and not np.abs(angles).max() < np.pi / 2:
             reject("CollimatedBeams.tilts angles", "radians between -pi/2 and pi/2", angles, "Use np.deg2rad.")
         return cls(
-            directions=directions_of_sines("CollimatedBeams.tilts angles", np.sin(angles)), width=width, profile=profile
+            directions=directions_of_sines("CollimatedBeams.tilts angles", np.sin(angles)),
+            width=width,
+            profile=profile,
         )
 
 
@@ -142,6 +149,12 @@ class IncoherentObject(Value):
             "IncoherentObject.pitch", object_sines("IncoherentObject", self.brightness.shape, self.pitch)
         )
 
+    @cached_property
+    def beams(self) -> CollimatedBeams:
+        """The beams of the pixels that shine."""
+        lit = self.brightness.ravel() > 0
+        return CollimatedBeams(directions=self.directions[lit], width=self.width, profile=self.profile)
+
 
 def object_sines(owner: str, shape: tuple[int, ...], pitch: float) -> np.ndarray:
     """Direction sines float64[h * w, 2] = (x, y) of the pixels of an object, in C order."""
@@ -152,7 +165,6 @@ def object_sines(owner: str, shape: tuple[int, ...], pitch: float) -> np.ndarray
     return np.stack([x.ravel(), y.ravel()], axis=-1)
 
 
-Beams = CollimatedBeams | IncoherentObject
 Illumination = Annotated[PlaneWaves | CollimatedBeams | IncoherentObject, Field(discriminator="type")]
 
 

@@ -5,7 +5,7 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
-from specklegen.illumination import Illumination, PlaneWaves
+from specklegen.illumination import CollimatedBeams, Illumination, IncoherentObject, PlaneWaves
 from specklegen.media import Medium
 from specklegen.sensors import Sensor
 from specklegen.values import Positive, Value, reject
@@ -40,10 +40,18 @@ class Scene(Value):
 
     @property
     def wavenumber(self) -> float:
-        """k = 2 pi / wavelength, radians per unit length."""
+        """K = 2 pi / wavelength, radians per unit length."""
         return 2 * np.pi / self.wavelength
+
+    @property
+    def beams(self) -> CollimatedBeams:
+        """The coherent beams that carry light: the illumination's own, or those of an object's lit pixels."""
+        if isinstance(self.illumination, IncoherentObject):
+            return self.illumination.beams
+        assert isinstance(self.illumination, CollimatedBeams)
+        return self.illumination
 
     @property
     def speckle_size(self) -> float:
         """Direction sine over which far-field speckle changes: wavelength / window width."""
-        return self.wavelength / self.illumination.width  # type: ignore[union-attr]
+        return self.wavelength / self.beams.width

@@ -38,7 +38,10 @@ class FarField(Value):
 
     @staticmethod
     def grid(
-        shape: tuple[int, int], pitch: float, center: tuple[float, float] = (0.0, 0.0), side: Side = "transmission"
+        shape: tuple[int, int],
+        pitch: float,
+        center: tuple[float, float] = (0.0, 0.0),
+        side: Side = "transmission",
     ) -> "FarFieldGrid":
         """Views on a regular grid of direction sines: see :class:`FarFieldGrid`."""
         return FarFieldGrid(shape=shape, pitch=pitch, center=center, side=side)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from specklegen.illumination import Beams, footprint_code, reference_direction
+from specklegen.illumination import CollimatedBeams, footprint_code, reference_direction
 from specklegen.kernels import walk
 from specklegen.media import Slab
 from specklegen.parallel import map_blocks
@@ -167,7 +167,7 @@ def default_max_order(medium: Slab) -> int:
     return int(min(max(1000.0, 10 * medium.optical_depth**2), 2e9))
 
 
-def beam_proposal(medium: Slab, beams: Beams, probes: np.ndarray, *, reverse: bool = False) -> Proposal:
+def beam_proposal(medium: Slab, beams: CollimatedBeams, probes: np.ndarray, *, reverse: bool = False) -> Proposal:
     """Draw first vertices over the union of all tilts' footprints and first directions from the medium's lobe."""
     reference = reference_direction(beams.directions)
     drift = beams.directions[:, :2] / beams.directions[:, 2:] - reference[:2] / reference[2]

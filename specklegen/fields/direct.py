@@ -50,7 +50,13 @@ def direct_field(
 
 
 def _sum(
-    bank: PathBank, optics: Optics, factors: np.ndarray, views: np.ndarray, *, single: bool, threads: int | None
+    bank: PathBank,
+    optics: Optics,
+    factors: np.ndarray,
+    views: np.ndarray,
+    *,
+    single: bool,
+    threads: int | None,
 ) -> np.ndarray:
     field = np.zeros((len(views), len(optics.tilts)), np.complex128)
     if len(bank) == 0 or field.size == 0:

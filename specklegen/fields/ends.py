@@ -9,12 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.illumination import Beams, footprint_code
+from specklegen.illumination import CollimatedBeams, footprint_code
 from specklegen.kernels import sums
 from specklegen.media import Slab
 from specklegen.scene import Scene
 from specklegen.streams import Seed, Stream, stream_key
 from specklegen.tracing import PathBank
+
+AXIS = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -40,18 +42,18 @@ class Optics:
     view_reference: np.ndarray
 
     @classmethod
-    def of(cls, wavelength: float, medium: Slab, beams: Beams, side: float = 1.0) -> "Optics":
+    def of(cls, wavelength: float, medium: Slab, beams: CollimatedBeams, side: float = 1.0) -> "Optics":
         """Optics of beams on a medium, seen from the side of the sign given; both references on the axis."""
         return cls(
             wavelength, medium, footprint_code(beams.profile), beams.width / 2, beams.directions,
-            np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, side]),
+            AXIS, side * AXIS,
         )  # fmt: skip
 
     @classmethod
     def of_scene(cls, scene: Scene) -> "Optics":
         """Optics of a scene; the reference view is the axis on the side that most views look from."""
-        side = 1.0 if np.mean(scene.sensor.directions[..., 2]) >= 0 else -1.0
-        return cls.of(scene.wavelength, scene.medium, scene.illumination, side)  # type: ignore[arg-type]
+        side = 1.0 if np.sum(scene.sensor.directions[..., 2]) >= 0 else -1.0
+        return cls.of(scene.wavelength, scene.medium, scene.beams, side)
 
 
 def offsets(directions: np.ndarray, reference: np.ndarray, wavelength: float) -> np.ndarray:

@@ -14,7 +14,9 @@ import hashlib
 import os
 import tempfile
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numba
 from numba import njit
@@ -50,7 +52,7 @@ def _writable_cache() -> str | None:
 _CACHE = _writable_cache()
 
 
-def kernel(function):
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel: serial, no interpreter lock, cached under the digest of all kernels."""
     if _CACHE is None:
         return njit(nogil=True, error_model="numpy", fastmath={"contract"})(function)
@@ -62,6 +64,6 @@ def kernel(function):
         numba.config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def inlined(function):
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a small helper that LLVM folds into the kernels that call it."""
     return njit(nogil=True, inline="never", error_model="numpy", fastmath={"contract"})(function)

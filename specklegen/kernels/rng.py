@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
+from specklegen.kernels.trigonometry import sincos_turns
 
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
@@ -72,15 +73,16 @@ def philox_words(key0, key1, counters, out):
 @kernel
 def fill_normals(key0, key1, sample, out):
     """Fill ``out`` float32/float64[n, 2] with standard normals (Box-Muller), pair m from block m // 2."""
+    k0, k1, sample = np.uint64(key0), np.uint64(key1), np.uint64(sample)
     pairs = out.shape[0]
     for block in range((pairs + 1) // 2):
-        u0, u1, u2, u3 = uniforms(key0, key1, np.uint64(sample), np.uint64(block), np.uint64(0))
+        u0, u1, u2, u3 = uniforms(k0, k1, sample, np.uint64(block), np.uint64(0))
         radius = math.sqrt(-2.0 * math.log(u0))
-        angle = 2.0 * math.pi * u1
-        out[2 * block, 0] = radius * math.cos(angle)
-        out[2 * block, 1] = radius * math.sin(angle)
+        sine, cosine = sincos_turns(u1)
+        out[2 * block, 0] = radius * cosine
+        out[2 * block, 1] = radius * sine
         if 2 * block + 1 < pairs:
             radius = math.sqrt(-2.0 * math.log(u2))
-            angle = 2.0 * math.pi * u3
-            out[2 * block + 1, 0] = radius * math.cos(angle)
-            out[2 * block + 1, 1] = radius * math.sin(angle)
+            sine, cosine = sincos_turns(u3)
+            out[2 * block + 1, 0] = radius * cosine
+            out[2 * block + 1, 1] = radius * sine

@@ -80,9 +80,7 @@ def sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz):
     modulus = math.exp(-0.5 * sigma_t * distance)
     if not single:
         modulus *= math.sqrt(
-            henyey_greenstein(
-                g, row[EXIT_DIRECTION] * vx + row[EXIT_DIRECTION + 1] * vy + row[EXIT_DIRECTION + 2] * vz
-            )
+            henyey_greenstein(g, row[EXIT_DIRECTION] * vx + row[EXIT_DIRECTION + 1] * vy + row[EXIT_DIRECTION + 2] * vz)
         )
     return modulus
 

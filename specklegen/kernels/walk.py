@@ -151,7 +151,10 @@ def trace_slab(
         # Single scattering is its own reverse and is never doubled.
         best = 0.0
         for n in range(probes.shape[0]):
-            best = max(best, end_intensity(g, ix, iy, iz, z1, thickness, sigma_t, probes[n, 0], probes[n, 1], probes[n, 2]))
+            best = max(
+                best,
+                end_intensity(g, ix, iy, iz, z1, thickness, sigma_t, probes[n, 0], probes[n, 1], probes[n, 2]),
+            )
         w = first_weight * entry_power * best
         events += 1
         if w > 0.0 and (w >= threshold or d * threshold < w):

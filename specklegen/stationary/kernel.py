@@ -14,16 +14,15 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import j0
 
-from specklegen.fields.ends import Optics, full_weights
+from specklegen.fields.ends import AXIS, Optics, full_weights
 from specklegen.kernels import walk
 from specklegen.media import Slab
 from specklegen.statistics import BATCHES, jackknife
 from specklegen.streams import Seed, Stream, pilot_seed
 from specklegen.tracing import PathBank, Proposal, plane_proposal, trace
 
-AXIS = np.array([0.0, 0.0, 1.0])
-_BINS = 2048
-_SPAN = (1e-4, 1e4)  # smallest and largest radius told apart, over thickness + transport length
+_BINS = 512
+_SPAN = (1e-3, 1e3)  # smallest and largest radius told apart, over thickness + transport length
 PILOT_PATHS = 2000
 KEEP_ALWAYS = 10.0  # a connection is always kept from ten times the mean full weight (performance.md 3)
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.fields import ends
+from specklegen.gates import Reverse, reversal_verdict
 from specklegen.illumination import directions_of_sines
 from specklegen.media import Slab
-from specklegen.gates import Reverse, reversal_verdict
 from specklegen.stationary.kernel import AXIS, estimate_kernel, keep_threshold, plane_optics
 from specklegen.statistics import BATCHES, jackknife
 from specklegen.streams import Seed, pilot_seed

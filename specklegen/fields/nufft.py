@@ -1,0 +1,271 @@
+"""Fields on a regular far-field grid by type-1 non-uniform FFTs.
+
+    u_t(v) = sum_m c_t(m) F(m; v) e^(-ik(v_x x_m + v_y y_m)),    F = s(omega . v) tau(x, v) e^(-ik(v_z - 1)z)
+
+F varies slowly with v. An interpolative decomposition writes it through its values at a few skeleton
+views, F(m; v) = sum_r F(m; v_r) P_r(v), so that the field is a sum over r of P_r times one transform of
+strengths with the exact F at v_r (performance.md 2). The decomposition is found on training connections
+at Chebyshev nodes in v, from which P_r is interpolated to the grid, and judged on held-out connections at
+views of its own: the rank grows until that error is below what was asked, or the evaluator is refused.
+"""
+
+from dataclasses import dataclass
+
+import finufft
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from specklegen.fields import ends
+from specklegen.fields.ends import AXIS, Optics
+from specklegen.illumination import directions_of_sines
+from specklegen.kernels import walk
+from specklegen.parallel import map_blocks
+from specklegen.sensors import FarFieldGrid
+from specklegen.tracing import PathBank
+
+MAX_RANK = 128
+_NODES = (3, 5, 9, 17, 25)
+_HELD_OUT_VIEWS = 48
+SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
+
+
+@dataclass(frozen=True)
+class ViewFactor:
+    """F(m; v) = sum_r F(m; views_r) patterns_r(v) on a grid.
+
+    Attributes
+    ----------
+    views : float64[R, 3]
+        Skeleton views.
+    patterns : complex128[R, H, W]
+        P_r on the grid.
+    error : float
+        Relative root mean square error of F on held-out connections and views, weighted as in the field.
+    """
+
+    views: np.ndarray
+    patterns: np.ndarray
+    error: float
+
+    @property
+    def rank(self) -> int:
+        """Number of skeleton views."""
+        return len(self.views)
+
+
+def multiple_factor(bank: PathBank, optics: Optics, grid: FarFieldGrid, tolerance: float) -> ViewFactor | None:
+    """Decompose the view factor of multiple scattering; None where no rank up to 128 is good enough.
+
+    Parameters
+    ----------
+    bank
+        Multiple-scattering connections of a pilot; even ones train, odd ones judge.
+    tolerance
+        Relative root mean square error allowed on the held-out half.
+    """
+    tilt = optics.tilts.mean(axis=0) if len(optics.tilts) else AXIS
+    power = np.zeros(len(bank))
+    if len(bank):
+        power = ends.full_weights(bank, optics, tilt / np.linalg.norm(tilt), grid.center_direction)
+    used = power > 0
+    bank, power = bank.select(used), power[used]
+    # Weights relative to F at the centre, so that rows weigh what their connections weigh in the field.
+    centre = np.abs(ends.sensor_ends(bank, optics, grid.center_direction[None], single=False)[0])
+    return _decompose(bank, optics, grid, tolerance, np.sqrt(power) / np.maximum(centre, 1e-300), single=False)
+
+
+def single_factor(optics: Optics, grid: FarFieldGrid, tolerance: float) -> ViewFactor | None:
+    """Decompose the view factor of single scattering, which depends on the depth alone."""
+    depth = optics.medium.thickness * (np.arange(64) + 0.5) / 64
+    bank = PathBank(np.zeros((64, walk.RECORD)), np.ones(64, np.int32), np.arange(64), 64)
+    bank.exit[:, 2] = depth
+    return _decompose(bank, optics, grid, tolerance, np.ones(64), single=True)
+
+
+def _decompose(
+    bank: PathBank, optics: Optics, grid: FarFieldGrid, tolerance: float, weight: np.ndarray, *, single: bool
+) -> ViewFactor | None:
+    if len(bank) < 2:
+        return _constant(grid)
+
+    def factor(part: PathBank, views: np.ndarray) -> np.ndarray:
+        return ends.sensor_ends(part, optics, views, single=single, axial_only=True).T
+
+    train, test = bank.select(slice(0, None, 2)), bank.select(slice(1, None, 2))
+    train_weight, test_weight = weight[0::2, None], weight[1::2, None]
+    spots = _held_out_views(grid)
+    truth = factor(test, spots.directions) * test_weight
+    scale = np.linalg.norm(truth)
+    for nodes in _NODES:
+        lattice = _Lattice(grid, nodes)
+        size = min(len(train), 6 * nodes * nodes + 64)
+        values = factor(train.select(slice(0, size)), lattice.directions) * train_weight[:size]
+        _, r, pivots = qr(values, mode="economic", pivoting=True)  # type: ignore[misc]
+        tails = np.sqrt(np.cumsum(np.square(np.abs(r)).sum(axis=1)[::-1])[::-1])
+        ranks = int((tails > 0.2 * tolerance * tails[0]).sum())
+        for rank in range(max(1, ranks), min(MAX_RANK, len(r), size // 2 + 1) + 1):
+            mix = np.zeros((rank, nodes * nodes), np.complex128)
+            mix[:, pivots] = np.hstack([np.eye(rank), solve_triangular(r[:rank, :rank], r[:rank, rank:])])
+            views = lattice.directions[pivots[:rank]]
+            guess = (factor(test, views) * test_weight) @ lattice.at(mix, spots.x, spots.y)
+            error = float(np.linalg.norm(guess - truth) / scale)
+            if error <= tolerance:
+                return ViewFactor(views, lattice.on_grid(mix), error)
+            if rank > ranks + 8:
+                break
+    return None
+
+
+def _constant(grid: FarFieldGrid) -> ViewFactor:
+    return ViewFactor(grid.center_direction[None], np.ones((1, *grid.shape), np.complex128), 0.0)
+
+
+@dataclass(frozen=True)
+class _Spots:
+    x: np.ndarray
+    y: np.ndarray
+    directions: np.ndarray
+
+
+def _held_out_views(grid: FarFieldGrid) -> _Spots:
+    """Views of the grid to judge at: the corners, the centre and a fixed scatter in between."""
+    x, y = grid.sines
+    scatter = np.random.default_rng(0).random((_HELD_OUT_VIEWS, 2))
+    u = np.concatenate([[0, 0, 1, 1, 0.5], scatter[:, 0]])
+    v = np.concatenate([[0, 1, 0, 1, 0.5], scatter[:, 1]])
+    x, y = x[0] + u * (x[-1] - x[0]), y[0] + v * (y[-1] - y[0])
+    return _Spots(x, y, directions_of_sines("view", np.stack([x, y], -1), grid.sign))
+
+
+class _Lattice:
+    """Chebyshev nodes over the grid's rectangle of sines, and interpolation from them."""
+
+    def __init__(self, grid: FarFieldGrid, nodes: int) -> None:
+        self.nodes = nodes
+        self.x, self.y = grid.sines
+        t = np.cos(np.pi * (np.arange(nodes) + 0.5) / nodes)
+        self._t = t
+        x, y = (_stretch(axis, t) for axis in (self.x, self.y))
+        yy, xx = np.meshgrid(y, x, indexing="ij")
+        self.directions = directions_of_sines("view", np.stack([xx.ravel(), yy.ravel()], -1), grid.sign)
+
+    def _matrix(self, axis: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Interpolation float64[points, nodes] by Chebyshev polynomials on the nodes."""
+        half = max(0.5 * (axis[-1] - axis[0]), 1e-300)
+        s = np.clip((points - 0.5 * (axis[-1] + axis[0])) / half, -1, 1)
+        order = np.arange(self.nodes)
+        weights = np.where(order == 0, 1.0, 2.0) / self.nodes
+        return np.cos(np.arccos(s)[:, None] * order) * weights @ np.cos(np.arccos(self._t)[:, None] * order).T
+
+    def at(self, mix: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Interpolate complex128[R, nodes * nodes] to scattered sines: complex128[R, n]."""
+        cube = mix.reshape(len(mix), self.nodes, self.nodes)
+        return np.einsum("rab,na,nb->rn", cube, self._matrix(self.y, y), self._matrix(self.x, x), optimize=True)
+
+    def on_grid(self, mix: np.ndarray) -> np.ndarray:
+        """Interpolate to the whole grid: complex128[R, H, W]."""
+        cube = mix.reshape(len(mix), self.nodes, self.nodes)
+        return self._matrix(self.y, self.y) @ cube @ self._matrix(self.x, self.x).T
+
+
+def _stretch(axis: np.ndarray, t: np.ndarray) -> np.ndarray:
+    return 0.5 * (axis[-1] + axis[0]) + 0.5 * (axis[-1] - axis[0]) * t
+
+
+@dataclass(frozen=True)
+class NufftEvaluator:
+    """All that the NUFFT needs to know before the run: both view factors and the tolerance."""
+
+    grid: FarFieldGrid
+    single: ViewFactor
+    multiple: ViewFactor
+    tolerance: float
+
+    @property
+    def rank(self) -> int:
+        """Transforms a tilt."""
+        return self.single.rank + self.multiple.rank
+
+    @property
+    def error(self) -> float:
+        """Relative field error to expect: the decomposition's, measured, and the transform's, asked."""
+        return float(np.hypot(self.multiple.error, 0.3 * self.tolerance))
+
+
+def build_evaluator(bank: PathBank, optics: Optics, grid: FarFieldGrid, tolerance: float) -> NufftEvaluator | None:
+    """Decompose a scene's view factors on a pilot bank; None where the field of view is too wide."""
+    multiple = multiple_factor(bank.multiple, optics, grid, 0.7 * tolerance)
+    single = single_factor(optics, grid, 0.7 * tolerance)
+    return None if multiple is None or single is None else NufftEvaluator(grid, single, multiple, tolerance)
+
+
+def nufft_field(
+    bank: PathBank,
+    optics: Optics,
+    phases: np.ndarray,
+    evaluator: NufftEvaluator,
+    *,
+    threads: int | None = None,
+) -> np.ndarray:
+    """Sum over the connections of a bank, complex[T, H, W], divided by the root of the number of paths.
+
+    complex64 for tolerances of 1e-4 and above, complex128 below. Every transform runs on one thread
+    (finufft with more is not reproducible); transforms of different skeleton views run side by side.
+    """
+    grid = evaluator.grid
+    is_single = bank.orders == 1
+    field = _transform(
+        bank.select(~is_single), optics, phases[~is_single], evaluator, evaluator.multiple, False, threads
+    )
+    alone = _transform(bank.select(is_single), optics, phases[is_single], evaluator, evaluator.single, True, threads)
+    if alone is not None:
+        s = ends.single_amplitudes(optics, grid.directions.reshape(-1, 3)).reshape(-1, *grid.shape)
+        alone = alone * s.astype(alone.real.dtype)
+        field = alone if field is None else field + alone
+    if field is None:
+        return np.zeros((len(optics.tilts), *grid.shape), _dtype(evaluator))
+    field *= 1 / np.sqrt(bank.count)
+    return field
+
+
+def _dtype(evaluator: NufftEvaluator) -> type:
+    return np.complex64 if evaluator.tolerance >= SINGLE_PRECISION_FROM else np.complex128
+
+
+def _transform(
+    bank: PathBank, optics: Optics, phases: np.ndarray, evaluator: NufftEvaluator, factor: ViewFactor, single: bool,
+    threads: int | None,
+) -> np.ndarray | None:  # fmt: skip
+    if len(bank) == 0 or len(optics.tilts) == 0:
+        return None
+    grid = evaluator.grid
+    dtype = _dtype(evaluator)
+    real = np.float32 if dtype is np.complex64 else np.float64
+    pitch = grid.pitch / optics.wavelength
+    points, shift = [], np.zeros(len(bank))
+    for axis, middle, size in ((1, grid.center[1], grid.shape[0]), (0, grid.center[0], grid.shape[1])):
+        position = bank.exit[:, axis]
+        turns = position * pitch
+        points.append((2 * np.pi * (turns - np.rint(turns))).astype(real))
+        # finufft's modes are whole numbers; an even grid is centred between two.
+        shift += position * ((middle + (0 if size % 2 else grid.pitch / 2)) / optics.wavelength)
+    common = phases * np.exp(-2j * np.pi * (shift - np.rint(shift)))
+    strengths = ends.illumination_ends(bank, optics, common, single=single)
+    sensor = ends.sensor_ends(bank, optics, factor.views, single=single, axial_only=True)
+
+    def term(r: int) -> np.ndarray:
+        plan = finufft.Plan(
+            1, grid.shape, n_trans=len(strengths), eps=0.3 * evaluator.tolerance, isign=-1,
+            dtype=dtype, nthreads=1,
+        )  # fmt: skip
+        plan.setpts(*points)
+        transform = plan.execute((strengths * sensor[r]).astype(dtype))
+        transform = transform.reshape(len(strengths), *grid.shape)
+        transform *= factor.patterns[r].astype(dtype)
+        return transform
+
+    terms = map_blocks(term, range(factor.rank), threads)
+    total = terms[0]
+    for more in terms[1:]:
+        total += more
+    return total

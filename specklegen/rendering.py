@@ -1,0 +1,203 @@
+"""Rendering: the whole pipeline on one page.
+
+Scene -> plan -> trace -> PathBank -> field sums -> fields           ("paths")
+Scene -> plan -> memory-effect kernel -> stationary sampler -> fields    ("stationary")
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from specklegen.fields.direct import direct_field
+from specklegen.fields.ends import Optics, random_phases
+from specklegen.fields.nufft import nufft_field
+from specklegen.gates import Reverse, Verdict
+from specklegen.illumination import IncoherentObject
+from specklegen.mean import mean_field
+from specklegen.planning import CHUNK, Plan, Sampler, plan
+from specklegen.scene import Scene
+from specklegen.streams import Seed
+from specklegen.tracing import trace
+from specklegen.values import reject
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a render did.
+
+    Attributes
+    ----------
+    sampler, evaluator : str
+        As in :class:`specklegen.planning.Plan`.
+    paths : int
+        Paths traced a realization (or once, for the stationary sampler's kernel).
+    connections : int
+        Connections kept, over all realizations.
+    unfinished : int
+        Paths ended by ``max_order`` instead of leaving the medium; not 0 only in extreme media.
+    expected_error : float
+        As in the plan.
+    mean_added : bool
+        Whether the mean field is part of ``field``.
+    verdicts : tuple of Verdict
+        What was used and what left out, with reasons.
+    """
+
+    sampler: str
+    evaluator: str
+    paths: int
+    connections: int
+    unfinished: int
+    expected_error: float
+    mean_added: bool
+    verdicts: tuple[Verdict, ...]
+
+
+class SpeckleStack:
+    """Rendered speckle: ``field`` complex64[(R,) T, *sensor], ``intensity`` float32, ``report``.
+
+    The intensity of collimated beams is |field|^2, tilt by tilt. An incoherent object has one intensity
+    image, float32[(R,) *sensor], and no field.
+    """
+
+    def __init__(self, field: np.ndarray | None, intensity: np.ndarray | None, report: Report) -> None:
+        self._field, self._intensity, self.report = field, intensity, report
+
+    @property
+    def field(self) -> np.ndarray:
+        """complex64[(R,) T, *sensor.shape]; |u|^2 is area per steradian for unit irradiance."""
+        if self._field is None:
+            reject(
+                "SpeckleStack.field",
+                "asked of coherent illumination",
+                "IncoherentObject",
+                "Its beams are mutually incoherent, so intensities add and no one field exists: use .intensity.",
+            )
+        return self._field
+
+    @property
+    def intensity(self) -> np.ndarray:
+        """float32, |field|^2 or the image of an incoherent object."""
+        if self._intensity is not None:
+            return self._intensity
+        return np.square(self.field.real) + np.square(self.field.imag)
+
+
+def render(
+    scene: Scene,
+    *,
+    paths: int | None = None,
+    rel_error: float | None = None,
+    seed: Seed = 0,
+    realizations: int | None = None,
+    sampler: Sampler = "auto",
+    reverse: Reverse = "auto",
+    mean: bool = False,
+    field_tolerance: float = 1e-3,
+    threads: int | None = None,
+) -> SpeckleStack:
+    """Render correlated speckle of one medium (or of several) at every tilt and view of a scene.
+
+    A pure function of its arguments but ``threads``. Realization r of seed s is medium (s, r), whatever
+    their number. ``field`` is u - m unless ``mean``.
+
+    Parameters
+    ----------
+    scene, paths, rel_error, sampler, reverse, field_tolerance
+        See :func:`specklegen.plan`.
+    seed
+        A whole number, or a sequence of them.
+    realizations
+        Number of media; None renders one and drops the axis.
+    mean
+        Add the mean field m.
+    threads
+        Threads; by default all cores this process may run on.
+
+    Returns
+    -------
+    SpeckleStack
+        ``.field``, ``.intensity``, ``.report``.
+
+    Raises
+    ------
+    RuleError
+        See :func:`specklegen.plan`.
+    """
+    if realizations is not None and realizations < 1:
+        reject("realizations", "at least 1, or None for one without the axis", realizations)
+    if mean and isinstance(scene.illumination, IncoherentObject):
+        reject("mean", "False for an incoherent object", mean, "Its ballistic image is not modelled.")
+    made = plan(
+        scene, paths=paths, rel_error=rel_error, sampler=sampler, reverse=reverse, mean=mean,
+        field_tolerance=field_tolerance, threads=threads,
+    )  # fmt: skip
+    draw = _stationary if made.sampler == "stationary" else _paths
+    images, connections, unfinished = draw(made, seed, realizations or 1, threads)
+    if mean:
+        images = images + mean_field(scene).astype(np.complex64)
+    if realizations is None:
+        images = images[0]
+    report = Report(
+        made.sampler,
+        made.evaluator,
+        made.paths,
+        connections,
+        unfinished,
+        made.expected_error,
+        mean,
+        made.verdicts,
+    )
+    if isinstance(scene.illumination, IncoherentObject):
+        return SpeckleStack(None, images, report)
+    return SpeckleStack(images, None, report)
+
+
+def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
+    """Algorithm 2: fresh paths and phases for every realization, summed chunk by chunk in a fixed order."""
+    scene = made.scene
+    optics = Optics.of_scene(scene)
+    views = scene.sensor.directions.reshape(-1, 3)
+    shape = scene.sensor.shape
+    images, connections, unfinished = [], 0, 0
+    for r in range(realizations):
+        field = np.zeros((len(optics.tilts), *shape), made.field_dtype)
+        for first in range(0, made.paths, CHUNK):
+            count = min(CHUNK, made.paths - first)
+            bank = trace(scene.medium, made.proposal, seed, count, first=first, sample=r, threads=threads)
+            phases = random_phases(bank, seed, r)
+            if made.nufft:
+                part = nufft_field(bank, optics, phases, made.nufft, threads=threads)
+            else:
+                part = direct_field(bank, optics, phases, views, reverse=made.reverse, threads=threads)
+            field += (part * np.sqrt(count / made.paths)).reshape(field.shape)
+            connections += len(bank)
+            unfinished += bank.unfinished
+        if isinstance(scene.illumination, IncoherentObject):
+            brightness = scene.illumination.brightness
+            power = np.square(field.real) + np.square(field.imag)
+            images.append(np.tensordot(brightness[brightness > 0], power, axes=1).astype(np.float32))
+        else:
+            images.append(field.astype(np.complex64))
+    return np.stack(images), connections, unfinished
+
+
+def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
+    """The memory-effect kernel once, then one transform per realization."""
+    from specklegen.stationary.kernel import estimate_kernel
+    from specklegen.stationary.objects import object_sampler
+    from specklegen.stationary.sampler import stack_sampler
+
+    scene = made.scene
+    kernel = estimate_kernel(scene.medium, made.paths, seed, threads=threads)
+    beams = scene.illumination
+    if isinstance(beams, IncoherentObject):
+        objects = object_sampler(
+            kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
+            width=beams.width, profile=beams.profile, grid=scene.sensor,
+        )  # fmt: skip
+        images = [objects.image(objects.medium(seed, r), beams.brightness).numpy() for r in range(realizations)]
+    else:
+        stacks = stack_sampler(scene, kernel)
+        images = [stacks.sample(seed, r).numpy() for r in range(realizations)]
+    return np.stack(images), 0, 0

@@ -1,0 +1,160 @@
+"""Stacks of speckle with the memory-effect correlation of a wide slab.
+
+    u_t(v) = sum_x e^(-ik(v - i_t) . x) b(x) G_t(x),    E[G_t G*_t'] = K(i_t - i_t'),  white in x
+
+A thousand stacks a second on one core, whatever the optical depth: K is found once per material. Valid
+where the planner's criterion says so (wide window, narrow field of view). performance.md 4.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from specklegen.illumination import CollimatedBeams, illuminated_area
+from specklegen.scene import Scene
+from specklegen.sensors import FarFieldGrid
+from specklegen.stationary.cells import Axis, cells, window
+from specklegen.stationary.kernel import MemoryKernel
+from specklegen.stationary.normals import complex_normals
+from specklegen.streams import Seed
+from specklegen.values import reject
+
+MAX_PERIOD = 16384
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Run torch on one thread: its sums differ in the last bit between one and two."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def mean_intensity(kernel: MemoryKernel, area: float) -> float:
+    """Intensity I at the centre of the view: full weight per path and area of the window."""
+    return float(kernel.weights.sum() / kernel.paths * area) if kernel.paths else 0.0
+
+
+@dataclass(frozen=True)
+class StackSampler:
+    """Draws stacks; one matrix product or FFT per realization. Made by :func:`stack_sampler`.
+
+    Attributes
+    ----------
+    x, y : Axis
+        Cells of the exit plane.
+    mixing : complex[T, R]
+        Root of the tilt correlation: G = mixing @ independent white fields.
+    ramps : complex[T, y.count, x.count]
+        Window, tilt and first view: b(x) e^(ik(i_t - v_0) . x) and the root of the intensity.
+    rows, columns : complex[H, y.count], complex[W, x.count]
+        Transforms from cells to views, for the matrix form.
+    shape : (H, W)
+    fft : bool
+        The FFT is cheaper than the matrix products.
+    """
+
+    x: Axis
+    y: Axis
+    mixing: torch.Tensor
+    ramps: torch.Tensor
+    rows: torch.Tensor
+    columns: torch.Tensor
+    shape: tuple[int, int]
+    fft: bool
+
+    def sample(self, seed: Seed, realization: int = 0) -> torch.Tensor:
+        """One stack, complex[T, H, W]; a pure function of (seed, realization)."""
+        rank = self.mixing.shape[1]
+        white = complex_normals(
+            seed, realization, (rank, self.y.count * self.x.count), self.ramps.dtype, self.ramps.device
+        )
+        with one_torch_thread():
+            fields = (self.mixing @ white).reshape(self.ramps.shape) * self.ramps
+            if not self.fft:
+                return self.rows @ fields @ self.columns.T
+            spectrum = torch.fft.fft2(fields, s=(self.y.period, self.x.period))
+            # An FFT measures positions from its first cell, the matrices from the middle of the window.
+            phase = self.rows[:, :1] * self.columns[:, 0]
+            return spectrum[:, : self.shape[0], : self.shape[1]] * phase
+
+
+def tilt_roots(correlation: np.ndarray) -> np.ndarray:
+    """Root float64[T, R] of a positive semidefinite correlation; rounding's negative eigenvalues are clipped."""
+    values, vectors = np.linalg.eigh(correlation)
+    kept = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
+def stack_sampler(
+    scene: Scene,
+    kernel: MemoryKernel,
+    *,
+    device: torch.device | str = "cpu",
+    dtype: torch.dtype = torch.complex64,
+    fft: bool | None = None,
+) -> StackSampler:
+    """Prepare the sampler of a scene with collimated beams and a far-field grid.
+
+    Parameters
+    ----------
+    scene, kernel
+        The scene, and K of its medium.
+    device, dtype
+        Where and in what precision to draw; the random numbers are the same everywhere.
+    fft
+        Choose the form; by default the one with fewer operations.
+
+    Raises
+    ------
+    RuleError
+        If the tilts reach too far for a transform of reasonable size.
+    """
+    beams, grid = scene.illumination, scene.sensor
+    assert isinstance(beams, CollimatedBeams) and isinstance(grid, FarFieldGrid)
+    sines = beams.directions[:, :2]
+    axes = []
+    for axis, name in ((0, "x"), (1, "y")):
+        reach = float(np.ptp(sines[:, axis])) if len(sines) else 0.0
+        span = grid.pitch * (grid.shape[1 - axis] - 1) + reach
+        cell = cells(scene.wavelength, beams.width, beams.profile, grid.pitch, span)
+        if cell.period > MAX_PERIOD:
+            reject(
+                "CollimatedBeams.directions",
+                f"within the reach of a transform of {MAX_PERIOD} views for the stationary sampler",
+                f"tilts {reach:.3g} apart along {name}, {reach / grid.pitch:.0f} views of pitch {grid.pitch:.3g}",
+                'Use sampler="paths", a coarser pitch, or fewer and closer tilts.',
+            )
+        axes.append(cell)
+    x, y = axes
+    first = np.array([axis[0] for axis in grid.sines])
+    k = scene.wavenumber
+    ramp = np.sqrt(mean_intensity(kernel, illuminated_area(beams.width, beams.profile)))
+    ramp = ramp * window(x, y, beams.width, beams.profile)
+    shift = sines - first
+    ramps = ramp * np.exp(
+        1j * k * (shift[:, 1, None, None] * y.positions[:, None] + shift[:, 0, None, None] * x.positions)
+    )
+    steps = [np.arange(n) * grid.pitch for n in grid.shape]
+    rows = np.exp(-1j * k * steps[0][:, None] * y.positions)
+    columns = np.exp(-1j * k * steps[1][:, None] * x.positions)
+    mixing = tilt_roots(kernel.correlation(sines, k)) if len(sines) else np.zeros((0, 1))
+    if fft is None:
+        fft = _fft_flops(x, y) < _matrix_flops(x, y, grid.shape)
+    tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype)  # noqa: E731
+    return StackSampler(x, y, tensor(mixing), tensor(ramps), tensor(rows), tensor(columns), grid.shape, fft)
+
+
+def _matrix_flops(x: Axis, y: Axis, shape: tuple[int, int]) -> float:
+    return 8.0 * shape[0] * x.count * (y.count + shape[1])
+
+
+def _fft_flops(x: Axis, y: Axis) -> float:
+    size = x.period * y.period
+    return 3 * 5.0 * size * np.log2(size)  # an FFT reaches about a third of the speed of a matrix product
