@@ -1,0 +1,20 @@
+"""Hidden objects: what stands behind the scattering layer, float32[h, w] with brightness 0 to 1.
+
+A family is a frozen value; ``family.image(seed, split, index)`` is a pure function, and the sources of
+the three splits (characters, photographs, files, patterns) are disjoint by construction.
+"""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from specklegen.datasets.objects.digits import Digits
+from specklegen.datasets.objects.family import ObjectFamily
+from specklegen.datasets.objects.folder import Folder
+from specklegen.datasets.objects.glyphs import Glyphs
+from specklegen.datasets.objects.patterns import Bars, Points
+from specklegen.datasets.objects.photographs import Photographs
+
+HiddenObjects = Annotated[Glyphs | Photographs | Folder | Digits | Points | Bars, Field(discriminator="type")]
+
+__all__ = ["Bars", "Digits", "Folder", "Glyphs", "HiddenObjects", "ObjectFamily", "Photographs", "Points"]

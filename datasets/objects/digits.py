@@ -1,0 +1,66 @@
+"""Digits: the 1797 handwritten digits, 8 by 8 pixels, that scikit-learn carries (extra ``digits``).
+
+Source: Alpaydin and Kaynak, *Optical recognition of handwritten digits*, UCI repository (1998); its
+test part, as scikit-learn ships it.
+"""
+
+from functools import lru_cache
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from specklegen.datasets.objects.family import ListedFamily, Source
+from specklegen.datasets.objects.pictures import resampled
+from specklegen.values import reject
+
+_COUNT = 1797
+
+
+class Digits(ListedFamily):
+    """One handwritten digit, at a random size and place; splits share no digit.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of an object.
+    size
+        (smallest, largest) side of the digit's square, as a fraction of the frame's shorter side.
+
+    Raises
+    ------
+    ImportError
+        From ``image``, where scikit-learn is not installed.
+    """
+
+    type: Literal["Digits"] = "Digits"
+    size: tuple[Annotated[float, Field(gt=0, le=1)], Annotated[float, Field(gt=0, le=1)]] = (0.6, 1.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.size[0] > self.size[1]:
+            reject("Digits.size", "given as (smallest, largest)", self.size)
+        return self
+
+    def sources(self) -> tuple[Source, ...]:
+        """(number,) of each digit in scikit-learn's order."""
+        return tuple((number,) for number in range(_COUNT))
+
+    def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
+        """Digit, smoothly enlarged, somewhere in the frame; float32[h, w]."""
+        digit = _digits()[int(source[0])]
+        smallest, largest = (max(1, round(size * min(self.shape))) for size in self.size)
+        side = int(rng.integers(smallest, largest + 1))
+        top, left = (int(rng.integers(n - side + 1)) for n in self.shape)
+        frame = np.zeros(self.shape, dtype=np.float32)
+        frame[top : top + side, left : left + side] = resampled(digit, (0, 0, 8, 8), (side, side))
+        return frame
+
+
+@lru_cache(maxsize=1)
+def _digits() -> np.ndarray:
+    try:
+        from sklearn.datasets import load_digits
+    except ImportError:
+        raise ImportError('Digits needs scikit-learn: pip install "specklegen[digits]"') from None
+    return load_digits().images.astype(np.float32)  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,0 +1,93 @@
+"""Photographs: crops of pictures that scikit-image carries inside its wheel; nothing is downloaded.
+
+scikit-image fetches its newer pictures over the network and carries only the older ones. The list
+below names photographs among the files that its wheel holds, and they are read from the
+installed package by name, never through the functions that may download. Left out are drawings and
+test charts, and the second view of the stereo pair, which shows the scene of the first.
+"""
+
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from specklegen.datasets.objects.family import ListedFamily, Source, place_within
+from specklegen.datasets.objects.pictures import read_grey, resampled
+from specklegen.values import reject
+
+PHOTOGRAPHS = (
+    "astronaut.png",
+    "brick.png",
+    "camera.png",
+    "cell.png",
+    "chelsea.png",
+    "clock_motion.png",
+    "coffee.png",
+    "coins.png",
+    "grass.png",
+    "gravel.png",
+    "hubble_deep_field.jpg",
+    "ihc.png",
+    "moon.png",
+    "motorcycle_left.png",
+    "page.png",
+    "retina.jpg",
+    "rocket.jpg",
+    "text.png",
+)
+
+
+class Photographs(ListedFamily):
+    """A random crop of one photograph, turned by quarters and mirrored at random; splits share no photograph.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of an object.
+    size
+        (smallest, largest) crop, as a fraction of the largest that fits into the photograph.
+    """
+
+    type: Literal["Photographs"] = "Photographs"
+    size: tuple[Annotated[float, Field(ge=0.05, le=1)], Annotated[float, Field(ge=0.05, le=1)]] = (0.3, 1.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.size[0] > self.size[1]:
+            reject("Photographs.size", "given as (smallest, largest)", self.size)
+        return self
+
+    def sources(self) -> tuple[Source, ...]:
+        """(file name,) of each photograph."""
+        return tuple((name,) for name in PHOTOGRAPHS)
+
+    def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
+        """Random crop of a photograph; float32[h, w]."""
+        photograph = _photograph(str(source[0]))
+        quarters, mirrored = int(rng.integers(4)), bool(rng.integers(2))
+        # The crop is taken with the frame's aspect as it will be after turning.
+        rows, columns = self.shape if quarters % 2 == 0 else self.shape[::-1]
+        scale = rng.uniform(*self.size) * min(photograph.shape[0] / rows, photograph.shape[1] / columns)
+        left = place_within(rng, photograph.shape[1] - scale * columns)
+        top = place_within(rng, photograph.shape[0] - scale * rows)
+        # Rounding must not carry the far corner past the edge.
+        right = min(left + scale * columns, photograph.shape[1])
+        bottom = min(top + scale * rows, photograph.shape[0])
+        crop = np.rot90(resampled(photograph, (left, top, right, bottom), (rows, columns)), quarters)
+        return crop[:, ::-1] if mirrored else crop
+
+
+@lru_cache(maxsize=len(PHOTOGRAPHS))
+def _photograph(name: str) -> np.ndarray:
+    path = Path(str(files("skimage.data") / name))
+    if not path.is_file():
+        reject(
+            "Photographs file",
+            "in the installed scikit-image",
+            name,
+            "This build left its pictures out: install scikit-image from its wheel.",
+        )
+    return read_grey(path)

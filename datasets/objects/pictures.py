@@ -1,0 +1,93 @@
+"""Reading pictures and bringing them to the frame of an object.
+
+A picture becomes grey (Rec. 709 luminance), float32, at least 0; its scale does not matter, since every
+object is brought to a peak of 1. Resampling averages areas (a triangle as wide as the reduction), so
+that nothing is aliased and nothing turns negative.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".npy")
+
+_LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
+
+
+def read_grey(path: Path) -> np.ndarray:
+    """Read a picture: float32[h, w], at least 0, somewhere greater than 0.
+
+    Colours become luminance; a transparent pixel counts as dark in proportion; a photograph is turned
+    upright as its camera noted.
+
+    Raises
+    ------
+    ValueError
+        If the file is no single picture of finite values that are at least 0 and not all 0.
+    OSError
+        If the file cannot be read.
+    """
+    return _grey(_READERS.get(path.suffix.lower(), _read_common)(path))
+
+
+def _read_common(path: Path) -> np.ndarray:
+    from PIL import Image, ImageOps
+
+    with Image.open(path) as picture:
+        upright = ImageOps.exif_transpose(picture)
+        if upright.mode not in ("1", "L", "LA", "RGB", "RGBA") and not upright.mode.startswith(("I", "F")):
+            upright = upright.convert("RGBA" if upright.has_transparency_data else "RGB")
+        return np.asarray(upright)
+
+
+def _read_tiff(path: Path) -> np.ndarray:
+    from tifffile import imread  # reads the 16-bit and float pictures that Pillow does not
+
+    return imread(path)
+
+
+def _read_numpy(path: Path) -> np.ndarray:
+    return np.load(path, allow_pickle=False)
+
+
+_READERS = {".npy": _read_numpy, ".tif": _read_tiff, ".tiff": _read_tiff}
+
+
+def _grey(data: np.ndarray) -> np.ndarray:
+    if data.dtype.kind not in "buif":
+        raise ValueError(f"its values are {data.dtype}, not real numbers")
+    picture = data.astype(np.float32)
+    if picture.ndim == 3 and picture.shape[2] in (2, 4):
+        opacity = picture[:, :, -1] / (np.iinfo(data.dtype).max if data.dtype.kind in "ui" else 1)
+        picture = picture[:, :, :-1] * opacity[:, :, None]
+    if picture.ndim == 3 and picture.shape[2] in (1, 3):
+        picture = picture @ _LUMINANCE if picture.shape[2] == 3 else picture[:, :, 0]
+    if picture.ndim != 2 or picture.size == 0:
+        raise ValueError(f"it has the shape {data.shape}, not one grey or colour picture")
+    if not np.isfinite(picture).all() or picture.min() < 0:
+        raise ValueError("it holds values that are negative or not finite")
+    if picture.max() == 0:
+        raise ValueError("it is black all over")
+    return picture
+
+
+Box = tuple[float, float, float, float]
+
+
+def resampled(picture: np.ndarray, box: Box, shape: tuple[int, int]) -> np.ndarray:
+    """Resample the part ``box`` = (left, top, right, bottom) of a picture to ``shape``: float32[h, w]."""
+    from PIL import Image
+
+    size = (shape[1], shape[0])
+    return np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BILINEAR, box=box))
+
+
+def fitted(picture: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Bring a whole picture into a frame, its aspect kept, centred, dark around it: float32[h, w]."""
+    rows, columns = picture.shape
+    scale = min(shape[0] / rows, shape[1] / columns)
+    inner = (max(1, round(rows * scale)), max(1, round(columns * scale)))
+    frame = np.zeros(shape, dtype=np.float32)
+    top, left = (shape[0] - inner[0]) // 2, (shape[1] - inner[1]) // 2
+    frame[top : top + inner[0], left : left + inner[1]] = resampled(picture, (0, 0, columns, rows), inner)
+    return frame

@@ -1,0 +1,417 @@
+import pickle
+import shutil
+import subprocess
+import sys
+from collections import Counter
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+from pydantic import TypeAdapter
+from scipy.stats import chi2
+from skimage.io import imsave
+
+from specklegen.datasets.objects import (
+    Bars,
+    Digits,
+    Folder,
+    Glyphs,
+    HiddenObjects,
+    Photographs,
+    Points,
+    glyphs,
+)
+from specklegen.datasets.objects.glyphs import CHARACTERS, FONTS, _filled, _outline
+from specklegen.datasets.objects.photographs import PHOTOGRAPHS, _photograph
+from specklegen.datasets.objects.pictures import fitted, read_grey, resampled
+from specklegen.datasets.split import SPLITS, split_of
+
+FALSE_ALARM = 1e-6  # chance that a right build fails, per test
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Sixty small colour pictures, no two alike, in every format."""
+    path = tmp_path_factory.mktemp("pictures")
+    rng = np.random.default_rng(0)
+    for n in range(60):
+        picture = rng.integers(0, 256, (20 + n % 5, 30, 3), dtype=np.uint8)
+        suffix = (".png", ".jpg", ".tif", ".npy")[n % 4]
+        if suffix == ".npy":
+            np.save(path / f"{n}.npy", picture[:, :, 0] / 3.0)
+        else:
+            imsave(path / f"{n}{suffix}", picture, check_contrast=False)
+    return path
+
+
+FAMILIES = ["glyphs", "photographs", "folder", "digits", "points", "bars"]
+
+
+@pytest.fixture(params=FAMILIES)
+def family(request, folder):
+    shape = (24, 32)
+    return {
+        "glyphs": lambda: Glyphs(shape=shape),
+        "photographs": lambda: Photographs(shape=shape),
+        "folder": lambda: Folder(shape=shape, path=str(folder)),
+        "digits": lambda: pytest.importorskip("sklearn") and Digits(shape=shape),
+        "points": lambda: Points(shape=shape),
+        "bars": lambda: Bars(shape=shape),
+    }[request.param]()
+
+
+def test_an_object_is_float32_from_0_to_1_with_something_on_it(family):
+    for split in SPLITS:
+        for index in range(40):
+            image = family.image(3, split, index)
+            assert image.dtype == np.float32
+            assert image.shape == (24, 32)
+            assert image.min() >= 0
+            assert image.max() == 1
+            assert image.std() > 0
+
+
+def test_an_object_is_a_pure_function(family):
+    indices = list(range(12))
+    alone = [family.image(5, "train", index) for index in indices]
+    again = family.replace()
+    backwards = [again.image(5, "train", index) for index in indices[::-1]][::-1]
+    pickled = pickle.loads(pickle.dumps(family))
+    for index in indices:
+        np.testing.assert_array_equal(alone[index], backwards[index])
+        np.testing.assert_array_equal(alone[index], pickled.image(5, "train", index))
+    others = [family.image(6, "train", index) for index in indices]
+    assert any(not np.array_equal(one, other) for one, other in zip(alone, others, strict=True))
+
+
+def assert_no_leak(source_of, samples):
+    """No source of one split may appear in another; ``source_of(split, index)``."""
+    seen = {split: {source_of(split, index) for index in range(samples)} for split in SPLITS}
+    for split in SPLITS:
+        for other in SPLITS:
+            shared = seen[split] & seen[other] if split != other else set()
+            assert not shared, f"leak between {split} and {other}: {sorted(shared)[:3]}"
+
+
+def test_no_source_of_train_appears_in_validation_or_test(family):
+    assert_no_leak(lambda split, index: family.source(11, split, index), samples=1000)
+
+
+def test_the_leak_test_has_power(folder):
+    """One source in a thousand samples drawn from another split must be found."""
+    family = Glyphs()
+
+    def leaky(split, index):
+        return family.source(11, "train" if (split, index) == ("test", 417) else split, index)
+
+    assert len(family.sources_of_split("train")) < 1000  # so that train shows every source it has
+    with pytest.raises(AssertionError, match="leak between train and test"):
+        assert_no_leak(leaky, samples=1000)
+
+
+def test_listed_sources_are_disjoint_and_complete(family):
+    if not hasattr(family, "sources_of_split"):
+        pytest.skip("this family draws its sources")
+    parts = [family.sources_of_split(split) for split in SPLITS]
+    together = [source for part in parts for source in part]
+    assert len(together) == len(set(together))
+    assert set(together) == set(family.sources())
+    assert all(parts)
+
+
+@pytest.mark.parametrize(("disjoint", "part"), [("font", 0), ("character", 1)])
+def test_glyph_splits_can_keep_fonts_or_characters_apart(disjoint, part):
+    family = Glyphs(disjoint=disjoint)
+    seen = [{source[part] for source in family.sources_of_split(split)} for split in SPLITS]
+    assert not seen[0] & seen[1]
+    assert not seen[0] & seen[2]
+    assert not seen[1] & seen[2]
+
+
+def test_every_font_holds_every_character_and_no_two_outlines_are_alike():
+    outlines = []
+    for font in FONTS:
+        for character in CHARACTERS:
+            outline = _outline(font, character)
+            box = outline.get_extents()
+            scaled = (outline.vertices - box.min) / max(box.width, box.height)
+            outlines.append(np.round(200 * scaled).astype(int).tobytes())
+    assert len(set(outlines)) == len(outlines) == len(FONTS) * len(CHARACTERS)
+
+
+def test_a_glyph_is_filled_to_its_area():
+    """Sum of the grey levels = area of the outline: half a pixel covered counts half.
+
+    The outline is a triangle with vertices off the grid; 1/255 steps over its 60 edge pixels leave
+    at most 60/510 pixels of error.
+    """
+    from matplotlib.path import Path as Outline
+
+    corners = np.array([[2.3, 1.7], [21.4, 4.2], [9.6, 19.9], [2.3, 1.7]])
+    x, y = corners[:3].T
+    area = 0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1)))
+    filled = _filled(Outline(corners, closed=True), 24, 32)
+    assert abs(filled.sum() - area) < 60 / 510
+    assert filled.max() == 1
+
+
+def test_a_glyph_stays_inside_its_frame(monkeypatch):
+    """The outline handed to the rasteriser must stay in the frame, and come near each of its edges."""
+    margins = []
+
+    def record(path, rows, columns):
+        box = path.get_extents()
+        margins.append([box.x0, box.y0, columns - box.x1, rows - box.y1])
+        return np.ones((rows, columns))
+
+    monkeypatch.setattr(glyphs, "_filled", record)
+    family = Glyphs(shape=(20, 28), size=(0.3, 1.0), rotation=180)
+    for index in range(500):
+        family.image(0, "train", index)
+    assert np.min(margins) > -1e-12
+    assert (np.min(margins, axis=0) < 0.5).all()  # missed by chance at odds below 1e-6
+
+
+def test_sizes_places_and_turns_vary():
+    family = Glyphs(disjoint="glyph")
+    rng = np.random.default_rng(2)
+    centres = []
+    for _ in range(200):
+        picture = family.picture(("DejaVuSans.ttf", "A"), rng)
+        y, x = np.indices(picture.shape)
+        area = picture.sum()
+        centres.append([(y * picture).sum() / area, (x * picture).sum() / area, area])
+    spread = np.std(centres, axis=0)
+    assert (spread[:2] > 2).all()  # even over the half of a frame that is free on average: 14 / sqrt(12) = 4
+    assert spread[2] > 10
+
+
+def test_photographs_are_in_the_installed_wheel_and_need_no_network(monkeypatch):
+    import socket
+
+    def refuse(*_args, **_kwargs):
+        raise AssertionError("a photograph reached for the network")
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    _photograph.cache_clear()
+    for name in PHOTOGRAPHS:
+        assert min(_photograph(name).shape) >= 170
+
+
+def test_photographs_are_named_by_the_record_of_the_wheel():
+    """Not a leftover of somebody's downloads: the package's own list of files holds each."""
+    from importlib.metadata import files
+
+    recorded = {str(path) for path in files("scikit-image") or ()}
+    if not any("skimage/data" in path for path in recorded):
+        pytest.skip("this installation keeps no record")
+    assert {f"skimage/data/{name}" for name in PHOTOGRAPHS} <= recorded
+
+
+def test_digits_name_the_extra_where_scikit_learn_is_missing(monkeypatch):
+    from specklegen.datasets.objects import digits
+
+    digits._digits.cache_clear()
+    monkeypatch.setitem(sys.modules, "sklearn.datasets", None)
+    with pytest.raises(ImportError, match=r'pip install "specklegen\[digits\]"'):
+        Digits().image(0, "train", 0)
+
+
+def test_the_count_of_digits_is_that_of_scikit_learn():
+    load_digits = pytest.importorskip("sklearn.datasets").load_digits
+    assert len(load_digits().images) == len(Digits().sources())
+
+
+def test_renaming_and_moving_a_folder_changes_nothing(folder, tmp_path):
+    moved = tmp_path / "elsewhere"
+    (moved / "deep").mkdir(parents=True)
+    for n, path in enumerate(sorted(folder.iterdir(), reverse=True)):
+        shutil.copy(path, moved / ("deep" if n % 2 else ".") / f"{n:03d}-renamed{path.suffix.upper()}")
+    one, other = Folder(path=str(folder)), Folder(path=str(moved))
+    assert one.identity() == other.identity()
+    for split in SPLITS:
+        for index in range(10):
+            np.testing.assert_array_equal(one.image(0, split, index), other.image(0, split, index))
+
+
+def test_one_changed_byte_is_another_identity(folder, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    data = np.load(copy / "3.npy")
+    data[0, 0] += 1
+    np.save(copy / "3.npy", data)
+    assert Folder(path=str(copy)).identity() != Folder(path=str(folder)).identity()
+
+
+def test_a_copy_of_a_picture_cannot_leak_into_another_split(folder, tmp_path):
+    twice = tmp_path / "twice"
+    shutil.copytree(folder, twice)
+    for path in list(twice.iterdir()):
+        shutil.copy(path, twice / f"copy-{path.name}")
+    assert set(Folder(path=str(twice)).sources()) == set(Folder(path=str(folder)).sources())
+
+
+def test_folders_that_cannot_serve_are_refused(folder, tmp_path):
+    with pytest.raises(ValueError, match=r"Folder\.path must be a folder that exists; got '.*nowhere'"):
+        Folder(path=str(tmp_path / "nowhere")).image(0, "train", 0)
+    (tmp_path / "readme.txt").write_text("no picture")
+    with pytest.raises(ValueError, match=r"Folder\.path must be a folder with pictures \(\.png, .*\.npy\)"):
+        Folder(path=str(tmp_path)).image(0, "train", 0)
+    shutil.copy(folder / "0.png", tmp_path)
+    shutil.copy(folder / "4.png", tmp_path)
+    assert Folder(path=str(tmp_path)).image(0, "train", 0).max() == 1
+    with pytest.raises(ValueError, match="leave some for the split 'test'; got '2 in all'"):
+        Folder(path=str(tmp_path)).image(0, "test", 0)
+
+
+def _truncated(path, folder):
+    path.with_suffix(".jpg").write_bytes((folder / "1.jpg").read_bytes()[:300])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "name"),
+    [
+        (lambda path, _: path.with_suffix(".png").write_text("no picture"), "bad.png"),
+        (_truncated, "bad.jpg"),
+        (lambda path, _: np.save(path, np.array([[1.0, np.nan]])), "bad.npy"),
+        (lambda path, _: np.save(path, np.array([[1.0, -1.0]])), "bad.npy"),
+        (lambda path, _: np.save(path, np.zeros((4, 4))), "bad.npy"),
+        (lambda path, _: np.save(path, np.ones((4, 4, 7))), "bad.npy"),
+        (lambda path, _: np.save(path, np.array([["a"]])), "bad.npy"),
+        (lambda path, _: np.save(path, np.array([{}], dtype=object), allow_pickle=True), "bad.npy"),
+    ],
+)
+def test_an_unreadable_picture_is_named(folder, tmp_path, spoil, name):
+    shutil.copy(folder / "0.png", tmp_path)
+    spoil(tmp_path / "bad.npy", folder)
+    with pytest.raises(ValueError, match=rf"Folder picture must be readable; got '.*{name}'"):
+        Folder(path=str(tmp_path)).image(0, "train", 0)
+
+
+def test_a_picture_that_changes_under_a_data_set_is_found(folder, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    family = Folder(path=str(copy), shape=(9, 9))
+    assert family.sources()
+    for path in copy.glob("*.npy"):
+        np.save(path, np.ones((5, 5)))
+    changed = next(n for n in range(60) if family.files[family.source(0, "train", n)[0]].endswith(".npy"))
+    with pytest.raises(ValueError, match="must be as it was when the folder was first read"):
+        family.image(0, "train", changed)
+
+
+def test_colours_opacity_and_depth_become_grey(tmp_path):
+    white = np.full((4, 6), 255, dtype=np.uint8)
+    imsave(tmp_path / "rgb.png", np.dstack([white, white * 0, white * 0]), check_contrast=False)
+    veil = np.tile([0, 51, 255], (4, 2)).astype(np.uint8)
+    imsave(tmp_path / "rgba.png", np.dstack([white, white, white, veil]), check_contrast=False)
+    tifffile.imwrite(tmp_path / "deep.tif", np.full((4, 6), 40_000, dtype=np.uint16))
+    np.testing.assert_allclose(read_grey(tmp_path / "rgb.png"), 0.2125 * 255, rtol=1e-6)
+    np.testing.assert_allclose(read_grey(tmp_path / "rgba.png")[0, :3] / 255, [0, 0.2, 1], rtol=1e-6)
+    np.testing.assert_array_equal(read_grey(tmp_path / "deep.tif"), 40_000)
+
+
+@pytest.mark.parametrize("mode", ["1", "P", "CMYK", "I;16"])
+def test_rarer_modes_are_read(tmp_path, mode):
+    """A ramp must stay a ramp: the palette's numbers, say, are no brightness."""
+    ramp = Image.fromarray(np.tile(np.array([0, 255, 0, 255], dtype=np.uint8), (4, 1)))
+    if mode == "P":
+        ramp.putpalette([255 - n // 3 for n in range(768)])
+    name = "ramp.jpg" if mode == "CMYK" else "ramp.png"
+    (ramp if mode == "P" else ramp.convert("L").convert(mode)).save(tmp_path / name, quality=95)
+    row = read_grey(tmp_path / name)[0]
+    expected = [1, 0, 1, 0] if mode == "P" else [0, 1, 0, 1]
+    np.testing.assert_allclose(row / row.max(), expected, atol=0.05)  # JPEG at quality 95 is off by 2/255
+
+
+def test_a_photograph_is_turned_upright(tmp_path):
+    exif = Image.Exif()
+    exif[274] = 6  # orientation: turn a quarter clockwise to see it upright
+    Image.fromarray(np.eye(4, 6, dtype=np.uint8) * 200).save(tmp_path / "phone.png", exif=exif)
+    assert read_grey(tmp_path / "phone.png").shape == (6, 4)
+
+
+def test_resampling_averages_and_does_not_alias():
+    stripes = np.tile(np.array([0, 1], dtype=np.float32), (64, 32))
+    np.testing.assert_allclose(resampled(stripes, (4, 4, 60, 60), (7, 7)), 0.5, atol=1e-6)
+
+
+def test_a_fitted_picture_keeps_its_aspect():
+    frame = fitted(np.ones((20, 40), dtype=np.float32), (28, 28))
+    assert np.count_nonzero(frame.any(axis=1)) == 14
+    assert np.count_nonzero(frame.any(axis=0)) == 28
+    np.testing.assert_array_equal(frame, frame[::-1])
+
+
+def test_points_have_their_count_and_even_directions():
+    """Two points: the sign of the slope between them must be fair (chi squared, one degree)."""
+    family = Points(shape=(16, 16), count=2)
+    slopes = Counter()
+    for index in range(600):
+        image = family.image(0, "train", index)
+        assert image.sum() == 2
+        (_, x0), (_, x1) = np.argwhere(image)
+        slopes[np.sign(x1 - x0)] += 1
+    up, down = slopes[1], slopes[-1]
+    assert (up - down) ** 2 / (up + down) < chi2.isf(FALSE_ALARM, 1)
+
+
+def test_a_constellation_is_one_source_wherever_it_lies():
+    family = Points(shape=(9, 9), count=3)
+    rng = np.random.default_rng(0)
+    y, x = np.array(family.propose(rng)).reshape(-1, 2).T
+    assert y.min() == x.min() == 0
+    placed = {tuple(np.argwhere(family.picture((0, 1, 2, 0, 2, 3), rng))[0]) for _ in range(500)}
+    assert len(placed) == 7 * 6  # every place where a constellation of 3 by 4 fits
+
+
+def test_a_frame_too_small_for_three_splits_is_refused():
+    only = Points(shape=(1, 2), count=2)
+    home = split_of("Points/0/0/0/1")
+    assert only.image(0, home, 0).sum() == 2
+    with pytest.raises(ValueError, match=r"Points\.shape must be large enough for patterns of the split"):
+        only.image(0, next(split for split in SPLITS if split != home), 0)
+
+
+def test_bars_fit_their_frame_exactly():
+    for index in range(200):
+        level, count, width, gap, length = Bars(shape=(15, 11)).source(0, "train", index)
+        across, along = (15, 11) if level else (11, 15)
+        assert count * width + (count - 1) * gap <= across
+        assert 1 <= length <= along
+        image = Bars(shape=(15, 11)).image(0, "train", index)
+        assert image.sum() == count * width * length
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Glyphs(size=(0.9, 0.4)), r"Glyphs\.size must be given as \(smallest, largest\)"),
+        (lambda: Glyphs(size=(0.0, 0.4)), r"Glyphs\.size\.0 must be greater than 0"),
+        (lambda: Glyphs(shape=(0, 4)), r"Glyphs\.shape\.0 must be at least 1"),
+        (lambda: Glyphs(disjoint="case"), r"Glyphs\.disjoint must be one of"),
+        (lambda: Photographs(size=(0.5, 0.2)), r"Photographs\.size must be"),
+        (lambda: Points(count=1), r"Points\.count must be at least 2"),
+        (lambda: Points(shape=(2, 2), count=5).image(0, "train", 0), r"Points\.count must be at most"),
+        (lambda: Bars(count=(4, 2)).image(0, "train", 0), r"Bars\.count must be"),
+        (lambda: Glyphs().image(0, "dev", 0), "split must be one of"),
+        (lambda: Glyphs().image(0, "train", -1), "number must be a whole number"),
+    ],
+)
+def test_bad_input_names_field_rule_and_value(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_family_is_a_value_of_one_field_of_a_recipe(family):
+    read = TypeAdapter(HiddenObjects).validate_python(family.model_dump(mode="json"))
+    assert read == family
+    assert type(family).from_toml(family.to_toml()) == family
+
+
+def test_import_loads_neither_torch_nor_matplotlib_nor_scikit_image():
+    heavy = {"torch", "matplotlib", "skimage", "PIL", "sklearn"}
+    code = f"import specklegen.datasets.objects, sys; print({heavy} & set(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "set()"
