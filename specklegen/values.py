@@ -10,6 +10,7 @@ An error reads ``Owner.field must be RULE; got VALUE.`` and then the remedy, if 
 import hashlib
 import json
 import tomllib
+from functools import cached_property
 from typing import Annotated, Any, NoReturn, Self
 
 import numpy as np
@@ -103,6 +104,10 @@ class Value(BaseModel):
 
     def canonical_json(self) -> str:
         """Write the value as JSON with sorted keys and shortest round-trip numbers; equal values, equal text."""
+        return self._canonical_json
+
+    @cached_property
+    def _canonical_json(self) -> str:
         return json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
 
     def fingerprint(self) -> str:
@@ -128,10 +133,10 @@ class Value(BaseModel):
         return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self.canonical_json() == other.canonical_json()  # type: ignore[attr-defined]
+        return type(self) is type(other) and self._canonical_json == other._canonical_json  # type: ignore[attr-defined]
 
     def __hash__(self) -> int:
-        return hash(self.canonical_json())
+        return hash(self._canonical_json)
 
 
 def _frozen_array(value: Any) -> np.ndarray:
