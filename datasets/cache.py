@@ -133,7 +133,7 @@ class SpeckleCache(Dataset):
             return
         self._forget(shard)
         span = self._store.span(shard)
-        self._valid[span.start : span.stop] = self._store.table("valid", shard)[: len(span)]
+        self._valid[span.start : span.stop] = self._store.valid_in(shard)
         if not self._valid[index]:
             raise MissingSample(f"sample {index} of {self.folder} has not been generated yet")
 

@@ -23,7 +23,7 @@ Each sample carries its `index`, its `seed` and the parameters that were drawn f
 
 ## Splits
 
-Train, validation and test are rendered from separate streams of random numbers, and never drawn from one pool.
+Train, validation and test are rendered from separate streams of random numbers, never drawn from one pool.
 {notes}
 ## Reading it
 
@@ -31,8 +31,8 @@ Without specklegen, `zarr.open_group("{name}", mode="r")` or `xarray.open_zarr("
 Only samples with `valid` true have been written; all others read as zeros there.
 `specklegen.datasets.SpeckleCache("{name}")` never hands out such a sample, and checks what it reads.
 
-Shards hold {shard_samples} samples. Files appear by renaming but are not flushed (no fsync): after a power cut,
-run `verify`.
+Shards hold {shard_samples} samples. Files appear by renaming but are not flushed (no fsync): after a power
+cut, run `verify`.
 
 ## Recipe
 
@@ -43,12 +43,11 @@ run `verify`.
 
 
 def card(store: Store) -> str:
-    """Write the data card of a store, from the store alone; the notes it was made with go under the splits."""
+    """Write the data card from the store alone; the notes that it was made with go under the splits."""
     identity, described = store.attributes["identity"], store.describe()
     notes = store.attributes["notes"].strip()
     rows = [
-        f"| `{key}` | {row['dtype']} | sample × {' × '.join(f'{d} {n}' for d, n in zip(row['dims'], row['shape'], strict=True))}"
-        f" | {row['units']} | {row['description']} |"
+        f"| `{key}` | {row['dtype']} | {_axes(row)} | {row['units']} | {row['description']} |"
         for key, row in described.items()
     ]
     return _PAGE.format(
@@ -63,6 +62,10 @@ def card(store: Store) -> str:
         shard_samples=store.shard_samples,
         recipe=json.dumps(store.attributes["recipe"], indent=2, sort_keys=True),
     )
+
+
+def _axes(row: dict) -> str:
+    return " × ".join(["sample", *(f"{dim} {n}" for dim, n in zip(row["dims"], row["shape"], strict=True))])
 
 
 def card_file(folder: Path) -> Path:

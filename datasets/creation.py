@@ -1,6 +1,6 @@
 """How a store comes to be: made empty and whole under a temporary name, then renamed; grown; told apart.
 
-The metadata is written here once, by the process that starts the work; those that fill the store only open it.
+The metadata is written here once, by the process that starts the work; those that fill the store open it.
 """
 
 import contextlib
@@ -75,7 +75,7 @@ def require_same(store: Store, wanted: Mapping[str, Any]) -> None:
             "generate.folder",
             "a new folder, or a store of the same recipe, seed, split and type",
             str(store.folder),
-            f"It differs in {'; '.join(fields) or 'its fingerprint'}. Choose another folder, or set these alike.",
+            f"It differs in {'; '.join(fields) or 'its fingerprint'}. Choose another folder, or agree.",
         )
 
 

@@ -101,7 +101,7 @@ class EpochBatches(IterableDataset):
         return self.starting_at(0)
 
     def loader(self, num_workers: int = 0, **options: Any) -> "EpochLoader":
-        """Return an iterable over epochs with exact resume; see :class:`specklegen.datasets.loader.EpochLoader`."""
+        """Return an iterable over epochs with exact resume: specklegen.datasets.loader.EpochLoader."""
         from specklegen.datasets.loader import EpochLoader
 
         return EpochLoader(self, num_workers, **options)

@@ -134,7 +134,7 @@ def _check(samples: int, shard_samples: int | None, shard_range: tuple[int, int]
 
 
 def fill_shard(store: Store, recipe: Renderable, shard: int, wait: bool = False) -> Outcome:
-    """Render and write one shard, unless it is there or another process is at it (with ``wait``: wait for it)."""
+    """Render and write one shard, unless it is there or another process is at it (``wait``: wait for it)."""
     start = time.perf_counter()
     with store.claimed(shard, wait) as claimed:
         if claimed == "taken":
@@ -181,9 +181,8 @@ def _batch(recipe: Renderable, seed: int, split: str, indices: Sequence[int]) ->
             try:
                 recipe.sample(seed, split, index)
             except Exception as cause:
-                raise GenerationError(
-                    f"sample (seed={seed}, split={split!r}, index={index}) failed: {type(cause).__name__}: {cause}"
-                ) from error
+                address = f"sample (seed={seed}, split={split!r}, index={index})"
+                raise GenerationError(f"{address} failed: {type(cause).__name__}: {cause}") from error
         raise
 
 
@@ -225,8 +224,8 @@ def _run(
         except BrokenProcessPool:
             if restart == _POOL_RESTARTS:
                 raise GenerationError(
-                    f"workers were killed {restart + 1} times, perhaps for want of memory, with {len(left)} shards "
-                    "to do. Run generate again with fewer processes: it resumes."
+                    f"workers were killed {restart + 1} times, perhaps for want of memory; {len(left)} shards"
+                    " are left. Run generate again with fewer processes: it resumes."
                 ) from None
 
 

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import google_crc32c
 import numpy as np
-from numcodecs import blosc
+from numcodecs import Blosc
 
 _ABSENT = 2**64 - 1
 _OPEN_FILES = 32
+_BLOSC = Blosc()
 
 
 class MissingSample(LookupError):
@@ -99,7 +100,7 @@ class ShardFiles:
             raise MissingSample(f"{self.file(shard)} does not hold sample {sample}")
         data = _checked(os.pread(descriptor, length, offset), self.file(shard))
         if self._compressed:
-            data = blosc.decompress(data)
+            data = _BLOSC.decode(data)
         return np.frombuffer(data, self._dtype).reshape(self._shape)
 
     def _shard(self, shard: int) -> tuple[int, np.ndarray]:

@@ -23,7 +23,7 @@ import numpy as np
 import zarr
 
 from specklegen.datasets.claims import Claim, claim
-from specklegen.datasets.shards import ShardFiles, read_table
+from specklegen.datasets.shards import MissingSample, ShardFiles, read_table
 from specklegen.values import reject
 
 FORMAT = "specklegen store, version 1"
@@ -78,13 +78,19 @@ class Store:
         return range(shard * self.shard_samples, min((shard + 1) * self.shard_samples, self.samples))
 
     def valid(self) -> np.ndarray:
-        """Read the ledger: bool[samples]."""
-        return np.asarray(self._arrays["valid"][:])
+        """Read the ledger, now: bool[samples]."""
+        return np.concatenate([self.valid_in(shard) for shard in range(self.shard_count)])
+
+    def valid_in(self, shard: int) -> np.ndarray:
+        """Read the ledger of one shard, now: bool[samples in the shard]."""
+        try:
+            return self.table("valid", shard)[: len(self.span(shard))]
+        except MissingSample:
+            return np.zeros(len(self.span(shard)), bool)
 
     def is_complete(self, shard: int) -> bool:
         """Read from the ledger, now, whether every sample of a shard is there."""
-        span = self.span(shard)
-        return bool(np.all(self._arrays["valid"][span.start : span.stop]))
+        return bool(self.valid_in(shard).all())
 
     def claimed(self, shard: int, wait: bool = False) -> contextlib.AbstractContextManager[Claim]:
         """Claim a shard; see :mod:`specklegen.datasets.claims`."""
@@ -111,7 +117,7 @@ class Store:
         return np.asarray(self._arrays["checksum"][shard]).tobytes()
 
     def write_shard(self, shard: int, columns: Mapping[str, np.ndarray]) -> bytes:
-        """Write all columns of a shard, its checksum, and last its line in the ledger; return the checksum."""
+        """Write the columns of a shard, its checksum, last its line in the ledger; return the checksum."""
         place = slice(self.span(shard).start, self.span(shard).stop)
         for name, column in columns.items():
             self._arrays[name][place] = column

@@ -34,7 +34,7 @@ class Verification:
 
 
 def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verification:
-    """Compare every shard with the checksum that was written with it; with ``repair``, render again what is bad.
+    """Compare every shard with the checksum written with it; with ``repair``, render again what is bad.
 
     Parameters
     ----------
@@ -86,11 +86,9 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
 
 def _state(store: Store, shard: int) -> str:
     try:
-        valid = store.table("valid", shard)[: len(store.span(shard))]
+        valid = store.valid_in(shard)
         if valid.any() and store.digest(shard) != store.recorded_digest(shard):
             return "damaged"
-    except LookupError:
-        return "unfinished"
     except (OSError, ValueError):  # a flipped byte in the ledger or in the checksums themselves
         return "damaged"
     return "sound" if np.all(valid) else "unfinished"
