@@ -88,8 +88,8 @@ def _temporary(folder: Path) -> Iterator[Path]:
         claims.touch()
         with claim(claims, METADATA):
             yield temporary
-    except PermissionError:
-        reject("generate.folder", "in a place where you may write", str(folder), "Choose another folder.")
+    except OSError as error:
+        reject("generate.folder", "in a place where you can write", str(folder), f"The system says: {error}.")
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -50,12 +50,11 @@ class Store:
     def __init__(self, folder: str | os.PathLike, writable: bool = False) -> None:
         self.folder = Path(folder).absolute()
         remedy = "Make one with generate."
-        try:
-            with zarr.config.set({"array.write_empty_chunks": True}):
-                self._group = zarr.open_group(self.folder, mode="r+" if writable else "r", zarr_format=3)
-                self._arrays = dict(self._group.arrays())
-        except FileNotFoundError:
+        if not (self.folder / "zarr.json").is_file():
             reject("store.folder", "a folder that holds a store", str(folder), remedy)
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            self._group = zarr.open_group(self.folder, mode="r+" if writable else "r", zarr_format=3)
+            self._arrays = dict(self._group.arrays())
         self.attributes: dict[str, Any] = dict(self._group.attrs)
         if self.attributes.get("format") != FORMAT:
             reject("store.folder", f"a {FORMAT}", str(folder), remedy)

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from itertools import pairwise
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +31,12 @@ TIMEOUT = 120
 
 
 def make(folder, recipe=None, **options):
-    return generate(recipe or FakeRecipe(), folder=folder, **({"samples": 22, "shard_samples": 5, "processes": 1} | options))
+    settings = {"samples": 22, "shard_samples": 5, "processes": 1} | options
+    return generate(recipe or FakeRecipe(), folder=folder, **settings)
 
 
 def assert_holds(folder, recipe, samples, seed=0, split="train"):
-    """Require samples 0 to ``samples`` - 1 to be in the store, to the bit, and to render again from what it says."""
+    """Require samples 0 to ``samples`` - 1 to be in the store, to the bit."""
     cache = SpeckleCache(folder)
     for n in range(samples):
         assert_same(cache.numpy(n) | {"index": np.int64(n)}, recipe.sample(seed, split, n))
@@ -63,7 +64,8 @@ def test_zarr_reads_what_the_checked_reader_reads(tmp_path):
         sample = cache.numpy(n)
         for key in ("image", "field", "object", "level"):
             np.testing.assert_array_equal(group[key][n], sample[key])
-        assert dict(zip(group["parameters"].attrs["names"], group["parameters"][n], strict=True)) == sample["parameters"]
+        names = group["parameters"].attrs["names"]
+        assert dict(zip(names, group["parameters"][n], strict=True)) == sample["parameters"]
     np.testing.assert_array_equal(group["index"][:], np.arange(22))
     np.testing.assert_array_equal(group["seed"][:], 0)
     assert group["valid"][:].all()
@@ -85,7 +87,7 @@ def test_plain_readers_do_not_need_specklegen(tmp_path):
     make(tmp_path / "a.zarr")
     code = (
         "import sys, zarr; group = zarr.open_group(sys.argv[1], mode='r');"
-        "print(sorted(name for name, _ in group.arrays()), int(group['image'][3].sum()), group.attrs['title']);"
+        "print(sorted(dict(group.arrays())), int(group['image'][3].sum()), group.attrs['title']);"
         "assert 'specklegen' not in sys.modules"
     )
     command = [sys.executable, "-W", "error::UserWarning", "-c", code, tmp_path / "a.zarr"]
@@ -141,8 +143,8 @@ def test_fewer_samples_than_the_store_holds_are_a_part_of_it(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "field"),
     [({"recipe": FakeRecipe(thickness=999.0)}, r"recipe\.medium\.thickness \(1000\.0 there, 999\.0 here\)"),
-     ({"seed": 1}, r"seed \(0 there, 1 here\)"), ({"split": "test"}, "split"), ({"dtype": "float32"}, "dtype"),
-     ({"recipe": FakeRecipe(data_version=2)}, "data_version")],
+     ({"seed": 1}, r"seed \(0 there, 1 here\)"), ({"split": "test"}, "split"),
+     ({"dtype": "float32"}, "dtype"), ({"recipe": FakeRecipe(data_version=2)}, "data_version")],
 )  # fmt: skip
 def test_another_data_set_is_refused_by_the_fields_that_differ(tmp_path, changes, field):
     make(tmp_path / "a.zarr")
@@ -162,11 +164,13 @@ def test_a_folder_of_other_things_is_refused(tmp_path):
         make(tmp_path / "other.zarr")
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write everywhere")
 def test_an_unwritable_folder_is_named(tmp_path):
-    tmp_path.chmod(0o500)
-    with pytest.raises(ValueError, match="generate.folder must be in a place where you may write"):
-        make(tmp_path / "a.zarr")
+    """A file in the way stands for every reason, since tests may run as root, who may write everywhere."""
+    (tmp_path / "file").touch()
+    with pytest.raises(ValueError, match="generate.folder must be in a place where you can write"):
+        make(tmp_path / "file" / "a.zarr")
+    with pytest.raises(ValueError, match="store.folder must be"):
+        make(tmp_path / "file")
 
 
 def test_the_fingerprint_changes_with_what_decides_the_bytes_and_nothing_else():
@@ -192,8 +196,11 @@ def test_the_fingerprint_does_not_depend_on_how_it_is_generated(tmp_path):
 
 def test_differences_name_nested_fields_and_absent_ones():
     there, here = {"a": {"b": [{"g": 0.9}], "c": 1}}, {"a": {"b": [{"g": 0.8}]}, "d": {}}
-    lines = differences(there, here)
-    assert lines == ["a.b[0].g (0.9 there, 0.8 here)", "a.c (1 there, absent here)", "d (absent there, {} here)"]
+    assert differences(there, here) == [
+        "a.b[0].g (0.9 there, 0.8 here)",
+        "a.c (1 there, absent here)",
+        "d (absent there, {} here)",
+    ]
     assert differences(there, there) == []
 
 
@@ -213,8 +220,15 @@ def test_the_card_says_what_is_in_the_store(tmp_path):
     make(tmp_path / "a.zarr", notes="Media are disjoint between splits.")
     text = (tmp_path / "a.card.md").read_text()
     told = info(tmp_path / "a.zarr")
-    for words in ("22 samples", told["fingerprint"], "| `image` | uint16 | sample × y 8 × x 8 | counts |", "no fsync",
-                  "Media are disjoint", '"thickness": 1000.0', "`thickness`, `level`"):  # fmt: skip
+    for words in (
+        "22 samples",
+        told["fingerprint"],
+        "| `image` | uint16 | sample × y 8 × x 8 | counts |",
+        "no fsync",
+        "Media are disjoint",
+        '"thickness": 1000.0',
+        "`thickness`, `level`",
+    ):
         assert words in text
     make(tmp_path / "a.zarr", samples=30)
     assert "30 samples" in (tmp_path / "a.card.md").read_text()
@@ -288,7 +302,7 @@ def test_an_axis_name_with_two_lengths_is_refused():
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_failing_sample_is_named_and_the_others_are_stored(tmp_path, processes):
-    with pytest.raises(GenerationError, match=r"sample \(seed=0, split='train', index=7\) failed: ArithmeticError"):
+    with pytest.raises(GenerationError, match=r"\(seed=0, split='train', index=7\) failed: ArithmeticError"):
         make(tmp_path / "a.zarr", FakeRecipe(fails_at=7), processes=processes)
     assert info(tmp_path / "a.zarr")["done"] == 17
     assert make(tmp_path / "a.zarr")["done"] == 22
@@ -403,7 +417,7 @@ def wait_for_shards(folder, count):
 
 
 def test_two_processes_on_one_store_lose_nothing(tmp_path, uninterrupted):
-    """Both start on an empty folder; each sample is rendered once, but for sample 0, which a creation tries out."""
+    """Both start with no folder; each sample is rendered once, but for sample 0, which creation tries out."""
     folder, log = tmp_path / "a.zarr", tmp_path / "log"
     both = [start(folder, log, 1), start(folder, log, 1)]
     assert [process.wait(TIMEOUT) for process in both] == [0, 0]
@@ -416,7 +430,7 @@ def test_two_processes_on_one_store_lose_nothing(tmp_path, uninterrupted):
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, processes):
-    """Two calls fill one store; one is killed; the other ends, or a rerun does, and keeps what was finished."""
+    """Two calls fill one store and are killed; a rerun keeps what was finished and sweeps up."""
     folder, log = tmp_path / "a.zarr", tmp_path / "log"
     both = [start(folder, log, processes), start(folder, tmp_path / "log2", processes)]
     wait_for_shards(folder, 4)
@@ -425,7 +439,8 @@ def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, 
         process.wait(TIMEOUT)
     time.sleep(0.3)  # orphaned workers see that their parent is gone
     after_kill = contents(folder)
-    finished = {int(name.split("/")[2]) for name in after_kill if name.startswith("valid/c/") and "partial" not in name}
+    listed = [name for name in after_kill if name.startswith("valid/c/") and "partial" not in name]
+    finished = {int(name.split("/")[2]) for name in listed}
     assert 4 <= len(finished) < 24
     (folder / "image/c/20/0").mkdir(parents=True, exist_ok=True)
     (folder / "image/c/20/0/0.feed.partial").write_bytes(b"half a shard")
@@ -460,15 +475,11 @@ def test_half_made_stores_are_swept_and_living_ones_are_not(tmp_path):
 
 def test_memory_stays_flat(tmp_path):
     """A shard is in memory, not the data set: columns of one shard exist at a time."""
-    sizes = []
-    store_bytes = []
+    peaks = []
     for samples in (50, 100):
-        import tracemalloc
-
         tracemalloc.start()
         make(tmp_path / f"{samples}.zarr", FakeRecipe(side=64), samples=samples, shard_samples=5)
-        sizes.append(tracemalloc.get_traced_memory()[1])
+        peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-        store_bytes.append(samples * 64 * 64 * 10)
-    growth = [b - a for a, b in pairwise(sizes)][0]
-    assert growth < (store_bytes[1] - store_bytes[0]) / 10, (sizes, store_bytes)
+    added = 50 * 64 * 64 * (2 + 8)  # bytes of images and fields
+    assert peaks[1] - peaks[0] < added / 10, peaks

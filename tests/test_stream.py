@@ -59,7 +59,8 @@ def test_ranks_share_an_epoch_without_gap_or_overlap(length, batch_size, world):
         return
     count = batch_count(length, batch_size, world)
     batches = [
-        [batch_range(length, batch_size, world, rank, number) for number in range(count)] for rank in range(world)
+        [batch_range(length, batch_size, world, rank, number) for number in range(count)]
+        for rank in range(world)
     ]
     assert all(0 < len(batch) <= batch_size for rank in batches for batch in rank)
     in_order = [n for b in range(count) for rank in range(world) for n in batches[rank][b]]
@@ -176,7 +177,9 @@ def test_resume_with_another_world_is_exact_or_refused():
 @pytest.mark.parametrize(
     ("change", "field"),
     [({"seed": 1}, "seed"), ({"split": "test"}, "split"),
-     ({"recipe": FakeRecipe(thickness=2.0)}, "fingerprint"), ({"recipe": FakeRecipe(data_version=2)}, "data_version"), ({"recipe": FakeRecipe(samples=9)}, "length")],
+     ({"recipe": FakeRecipe(thickness=2.0)}, "fingerprint"),
+     ({"recipe": FakeRecipe(data_version=2)}, "data_version"),
+     ({"recipe": FakeRecipe(samples=9)}, "length")],
 )  # fmt: skip
 def test_a_state_of_other_samples_is_refused(change, field):
     state = SpeckleStream(FakeRecipe()).loader().state_dict()
