@@ -1,0 +1,67 @@
+"""Processes that render: how they are started, and how they behave.
+
+Workers come from a fork server that has imported the slow modules once and never rendered: forking a
+process that has used OpenMP or FINUFFT threads kills or hangs the children. One sample is rendered with
+one torch thread everywhere, since some torch sums round differently with two.
+"""
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.context import BaseContext
+
+from specklegen.parallel import run_serial_in_this_process
+
+PRELOAD = ["torch", "zarr", "numba", "specklegen.datasets.workers", "specklegen.datasets.generate"]
+
+
+def worker_context() -> BaseContext:
+    """Return the context that starts workers: fork server, or spawn where there is none.
+
+    The start method of the program is left alone. As with every way of starting processes but a plain
+    fork, a script needs ``if __name__ == "__main__":`` around what it does.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(PRELOAD)
+    return context
+
+
+def prepare_worker() -> None:
+    """Make this process render on one thread; for every worker, before its first sample."""
+    import torch
+
+    run_serial_in_this_process()
+    torch.set_num_threads(1)
+
+
+def end_with_parent() -> None:
+    """End this worker when the process that started it is gone, even by kill -9."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Run a block with one torch thread, then restore what was set."""
+    import torch
+
+    before = torch.get_num_threads()
+    if before == 1:
+        yield
+        return
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
