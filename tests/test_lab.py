@@ -97,6 +97,7 @@ LABORATORIES = {
         "camera_distance": None,
         "focal_length": 50.0,
         "object_extent": 8.0,
+        "aperture": 1.0,
         "pixels": (1024, 1024),
     },
     "far camera": {**EXAMPLE, "camera_distance": 300.0, "pixels": (256, 256)},
