@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from specklegen.datasets.cache import SpeckleCache
-    from specklegen.datasets.generate import generate
-    from specklegen.datasets.info import info
     from specklegen.datasets.presets import load_recipe
     from specklegen.datasets.recipe import Recipe, recipe_names
     from specklegen.datasets.stream import SpeckleStream
@@ -18,12 +16,10 @@ _HOME = {
     "Recipe": "recipe",
     "SpeckleCache": "cache",
     "SpeckleStream": "stream",
-    "generate": "generate",
-    "info": "info",
     "load_recipe": "presets",
     "recipe_names": "recipe",
 }
-__all__ = ["Recipe", "SpeckleCache", "SpeckleStream", "generate", "info", "load_recipe", "recipe_names"]
+__all__ = ["Recipe", "SpeckleCache", "SpeckleStream", "load_recipe", "recipe_names"]
 
 
 def __getattr__(name: str) -> object:

@@ -72,9 +72,7 @@ class CameraGrid(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.pixels_per_grain < 2:
-            reject(
-                "CameraGrid.pixels_per_grain", "at least 2", self.pixels_per_grain, "Fewer undersample the speckle."
-            )
+            reject("CameraGrid.pixels_per_grain", "at least 2", self.pixels_per_grain, "Fewer undersample the speckle.")
         return self
 
 

@@ -1,1 +1,1 @@
-""""""
+"""Reconstruction: phase retrieval, networks, and their evaluation."""

@@ -35,3 +35,18 @@ def jackknife(batches: np.ndarray, function: Callable[[np.ndarray], np.ndarray])
     mean = left.mean(axis=0)
     variance = (n - 1) / n * np.square(np.abs(left - mean)).sum(axis=0)
     return n * value - (n - 1) * mean, np.sqrt(variance)
+
+
+def autocorrelation(image: np.ndarray) -> np.ndarray:
+    """Autocorrelation of an image's fluctuations, float64[2H - 1, 2W - 1], zero lag in the middle and equal to 1.
+
+    The mean is taken off, the image is padded so that nothing wraps around, and every lag is divided by the
+    number of pixel pairs that it has.
+    """
+    from scipy.signal import correlate
+
+    fluctuation = np.asarray(image, dtype=np.float64) - np.mean(image)
+    pairs = correlate(np.ones_like(fluctuation), np.ones_like(fluctuation), method="fft").round()
+    lags = correlate(fluctuation, fluctuation, method="fft") / pairs
+    peak = lags[lags.shape[0] // 2, lags.shape[1] // 2]
+    return lags / peak if peak > 0 else lags

@@ -1,0 +1,6 @@
+"""``python -m specklegen``: the command line."""
+
+from specklegen.cli import main
+
+if __name__ == "__main__":
+    main()

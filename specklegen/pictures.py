@@ -1,0 +1,146 @@
+"""Pictures of what was rendered: contact sheets, strips of tilting stacks, memory-effect curves.
+
+Every function takes arrays and writes a PNG; matplotlib is imported only here and only when drawing.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from specklegen.memory_curve import MemoryEffect
+from specklegen.statistics import autocorrelation
+from specklegen.theory import memory_effect_diffusion
+
+
+def _figure(rows: int, columns: int, width: float, height: float):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(columns * width, rows * height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def _show(axes, image: np.ndarray, title: str = "", *, low: float | None = None, high: float | None = None) -> None:
+    axes.imshow(image, cmap="gray", vmin=low, vmax=high, interpolation="nearest")
+    axes.set_axis_off()
+    if title:
+        axes.set_title(title, fontsize=9)
+
+
+def hidden_object_sheet(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
+    """Draw objects, camera images, and the autocorrelations of both to one scale, a column a sample.
+
+    Parameters
+    ----------
+    samples
+        With "object" [h, w], "image" [H, W] and "parameters" (object_pitch, camera_pitch).
+    out
+        PNG to write.
+    """
+    figure, axes = _figure(4, len(samples), 1.5, 1.6)
+    for column, sample in enumerate(samples):
+        hidden, image = np.asarray(sample["object"]), np.asarray(sample["image"], dtype=np.float64)
+        scale = float(sample["parameters"]["object_pitch"]) / float(sample["parameters"]["camera_pitch"])
+        half = min(round(scale * max(hidden.shape)), min(image.shape) - 1)
+        window = _middle(autocorrelation(image), half)
+        truth = _middle(autocorrelation_of_object(hidden), round(half / scale))
+        rows = (
+            (hidden[::-1, ::-1], "object, turned", 0, 1),
+            (image, "camera image", *np.percentile(image, [0.5, 99.5])),
+            (window, "its autocorrelation", 0, 0.7),
+            (truth, "the object's", 0, 0.7),
+        )
+        for axis, (picture, title, low, high) in zip(axes[:, column], rows, strict=True):
+            _show(axis, picture, title if column == 0 else "", low=low, high=high)
+    return _save(figure, out)
+
+
+def _middle(lags: np.ndarray, half: int) -> np.ndarray:
+    """Lags up to ``half`` either way; 0 where there are none."""
+    padded = np.pad(lags, [(max(0, half - n // 2),) * 2 for n in lags.shape])
+    rows, columns = (n // 2 for n in padded.shape)
+    return padded[rows - half : rows + half + 1, columns - half : columns + half + 1]
+
+
+def autocorrelation_of_object(hidden: np.ndarray) -> np.ndarray:
+    """Autocorrelation of a brightness (its mean left in), 1 at zero lag in the middle."""
+    from scipy.signal import correlate
+
+    lags = np.clip(correlate(hidden.astype(np.float64), hidden.astype(np.float64), method="fft"), 0, None)
+    return lags / max(lags.max(), 1e-300)
+
+
+def tilt_strip(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
+    """Draw stacks, a row a sample and a column a tilt, each image marked with its correlation with the first.
+
+    Parameters
+    ----------
+    samples
+        With "stack" [T, H, W], "tilts" [T, 2] and "parameters" (thickness, optical_depth, g).
+    out
+        PNG to write.
+    """
+    tilts = np.asarray(samples[0]["tilts"])
+    figure, axes = _figure(len(samples), len(tilts), 1.7, 1.9)
+    for row, sample in enumerate(samples):
+        stack, parameters = np.asarray(sample["stack"]), sample["parameters"]
+        high = np.percentile(stack, 99.5)
+        for column, image in enumerate(stack):
+            angle = np.rad2deg(np.hypot(*np.asarray(sample["tilts"])[column]))
+            title = f"{angle:.4f}°"
+            if column == 0:
+                title = f"OD {parameters['optical_depth']:.1f}  g {parameters['g']:.2f}\n" + title
+            _show(axes[row, column], image, title, low=0, high=high)
+    return _save(figure, out)
+
+
+def memory_effect_figure(curves: Mapping[str, MemoryEffect], out: Path) -> Path:
+    """Draw C_I over the tilt in units of the slab, with error bars, against q^2/sinh^2 q ([Bar19] Eq. 39).
+
+    Parameters
+    ----------
+    curves
+        Label to curve.
+    out
+        PNG to write.
+    """
+    figure, axes = _figure(1, 1, 6.5, 4.2)
+    axes = axes[0, 0]
+    largest = max((float(np.abs(c.q).max(initial=0.0)) for c in curves.values()), default=1.0)
+    q = np.linspace(0, largest, 300)
+    axes.plot(q, memory_effect_diffusion(q), "k--", lw=1, label=r"$q^2/\sinh^2 q$ (diffusion)")
+    for label, curve in curves.items():
+        axes.errorbar(np.abs(curve.q), curve.intensity, 2 * curve.standard_error, fmt="o-", ms=3, lw=1, label=label)
+    axes.set_xlabel(r"tilt  $q = k\,\sin\theta\,L$")
+    axes.set_ylabel(r"intensity correlation  $C_I$")
+    axes.set_ylim(-0.03, 1.05)
+    axes.legend(frameon=False)
+    axes.grid(alpha=0.3)
+    return _save(figure, out)
+
+
+def stack_sheet(intensity: np.ndarray, titles: Sequence[str], out: Path) -> Path:
+    """Draw the images of one rendered stack float[T, H, W] side by side, up to eight a row."""
+    columns = min(len(intensity), 8)
+    rows = -(-len(intensity) // columns)
+    figure, axes = _figure(rows, columns, 2.0, 2.2)
+    high = np.percentile(intensity, 99.5)
+    for place, (image, title) in enumerate(zip(intensity, titles, strict=True)):
+        _show(axes.flat[place], np.atleast_2d(image), title, low=0, high=high)
+    for unused in axes.flat[len(intensity) :]:
+        unused.set_axis_off()
+    return _save(figure, out)
+
+
+def sheet(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
+    """Draw samples of any recipe: by their keys, a hidden-object sheet or a strip of stacks."""
+    return hidden_object_sheet(samples, out) if "object" in samples[0] else tilt_strip(samples, out)
+
+
+def _save(figure, out: Path) -> Path:
+    out.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(out, dpi=110)
+    return out
