@@ -184,7 +184,7 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
     K = ceil(2 q a / (pi sigma_g)) + ceil(-log10(1 - energy) / 2): the number of degrees of freedom of a
     source of width 2 a in the band that holds the share ``energy`` of its Gaussian spectrum, +-q
     standard deviations, and a few for its edges. For 99 %: ceil(1.64 a / sigma_g) + 1. It is never too
-    small and at most two too many (tested for a / sigma_g <= 50, energies 0.9 to 1 - 1e-6);
+    small and at most three too many (tested for a / sigma_g <= 50, energies 0.5 to 1 - 1e-6);
     `coherent_modes` counts exactly.
 
     Raises
@@ -288,7 +288,7 @@ def _copula_angles(W0: np.ndarray, turns: float) -> np.ndarray:
     step = np.arccos(np.maximum(1 + np.log(np.minimum(nearest, 1)) / spread, -1))
     beta = np.concatenate([[0.0], np.cumsum(step)])
     if beta[-1] > math.pi:
-        remedy = f"Use phase_turns of at least {turns * beta[-1] / math.pi:.3g}."
+        remedy = f"Use phase_turns of at least {math.ceil(100 * turns * beta[-1] / math.pi) / 100:g}."
         reject("sample_fields phase_turns", "so large that the angles span at most pi", turns, remedy)
     made = np.exp(-spread * (1 - np.cos(beta[:, None] - beta)))
     worst = np.abs(made - degree).max()
