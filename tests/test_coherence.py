@@ -175,7 +175,7 @@ def test_separable_modes_are_the_fewest_that_hold_the_energy(energy):
 
 @pytest.mark.parametrize("sigma", [2, 1, 0.6, 0.4, 0.2, 0.1])
 def test_all_modes_reproduce_the_direct_formula(sigma):
-    W0 = gaussian_schell_model(line(51), sigma)
+    W0 = gaussian_schell_model(line(51), sigma, np.exp(2j * line(51)))
     G = circular(np.random.default_rng(2), 400, 51)
     direct = np.einsum("pj,jk,pk->p", G, W0, G.conj()).real
     eigenvalues, modes = coherent_modes(W0, energy=1)
@@ -341,6 +341,19 @@ def test_copula_fields_have_the_correlation_of_their_phases(sigma):
     limit = norm.isf(FALSE_ALARM / (2 * 2 * 1275))
     assert copula_z(fields, sigma) < limit
     assert copula_z(fields, sigma * 1.05) > limit
+
+
+def test_neighbouring_copula_fields_are_correlated():
+    """They are pixels of a speckle pattern sampled twice too finely: 0.72, the transform of the disc."""
+    across = np.arange(32) - 15.5
+    disc = np.hypot(across, across[:, None]) <= 16
+    exact = np.sum(disc * np.cos(2 * math.pi * across / 64)) / disc.sum()
+    assert exact == pytest.approx(0.72, abs=0.005)
+    pattern = sample_fields(gaussian_schell_model(line(51), 0.6), 64**2, "copula", seed=0)[:, 25].reshape(
+        64, 64
+    )
+    neighbours = np.mean(pattern * np.roll(pattern, -1, axis=1).conj())  # of unit phasors: no chance in it
+    assert neighbours == pytest.approx(exact * np.exp(2j * math.pi * 15.5 / 64), rel=1e-12)
 
 
 def test_copula_is_a_schell_model_to_a_quarter_of_a_percent():

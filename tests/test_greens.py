@@ -553,16 +553,24 @@ def test_one_source_element_is_a_point_for_optics_and_a_lens_for_rays():
 
 def test_no_ray_is_lost_at_an_edge():
     """Uniform launch: the squared moduli of all pixels add to the range of angles squared, ray by ray."""
-    from specklegen.kernels.rays import landing, uniform_rays
+    from specklegen.kernels.rays import uniform_rays
 
     lower, upper = np.array([-1.0, 0.0]), np.array([0.0, 1.0])
     total, square = np.zeros(2, complex), np.zeros(2)
     uniform_rays(np.uint64(1), np.uint64(2), 0, 0.0, 0.0, 10_000, lower, upper, 5.0, K, total, square)
     span = 2 * math.atan(1 / 5)
     assert square.sum() == pytest.approx(10_000 * span**2, rel=1e-12)
-    for unit, x in ((0.0, -1.0), (1.0, 1.0)):
-        assert landing(0.3, -1.0, 1.0, 5.0, unit)[0] == pytest.approx(x, abs=1e-14)
-        assert -1 <= landing(0.3, -1.0, 1.0, 5.0, unit)[0] <= 1
+
+
+def test_rays_stay_between_their_limits():
+    """Also at the ends of the range of angles, where the tangent rounds past them."""
+    from specklegen.kernels.rays import landing
+
+    for xs in np.random.default_rng(0).uniform(-50, 50, 200):
+        for unit, end in ((0.0, 0.7), (2.0**-33, 0.7), (1 - 2.0**-33, 0.8), (1.0, 0.8)):
+            x, _ = landing(xs, 0.7, 0.8, 9.0, unit)
+            assert 0.7 <= x <= 0.8
+            assert x == pytest.approx(end, abs=1e-10)
 
 
 def test_a_ray_on_the_last_edge_falls_in_the_last_pixel():
@@ -584,6 +592,15 @@ def test_fewer_rays_than_entries_warn_and_stay_finite():
         mu = spectral_degree_of_coherence(propagate_csd(traced.value, source(system, 0.6)))
         assert np.isfinite(mu).all()
         assert np.abs(mu).max() <= 1
+
+
+def test_every_ray_is_traced():
+    """One ray for two elements goes to the first of them; the error of a single ray is unknown."""
+    with pytest.warns(UserWarning, match="1 rays for 2 pairs"):
+        one = focus(n_source=2, n_pixels=1).monte_carlo(1, "uniform", seed=0)
+    assert one.value[0, 0] != 0
+    assert one.value[0, 1] == 0
+    assert np.isinf(one.standard_error).all()
 
 
 def test_dark_pixels_have_no_coherence():
