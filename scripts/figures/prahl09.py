@@ -143,6 +143,18 @@ def draw_profiles(out, quick):
             save(figure, out, number)
 
 
+def profile_rows(focus, axis, places):
+    """S and |mu| at some pixels, and the half width at half maximum, for every coherence length."""
+    rows = []
+    for sigma in SIGMAS:
+        S, mu = profile(measured(focus, sigma))
+        end = CENTRE + 1 + int(np.argmax(S[CENTRE:] < 0.5))  # side lobes lie beyond the first fall
+        half = f"{np.interp(-0.5, -S[CENTRE:end], axis[CENTRE:end]):.4f}" if S.min() < 0.5 else "outside"
+        cells = [" ".join(f"{value:.4f}" for value in values[places]) for values in (S, np.abs(mu))]
+        rows.append((sigma, *cells, half))
+    return rows
+
+
 def draw_measurement_function(out):
     """Figure 8: what the measurement function changes in S and mu; returns the table rows."""
     figure, panels = plt.subplots(1, 2, figsize=(9, 3.4))
@@ -257,6 +269,12 @@ def main(out: Path, quick: bool) -> None:
     draw_source(out, quick)
     draw_greens_function(out, quick)
     draw_profiles(out, quick)
+    for focus, axis, places, name in (
+        (TRANSVERSE, TRANSVERSE.detector.x, [110, 120, 130, 140, 160, 180, 200], "x"),
+        (AXIAL, AXIAL.detector.z, [110, 120, 140, 160, 180, 200], "z"),
+    ):
+        head = "sigma_g/a", f"S({name})/S(0)", f"|mu(0,{name})|", f"half width in {name}"
+        table(head, profile_rows(focus, axis, places))
     table(("sigma_g/a", "dS", "dmu", "S to sqrt(cos)", "mu to sqrt(cos)"), draw_measurement_function(out))
     errors = error_against_rays(quick)
     draw_errors(out, errors)
