@@ -1,6 +1,7 @@
 """Sources, coherent modes and sampled fields against closed forms, exact distributions and printed tables."""
 
 import math
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -308,7 +309,11 @@ def test_the_covariance_test_has_power(wrong):
 
 def test_sampled_fields_are_a_pure_function_of_the_seed():
     W0 = complex_source()
-    for method, source in (("kl", W0), ("copula", gaussian_schell_model(line(51), 0.6))):
+    cases: list[tuple[Literal["kl", "copula"], np.ndarray]] = [
+        ("kl", W0),
+        ("copula", gaussian_schell_model(line(51), 0.6)),
+    ]
+    for method, source in cases:
         first = sample_fields(source, 10, method, seed=1)
         np.testing.assert_array_equal(first, sample_fields(source, 10, method, seed=1))
         assert not np.array_equal(first, sample_fields(source, 10, method, seed=2))

@@ -10,6 +10,7 @@ Run it by itself: python scripts/figures/prahl09.py --out docs/coherence [--quic
 import argparse
 import time
 from pathlib import Path
+from typing import Literal
 
 import matplotlib
 
@@ -28,6 +29,7 @@ from specklegen.greens import AxialDetector, CylindricalFocus, TransverseDetecto
 
 SIGMAS = (2, 1, 0.6, 0.4, 0.2, 0.1)
 COLOURS = dict(zip(SIGMAS, plt.get_cmap("viridis")(np.linspace(0, 0.9, len(SIGMAS))), strict=True))
+METHODS: dict[Literal["kl", "copula"], str] = {"kl": "o", "copula": "x"}  # and their markers
 PIXELS, ELEMENTS, HALF_WIDTH = 201, 51, 2.5  # lengths in wavelengths
 CENTRE = PIXELS // 2
 
@@ -84,7 +86,7 @@ def draw_source(out, quick):
     n = 64**2 if quick else 256**2
     figure, panels = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True)
     x = TRANSVERSE.source_x / TRANSVERSE.half_aperture
-    for panel, method in zip(panels, ("kl", "copula"), strict=True):
+    for panel, method in zip(panels, METHODS, strict=True):
         for sigma in (2, 0.6, 0.2, 0.1):
             W0 = source(TRANSVERSE, sigma)
             fields = sample_fields(W0, n, method, seed=0)
@@ -121,23 +123,22 @@ def draw_greens_function(out, quick):
 def draw_profiles(out, quick):
     """Figures 4 to 7: S and |mu| across and along the focus, physical optics and Monte Carlo."""
     n = 10**5 if quick else 10**6
-    for focus, sampling, axis, label, first in (
-        (TRANSVERSE, "uniform", TRANSVERSE.detector.x, "x ($\\lambda$)", 4),
-        (AXIAL, "stratified", AXIAL.detector.z, "z ($\\lambda$)", 6),
+    for focus, G, axis, label, first in (
+        (TRANSVERSE, TRANSVERSE.monte_carlo(10 * n, "uniform", seed=0), TRANSVERSE.detector.x, "x", 4),
+        (AXIAL, AXIAL.monte_carlo(n, "stratified", seed=0), AXIAL.detector.z, "z", 6),
     ):
-        traced = focus.monte_carlo(n if sampling == "stratified" else 10 * n, sampling, seed=0).value
         density, ax_density = plt.subplots(figsize=(5, 3.4))
         degree, ax_degree = plt.subplots(figsize=(5, 3.4))
         for sigma in SIGMAS:
             colour = COLOURS[sigma]
             S, mu = profile(measured(focus, sigma))
-            S_traced, mu_traced = profile(propagate_csd(traced, source(focus, sigma)))
+            S_traced, mu_traced = profile(propagate_csd(G.value, source(focus, sigma)))
             ax_density.plot(axis, S, color=colour, label=f"$\\sigma_g/a$ = {sigma}")
             ax_density.plot(axis[::4], S_traced[::4], ".", markersize=3, color=colour)
             ax_degree.plot(axis, np.abs(mu), color=colour, label=f"$\\sigma_g/a$ = {sigma}")
             ax_degree.plot(axis[::4], np.abs(mu_traced)[::4], ".", markersize=3, color=colour)
-        ax_density.set(xlabel=label, ylabel="S / S(0)")
-        ax_degree.set(xlabel=label, ylabel="|$\\mu$(0, ·)|", ylim=(0, 1.02))
+        ax_density.set(xlabel=f"{label} ($\\lambda$)", ylabel="S / S(0)")
+        ax_degree.set(xlabel=f"{label} ($\\lambda$)", ylabel="|$\\mu$(0, ·)|", ylim=(0, 1.02))
         for figure, panel, number in ((density, ax_density, first), (degree, ax_degree, first + 1)):
             panel.legend(fontsize=7)
             save(figure, out, number)
@@ -233,7 +234,7 @@ def draw_realizations(out, quick):
         theory = np.sqrt(np.sum(S**2 * 2 * (1 - np.abs(mu) ** 2)) / (PIXELS - 1))
         panel.loglog(sizes, theory / np.sqrt(sizes), color=COLOURS[sigma])
         constants = []
-        for method, marker in (("kl", "o"), ("copula", "x")):
+        for method, marker in METHODS.items():
             errors = []
             for n in sizes:
                 squared = []
