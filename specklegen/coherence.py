@@ -271,7 +271,9 @@ def sample_fields(
         return (weights * np.sqrt(eigenvalues)) @ modes.T
     if method != "copula":
         reject("sample_fields method", "'kl' or 'copula'", method)
-    return _copula_angles_to_fields(_copula_angles(W0, phase_turns), W0, n, phase_turns, random)
+    return _copula_fields(_copula_angles(W0, phase_turns), n, phase_turns, random) * np.sqrt(
+        spectral_density(W0)
+    )
 
 
 def _copula_angles(W0: np.ndarray, turns: float) -> np.ndarray:
@@ -302,17 +304,17 @@ def _copula_angles(W0: np.ndarray, turns: float) -> np.ndarray:
     return beta
 
 
-def _copula_angles_to_fields(beta, W0, n, turns, random) -> np.ndarray:
-    diameter = max(2, math.ceil(math.sqrt(n) / 2))
+def _copula_fields(beta: np.ndarray, n: int, turns: float, random: np.random.Generator) -> np.ndarray:
+    """Fields of unit power from phases (cos beta Y1 + sin beta Y2) in a disc of a square of n pixels."""
+    diameter = max(8, math.ceil(math.sqrt(n) / 2))  # at least 52 phasors, for something like a Gaussian
     square = 2 * diameter
-    radius = np.hypot(*np.meshgrid(*2 * (np.arange(diameter) - (diameter - 1) / 2,)))
-    disc = radius <= diameter / 2
+    across = np.arange(diameter) - (diameter - 1) / 2
+    disc = np.hypot(across, across[:, None]) <= diameter / 2
     y1, y2 = random.normal(size=(2, disc.sum()))
     phase = 2 * math.pi * turns * (np.cos(beta)[:, None] * y1 + np.sin(beta)[:, None] * y2)
     grid = np.zeros((beta.size, square, square), complex)
     grid[:, :diameter, :diameter][:, disc] = np.exp(1j * phase)
-    fields = np.fft.fft2(grid).reshape(beta.size, -1)[:, :n] / math.sqrt(disc.sum())
-    return fields.T * np.sqrt(spectral_density(W0))
+    return np.fft.fft2(grid).reshape(beta.size, -1)[:, :n].T / math.sqrt(disc.sum())
 
 
 def propagate_csd(G: np.ndarray, W0: np.ndarray) -> np.ndarray:
