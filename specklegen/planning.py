@@ -231,7 +231,7 @@ def validity_verdicts(scene: Scene) -> list[Verdict]:
             Verdict(
                 "independent scattering",
                 True,
-                f"assumed, but doubtful: the mean free path {medium.mean_free_path:g} is below the wavelength {wavelength:g}",
+                f"assumed, but doubtful: the mean free path {medium.mean_free_path:g} is below the wavelength",
             )  # fmt: skip
         )
     if width**2 < 10 * wavelength * medium.thickness:
@@ -299,7 +299,7 @@ def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance:
 
 @lru_cache(maxsize=64)
 def _pilot(scene: Scene, reverse: bool) -> Pilot:
-    medium, sensor = scene.medium, scene.sensor
+    medium = scene.medium
     views = probe_views(scene)
     proposal = beam_proposal(medium, scene.beams, views, reverse=reverse)
     optics = Optics.of_scene(scene)
