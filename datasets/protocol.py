@@ -65,8 +65,15 @@ class Renderable(Protocol):
     parameters as a dict of float64[B], equal to the samples to the bit.
     """
 
-    name: str
-    data_version: int
+    @property
+    def name(self) -> str:
+        """Name for people."""
+        ...
+
+    @property
+    def data_version(self) -> int:
+        """Number that is raised whenever pixels change."""
+        ...
 
     def fingerprint(self) -> str:
         """SHA-256 of the canonical JSON."""

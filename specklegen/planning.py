@@ -7,7 +7,6 @@ seconds may differ between machines, choices may not.
 
 import os
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ from specklegen.stationary.kernel import keep_threshold
 from specklegen.stationary.objects import require_resolved
 from specklegen.streams import Stream, pilot_seed
 from specklegen.tracing import PathBank, Proposal, beam_proposal, trace
-from specklegen.values import reject
+from specklegen.values import reject, remembered
 
 Sampler = Literal["auto", "paths", "stationary"]
 PILOT_PATHS = 6000
@@ -215,7 +214,7 @@ def plan(
         reject(
             "Scene",
             f"renderable within {0.9 * total / 2**30:.1f} GiB",
-            f"{made.memory_bytes / 2**30:.1f} GiB for {len(scene.beams.directions)} tilts of {scene.sensor.shape} views",
+            f"{made.memory_bytes / 2**30:.1f} GiB for {len(scene.beams.directions)} tilts of {scene.sensor.shape}",
             "Render fewer tilts at a time (the same seed gives the same medium), or fewer views.",
         )
     return made
@@ -297,7 +296,7 @@ def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance:
     return Verdict(part, error.accepts(tolerance), said)
 
 
-@lru_cache(maxsize=64)
+@remembered(64)
 def _pilot(scene: Scene, reverse: bool) -> Pilot:
     medium = scene.medium
     views = probe_views(scene)
@@ -317,13 +316,13 @@ def _pilot(scene: Scene, reverse: bool) -> Pilot:
     return Pilot(proposal, bank, worst, intensity)
 
 
-@lru_cache(maxsize=64)
+@remembered(64)
 def _nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftEvaluator | None:
     assert isinstance(scene.sensor, FarFieldGrid)
     return build_evaluator(_pilot(scene, reverse).bank, Optics.of_scene(scene), scene.sensor, tolerance)
 
 
-@lru_cache(maxsize=64)
+@remembered(64)
 def _judge(scene: Scene, tolerance: float) -> StationaryError:
     return stationary_error(scene, _pilot(scene, False).proposal, tolerance)
 
@@ -381,7 +380,7 @@ def _seconds(made: Plan, threads: int) -> float:
     ns = made.paths * made.events_per_path * _EVENT
     if made.sampler == "stationary":
         grains = np.prod([n * made.scene.sensor.pitch / made.scene.speckle_size + 10 for n in made.scene.sensor.shape])  # type: ignore[union-attr]
-        return 1e-9 * (ns / threads + tilts * (grains * _NORMAL + views * 3.0)) + 5e-3
+        return float(1e-9 * (ns / threads + tilts * (grains * _NORMAL + views * 3.0)) + 5e-3)
     if made.nufft:
         ns += _nufft_ns(made.nufft, tilts, connections, int(views))
     else:

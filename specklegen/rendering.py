@@ -16,6 +16,7 @@ from specklegen.illumination import IncoherentObject
 from specklegen.mean import mean_field
 from specklegen.planning import CHUNK, Plan, Sampler, plan
 from specklegen.scene import Scene
+from specklegen.sensors import FarFieldGrid
 from specklegen.streams import Seed
 from specklegen.tracing import trace
 from specklegen.values import reject
@@ -191,7 +192,7 @@ def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) 
     scene = made.scene
     kernel = estimate_kernel(scene.medium, made.paths, seed, threads=threads)
     beams = scene.illumination
-    if isinstance(beams, IncoherentObject):
+    if isinstance(beams, IncoherentObject) and isinstance(scene.sensor, FarFieldGrid):
         objects = object_sampler(
             kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
             width=beams.width, profile=beams.profile, grid=scene.sensor,

@@ -126,7 +126,7 @@ class PathBank:
         """The connections of two and more scatterings."""
         return self.select(self.orders > 1)
 
-    def select(self, mask: np.ndarray) -> "PathBank":
+    def select(self, mask: np.ndarray | slice) -> "PathBank":
         """Return the connections chosen by a mask or a slice."""
         return replace(self, records=self.records[mask], orders=self.orders[mask], paths=self.paths[mask])
 

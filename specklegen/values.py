@@ -10,8 +10,9 @@ An error reads ``Owner.field must be RULE; got VALUE.`` and then the remedy, if 
 import hashlib
 import json
 import tomllib
-from functools import cached_property
-from typing import Annotated, Any, NoReturn, Self
+from collections.abc import Callable
+from functools import cached_property, lru_cache
+from typing import Annotated, Any, NoReturn, ParamSpec, Self, TypeVar, cast
 
 import numpy as np
 import tomli_w
@@ -137,6 +138,19 @@ class Value(BaseModel):
 
     def __hash__(self) -> int:
         return hash(self._canonical_json)
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Remember the last ``size`` results of a pure function of values, keyed by their content."""
+
+    def wrap(function: Callable[P, R]) -> Callable[P, R]:
+        return cast("Callable[P, R]", lru_cache(maxsize=size)(function))
+
+    return wrap
 
 
 def _frozen_array(value: Any) -> np.ndarray:

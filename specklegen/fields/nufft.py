@@ -256,7 +256,7 @@ def _transform(
     def term(r: int) -> np.ndarray:
         plan = finufft.Plan(
             1, grid.shape, n_trans=len(strengths), eps=0.3 * evaluator.tolerance, isign=-1,
-            dtype=dtype, nthreads=1,
+            dtype=np.dtype(dtype).name, nthreads=1,
         )  # fmt: skip
         plan.setpts(*points)
         transform = plan.execute((strengths * sensor[r]).astype(dtype))

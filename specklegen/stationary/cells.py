@@ -46,7 +46,7 @@ class Axis:
 def cells(wavelength: float, width: float, profile: Profile, pitch: float, span: float) -> Axis:
     """Cells along one axis for views ``pitch`` apart that, with all tilts, span ``span`` in direction sines."""
     grain = wavelength / width
-    period = next_fast_len(int(np.ceil((span + GUARD * grain) / pitch)) + 1)
+    period = int(next_fast_len(int(np.ceil((span + GUARD * grain) / pitch)) + 1))  # type: ignore[arg-type]
     size = wavelength / (period * pitch)
     count = int(np.ceil(_SUPPORT[profile] * width / size - 1e-9))
     return Axis(max(count, 1), size, period)

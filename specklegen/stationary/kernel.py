@@ -9,7 +9,6 @@ positive semidefinite for any set of tilts, and its errors are those of the batc
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from scipy.special import j0
@@ -20,6 +19,7 @@ from specklegen.media import Slab
 from specklegen.statistics import BATCHES, jackknife
 from specklegen.streams import Seed, Stream, pilot_seed
 from specklegen.tracing import PathBank, Proposal, plane_proposal, trace
+from specklegen.values import remembered
 
 _BINS = 512
 _SPAN = (1e-3, 1e3)  # smallest and largest radius told apart, over thickness + transport length
@@ -130,7 +130,7 @@ def keep_threshold(medium: Slab, proposal: Proposal, optics: Optics, tilt: np.nd
     return KEEP_ALWAYS * float(np.max(weights, axis=0).mean())
 
 
-@lru_cache(maxsize=64)
+@remembered(64)
 def _axial_threshold(medium: Slab) -> float:
     proposal = plane_proposal(medium, AXIS, AXIS)
     optics = plane_optics(medium, 1.0, AXIS[None])

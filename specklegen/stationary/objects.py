@@ -140,15 +140,15 @@ class ObjectSampler:
         form
             "pairs" or "points"; by default the one with fewer operations.
         """
-        brightness = torch.as_tensor(np.array(brightness)).to(self.modes)
+        lit = torch.as_tensor(np.array(brightness)).to(self.modes)
         with one_torch_thread():
             shared = medium.shape[-2:] != self.envelope.shape
             if form is None:
-                form = "pairs" if shared or self._pairs_cheaper(brightness) else "points"
+                form = "pairs" if shared or self._pairs_cheaper(lit) else "points"
             if form == "pairs":
-                spectrum = self._from_pairs(medium if shared else self.spectra(medium), brightness)
+                spectrum = self._from_pairs(medium if shared else self.spectra(medium), lit)
             else:
-                spectrum = self._from_points(medium, brightness)
+                spectrum = self._from_points(medium, lit)
             return ((self.camera_rows @ spectrum) @ self.camera_columns).real.contiguous()
 
     def _pairs_cheaper(self, brightness: torch.Tensor) -> bool:
@@ -250,7 +250,7 @@ def object_sampler(
 
 
 def _even_fast_length(n: int) -> int:
-    return 2 * int(next_fast_len((n + 1) // 2, real=True))
+    return 2 * int(next_fast_len((n + 1) // 2, real=True))  # type: ignore[arg-type]
 
 
 def require_resolved(field: str, wavelength: float, width: float, pitch: float) -> None:
@@ -267,5 +267,6 @@ def require_resolved(field: str, wavelength: float, width: float, pitch: float) 
             field,
             f"at most half the speckle size (wavelength / width = {grain:.3g})",
             pitch,
-            f"It undersamples the speckle: use a pitch <= {grain / 2:.3g}, or a beam narrower than {wavelength / (2 * pitch):.4g}.",
+            f"It undersamples the speckle: use a pitch <= {grain / 2:.3g}, or a beam narrower than "
+            f"{wavelength / (2 * pitch):.4g}.",
         )
