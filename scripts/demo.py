@@ -2,8 +2,8 @@
 
     python scripts/demo.py --out demo
 
-leaves in demo/: through-slab.zarr (a data set), through-slab.png and characters.png (objects,
-camera images, autocorrelations), tilt-stack.png (speckle that moves and decorrelates under tilt), memory-effect.png and .csv.
+leaves in demo/ through-slab.zarr (a data set), through-slab.png and characters.png (objects, camera images,
+autocorrelations), tilt-stack.png (speckle that moves and decorrelates under tilt) and memory-effect.png.
 """
 
 import argparse

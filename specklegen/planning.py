@@ -18,10 +18,9 @@ from specklegen.illumination import IncoherentObject
 from specklegen.mean import ballistic_fraction, mean_field
 from specklegen.parallel import thread_count
 from specklegen.scene import Scene
-from specklegen.sensors import FarFieldGrid
+from specklegen.sensors import FarFieldGrid, require_resolved
 from specklegen.stationary.criterion import StationaryError, stationary_error
 from specklegen.stationary.kernel import keep_threshold
-from specklegen.stationary.objects import require_resolved
 from specklegen.streams import Stream, pilot_seed
 from specklegen.tracing import PathBank, Proposal, beam_proposal, trace
 from specklegen.values import reject, remembered

@@ -115,4 +115,23 @@ class FarFieldGrid(Value):
         )
 
 
+def require_resolved(field: str, wavelength: float, width: float, pitch: float) -> None:
+    """Refuse a grid that undersamples the speckle's intensity: pitch <= wavelength / (2 width).
+
+    Raises
+    ------
+    RuleError
+        Naming the pitch, the speckle size and the remedy.
+    """
+    grain = wavelength / width
+    if pitch > 0.5 * grain * (1 + 1e-9):
+        reject(
+            field,
+            f"at most half the speckle size (wavelength / width = {grain:.3g})",
+            pitch,
+            f"It undersamples the speckle: use a pitch <= {grain / 2:.3g}, or a beam narrower than "
+            f"{wavelength / (2 * pitch):.4g}.",
+        )
+
+
 Sensor = Annotated[FarField | FarFieldGrid, Field(discriminator="type")]

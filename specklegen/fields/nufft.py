@@ -37,20 +37,28 @@ class ViewFactor:
     ----------
     views : float64[R, 3]
         Skeleton views.
-    patterns : complex128[R, H, W]
-        P_r on the grid.
+    mix : complex128[R, nodes, nodes]
+        P_r at Chebyshev nodes; :meth:`pattern` spreads one over the grid.
+    rows, columns : float64[H, nodes], float64[W, nodes]
+        Interpolation from the nodes to the grid.
     error : float
         Relative root mean square error of F on held-out connections and views, weighted as in the field.
     """
 
     views: np.ndarray
-    patterns: np.ndarray
+    mix: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
     error: float
 
     @property
     def rank(self) -> int:
         """Number of skeleton views."""
         return len(self.views)
+
+    def pattern(self, r: int) -> np.ndarray:
+        """P_r on the grid, complex128[H, W]."""
+        return self.rows @ self.mix[r] @ self.columns.T
 
 
 def multiple_factor(bank: PathBank, optics: Optics, grid: FarFieldGrid, tolerance: float) -> ViewFactor | None:
@@ -110,14 +118,15 @@ def _decompose(
             guess = (factor(test, views) * test_weight) @ lattice.at(mix, spots.x, spots.y)
             error = float(np.linalg.norm(guess - truth) / scale)
             if error <= tolerance:
-                return ViewFactor(views, lattice.on_grid(mix), error)
+                return ViewFactor(views, lattice.cube(mix), *lattice.to_grid(), error)
             if rank > ranks + 8:
                 break
     return None
 
 
 def _constant(grid: FarFieldGrid) -> ViewFactor:
-    return ViewFactor(grid.center_direction[None], np.ones((1, *grid.shape), np.complex128), 0.0)
+    rows, columns = (np.ones((n, 1)) for n in grid.shape)
+    return ViewFactor(grid.center_direction[None], np.ones((1, 1, 1), complex), rows, columns, 0.0)
 
 
 @dataclass(frozen=True)
@@ -157,15 +166,18 @@ class _Lattice:
         weights = np.where(order == 0, 1.0, 2.0) / self.nodes
         return np.cos(np.arccos(s)[:, None] * order) * weights @ np.cos(np.arccos(self._t)[:, None] * order).T
 
+    def cube(self, mix: np.ndarray) -> np.ndarray:
+        """View complex128[R, nodes * nodes] as [R, rows, columns]."""
+        return mix.reshape(len(mix), self.nodes, self.nodes)
+
     def at(self, mix: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Interpolate complex128[R, nodes * nodes] to scattered sines: complex128[R, n]."""
-        cube = mix.reshape(len(mix), self.nodes, self.nodes)
-        return np.einsum("rab,na,nb->rn", cube, self._matrix(self.y, y), self._matrix(self.x, x), optimize=True)
+        rows, columns = self._matrix(self.y, y), self._matrix(self.x, x)
+        return np.einsum("rab,na,nb->rn", self.cube(mix), rows, columns, optimize=True)
 
-    def on_grid(self, mix: np.ndarray) -> np.ndarray:
-        """Interpolate to the whole grid: complex128[R, H, W]."""
-        cube = mix.reshape(len(mix), self.nodes, self.nodes)
-        return self._matrix(self.y, self.y) @ cube @ self._matrix(self.x, self.x).T
+    def to_grid(self) -> tuple[np.ndarray, np.ndarray]:
+        """Interpolation matrices to the whole grid, float64[H, nodes] and float64[W, nodes]."""
+        return self._matrix(self.y, self.y), self._matrix(self.x, self.x)
 
 
 def _stretch(axis: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -261,7 +273,7 @@ def _transform(
         plan.setpts(*points)
         transform = plan.execute((strengths * sensor[r]).astype(dtype))
         transform = transform.reshape(len(strengths), *grid.shape)
-        transform *= factor.patterns[r].astype(dtype)
+        transform *= factor.pattern(r).astype(dtype)
         return transform
 
     terms = map_blocks(term, range(factor.rank), threads)

@@ -19,13 +19,12 @@ import torch
 from scipy.fft import next_fast_len
 
 from specklegen.illumination import Profile, illuminated_area, object_sines
-from specklegen.sensors import FarFieldGrid
+from specklegen.sensors import FarFieldGrid, require_resolved
 from specklegen.stationary.cells import Axis, cells, window
 from specklegen.stationary.kernel import MemoryKernel
 from specklegen.stationary.normals import complex_normals
 from specklegen.stationary.sampler import mean_intensity, one_torch_thread
 from specklegen.streams import Seed
-from specklegen.values import reject
 
 Form = Literal["pairs", "points"]
 
@@ -251,22 +250,3 @@ def object_sampler(
 
 def _even_fast_length(n: int) -> int:
     return 2 * int(next_fast_len((n + 1) // 2, real=True))  # type: ignore[arg-type]
-
-
-def require_resolved(field: str, wavelength: float, width: float, pitch: float) -> None:
-    """Refuse a grid that undersamples the speckle's intensity: pitch <= wavelength / (2 width).
-
-    Raises
-    ------
-    RuleError
-        Naming the pitch, the speckle size and the remedy.
-    """
-    grain = wavelength / width
-    if pitch > 0.5 * grain * (1 + 1e-9):
-        reject(
-            field,
-            f"at most half the speckle size (wavelength / width = {grain:.3g})",
-            pitch,
-            f"It undersamples the speckle: use a pitch <= {grain / 2:.3g}, or a beam narrower than "
-            f"{wavelength / (2 * pitch):.4g}.",
-        )

@@ -117,7 +117,8 @@ def stack_sampler(
         If the tilts reach too far for a transform of reasonable size.
     """
     beams, grid = scene.illumination, scene.sensor
-    assert isinstance(beams, CollimatedBeams) and isinstance(grid, FarFieldGrid)
+    assert isinstance(beams, CollimatedBeams)
+    assert isinstance(grid, FarFieldGrid)
     sines = beams.directions[:, :2]
     axes = []
     for axis, name in ((0, "x"), (1, "y")):
