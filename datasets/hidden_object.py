@@ -122,17 +122,10 @@ class HiddenObject(Recipe):
                 "camera_pitch": self.grid.pitch,
                 "object_pitch": self.pitch(material),
                 "extent_over_range": self.pitch(material) * max(self.objects.shape) / material.range_sine(wavelength),
-                "expected_contrast": expected_contrast(sampler, brightness),
+                "expected_contrast": sampler.expected_contrast(brightness),
                 "medium": float(medium),
             },
         }
-
-
-def expected_contrast(sampler: ObjectSampler, brightness: np.ndarray) -> float:
-    """Expected contrast of the image: its square is sum_jl O_j O_l C_I(j, l) / (sum O)^2."""
-    modes = sampler.modes.double().numpy()
-    weighted = (modes * brightness.reshape(-1)) @ modes.T
-    return float(np.sqrt(np.square(weighted).sum()) / brightness.sum(dtype=np.float64))
 
 
 @lru_cache(maxsize=64)

@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
+TREES = {"specklegen": "specklegen", "datasets": "specklegen.datasets", "models": "specklegen.models"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 
 def _folders() -> set[str]:
     """Every package in the tree, under the name that it is imported by."""
     found = set()
-    for top, name in (("specklegen", "specklegen"), ("datasets", "specklegen.datasets"), ("models", "specklegen.models")):
+    for top, name in TREES.items():
         for init in (ROOT / top).rglob("__init__.py"):
             parts = init.parent.relative_to(ROOT / top).parts
             if top == "specklegen" and parts[:1] in (("datasets",), ("models",)):
@@ -31,8 +32,8 @@ def test_every_package_is_listed():
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> zipfile.ZipFile:
     out = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", str(out), str(ROOT)]
-    pytest.importorskip("setuptools", minversion="77")
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "-w", str(out)]
+    command = [sys.executable, "-m", "pip", "wheel", *options, str(ROOT)]
     subprocess.run(command, check=True, capture_output=True, timeout=300)
     return zipfile.ZipFile(next(out.glob("*.whl")))
 
@@ -40,13 +41,13 @@ def wheel(tmp_path_factory) -> zipfile.ZipFile:
 def test_wheel_holds_code_and_data(wheel):
     names = set(wheel.namelist())
     wanted = {"specklegen/py.typed"}
-    for top, name in (("specklegen", "specklegen"), ("datasets", "specklegen/datasets"), ("models", "specklegen/models")):
+    for top, name in TREES.items():
         for pattern in ("*.py", "recipes/*.toml", "data/*.npz"):
             for file in (ROOT / top).rglob(pattern):
                 parts = file.relative_to(ROOT / top).parts
                 if top == "specklegen" and parts[0] in ("datasets", "models"):
                     continue
-                wanted.add("/".join([name, *parts]))
+                wanted.add("/".join([name.replace(".", "/"), *parts]))
     assert wanted - names == set()
     assert not [n for n in names if n.startswith(("datasets/", "models/", "tests/"))]
 

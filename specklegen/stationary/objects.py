@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 import torch
 from scipy.fft import next_fast_len
+from scipy.signal import correlate
 
 from specklegen.illumination import Profile, illuminated_area, object_sines
 from specklegen.sensors import FarFieldGrid, require_resolved
@@ -85,6 +86,8 @@ class ObjectSampler:
     shape : (h, w)
     mean : float
         Expected image of an object of total brightness 1.
+    overlap : float64[2h - 1, 2w - 1]
+        Correlation, at one camera pixel, of the intensities of two object pixels that far apart.
     """
 
     modes: torch.Tensor
@@ -98,6 +101,17 @@ class ObjectSampler:
     camera_columns: torch.Tensor
     shape: tuple[int, int]
     mean: float
+    overlap: np.ndarray
+
+    def expected_contrast(self, brightness: np.ndarray) -> float:
+        """Expected contrast of the image of an object real[h, w], relative to its expected intensity.
+
+        contrast^2 = sum_jl O_j O_l C_I(i_j - i_l) |W^(i_j - i_l)|^2 / (sum O)^2: pixels further apart than a
+        grain add their speckle independently, however far the memory effect reaches.
+        """
+        lit = np.asarray(brightness, dtype=np.float64)
+        pairs = correlate(lit, lit, method="fft")
+        return float(np.sqrt(max((pairs * self.overlap).sum(), 0.0)) / lit.sum())
 
     @property
     def rank(self) -> int:
@@ -245,7 +259,20 @@ def object_sampler(
         camera_columns=put(np.exp(-1j * k * lag_x[:, None] * view_x) * twice[:, None], dtype),
         shape=object_shape,
         mean=mean_intensity(kernel, area),
+        overlap=_overlap(kernel, window(x, y, width, profile) ** 2, x, y, object_shape, k * object_pitch),
     )
+
+
+def _overlap(
+    kernel: MemoryKernel, power: np.ndarray, x: Axis, y: Axis, shape: tuple[int, int], step: float
+) -> np.ndarray:
+    """C_I |W^|^2 at the differences between object pixels, ``step`` apart in lateral wavevector."""
+    lags = [np.arange(1 - n, n) * step for n in shape]
+    rows = np.exp(1j * lags[0][:, None] * y.positions)
+    columns = np.exp(1j * lags[1][:, None] * x.positions)
+    q = np.hypot(lags[0][:, None], lags[1])
+    unique, inverse = np.unique(q, return_inverse=True)
+    return np.square(np.abs(rows @ power @ columns.T) * kernel(unique)[inverse].reshape(q.shape))
 
 
 def _even_fast_length(n: int) -> int:
