@@ -109,7 +109,9 @@ def test_sincos_turns_is_exact_to_rounding(span):
     turns[:9] = [0.0, -0.0, 0.125, -0.125, 0.25, 0.5, 0.75, -0.25, span]
     out = np.empty((turns.size, 2))
     _sincos(turns, out)
-    angle = (turns - np.rint(turns)).astype(np.longdouble) * (2 * np.longdouble("3.14159265358979323846264338327950288"))
+    angle = (turns - np.rint(turns)).astype(np.longdouble) * (
+        2 * np.longdouble("3.14159265358979323846264338327950288")
+    )
     # The bound that the module states. Reduction to a period is exact, so it holds at any distance.
     assert np.abs(out[:, 0] - np.sin(angle)).max() < 2e-15
     assert np.abs(out[:, 1] - np.cos(angle)).max() < 2e-15
