@@ -122,7 +122,7 @@ def memory_effect(
         sine = 0.0 if mode == "transmission" else np.sin(_OFF_BACKSCATTER)
         view = directions_of_sines("view", [sine, 0.0], side)
     view = np.asarray(view, dtype=np.float64)
-    if view.shape != (3,) or abs(np.linalg.norm(view) - 1) > 1e-6 or view[2] * side <= 0:
+    if view.shape != (3,) or not abs(np.linalg.norm(view) - 1) <= 1e-6 or view[2] * side <= 0:
         reject("memory_effect view", f"a unit vector of shape (3,) on the side of {mode}", view)
 
     light = directions_of_sines("memory_effect tilts", np.stack([np.sin(tilts), 0 * tilts], -1))

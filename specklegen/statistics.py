@@ -19,7 +19,7 @@ def jackknife(batches: np.ndarray, function: Callable[[np.ndarray], np.ndarray])
     batches
         float64 or complex128[n, ...], what each batch adds to the sums.
     function
-        Maps sums [...] to values [...].
+        Maps sums [...] to values [...]; a function of ratios of sums, since it is called with a batch less.
 
     Returns
     -------

@@ -87,7 +87,7 @@ def double_to_single(optical_depth: float) -> float:
 
 
 def _x_over_sinh(x: np.ndarray) -> np.ndarray:
-    """X / sinh x = 2 x e^-x / (1 - e^-2x), without overflow, 1 at 0."""
+    """Return x / sinh x = 2 x e^-x / (1 - e^-2x), without overflow, 1 at 0."""
     x = np.abs(x)
     safe = np.where(x > 0, x, 1.0)
     return np.where(x > 0, -2 * safe * np.exp(-safe) / np.expm1(-2 * safe), 1.0)

@@ -176,6 +176,8 @@ def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:
     RuleError
         If the last axis is not 2 or 3 long, or a vector's length differs from 1 by more than 1e-6.
     """
+    if vectors.shape == (0,):  # no vectors at all: nested lists lose the last axis
+        vectors = vectors.reshape(0, 3)
     if vectors.ndim < 1 or vectors.shape[-1] not in (2, 3):
         reject(field, "unit vectors along the last axis, of length 2 or 3", vectors.shape)
     lengths = np.linalg.norm(vectors, axis=-1)

@@ -145,7 +145,8 @@ def trace_slab(
         y1 = fy + depth * iy
         # sigma_s / p1, where p1 = (1/area) sigma_t e^(-sigma_t depth) / full_depth / iz per volume.
         first_weight = albedo * area * iz * full_depth * math.exp(sigma_t * depth)
-        entry_beam = profile(footprint, radius, fx, fy)
+        # Points that only other tilts light are judged as if this one did, else they would never be kept.
+        entry_beam = profile(footprint, radius, fx, fy) if footprint == GAUSSIAN else 1.0
         entry_power = entry_beam * entry_beam / iz * math.exp(-sigma_t * depth)
 
         # Single scattering is its own reverse and is never doubled.
