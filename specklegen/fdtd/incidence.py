@@ -7,13 +7,16 @@ grid a plane wave of frequency omega (radians a step) advances by theta a cell,
 
 and a soft source f that adds 2 S f to one cell emits f/cos(theta/2) half a step later. Sample n of a record
 is the field after step n.
+
+The ends of the grid are first-order Mur boundaries, e_0^{n+1} = e_1^n + c (e_1^{n+1} - e_0^n), which let one
+frequency out exactly, c = sin((omega - theta)/2)/sin((omega + theta)/2). The textbook's (S - 1)/(S + 1) is
+frequency 0; here it is the root mean square frequency of the pulse, which leaves an eighth of the echo.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, rfft
 
 from specklegen.fdtd.layers import RandomLayer
 from specklegen.values import Positive, Value, reject
@@ -50,6 +53,7 @@ class Incidence:
 
     courant : S, of the background
     dt : time step times c0
+    mur : coefficient of the ends
     margin : cells between the layer and each end of the grid
     source : float64[T], the soft source
     n_fft, bins : length of the discrete Fourier transform, and its lines int[F] that the pulse occupies
@@ -59,6 +63,7 @@ class Incidence:
 
     courant: float
     dt: float
+    mur: float
     margin: int
     source: np.ndarray
     n_fft: int
@@ -92,7 +97,7 @@ class Incidence:
         lines = np.asarray(response) * self.spectrum
         full = np.zeros((*lines.shape[:-1], self.n_fft // 2 + 1), dtype=complex)
         full[..., self.bins] = lines
-        return irfft(full, self.n_fft, axis=-1)[..., : self.steps]
+        return np.fft.irfft(full, self.n_fft, axis=-1)[..., : self.steps]
 
     def basis(self) -> np.ndarray:
         """Real matrix float64[2F, T]: a response (Re, Im) times it is its time series."""
@@ -149,7 +154,7 @@ def illuminate(
     steps = math.ceil(2 * pulse.delay * pulse.duration / dt + 2.2 * crossing)
     source = pulse(dt * np.arange(steps))
     n_fft = 1 << (steps + math.ceil(2 * layer.n_points / courant)).bit_length()  # no wrap: run + round trip
-    lines = rfft(source, n_fft)
+    lines = np.fft.rfft(source, n_fft)
     kept = np.abs(lines) > _FLOOR * np.abs(lines).max()
     kept[0] = False  # at zero frequency nothing scatters: r = 0, t = 1
     bins = np.flatnonzero(kept)
@@ -164,4 +169,8 @@ def illuminate(
         )
     theta = phase_per_cell(omega, courant)
     emitted = np.exp(1j * (omega / 2 - theta * _SOURCE_DISTANCE)) / np.cos(theta / 2)
-    return Incidence(courant, dt, margin, source, n_fft, bins, omega, theta, lines[bins] * emitted)
+    spectrum = lines[bins] * emitted
+    centre = math.sqrt(np.average(omega**2, weights=np.abs(spectrum) ** 2))
+    advance = float(phase_per_cell(np.array(centre), courant))
+    mur = math.sin((centre - advance) / 2) / math.sin((centre + advance) / 2)
+    return Incidence(courant, dt, mur, margin, source, n_fft, bins, omega, theta, spectrum)

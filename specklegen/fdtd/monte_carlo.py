@@ -80,7 +80,7 @@ def monte_carlo_mean(
 def _grid_responses(kappa: np.ndarray, incidence: Incidence) -> tuple[np.ndarray, np.ndarray]:
     """Scattered responses at both faces, real and imaginary parts side by side: float64[R, 2F] each."""
     shape = (len(kappa), incidence.theta.size)
-    back, forward = np.empty(shape, dtype=complex), np.empty(shape, dtype=complex)
+    back, forward = np.empty(shape, dtype=np.complex128), np.empty(shape, dtype=np.complex128)
     grid_scattering(kappa, incidence.theta, back, forward)
     forward -= 1
     forward *= np.exp(-1j * incidence.theta * (kappa.shape[1] - 1))

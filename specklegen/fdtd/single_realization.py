@@ -102,7 +102,8 @@ def mean_currents(polarization: np.ndarray, incidence: Incidence) -> np.ndarray:
 
 def _march(polarization: np.ndarray, incidence: Incidence) -> tuple[np.ndarray, np.ndarray]:
     back, forward = np.empty((2, incidence.steps))
-    march_currents(mean_currents(polarization, incidence), incidence.courant, incidence.margin, back, forward)
+    grid = incidence.courant, incidence.mur, incidence.margin
+    march_currents(mean_currents(polarization, incidence), *grid, back, forward)
     return back, forward
 
 
@@ -129,6 +130,7 @@ def _delayed(moments: Moments, incidence: Incidence, delays: str) -> np.ndarray:
     if delays == "all":
         return full
     if delays == "single":
-        fit = single_delay(full, incidence.omega, np.abs(incidence.spectrum) ** 2)
+        round_trip = 2 * full.shape[1] / incidence.courant
+        fit = single_delay(full, incidence.omega, np.abs(incidence.spectrum) ** 2, round_trip)
         return fit.out_of_phase(incidence.omega)
     reject("single_realization delays", "one of 'all', 'single'", delays)

@@ -4,9 +4,9 @@ Total field ([Tan13] Eq. 15): eps dt E = -dx H, mu0 dt H = -dx E; the scattered 
 the incident field of the same grid is subtracted. Scattered form (Eq. 17): the incident field, marched
 beside it, drives the scattered one through (eps - eps_b) dt E_inc. Both agree to rounding.
 
-The ends are first-order Mur boundaries: exact for S = 1, and otherwise a floor of 1e-3 or less of the
-scattered field (5e-4 back, 6e-5 forward in the reference layer). ``margin`` moves them away; with a margin
-of half the number of steps nothing returns in time.
+The ends are first-order Mur boundaries tuned to the pulse: exact for S = 1, and otherwise a floor under
+the scattered field (`incidence`). ``margin`` moves them away; with a margin of half the number of steps
+nothing returns in time.
 """
 
 from typing import Literal
@@ -92,5 +92,6 @@ def _incident(incidence: Incidence, cells: int) -> tuple[np.ndarray, np.ndarray]
 
 def _records(kernel, kappa: np.ndarray, incidence: Incidence) -> tuple[np.ndarray, np.ndarray]:
     first, last = np.empty((2, len(kappa), incidence.steps))
-    kernel(kappa, incidence.courant, incidence.margin, incidence.source, incidence.source_cell, first, last)
+    grid = incidence.courant, incidence.mur, incidence.margin
+    kernel(kappa, *grid, incidence.source, incidence.source_cell, first, last)
     return first, last

@@ -6,8 +6,8 @@ number, kappa = (n/n_b)^2 - 1 the relative permittivity fluctuation at the E nod
     h_{k+1/2} -= S (e_{k+1} - e_k);      e_k -= S / (1 + kappa_k) (h_{k+1/2} - h_{k-1/2})
 
 The layer occupies cells ``margin .. margin + N - 1`` of ``N + 2 margin``; both ends are first-order Mur
-boundaries, and a march records e at the first and at the last cell of the layer. Sample n of a record
-is the field after step n.
+boundaries of coefficient ``mur``, and a march records e at the first and at the last cell of the layer.
+Sample n of a record is the field after step n.
 """
 
 import math
@@ -59,14 +59,13 @@ def _mur(e, left, right, coefficient):
 
 
 @kernel
-def march_total(kappa, courant, margin, source, source_cell, first, last):
+def march_total(kappa, courant, mur, margin, source, source_cell, first, last):
     """March the total field of every medium; ``first``, ``last`` float64[R, T] receive the records.
 
     ``source`` float64[T] is soft: it emits its own amplitude each way (1/cos(theta/2) of it on the grid).
     """
     realizations, cells = kappa.shape
     size = cells + 2 * margin
-    mur = (courant - 1.0) / (courant + 1.0)
     coefficient = np.full(size, courant)
     e, h = np.empty(size), np.empty(size - 1)
     for r in range(realizations):
@@ -86,14 +85,13 @@ def march_total(kappa, courant, margin, source, source_cell, first, last):
 
 
 @kernel
-def march_scattered(kappa, courant, margin, source, source_cell, first, last):
+def march_scattered(kappa, courant, mur, margin, source, source_cell, first, last):
     """March the scattered field alone, driven by the incident field on the same grid ([Tan13] Eq. 17).
 
     eps dt E_s = -dx H_s - (eps - eps_b) dt E_inc. On the grid e_inc^{n+1} - e_inc^n = -S (h_inc jump).
     """
     realizations, cells = kappa.shape
     size = cells + 2 * margin
-    mur = (courant - 1.0) / (courant + 1.0)
     coefficient, drive = np.full(size, courant), np.zeros(size)
     e, h = np.empty(size), np.empty(size - 1)
     e_inc, h_inc = np.empty(size), np.empty(size - 1)
@@ -120,11 +118,10 @@ def march_scattered(kappa, courant, margin, source, source_cell, first, last):
 
 
 @kernel
-def march_currents(currents, courant, margin, first, last):
+def march_currents(currents, courant, mur, margin, first, last):
     """March the mean scattered field in the background, driven by ``currents`` float64[T, N] in the layer."""
     steps, cells = currents.shape
     size = cells + 2 * margin
-    mur = (courant - 1.0) / (courant + 1.0)
     e, h = np.zeros(size), np.zeros(size - 1)
     for n in range(steps):
         _advance_h(e, h, courant)
@@ -143,7 +140,8 @@ def grid_scattering(kappa, theta, reflected, transmitted):
     """Exact scattering of the Yee grid: fill ``reflected``, ``transmitted`` complex128[R, F].
 
     Backwards through the layer from an outgoing wave,
-    e_{k-1} = (2 - 4 sin^2(theta/2) (1 + kappa_k)) e_k - e_{k+1}. The coefficient is real, so real and imaginary parts march apart, all frequencies side by side.
+    e_{k-1} = (2 - 4 sin^2(theta/2) (1 + kappa_k)) e_k - e_{k+1}. The coefficient is real, so real and
+    imaginary parts march apart, all frequencies side by side.
     ``theta`` float64[F], in (0, pi): the phase per cell of the background.
     """
     realizations, cells = kappa.shape
