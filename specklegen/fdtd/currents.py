@@ -19,7 +19,7 @@ import numpy as np
 from specklegen.fdtd.layers import Moments
 from specklegen.values import reject
 
-_HALVINGS = 14  # a quarter of a period to 1e-4 rad, where the fit is flat to 1e-8
+_HALVINGS = 11  # a 32nd of a period to 1e-4 rad, where the fit is flat to 1e-8
 
 
 def in_phase(moments: Moments) -> np.ndarray:
@@ -66,7 +66,7 @@ def single_delay(p: np.ndarray, omega: np.ndarray, weight: np.ndarray, longest: 
     """Fit a real amplitude and one delay to the out-of-phase sums over a band ([Tan13] Eqs. 33-35).
 
     For a given delay the best amplitude is Re<P e^{i omega d}>, and what it explains is its square; the delay
-    maximises that, first among delays a quarter of the band's fastest period apart, then by bisection.
+    maximises that, first among delays a 32nd of the band's fastest period apart, then by bisection.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def single_delay(p: np.ndarray, omega: np.ndarray, weight: np.ndarray, longest: 
     def amplitude(delay: np.ndarray) -> np.ndarray:
         return np.real(weighted * np.exp(1j * omega[:, None] * delay)).sum(axis=0)
 
-    step = np.pi / (2 * omega.max())
+    step = np.pi / (16 * omega.max())  # fine enough to tell neighbouring half periods apart
     coarse = np.arange(0, longest + step, step)
     scan = np.abs(np.real(weighted.T @ np.exp(1j * omega[:, None] * coarse)))
     delay = coarse[scan.argmax(axis=1)]
