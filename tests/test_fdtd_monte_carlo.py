@@ -15,6 +15,9 @@ from specklegen.fdtd import (
 
 LAYER = RandomLayer(correlation_length=0.1, n_points=300)
 PULSE = Pulse(duration=0.5, delay=5.0)  # begins at 1e-11 of its peak
+ROOT_ROUNDING = 2 * np.sqrt(
+    np.finfo(float).eps
+)  # of a variance that is a difference of squares, where it is small
 SIDES = ("back", "forward", "back_error", "forward_error")
 
 
@@ -36,8 +39,7 @@ def test_mean_is_the_mean_of_single_runs():
     fields = yee(LAYER, pulse=PULSE, kappa=LAYER.sample(10, 3))
     mean = monte_carlo_mean(LAYER, 10, "fdtd", pulse=PULSE, seed=3)
     assert rel(mean.back, fields.back.mean(axis=0)) < 1e-12
-    # variance as a difference of squares loses mean^2/variance: little, the mean being small beside the spread
-    assert rel(mean.forward_error, fields.forward.std(axis=0, ddof=1) / np.sqrt(10)) < 1e-9
+    assert rel(mean.forward_error, fields.forward.std(axis=0, ddof=1) / np.sqrt(10)) < ROOT_ROUNDING
     assert mean.realizations == 10
     assert mean.validity is None
 
@@ -49,8 +51,8 @@ def test_transfer_matrix_mean_and_error_are_those_of_the_single_media():
     mean = monte_carlo_mean(LAYER, 300, pulse=PULSE, seed=5)
     assert rel(mean.back, back.mean(axis=0)) < 1e-12
     assert rel(mean.forward, forward.mean(axis=0)) < 1e-12
-    assert rel(mean.back_error, back.std(axis=0, ddof=1) / np.sqrt(300)) < 1e-9
-    assert rel(mean.forward_error, forward.std(axis=0, ddof=1) / np.sqrt(300)) < 1e-9
+    assert rel(mean.back_error, back.std(axis=0, ddof=1) / np.sqrt(300)) < ROOT_ROUNDING
+    assert rel(mean.forward_error, forward.std(axis=0, ddof=1) / np.sqrt(300)) < ROOT_ROUNDING
 
 
 def test_result_does_not_depend_on_threads_and_is_pure():
@@ -98,7 +100,7 @@ def test_table_of_marched_brute_force(modulated, lc, back, forward):
     brute = monte_carlo_mean(layer, 4000, "fdtd", pulse=pulse)
     mean = single_realization(layer, covariance="sample", kappa=layer.sample(4000, 0), pulse=pulse)
     spread = 0.21 if modulated else 0.3
-    # back at short L_c the mean is smaller than its standard error: its relative error varies by 2.5 with the draw
+    # back at short L_c the mean is below its standard error: its relative error varies by 2.5 with the draw
     assert back / 3 < rel(mean.back, brute.back) < 2 * back
     assert rel(mean.forward, brute.forward) == pytest.approx(forward, rel=0.1 + spread)
 

@@ -9,6 +9,7 @@ from specklegen.fdtd import (
     RandomLayer,
     illuminate,
     in_phase,
+    monte_carlo_mean,
     out_of_phase,
     phase_variance,
     sample_moments,
@@ -90,17 +91,16 @@ def test_second_order_against_brute_force_every_row(modulated, lc):
 
 
 @pytest.mark.parametrize(
-    ("sigma", "lc", "back", "forward"),
+    ("sigma", "lc", "expected", "seeds"),
     [
-        (0.003, 0.5, 0.0026, 0.0007),
-        (0.01, 0.5, 0.041, 0.0073),
-        (0.06, 0.5, 5.25, 0.282),
-        (0.01, 3.0, 0.155, 0.019),
+        (0.003, 0.5, (0.0026, 0.0007), 8),  # third moments of the sample scatter it from .0006 to .0015
+        (0.01, 0.5, (0.041, 0.0073), 3),
+        (0.06, 0.5, (5.25, 0.282), 3),
+        (0.01, 3.0, (0.155, 0.019), 3),
     ],
 )
-def test_second_order_against_the_strength(sigma, lc, back, forward):
-    layer = RandomLayer(correlation_length=lc, rms_index=sigma)
-    check_second_order(layer, Pulse(), (back, forward), range(3))
+def test_second_order_against_the_strength(sigma, lc, expected, seeds):
+    check_second_order(RandomLayer(correlation_length=lc, rms_index=sigma), Pulse(), expected, range(seeds))
 
 
 @quiet
@@ -230,7 +230,7 @@ def test_sample_of_one_is_the_born_series_of_that_medium():
 
 
 def test_second_order_leaves_a_third():
-    """The exact grid solution less two orders is of third order: eightfold for twice the fluctuation."""
+    """What two orders leave out is of third order: eightfold for twice the fluctuation."""
     theta = np.array([0.03])
     medium = RandomLayer(correlation_length=0.02, n_points=100).sample(1, 0)
     left = []
@@ -280,11 +280,12 @@ def test_march_with_mean_currents_is_its_closed_form(modulated):
 
 @quiet
 def test_sample_and_stationary_covariance_meet_for_many_media():
-    """Forward, where 4000 media know the mean; the back field is noise (standard error 0.7 of it at this L_c)."""
+    """Forward; the back mean of 4000 media is noise at this L_c (standard error 0.7 of it)."""
     layer = RandomLayer(correlation_length=0.02)
     exact = single_realization(layer, method="frequency")
     sample = single_realization(layer, method="frequency", covariance="sample", kappa=layer.sample(4000, 0))
-    assert rel(sample.forward, exact.forward) < 5 * 0.134  # standard error of the forward mean: .134
+    error = np.linalg.norm(monte_carlo_mean(layer, 4000).forward_error)
+    assert np.linalg.norm(sample.forward - exact.forward) < 4 * error
 
 
 def test_no_fluctuation_gives_exactly_nothing():
@@ -342,7 +343,7 @@ def test_single_delay_works_for_short_correlation_only():
 def test_single_delay_march():
     layer = RandomLayer(correlation_length=0.02)
     full, single = (single_realization(layer, delays=d) for d in ("all", "single"))
-    assert 0.01 < rel(single.back, full.back) < 0.06
+    assert 1e-3 < rel(single.back, full.back) < 0.03
     assert rel(single.forward, full.forward) < 0.01
 
 
@@ -373,7 +374,7 @@ def test_long_correlation_warns_and_reports_the_phase_variance(lc, failed):
 @quiet
 @pytest.mark.parametrize(("modulated", "lc"), [row for row in SECOND_ORDER if row[1] >= 0.05 and row[0]])
 def test_predicted_errors_are_the_documents(modulated, lc):
-    """V/4 forward within a third or so (at short L_c third moments of the sample count); 3 V back within 2."""
+    """V/4 forward within a third or so (third moments of the sample count, too); 3 V back within 2."""
     layer = RandomLayer(correlation_length=lc)
     validity = single_realization(layer, method="frequency", pulse=Pulse(modulated=modulated)).validity
     back, forward = SECOND_ORDER[modulated, lc]

@@ -82,7 +82,7 @@ def test_mur_ends_are_exact_at_courant_one():
 
 @pytest.mark.parametrize("courant", [1 / 1.45, 0.9])
 def test_time_domain_is_the_frequency_domain_solution(courant):
-    """To 1e-6 where nothing returns from the ends; to 1e-3 with Mur ends 20 cells away (measured 6e-5, 7e-6)."""
+    """To 1e-6 where nothing returns from the ends; to 1e-3 with Mur ends 20 cells away (measured 6e-5)."""
     layer = RandomLayer(correlation_length=0.5)
     kappa = layer.sample(1, 0)
     for margin, bound in ((6000, 1e-6), (20, 1e-3)):
