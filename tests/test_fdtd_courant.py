@@ -108,5 +108,5 @@ def test_permittivities_that_are_not_positive_are_refused(bad):
 
 
 def test_unknown_method_is_refused():
-    with pytest.raises(ValueError, match="courant_limit method must be one of"):
+    with pytest.raises(ValueError, match="courant_limit.method must be one of"):
         courant_limit(np.zeros(3), "guess")  # type: ignore[arg-type]

@@ -154,9 +154,9 @@ def test_marched_slab_is_fresnels():
 
 def test_bad_input_is_refused():
     layer = RandomLayer(correlation_length=0.5, n_points=100)
-    with pytest.raises(ValueError, match=r"yee kappa must be of shape \[100\]"):
+    with pytest.raises(ValueError, match=r"yee.kappa must be of shape \[100\]"):
         yee(layer, kappa=np.zeros(99))
-    with pytest.raises(ValueError, match="yee form must be one of"):
+    with pytest.raises(ValueError, match="yee.form must be one of"):
         yee(layer, form="half")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="margin must be at least 12"):
         yee(layer, margin=3)

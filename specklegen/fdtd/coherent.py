@@ -117,9 +117,9 @@ def coherent_transmission(
     if method == "cumulant":
         return CoherentTransmission(complex(np.exp(_cumulants(layer, theta))), 0.0)
     if method != "transfer_matrix":
-        reject("coherent_transmission method", "one of 'cumulant', 'transfer_matrix'", method)
+        reject("coherent_transmission.method", "one of 'cumulant', 'transfer_matrix'", method)
     if n_realizations < 1:
-        reject("coherent_transmission n_realizations", "at least 1", n_realizations)
+        reject("coherent_transmission.n_realizations", "at least 1", n_realizations)
     blocks = range(0, n_realizations, _BLOCK)
     media = (layer.sample(min(_BLOCK, n_realizations - first), seed, first) for first in blocks)
     draws = np.concatenate([transfer_matrix(kappa, theta)[1][:, 0] for kappa in media])

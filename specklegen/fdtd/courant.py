@@ -39,7 +39,7 @@ def courant_limit(kappa: np.ndarray, method: Literal["bound", "eigen"] = "bound"
         return min(1.0, float(np.sqrt(1 + kappa.min())))
     if method == "eigen":
         return min(1.0, min(_eigen_limit(row) for row in kappa))
-    reject("courant_limit method", "one of 'bound', 'eigen'", method)
+    reject("courant_limit.method", "one of 'bound', 'eigen'", method)
 
 
 def _eigen_limit(kappa: np.ndarray) -> float:

@@ -80,7 +80,7 @@ def single_delay(p: np.ndarray, omega: np.ndarray, weight: np.ndarray, longest: 
     """
     omega, weight = np.asarray(omega, dtype=float), np.asarray(weight, dtype=float)
     if not weight.sum() > 0:
-        reject("single_delay weight", "non-negative with a positive sum", weight)
+        reject("single_delay.weight", "non-negative with a positive sum", weight)
     weight = weight / weight.sum()
     weighted = weight[:, None] * p
 

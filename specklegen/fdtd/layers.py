@@ -93,9 +93,9 @@ class RandomLayer(Value):
             If ``n`` is less than 1, ``first`` negative, or an index drawn is not positive.
         """
         if n < 1:
-            reject("RandomLayer.sample n", "at least 1", n)
+            reject("RandomLayer.sample.n", "at least 1", n)
         if first < 0:
-            reject("RandomLayer.sample first", "at least 0", first)
+            reject("RandomLayer.sample.first", "at least 0", first)
         key0, key1 = np.random.SeedSequence([seed, _STREAM]).generate_state(2).astype(np.uint64)
         g = np.empty((n, self.n_points))
         lc = self.correlation_length

@@ -49,14 +49,14 @@ def monte_carlo_mean(
         If ``n_realizations`` is less than 1, or the Courant number exceeds the limit of a medium drawn.
     """
     if n_realizations < 1:
-        reject("monte_carlo_mean n_realizations", "at least 1", n_realizations)
+        reject("monte_carlo_mean.n_realizations", "at least 1", n_realizations)
     incidence = illuminate(layer, pulse, courant, margin)
     if method == "transfer_matrix":
         scattering, to_time = _grid_responses, incidence.basis()
     elif method == "fdtd":
         scattering, to_time = march, None
     else:
-        reject("monte_carlo_mean method", "one of 'transfer_matrix', 'fdtd'", method)
+        reject("monte_carlo_mean.method", "one of 'transfer_matrix', 'fdtd'", method)
 
     def chunk(bounds: tuple[int, int]):
         return _sums(layer, incidence, seed, bounds, scattering, to_time is not None)

@@ -74,7 +74,7 @@ def single_realization(
     elif method == "fdtd":
         back, forward = _march(polarization, incidence)
     else:
-        reject("single_realization method", "one of 'fdtd', 'frequency'", method)
+        reject("single_realization.method", "one of 'fdtd', 'frequency'", method)
     validity = judge(layer, incidence, order)
     warn_if_not_valid(validity, order)
     incident = incidence.series(np.ones(incidence.bins.size))
@@ -110,17 +110,17 @@ def _march(polarization: np.ndarray, incidence: Incidence) -> tuple[np.ndarray, 
 def _moments(layer: RandomLayer, covariance: str, kappa: np.ndarray | None, courant: float) -> Moments:
     if covariance == "stationary":
         if kappa is not None:
-            reject("single_realization kappa", "absent for covariance='stationary'", kappa.shape)
+            reject("single_realization.kappa", "absent for covariance='stationary'", kappa.shape)
         return layer.moments()
     if covariance != "sample":
-        reject("single_realization covariance", "one of 'stationary', 'sample'", covariance)
+        reject("single_realization.covariance", "one of 'stationary', 'sample'", covariance)
     if kappa is None:
         reject(
-            "single_realization kappa", "given for a sample covariance", None, "Use layer.sample(n, seed)."
+            "single_realization.kappa", "given for a sample covariance", None, "Use layer.sample(n, seed)."
         )
     kappa = np.atleast_2d(check_kappa(kappa))
     if kappa.shape[1] != layer.n_points:
-        reject("single_realization kappa", f"of shape [R, {layer.n_points}]", kappa.shape)
+        reject("single_realization.kappa", f"of shape [R, {layer.n_points}]", kappa.shape)
     check_courant(courant, kappa)
     return sample_moments(kappa)
 
@@ -133,4 +133,4 @@ def _delayed(moments: Moments, incidence: Incidence, delays: str) -> np.ndarray:
         round_trip = 2 * full.shape[1] / incidence.courant
         fit = single_delay(full, incidence.omega, np.abs(incidence.spectrum) ** 2, round_trip)
         return fit.out_of_phase(incidence.omega)
-    reject("single_realization delays", "one of 'all', 'single'", delays)
+    reject("single_realization.delays", "one of 'all', 'single'", delays)

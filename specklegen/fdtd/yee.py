@@ -66,7 +66,7 @@ def yee(
     """
     media = check_kappa(layer.sample(1, seed)[0] if kappa is None else kappa)
     if media.shape[-1] != layer.n_points or media.ndim > 2:
-        reject("yee kappa", f"of shape [{layer.n_points}] or [R, {layer.n_points}]", media.shape)
+        reject("yee.kappa", f"of shape [{layer.n_points}] or [R, {layer.n_points}]", media.shape)
     incidence = illuminate(layer, pulse, courant, margin)
     check_courant(incidence.courant, media, stability)
     back, forward = march(np.atleast_2d(media), incidence, form)
@@ -83,7 +83,7 @@ def march(kappa: np.ndarray, incidence: Incidence, form: Form = "total") -> tupl
         first, last = _records(march_total, kappa, incidence)
         incident_first, incident_last = _incident(incidence, kappa.shape[1])
         return first - incident_first, last - incident_last
-    reject("yee form", "one of 'total', 'scattered'", form)
+    reject("yee.form", "one of 'total', 'scattered'", form)
 
 
 def _incident(incidence: Incidence, cells: int) -> tuple[np.ndarray, np.ndarray]:
