@@ -1,0 +1,32 @@
+"""A uniform slab in closed form: Fresnel's coefficients and Airy's sum over the two faces."""
+
+import numpy as np
+
+
+def slab_fresnel(
+    n_slab: float, n_background: float, thickness: float, wavenumber: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Reflection and transmission of a uniform slab at normal incidence.
+
+    Time goes as exp(+i omega t), as in the rest of this package: a wave to the right is exp(-i k x).
+
+    Parameters
+    ----------
+    n_slab, n_background : float
+        Indices inside and on both sides.
+    thickness : float
+        Slab thickness.
+    wavenumber : float64[F]
+        Vacuum wave numbers k0 = 2 pi/lambda0.
+
+    Returns
+    -------
+    reflected, transmitted : complex128[F]
+        At the entrance face, and at the exit face over the wave that would be there without the slab.
+    """
+    k0 = np.asarray(wavenumber, dtype=float)
+    face = (n_background - n_slab) / (n_background + n_slab)
+    once = np.exp(-1j * k0 * n_slab * thickness)
+    airy = 1 - face**2 * once**2
+    without = np.exp(-1j * k0 * n_background * thickness)
+    return face * (1 - once**2) / airy, (1 - face**2) * once / airy / without
