@@ -216,16 +216,18 @@ def _run(
         return
     left = dict.fromkeys(shards)
     for restart in range(_POOL_RESTARTS + 1):
+        before = len(left)
         try:
             for outcome in _pooled(store, recipe, list(left), processes, wait):
                 del left[outcome.shard]
                 yield outcome
             return
         except BrokenProcessPool:
-            if restart == _POOL_RESTARTS:
+            if len(left) == before or restart == _POOL_RESTARTS:
                 raise GenerationError(
-                    f"workers were killed {restart + 1} times, perhaps for want of memory; {len(left)} shards"
-                    " are left. Run generate again with fewer processes: it resumes."
+                    f"worker processes died, with {len(left)} shards to do: perhaps for want of memory, "
+                    'or of an `if __name__ == "__main__":` in the script that called generate. '
+                    "Run it again with fewer processes: it resumes."
                 ) from None
 
 
@@ -258,7 +260,15 @@ def _pooled(
     )
     try:
         futures: list[Future[Outcome]] = [pool.submit(_fill_here, shard, wait) for shard in shards]
+        broken = None
         for future in as_completed(futures):
-            yield future.result()
+            try:
+                outcome = future.result()
+            except BrokenProcessPool as error:
+                broken = error  # after those that were done
+                continue
+            yield outcome
+        if broken:
+            raise broken
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

@@ -76,7 +76,9 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
     if repair is not None:
         store.sweep()
         for shard in damaged:
-            store.forget_shard(shard)
+            with store.claimed(shard, wait=True):
+                if _state(store, shard) == "damaged":  # still: another call may have mended it
+                    store.forget_shard(shard)
         outcomes = [fill_shard(store, repair, shard, wait=True) for shard in [*damaged, *unfinished]]
         failed = [outcome.message for outcome in outcomes if outcome.state == "failed"]
         if failed:

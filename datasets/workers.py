@@ -23,6 +23,11 @@ def worker_context() -> BaseContext:
     The start method of the program is left alone. As with every way of starting processes but a plain
     fork, a script needs ``if __name__ == "__main__":`` around what it does.
     """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise RuntimeError(
+            "a worker process ran the script that started it; put what the script does under "
+            '`if __name__ == "__main__":`'
+        )
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import zarr
 from skimage.io import imread
 from torch.utils.data import DataLoader
 
@@ -18,9 +19,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 from fake_recipe import FakeRecipe, assert_same  # noqa: E402
 
 from specklegen.datasets import SpeckleCache, SpeckleStream  # noqa: E402
+from specklegen.datasets.creation import grown  # noqa: E402
 from specklegen.datasets.export import export  # noqa: E402
 from specklegen.datasets.generate import generate  # noqa: E402
 from specklegen.datasets.shards import DamagedShard, MissingSample  # noqa: E402
+from specklegen.datasets.store import Store  # noqa: E402
 
 TIMEOUT = 120
 SAMPLES = 48
@@ -79,6 +82,25 @@ def test_a_sample_that_is_not_there_raises(tmp_path):
             cache[index]
     fill(folder)
     assert cache.numpy(25)["index"] == 25, "the cache sees what was generated since"
+
+
+def test_a_shard_that_was_replaced_is_opened_anew(tmp_path):
+    folder = fill(tmp_path / "a.zarr", samples=8)
+    grown(Store(folder, writable=True), 10)
+    cache = SpeckleCache(folder)
+    cache[7]
+    with pytest.raises(MissingSample):
+        cache[9]
+    fill(folder, samples=10)
+    assert cache[9]["index"] == 9
+
+
+def test_a_sample_that_its_shard_does_not_hold_is_missing_whatever_the_ledger_says(tmp_path):
+    folder = fill(tmp_path / "a.zarr", samples=8)
+    grown(Store(folder, writable=True), 10)
+    zarr.open_group(folder, mode="r+")["valid"][:] = True
+    with pytest.raises(MissingSample, match="does not hold sample 9"):
+        SpeckleCache(folder)[9]
 
 
 def test_a_sample_that_is_not_there_is_rendered_when_asked(tmp_path):

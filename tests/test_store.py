@@ -350,6 +350,39 @@ def test_generate_on_a_damaged_ledger_points_to_verify(tmp_path):
         make(tmp_path / "a.zarr")
 
 
+class Mortal(FakeRecipe):
+    """Kills its process, once, or always."""
+
+    def sample(self, seed, split, index):
+        if index == 12 and (self.name == "always" or not Path(self.name).exists()):
+            Path(self.name).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().sample(seed, split, index)
+
+
+def test_a_lost_worker_is_replaced(tmp_path):
+    assert make(tmp_path / "a.zarr", Mortal(name=str(tmp_path / "once")), processes=2)["done"] == 22
+    assert_holds(tmp_path / "a.zarr", FakeRecipe(), 22)
+
+
+def test_a_worker_that_always_dies_ends_the_call_with_advice(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(GenerationError, match="with fewer processes: it resumes"):
+        make(tmp_path / "a.zarr", Mortal(name="always"), processes=2)
+
+
+def test_a_script_without_a_main_guard_is_told_so(tmp_path):
+    script = tmp_path / "bare.py"
+    script.write_text(SCRIPT.replace('if __name__ == "__main__":', "if True:"))
+    command = [sys.executable, script, Path(__file__).parent, tmp_path / "a.zarr", tmp_path / "log", "2"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False
+    )
+    assert done.returncode != 0
+    assert 'if __name__ == "__main__":' in done.stderr.splitlines()[-1]
+
+
 def test_a_claim_excludes_other_processes_and_ends_with_them(tmp_path):
     file = tmp_path / "claims"
     file.touch()
@@ -370,6 +403,52 @@ def test_a_claim_excludes_other_processes_and_ends_with_them(tmp_path):
         other.wait(TIMEOUT)
     with claim(file, 3) as state:
         assert state == "held"
+
+
+def test_a_call_returns_when_shards_that_others_had_claimed_are_there_too(tmp_path):
+    """Another process claims shard 1 and dies without having rendered it: this call waits, and takes over."""
+    make(tmp_path / "a.zarr", shard_range=(0, 5))
+    code = (
+        "import sys, time; from specklegen.datasets.store import Store\n"
+        "with Store(sys.argv[1]).claimed(1) as state: print(state, flush=True); time.sleep(600)"
+    )
+    command = [sys.executable, "-c", code, tmp_path / "a.zarr"]
+    other = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    calls = []
+
+    def progress(done, total):
+        calls.append(done)
+        if done == 17:  # all but the claimed shard
+            other.kill()
+
+    try:
+        assert other.stdout is not None
+        assert other.stdout.readline().strip() == "held"
+        assert make(tmp_path / "a.zarr", progress=progress)["done"] == 22
+    finally:
+        other.kill()
+        other.wait(TIMEOUT)
+    assert calls == [5, 10, 15, 17, 22]
+
+
+def test_a_call_that_dies_while_growing_leaves_a_sound_store(tmp_path, monkeypatch):
+    good = make(tmp_path / "a.zarr", samples=8)
+    resize = zarr.Array.resize
+    for _ in range(8):  # each call grows one more array, and dies at the next; the ledger is the ninth
+        left = iter([None])
+
+        def dying(array, shape, left=left):
+            next(left)  # StopIteration stands for the kill
+            resize(array, shape)
+
+        monkeypatch.setattr(zarr.Array, "resize", dying)
+        with pytest.raises(StopIteration):
+            make(tmp_path / "a.zarr", samples=22)
+        monkeypatch.undo()
+        assert info(tmp_path / "a.zarr") == good | {"bytes": info(tmp_path / "a.zarr")["bytes"]}
+        assert_holds(tmp_path / "a.zarr", FakeRecipe(), 8)
+    make(tmp_path / "a.zarr", samples=22)
+    assert_holds(tmp_path / "a.zarr", FakeRecipe(), 22)
 
 
 def test_a_claimed_shard_is_left_alone(tmp_path):
@@ -416,6 +495,14 @@ def wait_for_shards(folder, count):
         time.sleep(0.01)
 
 
+def wait_for_end(processes):
+    """Wait until none of these processes is there: workers must not outlive the call that started them."""
+    end = time.monotonic() + 10
+    while any(Path(f"/proc/{number}").exists() for number in processes):
+        assert time.monotonic() < end, "orphaned workers"
+        time.sleep(0.01)
+
+
 def test_two_processes_on_one_store_lose_nothing(tmp_path, uninterrupted):
     """Both start with no folder; each sample is rendered once, but for sample 0, which creation tries out."""
     folder, log = tmp_path / "a.zarr", tmp_path / "log"
@@ -437,7 +524,8 @@ def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, 
     for process in both:
         process.send_signal(signal.SIGKILL)
         process.wait(TIMEOUT)
-    time.sleep(0.3)  # orphaned workers see that their parent is gone
+    writers = {int(line.split()[0]) for line in log.read_text().splitlines()}
+    wait_for_end(writers)
     after_kill = contents(folder)
     listed = [name for name in after_kill if name.startswith("valid/c/") and "partial" not in name]
     finished = {int(name.split("/")[2]) for name in listed}

@@ -74,6 +74,7 @@ def test_drop_last_gives_full_batches_only():
         SpeckleStream(FakeRecipe(samples=7), batch_size=16, drop_last=True)
 
 
+@pytest.mark.filterwarnings("ignore:This DataLoader will create 3 worker processes")
 @pytest.mark.parametrize("world", [1, 2, 4])
 def test_ranks_times_workers(world):
     """Ranks are disjoint, make up the epoch and count alike; the bits do not depend on the workers."""
