@@ -19,7 +19,7 @@ from fake_recipe import FakeRecipe, assert_same  # noqa: E402
 
 from specklegen.datasets.cache import SpeckleCache  # noqa: E402
 from specklegen.datasets.claims import claim  # noqa: E402
-from specklegen.datasets.creation import default_shard_samples  # noqa: E402
+from specklegen.datasets.creation import default_shard_samples, sweep_creations  # noqa: E402
 from specklegen.datasets.generate import GenerationError, fill_shard, generate  # noqa: E402
 from specklegen.datasets.identity import differences, fingerprint, identity  # noqa: E402
 from specklegen.datasets.info import info  # noqa: E402
@@ -374,7 +374,9 @@ def test_a_worker_that_always_dies_ends_the_call_with_advice(tmp_path, monkeypat
 def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     script = tmp_path / "bare.py"
     script.write_text(SCRIPT.replace('if __name__ == "__main__":', "if True:"))
-    command = [sys.executable, script, Path(__file__).parent, tmp_path / "a.zarr", tmp_path / "log", "2"]
+    here, go = Path(__file__).parent, tmp_path / "go"
+    go.touch()
+    command = [sys.executable, script, here, tmp_path / "a.zarr", tmp_path / "log", "2", go]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
         command, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False
@@ -383,17 +385,24 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     assert 'if __name__ == "__main__":' in done.stderr.splitlines()[-1]
 
 
+def claiming(file, number):
+    """Start a process that claims a piece and keeps it until it is killed."""
+    code = (
+        "import sys, time; from pathlib import Path; from specklegen.datasets.claims import claim\n"
+        "with claim(Path(sys.argv[1]), int(sys.argv[2])) as state: print(state, flush=True); time.sleep(600)"
+    )
+    command = [sys.executable, "-c", code, file, str(number)]
+    other = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert other.stdout is not None
+    assert other.stdout.readline().strip() == "held"
+    return other
+
+
 def test_a_claim_excludes_other_processes_and_ends_with_them(tmp_path):
     file = tmp_path / "claims"
     file.touch()
-    code = (
-        "import sys, time; from pathlib import Path; from specklegen.datasets.claims import claim\n"
-        "with claim(Path(sys.argv[1]), 3) as state: print(state, flush=True); time.sleep(600)"
-    )
-    other = subprocess.Popen([sys.executable, "-c", code, file], stdout=subprocess.PIPE, text=True)
+    other = claiming(file, 3)
     try:
-        assert other.stdout is not None
-        assert other.stdout.readline().strip() == "held"
         with claim(file, 3) as state:
             assert state == "taken"
         with claim(file, 4) as state:
@@ -408,13 +417,7 @@ def test_a_claim_excludes_other_processes_and_ends_with_them(tmp_path):
 def test_a_call_returns_when_shards_that_others_had_claimed_are_there_too(tmp_path):
     """Another process claims shard 1 and dies without having rendered it: this call waits, and takes over."""
     make(tmp_path / "a.zarr", shard_range=(0, 5))
-    code = (
-        "import sys, time; from specklegen.datasets.store import Store\n"
-        "with Store(sys.argv[1]).claimed(1) as state: print(state, flush=True); time.sleep(600)"
-    )
-    command = [sys.executable, "-c", code, tmp_path / "a.zarr"]
-    other = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    calls = []
+    other, calls = claiming(tmp_path / "a.zarr/valid/claims", 2), []
 
     def progress(done, total):
         calls.append(done)
@@ -422,8 +425,6 @@ def test_a_call_returns_when_shards_that_others_had_claimed_are_there_too(tmp_pa
             other.kill()
 
     try:
-        assert other.stdout is not None
-        assert other.stdout.readline().strip() == "held"
         assert make(tmp_path / "a.zarr", progress=progress)["done"] == 22
     finally:
         other.kill()
@@ -460,21 +461,41 @@ def test_a_claimed_shard_is_left_alone(tmp_path):
 
 SCRIPT = """
 import sys
+import time
+from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from fake_recipe import FakeRecipe
 from specklegen.datasets.generate import generate
 
 if __name__ == "__main__":
+    Path(sys.argv[3] + ".ready").touch()
+    while not Path(sys.argv[5]).exists():
+        time.sleep(0.001)
     recipe = FakeRecipe(seconds=0.005, log=sys.argv[3])
     generate(recipe, samples=120, shard_samples=5, folder=sys.argv[2], processes=int(sys.argv[4]))
 """
 
 
-def start(folder, log, processes):
-    script = folder.parent / "fill.py"
+def start(folder, processes, *logs):
+    """Start one call for each log, all at the same moment, on one store."""
+    script, go = folder.parent / "fill.py", folder.parent / f"go{logs[0].name}"
     script.write_text(SCRIPT)
-    command = [sys.executable, script, Path(__file__).parent, folder, log, str(processes)]
-    return subprocess.Popen(command, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    here = Path(__file__).parent
+    calls = [
+        subprocess.Popen([sys.executable, script, here, folder, log, str(processes), go], env=environment)
+        for log in logs
+    ]
+    wait_until(lambda: all(log.with_name(log.name + ".ready").exists() for log in logs))
+    go.touch()
+    return calls
+
+
+def wait_until(condition, seconds=TIMEOUT):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
 
 
 def rendered(log):
@@ -489,43 +510,31 @@ def uninterrupted(tmp_path_factory):
 
 
 def wait_for_shards(folder, count):
-    end = time.monotonic() + TIMEOUT
-    while len(list(folder.glob("valid/c/*"))) < count:
-        assert time.monotonic() < end, "no progress"
-        time.sleep(0.01)
-
-
-def wait_for_end(processes):
-    """Wait until none of these processes is there: workers must not outlive the call that started them."""
-    end = time.monotonic() + 10
-    while any(Path(f"/proc/{number}").exists() for number in processes):
-        assert time.monotonic() < end, "orphaned workers"
-        time.sleep(0.01)
+    wait_until(lambda: len(list(folder.glob("valid/c/*"))) >= count)
 
 
 def test_two_processes_on_one_store_lose_nothing(tmp_path, uninterrupted):
     """Both start with no folder; each sample is rendered once, but for sample 0, which creation tries out."""
-    folder, log = tmp_path / "a.zarr", tmp_path / "log"
-    both = [start(folder, log, 1), start(folder, log, 1)]
-    assert [process.wait(TIMEOUT) for process in both] == [0, 0]
+    folder, logs = tmp_path / "a.zarr", (tmp_path / "one", tmp_path / "two")
+    assert [process.wait(TIMEOUT) for process in start(folder, 1, *logs)] == [0, 0]
     assert contents(folder) == uninterrupted
-    assert sorted(n for n in rendered(log) if n) == list(range(1, 120))
-    writers = {line.split()[0] for line in log.read_text().splitlines() if line.split()[1] != "0"}
-    assert len(writers) == 2
+    shares = [[n for n in rendered(log) if n] for log in logs]
+    assert all(shares), "both took part"
+    assert sorted(shares[0] + shares[1]) == list(range(1, 120))
     assert not list(tmp_path.glob(".*"))
 
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, processes):
     """Two calls fill one store and are killed; a rerun keeps what was finished and sweeps up."""
-    folder, log = tmp_path / "a.zarr", tmp_path / "log"
-    both = [start(folder, log, processes), start(folder, tmp_path / "log2", processes)]
+    folder, logs = tmp_path / "a.zarr", (tmp_path / "one", tmp_path / "two")
+    calls = start(folder, processes, *logs)
     wait_for_shards(folder, 4)
-    for process in both:
-        process.send_signal(signal.SIGKILL)
-        process.wait(TIMEOUT)
-    writers = {int(line.split()[0]) for line in log.read_text().splitlines()}
-    wait_for_end(writers)
+    for call in calls:
+        call.kill()
+        call.wait(TIMEOUT)
+    writers = {line.split()[0] for log in logs if log.exists() for line in log.read_text().splitlines()}
+    wait_until(lambda: not any(Path(f"/proc/{number}").exists() for number in writers))  # no orphans
     after_kill = contents(folder)
     listed = [name for name in after_kill if name.startswith("valid/c/") and "partial" not in name]
     finished = {int(name.split("/")[2]) for name in listed}
@@ -534,7 +543,7 @@ def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, 
     (folder / "image/c/20/0/0.feed.partial").write_bytes(b"half a shard")
     (folder / "zarr.feed.partial").write_bytes(b"half a header")
     again = tmp_path / "again"
-    assert start(folder, again, 1).wait(TIMEOUT) == 0
+    assert start(folder, 1, again)[0].wait(TIMEOUT) == 0
     assert contents(folder) == uninterrupted
     kept = {n for shard in finished for n in range(5 * shard, 5 * shard + 5)}
     assert kept.isdisjoint(rendered(again))
@@ -543,7 +552,7 @@ def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, 
 
 def test_a_killed_call_does_not_stop_the_other(tmp_path, uninterrupted):
     folder = tmp_path / "a.zarr"
-    first, second = start(folder, tmp_path / "log", 1), start(folder, tmp_path / "log2", 1)
+    first, second = start(folder, 1, tmp_path / "one", tmp_path / "two")
     wait_for_shards(folder, 3)
     first.kill()
     first.wait(TIMEOUT)
@@ -552,13 +561,18 @@ def test_a_killed_call_does_not_stop_the_other(tmp_path, uninterrupted):
 
 
 def test_half_made_stores_are_swept_and_living_ones_are_not(tmp_path):
-    from specklegen.datasets.creation import sweep_creations
-
-    dead = tmp_path / ".a.zarr.dead.creating"
-    (dead / "valid").mkdir(parents=True)
-    (dead / "valid" / "claims").touch()
-    assert sweep_creations(tmp_path / "a.zarr") == [dead]
-    assert not dead.exists()
+    living, dead = tmp_path / ".a.zarr.living.creating", tmp_path / ".a.zarr.dead.creating"
+    for temporary in (living, dead):
+        (temporary / "valid").mkdir(parents=True)
+        (temporary / "valid" / "claims").touch()
+    other = claiming(living / "valid" / "claims", 0)
+    try:
+        assert sweep_creations(tmp_path / "a.zarr") == [dead]
+        assert living.exists()
+        assert not dead.exists()
+    finally:
+        other.kill()
+        other.wait(TIMEOUT)
 
 
 def test_memory_stays_flat(tmp_path):
