@@ -76,7 +76,7 @@ class Row:
         """Write the row for a terminal."""
         spread = f" [{min(self.values):.4g} - {max(self.values):.4g}]" if len(self.values) > 1 else ""
         found = f"{self.median:.4g}{spread} {self.unit}"
-        return f"{self.name:<52}{found:<32}{self.meets(self.must):<14}{self.meets(self.aim):<14}{self.note}"
+        return f"{self.name:<56}{found:<32}{self.meets(self.must):<14}{self.meets(self.aim):<14}{self.note}"
 
 
 def seconds(*functions: Callable[[int], object], repeats: int, clock: Callable[[], float] = time.process_time):
@@ -266,7 +266,7 @@ def main() -> None:
         return
     repeats, naive_paths = (3, 100) if options.quick else (9, 400)
     rows = []
-    print(f"{'':<52}{f'median [min - max] of {repeats}':<32}{'must':<14}aim")
+    print(f"{'':<56}{f'median [min - max] of {repeats}':<32}{'must':<14}aim")
     for part in (
         lambda: path_rows(repeats, naive_paths),
         lambda: stationary_rows(repeats),
