@@ -75,14 +75,18 @@ def plan(
     images: Images = None,
 ) -> None:
     """Tell how a recipe's scenes are rendered, what is left out and why, and what it costs."""
-    from specklegen.datasets.cost import cost
+    from specklegen.datasets.estimate import estimate
 
     loaded = load(recipe, changes, images)
     plans = loaded.plans()
     for made in plans:
         typer.echo(made.explain() + "\n")
     count = samples if samples is not None else loaded.length("train")
-    typer.echo(cost(loaded, count).explain())
+    cost = estimate(loaded, count)
+    typer.echo(
+        f"{count} samples: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s on {cost['processes']} "
+        f"cores, {cost['memory'] / 2**20:.0f} MiB of memory a worker beside rendering."
+    )
 
 
 @app.command()

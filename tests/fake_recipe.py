@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import signal
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -74,6 +75,16 @@ class FakeRecipe:
 
     def replace(self, **changes: Any) -> "FakeRecipe":
         return replace(self, **changes)
+
+
+class Mortal(FakeRecipe):
+    """Kills its process, once, or always."""
+
+    def sample(self, seed, split, index):
+        if index == 12 and (self.name == "always" or not Path(self.name).exists()):
+            Path(self.name).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().sample(seed, split, index)
 
 
 def stack(samples: list[dict[str, Any]]) -> dict[str, Any]:

@@ -6,17 +6,14 @@ import os
 import pickle
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 import zarr
+from fake_recipe import FakeRecipe, assert_same
 from skimage.io import imread
 from torch.utils.data import DataLoader
-
-sys.path.insert(0, str(Path(__file__).parent))
-from fake_recipe import FakeRecipe, assert_same  # noqa: E402
 
 from specklegen.datasets import SpeckleCache, SpeckleStream  # noqa: E402
 from specklegen.datasets.creation import grown  # noqa: E402

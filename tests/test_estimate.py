@@ -1,13 +1,9 @@
 """Costs stated before a run are within a factor of two of what happens (data_pipeline.md 5, point 12)."""
 
-import sys
 import tracemalloc
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-from fake_recipe import FakeRecipe  # noqa: E402
+from fake_recipe import FakeRecipe
 
 from specklegen.datasets.estimate import estimate  # noqa: E402
 from specklegen.datasets.generate import GenerationError, generate  # noqa: E402

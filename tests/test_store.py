@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -13,9 +12,7 @@ import numpy as np
 import pytest
 import xarray
 import zarr
-
-sys.path.insert(0, str(Path(__file__).parent))
-from fake_recipe import FakeRecipe, assert_same  # noqa: E402
+from fake_recipe import FakeRecipe, Mortal, assert_same
 
 from specklegen.datasets.cache import SpeckleCache  # noqa: E402
 from specklegen.datasets.claims import claim  # noqa: E402
@@ -348,16 +345,6 @@ def test_generate_on_a_damaged_ledger_points_to_verify(tmp_path):
     (tmp_path / "a.zarr/valid/c/1").write_bytes(b"torn")
     with pytest.raises(OSError, match="verify --repair"):
         make(tmp_path / "a.zarr")
-
-
-class Mortal(FakeRecipe):
-    """Kills its process, once, or always."""
-
-    def sample(self, seed, split, index):
-        if index == 12 and (self.name == "always" or not Path(self.name).exists()):
-            Path(self.name).touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().sample(seed, split, index)
 
 
 def test_a_lost_worker_is_replaced(tmp_path):

@@ -2,17 +2,13 @@
 
 import itertools
 import pickle
-import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from fake_recipe import FakeRecipe, assert_same, stack
 from torch.utils.data import DataLoader
-
-sys.path.insert(0, str(Path(__file__).parent))
-from fake_recipe import FakeRecipe, assert_same, stack  # noqa: E402
 
 from specklegen.datasets import SpeckleStream  # noqa: E402
 from specklegen.datasets.partition import batch_count, batch_range  # noqa: E402

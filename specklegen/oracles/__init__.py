@@ -1,1 +1,5 @@
-"""Slow, independent ground truth; tests import it, and it never imports what it judges."""
+"""Slow, independent ground truth: literal transcriptions of the papers' algorithms.
+
+Nothing here imports the engine that it judges (an import-linter contract); only the values that describe
+a medium are shared. Formulas are the textbook's, even where a better-conditioned form exists.
+"""

@@ -1,0 +1,284 @@
+"""Speed and memory of the engine as ratios, in one run on one thread: what `make bench` prints.
+
+The example of docs/performance.md throughout: a slab of 2000 wavelengths, optical depth 10, g = 0.9; five
+tilts 0.0025 degrees apart, 101 x 101 views 0.000125 degrees apart, a window of 1e5 wavelengths, 1e5 paths.
+
+Times are CPU seconds of this process (the two-thread row: wall seconds). The two sides of a ratio are run in
+turn, repeat by repeat, so that a change of the machine's speed meets both. Quote ratios, not times.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+import specklegen as sg
+from specklegen.fields.direct import direct_field
+from specklegen.fields.ends import Optics, random_phases
+from specklegen.fields.nufft import nufft_field
+from specklegen.oracles.naive_numba import naive_field
+from specklegen.sensors import Side
+from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
+from specklegen.stationary.objects import object_sampler
+from specklegen.stationary.sampler import stack_sampler
+from specklegen.tracing import trace
+
+PATHS = 100_000
+WIDTH = 1e5
+MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
+
+
+def example(*, views: int = 101, tilts: int = 5, width: float = WIDTH, side: Side = "transmission"):
+    """The example's scene, or a variation of it."""
+    return sg.Scene(
+        wavelength=1.0,
+        medium=MEDIUM,
+        illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(tilts), width=width),
+        sensor=sg.FarField.grid(shape=(views, views), pitch=float(np.deg2rad(0.000125)), side=side),
+    )
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: repeated measurements, and the bounds that design.md section 4 sets."""
+
+    name: str
+    unit: str
+    values: list[float]
+    must: float | None = None
+    aim: float | None = None
+    more_is_better: bool = False
+    note: str = ""
+
+    @property
+    def median(self) -> float:
+        """Median of the repeats."""
+        return float(np.median(self.values))
+
+    def meets(self, bound: float | None) -> str:
+        """Say whether the median meets a bound."""
+        if bound is None:
+            return ""
+        good = self.median >= bound if self.more_is_better else self.median <= bound
+        return f"{'>=' if self.more_is_better else '<='} {bound:g} {'yes' if good else 'NO'}"
+
+    def line(self) -> str:
+        """Write the row for a terminal."""
+        spread = f" [{min(self.values):.4g} - {max(self.values):.4g}]" if len(self.values) > 1 else ""
+        found = f"{self.median:.4g}{spread} {self.unit}"
+        return f"{self.name:<56}{found:<32}{self.meets(self.must):<14}{self.meets(self.aim):<14}{self.note}"
+
+
+def seconds(*functions: Callable[[int], object], repeats: int, clock: Callable[[], float] = time.process_time):
+    """Run functions of the repeat's number in turn; float64[functions, repeats] seconds, after one run unmeasured."""
+    found = np.empty((len(functions), repeats))
+    for function in functions:
+        function(repeats)
+    for repeat in range(repeats):
+        for n, function in enumerate(functions):
+            start = clock()
+            function(repeat)
+            found[n, repeat] = clock() - start
+    return found
+
+
+def path_rows(repeats: int, naive_paths: int) -> list[Row]:
+    """Tracing, rendering with a plan at hand and with a fresh one, and the hoisted naive program."""
+    scene = example()
+    fresh = [example(width=WIDTH + 1 + n) for n in range(repeats + 1)]  # other fingerprints: nothing is cached
+    made = sg.plan(scene, paths=PATHS, sampler="paths")
+    events = [0] * (repeats + 1)
+
+    def tracing(n: int) -> None:
+        events[n] = trace(MEDIUM, made.proposal, n, PATHS, threads=1).events
+
+    def rendering(n: int) -> None:
+        sg.render(scene, paths=PATHS, sampler="paths", seed=n, threads=1)
+
+    def planning_and_rendering(n: int) -> None:
+        sg.render(fresh[n], paths=PATHS, sampler="paths", seed=n, threads=1)
+
+    def naive(n: int) -> None:
+        naive_field(
+            MEDIUM, wavelength=1.0, width=WIDTH, tilts=scene.beams.directions,
+            views=scene.sensor.directions.reshape(-1, 3), paths=naive_paths, seed=n,
+        )  # fmt: skip
+
+    traced, rendered, planned, slow = seconds(tracing, rendering, planning_and_rendering, naive, repeats=repeats)
+    slow = slow * (PATHS / naive_paths)
+    error = field_error(made)
+    extrapolated = f"naive from {naive_paths} paths, times {PATHS / naive_paths:g}: about {np.median(slow):.0f} s"
+    return [
+        Row("path tracing, per scattering event", "ns", list(1e9 * traced / events[:repeats]), 45, 25),
+        Row("tracing alone, 1e5 paths", "ms", list(1e3 * traced)),
+        Row("render / tracing alone, plan at hand", "", list(rendered / traced), 2, 1.3),
+        Row("render / tracing alone, fresh plan included", "", list(planned / traced)),
+        Row("field error of ours against the direct sum", "", [error], 1e-3, note="64 views, same paths and phases"),
+        Row("hoisted naive Numba / ours, 1e5 paths", "", list(slow / rendered), 3000, 6000, True, extrapolated),
+    ]
+
+
+def field_error(made: sg.Plan) -> float:
+    """Relative root mean square difference of the NUFFT's field from the direct sum, at 64 views of the grid."""
+    assert made.nufft is not None
+    optics = Optics.of_scene(made.scene)
+    bank = trace(MEDIUM, made.proposal, 0, PATHS, threads=1)
+    phases = random_phases(bank, 0)
+    chosen = np.random.default_rng(0).choice(made.nufft.grid.directions[..., 0].size, 64, replace=False)
+    fast = nufft_field(bank, optics, phases, made.nufft, threads=1).reshape(len(optics.tilts), -1)[:, chosen]
+    exact = direct_field(bank, optics, phases, made.nufft.grid.directions.reshape(-1, 3)[chosen], threads=1)
+    return float(np.linalg.norm(fast - exact) / np.linalg.norm(exact))
+
+
+def stationary_rows(repeats: int) -> list[Row]:
+    """Stacks and images of hidden objects by the stationary sampler, once K is known."""
+    kernel = estimate_kernel(MEDIUM, PATHS, 0, threads=1)
+    stacks, times = stack_sampler(example(), kernel), 20
+    (stack,) = seconds(lambda n: [stacks.sample(n, r) for r in range(times)], repeats=repeats)
+    fresh, shared, rank = object_seconds(kernel, repeats, times)
+    return [
+        Row("stationary five-stack 101 x 101", "ms", list(1e3 * stack / times), 2, 0.7),
+        Row("28 x 28 object on 128 x 128, fresh medium each", "images/s", list(times / fresh), note=f"{rank} modes"),
+        Row("28 x 28 object on 128 x 128, one medium", "images/s", list(times / shared)),
+    ]
+
+
+def object_seconds(kernel: MemoryKernel, repeats: int, times: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """Seconds for ``times`` images of objects (35 % filled) over half a memory-effect range, and the modes used."""
+    extent = 0.5 * kernel.half_range() / (2 * np.pi)  # direction sine of the full side, wavelength 1
+    camera = sg.FarField.grid(shape=(128, 128), pitch=0.5 / WIDTH)
+    sampler = object_sampler(
+        kernel, wavelength=1.0, object_shape=(28, 28), object_pitch=extent / 28, width=WIDTH, grid=camera
+    )
+    objects = np.random.default_rng(0).random((times, 28, 28))
+    objects = np.where(objects < 0.35, objects / 0.35, 0.0)
+    spectra = sampler.spectra(sampler.medium(0))
+    fresh, shared = seconds(
+        lambda n: [sampler.image(sampler.medium(n, r), picture) for r, picture in enumerate(objects)],
+        lambda n: [sampler.image(spectra, picture) for picture in objects],
+        repeats=repeats,
+    )
+    return fresh, shared, sampler.rank
+
+
+def thread_rows(repeats: int) -> list[Row]:
+    """Two threads against one, wall time; means something only where two cores are idle."""
+    scene = example()
+    one, two = seconds(
+        lambda n: sg.render(scene, paths=4 * PATHS, sampler="paths", seed=n, threads=1),
+        lambda n: sg.render(scene, paths=4 * PATHS, sampler="paths", seed=n, threads=2),
+        repeats=repeats,
+        clock=time.perf_counter,
+    )
+    note = f"wall time, 4e5 paths; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
+    return [Row("speed of two threads / one thread", "", list(one / two), 1.8, 1.95, True, note)]
+
+
+# What the predictions of `plan` are compared for: scene, and arguments of plan and render.
+PREDICTED = {
+    "example, paths": (example, {"sampler": "paths", "paths": PATHS}),
+    "16 x 512 x 512, paths": (lambda: example(views=512, tilts=16), {"sampler": "paths", "paths": PATHS}),
+    "2e6 paths, paths": (example, {"sampler": "paths", "paths": 20 * PATHS}),
+    "backscattering, direct": (
+        lambda: example(views=33, side="reflection"),
+        {"sampler": "paths", "paths": PATHS // 20, "reverse": True},
+    ),
+    "example, stationary": (example, {"sampler": "stationary", "paths": PATHS}),
+    "16 x 512 x 512, stationary": (
+        lambda: example(views=512, tilts=16),
+        {"sampler": "stationary", "paths": PATHS},
+    ),
+}
+
+
+def prediction(name: str) -> dict[str, float]:
+    """Plan and render one case in this process, which should be young; predicted and found seconds and bytes."""
+    build, arguments = PREDICTED[name]
+    imported, _ = memory()
+    scene = build()
+    made = sg.plan(scene, threads=1, **arguments)
+    sg.render(example(views=32, tilts=2), threads=1, **(arguments | {"paths": 1000, "reverse": False}))
+    ready, peak_before = memory()
+    start = time.process_time()
+    sg.render(scene, threads=1, **arguments)
+    found = time.process_time() - start
+    _, peak = memory()
+    return {
+        "predicted_seconds": made.seconds,
+        "seconds": found,
+        "predicted_bytes": made.memory_bytes,
+        "bytes_since_import": max(peak_before, peak) - imported,
+        "bytes_since_ready": peak - ready,
+    }
+
+
+def memory() -> tuple[int, int]:
+    """Bytes of this process resident now, and at the most since the last call (Linux)."""
+    # Not getrusage: its maximum survives exec, so a child would report its parent's.
+    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    Path("/proc/self/clear_refs").write_text("5")
+    now, most = (int(lines[key].split()[0]) * 1024 for key in ("VmRSS", "VmHWM"))
+    return now, most
+
+
+def prediction_rows() -> list[Row]:
+    """Seconds and memory that `plan` predicts against what a young process finds."""
+    rows = []
+    if not Path("/proc/self/clear_refs").exists():
+        return rows  # memory is read the way Linux offers it
+    for name in PREDICTED:
+        command = [sys.executable, __file__, "--prediction", name]
+        found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+        mib = {key: value / 2**20 for key, value in found.items()}
+        rows += [
+            Row(
+                f"{name}: seconds, found / predicted", "", [found["seconds"] / found["predicted_seconds"]],
+                note=f"{found['seconds']:.3g} s, predicted {found['predicted_seconds']:.3g} s",
+            ),
+            Row(
+                f"{name}: memory, found / predicted", "", [found["bytes_since_import"] / found["predicted_bytes"]], 2,
+                note=f"{mib['bytes_since_import']:.0f} MiB since import, {mib['bytes_since_ready']:.0f} since the "
+                f"kernels are loaded, predicted {mib['predicted_bytes']:.0f} MiB",
+            ),
+        ]  # fmt: skip
+    return rows
+
+
+def main() -> None:
+    """Measure and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="three repeats and a shorter naive run")
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, too")
+    parser.add_argument("--prediction", choices=PREDICTED, help="measure one case alone, and print JSON")
+    options = parser.parse_args()
+    if options.prediction:
+        print(json.dumps(prediction(options.prediction)))
+        return
+    repeats, naive_paths = (3, 100) if options.quick else (9, 400)
+    rows = []
+    print(f"{'':<56}{f'median [min - max] of {repeats}':<32}{'must':<14}aim")
+    for part in (
+        lambda: path_rows(repeats, naive_paths),
+        lambda: stationary_rows(repeats),
+        lambda: thread_rows(repeats),
+        prediction_rows,
+    ):
+        found = part()
+        rows += found
+        print("\n".join(row.line() for row in found), flush=True)
+    if options.json:
+        options.json.write_text(json.dumps([asdict(row) | {"median": row.median} for row in rows], indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
