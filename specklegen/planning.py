@@ -27,13 +27,14 @@ from specklegen.values import reject, remembered
 
 Sampler = Literal["auto", "paths", "stationary"]
 PILOT_PATHS = 6000
+_FIXED = 64 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
 CHUNK = 131072
 """Paths traced and summed at a time; fixed, so that sums do not depend on the machine's size."""
 DEFAULT_PATHS = 100_000
 STATIONARY_TOLERANCE = 0.02
 
 # Nanoseconds on one core of the machine of docs/performance.md; they scale predictions, not choices.
-_EVENT, _END, _TRANSFORM, _VIEW, _FFT_POINT, _NORMAL, _GEMM = 42.0, 30.0, 60.0, 14.0, 12.0, 25.0, 0.02
+_EVENT, _END, _TRANSFORM, _VIEW, _FFT_POINT, _NORMAL = 40.0, 30.0, 42.0, 14.0, 12.0, 20.0
 
 
 @dataclass(frozen=True)
@@ -379,7 +380,7 @@ def _seconds(made: Plan, threads: int) -> float:
     ns = made.paths * made.events_per_path * _EVENT
     if made.sampler == "stationary":
         grains = np.prod([n * made.scene.sensor.pitch / made.scene.speckle_size + 10 for n in made.scene.sensor.shape])  # type: ignore[union-attr]
-        return float(1e-9 * (ns / threads + tilts * (grains * _NORMAL + views * 3.0)) + 5e-3)
+        return float(1e-9 * (ns / threads + tilts * (grains * _NORMAL + views * 6.0)) + 5e-3)
     if made.nufft:
         ns += _nufft_ns(made.nufft, tilts, connections, int(views))
     else:
@@ -393,10 +394,10 @@ def _memory(made: Plan, threads: int) -> int:
     connections = min(made.paths, CHUNK) * made.connections_per_path
     bank = connections * (14 * 8 + 12) * 2
     if made.sampler == "stationary":
-        return int(min(made.paths, 1e9) * made.connections_per_path * 160 + 8 * views * tilts * 4 + 2**24)
+        return int(min(made.paths, 1e9) * made.connections_per_path * 160 + 8 * views * tilts * 4 + _FIXED)
     if made.nufft:
         single = made.nufft.tolerance >= 1e-4
         per = 8 if single else 16
-        field = tilts * views * per * (2 + made.nufft.rank + 4 * threads)
-        return int(bank + connections * (16 * (tilts + made.nufft.rank) + per * tilts * threads) + field + 2**24)
-    return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + 2**24)
+        field = tilts * views * per * (2 + made.nufft.rank + threads)
+        return int(bank + connections * (16 * (tilts + made.nufft.rank) + per * tilts * threads) + field + _FIXED)
+    return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + _FIXED)

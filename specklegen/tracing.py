@@ -220,6 +220,7 @@ def trace(
     if medium.albedo == 0 or medium.thickness == 0 or count == 0:
         return replace(concatenate([]), count=count)
     key = stream_key(seed, stream)
+    probes = _with_escape(proposal.probes, medium)
 
     def block(start: int) -> PathBank:
         size = min(BLOCK, first + count - start)
@@ -231,7 +232,7 @@ def trace(
             found, events, unfinished, unfinished_weight = walk.trace_slab(
                 *key, sample, start, size,
                 medium.thickness, medium.extinction, medium.albedo, medium.scatterer.g, proposal.lobe,
-                *proposal.reference, proposal.footprint, proposal.extent, proposal.radius, proposal.probes,
+                *proposal.reference, proposal.footprint, proposal.extent, proposal.radius, probes,
                 int(proposal.reverse), proposal.threshold, proposal.max_order, records, orders, paths,
             )  # fmt: skip
             if found <= room:
@@ -243,3 +244,12 @@ def trace(
         )  # fmt: skip
 
     return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads))
+
+
+def _with_escape(views: np.ndarray, medium: Slab) -> np.ndarray:
+    """Views float64[n, 3] with the optical depth to the outside along each, as (at z = 0, per length of z)."""
+    vz = views[:, 2]
+    with np.errstate(divide="ignore"):
+        slope = np.where(vz == 0, 0.0, -medium.extinction / np.where(vz == 0, 1.0, vz))
+        far = np.where(vz > 0, medium.optical_depth / np.where(vz > 0, vz, 1.0), np.where(vz < 0, 0.0, np.inf))
+    return np.column_stack([views, far, slope])

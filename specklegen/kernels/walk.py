@@ -115,7 +115,8 @@ def trace_slab(
     thickness, sigma_t, albedo, g : the slab (length, 1/length, -, -)
     lobe : anisotropy of the first direction's lobe about the reference direction (ix, iy, iz), iz > 0
     footprint, extent, radius : kind of beam, size of the sampled footprint and of the profile
-    probes : float64[n, 3]     views at which the full weight is judged
+    probes : float64[n, 5]     views at which the full weight is judged, and the optical depth to the outside
+                               along each as (at z = 0, per length of z)
     reverse : 1 to weigh each path together with its reversal (balance heuristic), else 0
     threshold : full weight from which a connection is always kept; 0 keeps all
     max_order : vertices after which a path is ended
@@ -130,6 +131,9 @@ def trace_slab(
     unfinished = 0
     unfinished_weight = 0.0
     full_depth = -math.expm1(-sigma_t * thickness / iz)  # chance to collide at all
+    mean_free_path = 1.0 / sigma_t
+    nearest = (1.0 - g) * (1.0 - g)
+    norm = (1.0 - g * g) / (4.0 * math.pi)
     sample64 = np.uint64(sample)
     k0 = np.uint64(key0)
     k1 = np.uint64(key1)
@@ -190,7 +194,7 @@ def trace_slab(
         a, b, c, d = uniforms(k0, k1, sample64, path, np.uint64(2))
         order = 1
         while True:
-            flight = -math.log(d) / sigma_t
+            flight = -math.log(d) * mean_free_path
             z += wz * flight
             if z <= 0.0 or z >= thickness:
                 break
@@ -225,11 +229,18 @@ def trace_slab(
             w = 0.0
             for n in range(probes.shape[0]):
                 vx, vy, vz = probes[n, 0], probes[n, 1], probes[n, 2]
-                t = sigma_t * escape_distance(z, thickness, vz)
-                most = power * henyey_greenstein(g, wx * vx + wy * vy + wz * vz)
-                if reverse or most > a * threshold * (1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0)))):
-                    if t < 700.0:
-                        w = max(w, most * math.exp(-t))
+                t = probes[n, 3] + probes[n, 4] * z
+                cos = wx * vx + wy * vy + wz * vz
+                if not reverse:
+                    # Below a * threshold for certain, as e^t >= 1 + t + t^2/2 + t^3/6? Squared and multiplied
+                    # out, the Henyey-Greenstein power needs neither a root nor a division for most vertices.
+                    base = nearest + 2.0 * g * (1.0 - cos)
+                    least = a * threshold * (1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0))))
+                    most = power * norm
+                    if most * most <= least * least * (base * base * base):
+                        continue
+                if t < 700.0:
+                    w = max(w, power * henyey_greenstein(g, cos) * math.exp(-t))
                 if reverse:
                     depth_end = z / iz
                     beam = profile(footprint, radius, x - depth_end * ix, y - depth_end * iy)
