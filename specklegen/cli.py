@@ -84,8 +84,8 @@ def plan(
     count = samples if samples is not None else loaded.length("train")
     cost = estimate(loaded, count)
     typer.echo(
-        f"{count} samples: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s on {cost['processes']} "
-        f"cores, {cost['memory'] / 2**20:.0f} MiB of memory a worker beside rendering."
+        f"{count} samples: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s on "
+        f"{cost['processes']} cores, {cost['memory'] / 2**20:.0f} MiB of memory a worker beside rendering."
     )
 
 
