@@ -1,4 +1,4 @@
-"""Second order against the exact grid solution: tables B3, B3b, B3c of the reference document; the verdict."""
+"""Second order against the exact grid solution: tables B3, B3b, B3c of the document; the verdict."""
 
 import numpy as np
 import pytest

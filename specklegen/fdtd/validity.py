@@ -6,9 +6,9 @@ The index fluctuation along the layer gives a transmitted wave the phase k0 int 
 
 Forward, the mean is e^{-V/2} and second order keeps 1 - V/2: the relative error of the scattered field is
 the next term over the one before, V/4. Back, an echo from depth x loses e^{-2 V(x)} on its way in and out,
-which second order leaves out altogether; over the layer the error of the mean is close to 3 V (measured:
-within a factor of 2.2 between 0.003 and 2.5 for the reference pulse). So the back direction fails at a
-twelfth of the phase variance.
+which second order leaves out altogether; over the layer the error of the mean is close to 3 V (measured,
+within a factor of 2.1, for the reference layer and pulse, V from 0.001 to 0.9). So the back direction
+fails at a twelfth of the phase variance.
 
 A pulse is judged by V at the root mean square wave number of its scattered field of second order, k^4
 times its own power spectrum: a pulse without carrier is then rightly judged by its low frequencies.
