@@ -19,7 +19,7 @@ from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
 from specklegen.statistics import BATCHES, jackknife
 from specklegen.streams import Stream, pilot_seed
-from specklegen.tracing import PathBank, Proposal, trace
+from specklegen.tracing import Proposal, trace
 
 FIRST_PATHS, MOST_PATHS = 8192, 65536
 
@@ -72,109 +72,100 @@ def pilot_error(scene: Scene, proposal: Proposal, paths: int) -> StationaryError
     paths
         Pilot paths.
     """
-    grid = scene.sensor
-    assert isinstance(grid, FarFieldGrid)
     seed = pilot_seed(scene.fingerprint())
-    k = scene.wavenumber
-    optics = Optics.of_scene(scene)
-    bank = trace(scene.medium, proposal, seed, paths, stream=Stream.PILOT)
+    pilot = _Bank(scene, proposal, seed, paths)
     # The model's K is that of the axis. The same random numbers walk the same paths about the axis, so that
     # the comparison carries physics and hardly any noise.
-    axial = trace(scene.medium, replace(proposal, reference=AXIS), seed, paths, stream=Stream.PILOT)
-    axial_weight = _weights(axial, optics, AXIS, AXIS)
-    base = proposal.reference
-    tilts = _probe_tilts(scene, axial, axial_weight)
-    step = 0.5 * scene.speckle_size  # kappa / k for kappa = pi / W
-    kappas = np.array([(0, 0), (step, 0), (-step, 0), (0, step), (0, -step)])
-    window = np.array([1.0] + 4 * [2 / np.pi])  # sinc(1/2), the square window's W^; larger than the others'
-    centres = np.concatenate([grid.center_direction[None], grid.corner_directions])[:, :2]
-
-    rows, labels = [], []
-    weight_cache: dict[bytes, np.ndarray] = {}
-
-    def weight(sines: np.ndarray) -> np.ndarray:
-        key = sines.tobytes()
-        if key not in weight_cache:
-            weight_cache[key] = _weights(bank, optics, base, directions_of_sines("view", sines, grid.sign))
-        return weight_cache[key]
-
-    lateral = bank.exit[:, :2] - bank.entry[:, :2]
-    axial_lateral = axial.exit[:, :2] - axial.entry[:, :2]
-    for view in centres:
-        for tilt in tilts:
-            for n, kappa in enumerate(kappas):
+    axial = _Bank(scene, replace(proposal, reference=AXIS), seed, paths)
+    norm = axial.sums(axial.weight(AXIS[:2]))
+    gains, sums = [], []
+    for view in _probe_views(scene):
+        for tilt in _probe_tilts(scene, axial):
+            model = axial.sums(axial.weight(AXIS[:2]) * np.exp(-1j * scene.wavenumber * (axial.lateral @ tilt)))
+            for kappa, gain in _probe_mismatches(scene):
                 other = view - tilt - kappa
-                if np.hypot(*other) >= 1:
-                    continue
-                dv = view - other
-                one, two = (directions_of_sines("view", s, grid.sign) for s in (view, other))
-                light = directions_of_sines("tilt", base[:2] - tilt)
-                phase = -k * (lateral @ dv) + k * (
-                    (base[2] - light[2]) * bank.entry[:, 2]
-                    - (one[2] - two[2]) * (bank.exit[:, 2] - scene.medium.thickness)
-                )
-                w1, w2 = weight(view), weight(other)
-                rows.append(
-                    (
-                        np.sqrt(w1 * w2) * np.exp(1j * phase),
-                        w1,
-                        w2,
-                        axial_weight * np.exp(-1j * k * (axial_lateral @ tilt)),
-                    )
-                )
-                labels.append(window[n])
-    sums = np.array(
-        [[_batched(bank, a), _batched(bank, b), _batched(bank, c), _batched(axial, d)] for a, b, c, d in rows]
-    )
-    norm = _batched(axial, axial_weight)
-    gains = np.array(labels)
+                if np.hypot(*other) < 1:
+                    one, two = pilot.weight(view), pilot.weight(other)
+                    product = np.sqrt(one * two) * np.exp(1j * pilot.phase(view, other, tilt))
+                    sums.append([pilot.sums(product), pilot.sums(one), pilot.sums(two), model, norm])
+                    gains.append(gain)
+    n, gain = len(gains), np.array(gains)
 
     def differences(total: np.ndarray) -> np.ndarray:
-        pairs, reference = total[:-4].reshape(-1, 4), total[-4]
-        exact = np.square(np.abs(pairs[:, 0])) / (pairs[:, 1].real * pairs[:, 2].real)
-        model = np.square(np.abs(pairs[:, 3] / reference))
-        ratio = pairs[:, 1].real / reference.real - 1
-        return np.concatenate([gains**2 * (exact - model), ratio])
+        exact, one, two, model, reference = total.reshape(n, 5).T
+        correlation = np.square(np.abs(exact)) / (one.real * two.real) - np.square(np.abs(model / reference))
+        return np.concatenate([gain**2 * correlation, one.real / reference.real - 1])
 
-    # [pairs, 4, batches] -> [batches, pairs * 4 + 4]
-    flat = np.concatenate([sums.reshape(-1, sums.shape[-1]), np.broadcast_to(norm, (4, len(norm)))]).T
-    value, error = jackknife(flat, differences)
-    n = len(gains)
+    value, error = jackknife(np.moveaxis(np.array(sums), -1, 0).reshape(BATCHES, -1), differences)
     worst, brightest = np.abs(value[:n]).argmax(), n + np.abs(value[n:]).argmax()
     return StationaryError(
         float(abs(value[worst])), float(error[worst]), float(abs(value[brightest])), float(error[brightest])
     )
 
 
-def _probe_tilts(scene: Scene, bank: PathBank, weight: np.ndarray) -> np.ndarray:
+class _Bank:
+    """Pilot paths about one direction of light, with their weights at views and their sums over batches."""
+
+    def __init__(self, scene: Scene, proposal: Proposal, seed: int, paths: int) -> None:
+        self.scene, self.light = scene, proposal.reference
+        self.optics = Optics.of_scene(scene)
+        self.bank = trace(scene.medium, proposal, seed, paths, stream=Stream.PILOT)
+        self.lateral = self.bank.exit[:, :2] - self.bank.entry[:, :2]
+        self._batch = np.minimum(self.bank.paths * BATCHES // paths, BATCHES - 1)
+        self._weights: dict[bytes, np.ndarray] = {}
+
+    def weight(self, sines: np.ndarray) -> np.ndarray:
+        """Full weight of every connection at one view."""
+        key = sines.tobytes()
+        if key not in self._weights:
+            self._weights[key] = full_weights(self.bank, self.optics, self.light, directions_of_sines("view", sines))
+        return self._weights[key]
+
+    def phase(self, view: np.ndarray, other: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+        """Phase of the exact correlation of (light, view) with (light - tilt, other), less that of the window."""
+        one, two = (directions_of_sines("view", sines) for sines in (view, other))
+        light = directions_of_sines("tilt", self.light[:2] - tilt)
+        depth = self.bank.exit[:, 2] - self.scene.medium.thickness
+        along = (self.light[2] - light[2]) * self.bank.entry[:, 2] - (one[2] - two[2]) * depth
+        return self.scene.wavenumber * (along - self.lateral @ (view - other))
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """Sums over 64 batches of paths, complex128[64]."""
+        return np.bincount(self._batch, values.real, BATCHES) + 1j * np.bincount(self._batch, values.imag, BATCHES)
+
+
+def _probe_views(scene: Scene) -> np.ndarray:
+    """Centre and corners of the grid: float64[5, 2] direction sines."""
+    grid = scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    return np.concatenate([grid.center_direction[None], grid.corner_directions])[:, :2]
+
+
+def _probe_mismatches(scene: Scene) -> list[tuple[np.ndarray, float]]:
+    """kappa / k in {0, +-pi / (k W)} along either axis, with the window's W^ there.
+
+    W^ is that of a square, 2/pi at pi / W: the largest of all profiles, and so the strictest.
+    """
+    step = 0.5 * scene.speckle_size
+    aside = [np.array(kappa) for kappa in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))]
+    return [(np.zeros(2), 1.0), *((kappa, 2 / np.pi) for kappa in aside)]
+
+
+def _probe_tilts(scene: Scene, axial: _Bank) -> np.ndarray:
     """Tilt differences 0, t/2 and t, t no further than where C_I is within 0.01 of its floor: float64[3, 2]."""
     directions = scene.beams.directions
     sines = directions[:, :2] - reference_direction(directions)[:2]
     if len(sines) == 0:
         return np.zeros((1, 2))
-    corner = sines[np.square(sines).sum(-1).argmax()]
-    gaps = corner - sines
+    gaps = sines[np.square(sines).sum(-1).argmax()] - sines
     largest = gaps[np.square(gaps).sum(-1).argmax()]
-    reach = np.hypot(*largest)
-    if reach == 0:
+    if not largest.any():
         return np.zeros((1, 2))
-    along = (bank.exit[:, :2] - bank.entry[:, :2]) @ (largest / reach)
-    floor = (weight[bank.orders == 1].sum() / weight.sum()) ** 2
-    for share in np.geomspace(1e-3, 1, 40):
-        c = np.abs((weight * np.exp(-1j * scene.wavenumber * share * reach * along)).sum() / weight.sum()) ** 2
-        if c - floor < 0.01:
-            largest = largest * share
+    share = axial.weight(AXIS[:2]) / axial.weight(AXIS[:2]).sum()
+    floor = share[axial.bank.orders == 1].sum() ** 2
+    phase = scene.wavenumber * (axial.lateral @ largest)
+    for reach in np.geomspace(1e-3, 1, 40):
+        if np.abs(share @ np.exp(-1j * reach * phase)) ** 2 - floor < 0.01:
+            largest = largest * reach
             break
     return np.stack([0 * largest, 0.5 * largest, largest])
-
-
-def _weights(bank: PathBank, optics: Optics, tilt: np.ndarray, view: np.ndarray) -> np.ndarray:
-    return full_weights(bank, optics, tilt, view)
-
-
-def _batched(bank: PathBank, values: np.ndarray) -> np.ndarray:
-    """Sums over 64 equal batches of paths."""
-    edges = np.linspace(0, bank.count, BATCHES + 1)[:-1]
-    batch = np.searchsorted(edges, bank.paths, side="right") - 1
-    real = np.bincount(batch, values.real, BATCHES)
-    return real + 1j * np.bincount(batch, values.imag, BATCHES) if np.iscomplexobj(values) else real.astype(complex)
