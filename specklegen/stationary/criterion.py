@@ -142,7 +142,7 @@ def _probe_views(scene: Scene) -> np.ndarray:
 
 
 def _probe_mismatches(scene: Scene) -> list[tuple[np.ndarray, float]]:
-    """kappa / k in {0, +-pi / (k W)} along either axis, with the window's W^ there.
+    """Mismatches kappa / k in {0, +-pi / (k W)} along either axis, with the window's W^ there.
 
     W^ is that of a square, 2/pi at pi / W: the largest of all profiles, and so the strictest.
     """
