@@ -172,6 +172,8 @@ def plan(
     if isinstance(grid, FarFieldGrid):
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
 
+    # The stack and its views alone, before the gates below build an array of all views.
+    _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.beams.directions) + 48))
     verdicts = list(validity_verdicts(scene))
     reversal = reversal_verdict(
         scene.medium, scene.wavelength, scene.beams.directions, scene.sensor.directions, reverse, tolerance
@@ -210,15 +212,19 @@ def plan(
     made = replace(
         made, seconds=_seconds(made, thread_count(threads)), memory_bytes=_memory(made, thread_count(threads))
     )
+    _require_memory(scene, made.memory_bytes)
+    return made
+
+
+def _require_memory(scene: Scene, needed: int) -> None:
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if made.memory_bytes > 0.9 * total:
+    if needed > 0.9 * total:
         reject(
             "Scene",
             f"renderable within {0.9 * total / 2**30:.1f} GiB",
-            f"{made.memory_bytes / 2**30:.1f} GiB for {len(scene.beams.directions)} tilts of {scene.sensor.shape} views",
+            f"{needed / 2**30:.1f} GiB for {len(scene.beams.directions)} tilts of {scene.sensor.shape} views",
             "Render fewer tilts at a time (the same seed gives the same medium), or fewer views.",
         )
-    return made
 
 
 def validity_verdicts(scene: Scene) -> list[Verdict]:
