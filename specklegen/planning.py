@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from specklegen.fields.ends import Optics, full_weights
 from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator, build_evaluator
@@ -259,7 +260,7 @@ def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
         return Verdict(part, True, "asked for")
     if isinstance(scene.illumination, IncoherentObject) or not len(scene.beams.directions):
         return Verdict(part, False, f"its share of the light is {ballistic_fraction(scene):.2g}")
-    few = scene.replace(illumination=scene.beams.replace(directions=scene.beams.directions[:1]))
+    few = scene.replace(illumination=scene.beams.replace(directions=_nearest_tilt(scene)[None]))
     strongest = float(np.square(np.abs(mean_field(few))).max(initial=0.0))
     speckle = _pilot(scene, False).intensity
     if strongest <= tolerance * speckle:
@@ -273,6 +274,18 @@ def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
         f"not asked for (mean=True adds it), though it reaches {strongest / max(speckle, 1e-300):.2g} times the "
         "speckle's intensity at some view",
     )  # fmt: skip
+
+
+def _nearest_tilt(scene: Scene) -> np.ndarray:
+    """float64[3], the tilt that comes nearest to any view, where its mean field is strongest; ties to the axis."""
+    directions, sensor = scene.beams.directions, scene.sensor
+    if isinstance(sensor, FarFieldGrid):
+        x, y = sensor.sines
+        inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
+        gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
+    else:
+        gap, _ = cKDTree(sensor.directions.reshape(-1, 3)).query(directions)
+    return directions[np.lexsort((-directions[:, 2], gap))[0]]
 
 
 def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance: float) -> Verdict:
