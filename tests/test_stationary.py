@@ -426,6 +426,8 @@ def test_images_have_the_distribution_of_the_path_sampler():
 
 def test_complex_normals_have_unit_power():
     drawn = complex_normals(1, 2, (200, 500), torch.complex128).numpy().ravel()
-    assert_mean(np.stack([np.abs(drawn) ** 2, (drawn**2).real, (drawn**2).imag, drawn.real, drawn.imag], 1), [1, 0, 0, 0, 0])
+    assert_mean(
+        np.stack([np.abs(drawn) ** 2, (drawn**2).real, (drawn**2).imag, drawn.real, drawn.imag], 1), [1, 0, 0, 0, 0]
+    )
     single = complex_normals(1, 2, (200, 500), torch.complex64).numpy().ravel()
     np.testing.assert_allclose(single, drawn, rtol=1e-6, atol=1e-6)
