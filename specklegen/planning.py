@@ -318,7 +318,7 @@ def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance:
 
 @lru_cache(maxsize=64)
 def _pilot(scene: Scene, reverse: bool) -> Pilot:
-    medium, sensor = scene.medium, scene.sensor
+    medium = scene.medium
     views = probe_views(scene)
     proposal = beam_proposal(medium, scene.beams, views, reverse=reverse)
     optics = Optics.of_scene(scene)

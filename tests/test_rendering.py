@@ -1,4 +1,4 @@
-"""Rendering end to end: Gaussian statistics, purity, the mean field, the promised error, messages, threads and forks."""
+"""Rendering end to end: Gaussian statistics, purity, mean field, promised error, messages, threads and forks."""
 
 import os
 import subprocess
@@ -39,7 +39,10 @@ def scene(*, tilts=(0.0, 2.0), shape=(8, 9), pitch=0.5, medium=None, profile="sq
 
 
 def sparse_scene(medium=None, views=6) -> sg.Scene:
-    """Views 300 speckles apart: independent, also for what the vertices of one path, a slab's thickness apart, scatter."""
+    """Views 300 speckles apart: independent.
+
+    That is several lambda / L: closer by, vertices of one path interfere, and the excess is up to twice the promise.
+    """
     line = np.stack([300 * GRAIN * np.arange(views), np.zeros(views)], 1)
     return scene(tilts=[0.0], medium=medium).replace(sensor=sg.FarField(directions=directions_of_sines("v", line)))
 
@@ -106,7 +109,7 @@ def test_seeds_and_realizations_are_uncorrelated(sampler):
 
 @pytest.mark.parametrize(("medium", "rel_error"), [(slab(1.0), 0.3), (slab(5.0, 0.8), 0.5)])
 def test_the_promised_excess_correlation_is_kept(medium, rel_error):
-    """Far-apart views have Cov(I1, I2)/(I1 I2) = Var w / (N (E w)^2) = rel_error^2, from the same paths (physics.md 2)."""
+    """Far-apart views have Cov(I1, I2)/(I1 I2) = Var w / (N (E w)^2) = rel_error^2 (physics.md 2)."""
     realizations = 1500
     stack = sg.render(sparse_scene(medium), rel_error=rel_error, seed=3, realizations=realizations)
     assert stack.report.sampler == "paths"
