@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from specklegen.fields.ends import Optics, full_weights
 from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator, build_evaluator
@@ -171,6 +172,8 @@ def plan(
     if isinstance(grid, FarFieldGrid):
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
 
+    # The stack and its views alone, before the gates below build an array of all views.
+    _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.beams.directions) + 48))
     verdicts = list(validity_verdicts(scene))
     reversal = reversal_verdict(
         scene.medium, scene.wavelength, scene.beams.directions, scene.sensor.directions, reverse, tolerance
@@ -209,15 +212,19 @@ def plan(
     made = replace(
         made, seconds=_seconds(made, thread_count(threads)), memory_bytes=_memory(made, thread_count(threads))
     )
+    _require_memory(scene, made.memory_bytes)
+    return made
+
+
+def _require_memory(scene: Scene, needed: int) -> None:
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if made.memory_bytes > 0.9 * total:
+    if needed > 0.9 * total:
         reject(
             "Scene",
             f"renderable within {0.9 * total / 2**30:.1f} GiB",
-            f"{made.memory_bytes / 2**30:.1f} GiB for {len(scene.beams.directions)} tilts of {scene.sensor.shape}",
+            f"{needed / 2**30:.1f} GiB for {len(scene.beams.directions)} tilts of {scene.sensor.shape} views",
             "Render fewer tilts at a time (the same seed gives the same medium), or fewer views.",
         )
-    return made
 
 
 def validity_verdicts(scene: Scene) -> list[Verdict]:
@@ -252,7 +259,7 @@ def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
         return Verdict(part, True, "asked for")
     if isinstance(scene.illumination, IncoherentObject) or not len(scene.beams.directions):
         return Verdict(part, False, f"its share of the light is {ballistic_fraction(scene):.2g}")
-    few = scene.replace(illumination=scene.beams.replace(directions=scene.beams.directions[:1]))
+    few = scene.replace(illumination=scene.beams.replace(directions=_nearest_tilt(scene)[None]))
     strongest = float(np.square(np.abs(mean_field(few))).max(initial=0.0))
     speckle = _pilot(scene, False).intensity
     if strongest <= tolerance * speckle:
@@ -266,6 +273,18 @@ def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
         f"not asked for (mean=True adds it), though it reaches {strongest / max(speckle, 1e-300):.2g} times the "
         "speckle's intensity at some view",
     )  # fmt: skip
+
+
+def _nearest_tilt(scene: Scene) -> np.ndarray:
+    """float64[3], the tilt that comes nearest to any view, where its mean field is strongest; ties to the axis."""
+    directions, sensor = scene.beams.directions, scene.sensor
+    if isinstance(sensor, FarFieldGrid):
+        x, y = sensor.sines
+        inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
+        gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
+    else:
+        gap, _ = cKDTree(sensor.directions.reshape(-1, 3)).query(directions)
+    return directions[np.lexsort((-directions[:, 2], gap))[0]]
 
 
 def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance: float) -> Verdict:

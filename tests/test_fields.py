@@ -168,7 +168,9 @@ def powers(bank, optics, view, *, reverse: bool) -> np.ndarray:
         return a * ends.sensor_ends(part, optics, view[None], single=single)[0]
 
     power = np.zeros((len(bank), 3))
-    power[one, 0] = np.square(np.abs(amplitudes(bank.select(one), phases[one], True) * ends.single_amplitudes(optics, view[None])))
+    power[one, 0] = np.square(
+        np.abs(amplitudes(bank.select(one), phases[one], True) * ends.single_amplitudes(optics, view[None]))
+    )
     many = bank.multiple
     a = amplitudes(many, phases[~one], False)
     back = amplitudes(bank.reversed(), ends.reversal_phases(bank, optics), False)
@@ -180,7 +182,7 @@ def powers(bank, optics, view, *, reverse: bool) -> np.ndarray:
 
 @pytest.mark.parametrize(("g", "width"), [(0.0, None), (0.6, None), (0.0, 40.0), (0.5, 150.0)])
 def test_backscattering_is_enhanced_as_it_should(g, width):
-    """At v = -i the ratio to forward-only is (S + 2M)/(S + M), for a beam (S + M + M_in)/(S + M), M_in inside the beam."""
+    """At v = -i the ratio to forward-only is (S + M + M_in)/(S + M), M_in what ends inside the beam, if it has a rim."""
     medium = slab(g=g, mean_free_path=25.0, albedo=0.95)
     light = directions_of_sines("light", [[0.2, 0.0]])
     beams = sg.CollimatedBeams(directions=light, width=width or 1.0)
@@ -229,7 +231,9 @@ EXAMPLE = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGre
 HALF_FIELDS = [0.006, 0.1, 1.0]  # degrees
 
 
-def compare(grid: sg.FarFieldGrid, tolerance: float, *, connections=300, pilot=6000, medium=EXAMPLE, width=1e5, tilts=None):
+def compare(
+    grid: sg.FarFieldGrid, tolerance: float, *, connections=300, pilot=6000, medium=EXAMPLE, width=1e5, tilts=None
+):
     """Relative error of the NUFFT against the direct sum on connections that the decomposition never saw."""
     tilts = np.deg2rad(0.0025) * np.arange(5) if tilts is None else tilts
     beams = sg.CollimatedBeams.tilts(tilts, width=width)

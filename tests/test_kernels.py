@@ -132,7 +132,7 @@ def test_mean_cosine_is_g(g):
 
 
 def quantiles(g: float, u: np.ndarray) -> np.ndarray:
-    """1 - cos at the shares ``u`` of the lobe nearest to forward: the distribution integrated by hand, in long double."""
+    """1 - cos at the shares ``u`` of the lobe nearest to forward: integrated by hand, in long double."""
     u, g = u.astype(np.longdouble), np.longdouble(g)
     if g == 0:
         return (2 * u).astype(float)

@@ -211,7 +211,7 @@ def test_energy_test_has_power():
 
 @pytest.mark.parametrize("g", [0.0, 0.7])
 def test_views_summed_one_by_one_hold_the_same_energy(g):
-    """The same balance through ``full_weights``: each batch of paths sees its own 48 views, even over both hemispheres."""
+    """The same balance through ``full_weights``: each batch sees its own 48 views, even over both hemispheres."""
     medium = slab(2.0, g)
     light = np.array([0.3, 0.0, np.sqrt(0.91)])
     optics = plane_optics(medium, 0.5, light[None])
@@ -230,7 +230,7 @@ def test_views_summed_one_by_one_hold_the_same_energy(g):
 
 
 def transmittance(medium: sg.Slab, paths: int, seed: int) -> np.ndarray:
-    """Batch means of the total transmittance, isotropic scatterers: int_0^1 e^(-t/mu) dmu / 2 = E2(t)/2 a connection."""
+    """Batch means of the transmittance, isotropic scatterers: int_0^1 e^(-t/mu) dmu / 2 = E2(t)/2 a connection."""
     proposal = replace(plane_proposal(medium, AXIS, AXIS), threshold=slab_transmission(medium.optical_depth))
     bank = trace(medium, proposal, seed, paths)
     power = entrance_power(bank, medium, AXIS, "plane", np.inf)
@@ -332,7 +332,7 @@ def test_first_points_follow_their_density(profile):
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_depths_are_exponential_and_weights_carry_the_area(profile):
-    """First weight times beam power has mean A sigma_s / sigma_t (1 - e^(-OD/i_z)): every tilt, one shared footprint."""
+    """First weight times beam power has mean A (1 - e^(-OD/i_z)) for every tilt of one shared footprint."""
     medium = slab(0.7)
     beams = sg.CollimatedBeams.tilts([0.0, 0.2, -0.3], width=40.0, profile=profile)
     bank = trace(medium, beam_proposal(medium, beams, AXIS), 31, 64 * 3000).single
@@ -347,7 +347,7 @@ def test_depths_are_exponential_and_weights_carry_the_area(profile):
 
 
 def test_single_scattering_has_its_closed_form():
-    """Eq. 41 at normal incidence: forward rho(1) sigma_s A L e^-OD, backward rho(-1) sigma_s A (1 - e^-2OD)/(2 sigma_t)."""
+    """Eq. 41: forward rho(1) sigma_s A L e^-OD, backward rho(-1) sigma_s A (1 - e^-2OD)/(2 sigma_t)."""
     medium = slab(1.5, 0.6, 0.8)
     beams = sg.CollimatedBeams.tilts([0.0], width=50.0)
     bank = trace(medium, beam_proposal(medium, beams, AXIS), 41, 64 * 1000).single

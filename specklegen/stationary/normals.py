@@ -20,6 +20,8 @@ def complex_normals(
     key = stream_key(seed, Stream.STATIONARY)
     count = int(np.prod(shape))
     real = torch.float32 if dtype == torch.complex64 else torch.float64
+    if count == 0:
+        return torch.empty(shape, dtype=dtype, device=device)
     if torch.device(device).type == "cpu":
         pairs = np.empty((count, 2), np.float32 if real == torch.float32 else np.float64)
         rng.fill_normals(*key, sample, pairs)

@@ -109,7 +109,8 @@ def stack_sampler(
     device, dtype
         Where and in what precision to draw; the random numbers are the same everywhere.
     fft
-        Choose the form; by default the one with fewer operations.
+        Choose the form; by default the one with fewer operations. Windows wider than a period of the
+        transform need the matrix form and get it.
 
     Raises
     ------
@@ -148,6 +149,8 @@ def stack_sampler(
     mixing = tilt_roots(kernel.correlation(sines, k)) if len(sines) else np.zeros((0, 1))
     if fft is None:
         fft = _fft_flops(x, y) < _matrix_flops(x, y, grid.shape)
+    # A Gaussian window reaches 2.5 widths; the transform of a coarse grid spans 2 and would cut it off.
+    fft = fft and x.count <= x.period and y.count <= y.period
     tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype)  # noqa: E731
     return StackSampler(x, y, tensor(mixing), tensor(ramps), tensor(rows), tensor(columns), grid.shape, fft)
 

@@ -1,0 +1,485 @@
+"""Rendering end to end: Gaussian statistics, purity, mean field, promised error, messages, threads and forks."""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import j1
+from scipy.stats import kstest
+from zscore import FALSE_ALARM, assert_mean, assert_z, limit
+
+import specklegen as sg
+from specklegen import planning
+from specklegen.gates import reversal_verdict
+from specklegen.illumination import directions_of_sines
+from specklegen.statistics import jackknife
+
+WAVELENGTH, WIDTH = 0.5, 4000.0
+GRAIN = WAVELENGTH / WIDTH
+
+
+def slab(optical_depth=2.0, g=0.0, thickness=100.0, **changes) -> sg.Slab:
+    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
+    fields = {"thickness": thickness, "mean_free_path": thickness / optical_depth, "scatterer": scatterer}
+    return sg.Slab(**(fields | changes))
+
+
+def scene(*, tilts=(0.0, 2.0), shape=(8, 9), pitch=0.5, medium=None, profile="square", side="transmission", **where):
+    """Tilts and pitch in speckle grains."""
+    return sg.Scene(
+        wavelength=WAVELENGTH,
+        medium=medium or slab(),
+        illumination=sg.CollimatedBeams.tilts(np.arcsin(np.array(tilts) * GRAIN), width=WIDTH, profile=profile),
+        sensor=sg.FarField.grid(shape=shape, pitch=pitch * GRAIN, side=side, **where),
+    )
+
+
+def sparse_scene(medium=None, views=6) -> sg.Scene:
+    """Views 300 speckles apart: independent.
+
+    That is several lambda / L: closer by, vertices of one path interfere, and the excess is up to twice the promise.
+    """
+    line = np.stack([300 * GRAIN * np.arange(views), np.zeros(views)], 1)
+    return scene(tilts=[0.0], medium=medium).replace(sensor=sg.FarField(directions=directions_of_sines("v", line)))
+
+
+SAMPLERS = ["paths", "stationary"]
+
+# ---- Gaussianity (A05) ---------------------------------------------------------------------------------
+
+
+def gaussianity(u: np.ndarray) -> None:
+    """A zero-mean circular Gaussian field: <u> = <u^2> = 0, <|u|^4> = 2 <|u|^2>^2, exponential intensity.
+
+    ``u`` complex[R, V], independent along both axes, unit mean intensity in expectation at most up to a common factor.
+    """
+    count = u.size
+    flat = u.ravel() / np.sqrt(np.square(np.abs(u)).mean())
+    assert_mean(np.stack([flat.real, flat.imag, (flat**2).real, (flat**2).imag], 1), 0)
+    power = np.square(np.abs(u)).ravel()
+    sums = np.stack([power, power**2, np.ones(count)], 1).reshape(100, -1, 3).sum(axis=1)
+    contrast, error = jackknife(sums, lambda s: s[1] * s[2] / s[0] ** 2 - 1)
+    assert_z(contrast, 1.0, error, degrees=99)
+    # The scale is estimated from the same data, which makes the test a little more lenient, not less.
+    assert kstest(power / power.mean(), "expon").pvalue > FALSE_ALARM
+
+
+def test_fields_are_circular_gaussian_by_paths():
+    """At 400 paths the finite-count excess is 3/400, inside the bounds; see the test of the promise below."""
+    u = sg.render(sparse_scene(slab(1.0)), paths=2000, seed=1, realizations=500, sampler="paths").field[:, 0]
+    gaussianity(u.astype(complex))
+
+
+def test_fields_are_circular_gaussian_by_the_stationary_sampler():
+    grid = scene(tilts=[0.0], shape=(5, 5), pitch=0.5)
+    u = sg.render(grid, paths=2000, seed=1, realizations=800, sampler="stationary").field[:, 0, ::4, ::4]
+    gaussianity(u.reshape(800, -1).astype(complex))
+
+
+def test_gaussianity_test_has_power():
+    generator = np.random.default_rng(0)
+    u = (generator.normal(size=(500, 6)) + 1j * generator.normal(size=(500, 6))) / np.sqrt(2)
+    gaussianity(u)
+    for wrong in (u + 0.2, u.real + 0.7j * u.imag, u * np.sqrt(generator.exponential(size=u.shape)), u / np.abs(u)):
+        with pytest.raises(AssertionError):
+            gaussianity(wrong)
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_seeds_and_realizations_are_uncorrelated(sampler):
+    """Correlation of fields between seeds, and between realizations of one seed: zero by z over independent pairs."""
+    one = scene(tilts=[0.0], shape=(3, 3))
+    stacks = [sg.render(one, paths=300, seed=s, realizations=300, sampler=sampler).field[:, 0] for s in (0, 1, (0, 1))]
+    pairs = [(stacks[0], stacks[1]), (stacks[0], stacks[2]), (stacks[0][0::2], stacks[0][1::2])]
+    for a, b in pairs:
+        product = (a.astype(complex) * b.conj()).mean(axis=(1, 2))
+        assert_mean(np.stack([product.real, product.imag], 1), 0)
+    intensity = [np.square(np.abs(s)).astype(float).mean(axis=(1, 2)) for s in stacks[:2]]
+    assert_mean((intensity[0] - intensity[0].mean()) * (intensity[1] - intensity[1].mean()), 0)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(np.square(np.abs(stacks[0])).astype(float).mean(axis=(1, 2)), 0)
+
+
+# ---- The promised error --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("medium", "rel_error"), [(slab(1.0), 0.3), (slab(5.0, 0.8), 0.5)])
+def test_the_promised_excess_correlation_is_kept(medium, rel_error):
+    """Far-apart views have Cov(I1, I2)/(I1 I2) = Var w / (N (E w)^2) = rel_error^2 (physics.md 2)."""
+    realizations = 1500
+    stack = sg.render(sparse_scene(medium), rel_error=rel_error, seed=3, realizations=realizations)
+    assert stack.report.sampler == "paths"
+    assert stack.report.expected_error <= rel_error * 1.0001
+    power = stack.intensity[:, 0].astype(float)
+    first, second = power[:, :3].mean(axis=1), power[:, 3:].mean(axis=1)
+    sums = np.stack([first * second, first, second, np.ones(realizations)], 1).reshape(100, -1, 4).sum(axis=1)
+    excess, error = jackknife(sums, lambda s: s[0] * s[3] / (s[1] * s[2]) - 1)
+    # The promise comes from 6000 pilot paths: its relative standard error is a few per cent, 10 % with its tail.
+    promised = stack.report.expected_error**2
+    assert_z(excess, promised, error, degrees=99, slack=0.1 * promised)
+    with pytest.raises(AssertionError, match="z ="):  # a promise of half or twice the error is refused
+        assert_z(excess, 2 * promised, error, degrees=99, slack=0.1 * promised)
+
+
+def test_more_paths_are_planned_for_less_error():
+    counts = [sg.plan(sparse_scene(), rel_error=e).paths for e in (0.2, 0.1, 0.05)]
+    np.testing.assert_allclose(np.diff(np.log(counts)), np.log(4), atol=0.02)
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_intensity_has_the_scale_of_its_weights(sampler):
+    """E|u|^2 is an area per steradian: thin slab, Eq. 41, forward rho sigma_s A L e^-OD."""
+    medium = slab(0.02, 0.0, albedo=1e-3)  # B = 1 alone, to 1e-5
+    stack = sg.render(scene(tilts=[0.0], medium=medium, shape=(2, 2)), paths=4000, realizations=400, sampler=sampler)
+    expected = 1e-3 / (4 * np.pi) * medium.optical_depth * WIDTH**2 * np.exp(-0.02)
+    assert_mean(stack.intensity.astype(float).mean(axis=(1, 2, 3)) / expected, 1.0)
+
+
+# ---- Purity --------------------------------------------------------------------------------------------
+
+
+CASES = {
+    "nufft": (scene(shape=(40, 41)), {"sampler": "paths"}),
+    "direct": (sparse_scene(), {"sampler": "paths"}),
+    "reversed": (scene(side="reflection"), {"reverse": True}),
+    "stationary": (scene(), {"sampler": "stationary"}),
+    "object": (
+        scene().replace(illumination=sg.IncoherentObject(brightness=[[1.0, 0.0], [0.5, 2.0]], pitch=1e-5, width=WIDTH)),
+        {"sampler": "stationary"},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_threads_and_the_number_of_realizations_do_not_matter(case):
+    this, options = CASES[case]
+    paths = 5000
+    three = sg.render(this, paths=paths, seed=7, realizations=3, threads=1, **options)
+    two = sg.render(this, paths=paths, seed=7, realizations=2, threads=2, **options)
+    one = sg.render(this, paths=paths, seed=7, **options)
+    assert three.intensity[:2].tobytes() == two.intensity.tobytes()
+    assert two.intensity[0].tobytes() == one.intensity.tobytes()
+    assert one.intensity.dtype == np.float32
+    shape = this.sensor.shape if case == "object" else (len(this.beams.directions), *this.sensor.shape)
+    assert one.intensity.shape == shape
+    assert three.intensity.shape == (3, *shape)
+    assert (sg.render(this, paths=paths, seed=8, **options).intensity != one.intensity).any()
+    assert (three.intensity[0] != three.intensity[1]).any()
+    if case != "object":
+        assert one.field.dtype == np.complex64
+        np.testing.assert_array_equal(one.intensity, one.field.real**2 + one.field.imag**2)
+
+
+def test_the_case_names_say_what_runs():
+    found = {case: sg.plan(this, paths=5000, **options) for case, (this, options) in CASES.items()}
+    assert {case: p.evaluator for case, p in found.items() if p.sampler == "paths"} == {
+        "nufft": "nufft",
+        "direct": "direct",
+        "reversed": "direct",
+    }
+
+
+def test_chunks_join_as_one_bank(monkeypatch):
+    this = sparse_scene()
+    whole = sg.render(this, paths=3000, seed=1, sampler="paths").field
+    from specklegen import rendering
+
+    monkeypatch.setattr(rendering, "CHUNK", 700)
+    parts = sg.render(this, paths=3000, seed=1, sampler="paths").field
+    # Only the order of the float64 sums differs, and the rounding to complex64.
+    np.testing.assert_allclose(parts, whole, rtol=1e-6, atol=1e-6 * np.abs(whole).max())
+
+
+def test_nufft_and_direct_render_the_same_field(monkeypatch):
+    this = scene(shape=(40, 41))
+    by_nufft = sg.render(this, paths=2000, seed=1, sampler="paths")
+    assert by_nufft.report.evaluator == "nufft"
+    views = this.replace(sensor=sg.FarField(directions=this.sensor.directions))
+    # The pilots of the two scenes have different keys and so different thresholds: share the grid's proposal.
+    made = sg.plan(this, paths=2000, sampler="paths")
+    from specklegen.fields.direct import direct_field
+    from specklegen.fields.ends import Optics, random_phases
+    from specklegen.tracing import trace
+
+    bank = trace(this.medium, made.proposal, 1, 2000)
+    optics = Optics.of_scene(views)
+    direct = direct_field(bank, optics, random_phases(bank, 1), views.sensor.directions.reshape(-1, 3))
+    difference = by_nufft.field - direct.reshape(by_nufft.field.shape)
+    assert np.linalg.norm(difference) < 1.5e-3 * np.linalg.norm(direct)
+
+
+def test_a_plan_is_a_pure_function_and_says_what_it_does():
+    this = scene()
+    planning._pilot.cache_clear()
+    first = sg.plan(this, paths=1000)
+    planning._pilot.cache_clear()
+    planning._nufft.cache_clear()
+    planning._judge.cache_clear()
+    again = sg.plan(this, paths=1000)
+    assert first.explain() == again.explain()
+    assert first.proposal.threshold == again.proposal.threshold
+    for word in ("Sampler", "reversed paths", "mean (ballistic) field", "stationary sampler", "MiB", "Ballistic"):
+        assert word in first.explain()
+    report = sg.render(this, paths=1000).report
+    assert (report.sampler, report.paths, report.mean_added) == (first.sampler, 1000, False)
+    assert report.verdicts == first.verdicts
+
+
+# ---- The mean field ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
+def test_mean_field_is_the_diffraction_pattern_of_the_window(profile):
+    """|m|^2 = (A/lambda)^2 e^-OD at v = i; first zero at lambda/W (square), 1.22 lambda/W (disc), none (gaussian)."""
+    this = scene(tilts=[0.0], shape=(1, 41), pitch=0.1, profile=profile)
+    m = sg.mean_field(this)
+    assert m.shape == (1, 1, 41)
+    power = np.square(np.abs(m[0, 0]))
+    area = {"square": 1.0, "disc": np.pi / 4, "gaussian": np.pi / 4}[profile] * WIDTH**2  # of the amplitude
+    assert power[20] == pytest.approx((area / WAVELENGTH) ** 2 * np.exp(-2.0), rel=1e-12)
+    grains = 0.1 * (np.arange(41) - 20)
+    t = np.pi * np.where(grains == 0, 1e-9, grains)
+    shapes = {"square": np.sinc(grains), "disc": 2 * j1(t) / t, "gaussian": np.exp(-((t / 2) ** 2))}
+    np.testing.assert_allclose(power / power[20], shapes[profile] ** 2, atol=1e-9)
+    if profile == "square":
+        assert power[[10, 30]].max() < 1e-20 * power[20]  # one grain away
+
+
+@pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
+def test_mean_field_carries_the_ballistic_power(profile):
+    """The integral of |m|^2 over views is e^-OD times the power of the window, in area."""
+    from specklegen.illumination import illuminated_area
+
+    this = scene(tilts=[0.0], shape=(801, 801), pitch=0.45, profile=profile)
+    total = np.square(np.abs(sg.mean_field(this))).sum() * (0.45 * GRAIN) ** 2
+    # The tails beyond 180 grains hold 2/(pi^2 180) of a square's power along each axis, and less of the others'.
+    assert total == pytest.approx(illuminated_area(WIDTH, profile) * np.exp(-2.0), rel=3e-3)
+
+
+def test_mean_field_follows_the_tilt_and_is_dark_in_reflection():
+    this = scene(tilts=[0.0, 3.0], shape=(1, 21), pitch=0.5)
+    peaks = np.abs(sg.mean_field(this))[:, 0].argmax(axis=1)
+    assert peaks.tolist() == [10, 16]
+    assert not sg.mean_field(scene(side="reflection")).any()
+    obliquely = sg.CollimatedBeams.tilts([1.0], width=WIDTH)
+    there = sg.FarField(directions=obliquely.directions)
+    power = np.abs(sg.mean_field(this.replace(illumination=obliquely, sensor=there))).item() ** 2
+    # Unit irradiance per area of the face: power A e^{-OD/cos} through a face of projected area A cos.
+    assert power == pytest.approx((WIDTH**2 / WAVELENGTH) ** 2 * np.cos(1.0) * np.exp(-2.0 / np.cos(1.0)), rel=1e-9)
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_the_mean_is_added_only_when_asked(sampler):
+    this = scene()
+    without = sg.render(this, paths=500, seed=1, realizations=2, sampler=sampler)
+    added = sg.render(this, paths=500, seed=1, realizations=2, sampler=sampler, mean=True)
+    mean = sg.mean_field(this)
+    np.testing.assert_allclose(added.field - without.field, np.stack([mean, mean]), atol=1e-6 * np.abs(mean).max())
+    assert added.report.mean_added
+    assert not without.report.mean_added
+    said = next(v for v in without.report.verdicts if v.part.startswith("mean"))
+    assert "mean=True adds it" in said.reason
+
+
+def test_no_warning_of_the_mean_where_it_is_weak():
+    weak = scene(medium=slab(30.0), tilts=[0.0])
+    strong = scene(medium=slab(10.0), tilts=[0.0])
+    said = [next(v for v in sg.plan(s, paths=10).verdicts if v.part.startswith("mean")).reason for s in (weak, strong)]
+    peak = np.square(np.abs(sg.mean_field(weak))).max()
+    assert "at most" in said[0], (said, peak)
+    assert "mean=True adds it" in said[1]
+
+
+def test_a_mean_at_a_later_tilt_is_warned_of():
+    """The first tilt's beam passes beside the grid, the second one's straight through it."""
+    this = scene(tilts=[-4000.0, 0.0], shape=(4, 4), medium=slab(10.0))
+    reason = next(v for v in sg.plan(this, paths=10).verdicts if v.part.startswith("mean")).reason
+    assert "mean=True adds it" in reason
+
+
+# ---- Gates ---------------------------------------------------------------------------------------------
+
+
+def test_reversed_paths_take_part_only_near_backscattering():
+    medium = slab(5.0)  # mean free path 20, k l = 251
+    light = directions_of_sines("light", [[0.0, 0.0], [0.1, 0.0]])
+
+    def needed(sines, sign=-1.0, tolerance=0.02):
+        return reversal_verdict(
+            medium, WAVELENGTH, light, directions_of_sines("v", sines, sign), "auto", tolerance
+        ).needed
+
+    # 0.65/(k l |i + v|) = 0.02 at |i + v| = 0.129.
+    assert needed([[0.0, 0.0]])
+    assert needed([[0.12, 0.0]])
+    assert needed([[-0.1 - 0.12, 0.0]])  # v = -i of the second light has sine -0.1
+    assert not needed([[0.15, 0.0]])
+    assert not needed([[-0.1 - 0.15, 0.0]])
+    assert needed([[0.9, 0.0], [0.0, 0.0]])  # any view counts
+    assert not needed([[0.12, 0.0]], tolerance=0.1)
+    assert not needed([[0.0, 0.0]], sign=1.0)
+    for asked in (True, False):
+        views = directions_of_sines("v", [[0.0, 0.0]], -1.0)
+        assert reversal_verdict(medium, WAVELENGTH, light, views, asked, 0.02).needed is asked
+
+
+def test_doubtful_assumptions_are_said():
+    dense = scene(medium=slab(300.0))  # mean free path 0.33 below the wavelength 0.5
+    assert "doubtful: the mean free path" in sg.plan(dense, paths=10).explain()
+    narrow = scene(medium=slab(2.0, thickness=1e7))
+    assert "diffraction of the beam" in sg.plan(narrow, paths=10).explain()
+    assert "doubtful" not in sg.plan(scene(), paths=10).explain()
+
+
+def test_paths_ended_early_are_reported(monkeypatch):
+    import specklegen.tracing as tracing
+
+    planning._pilot.cache_clear()
+    monkeypatch.setattr(tracing, "default_max_order", lambda medium: 3)
+    report = sg.render(sparse_scene(slab(8.0)), paths=500, sampler="paths").report
+    planning._pilot.cache_clear()
+    assert 50 < report.unfinished <= 500
+
+
+@pytest.mark.parametrize("medium", [slab(albedo=0.0), slab().replace(thickness=0.0)])
+def test_where_nothing_scatters_the_field_is_the_mean(medium):
+    this = scene(medium=medium)
+    stack = sg.render(this, paths=1000, realizations=2)
+    assert stack.field.shape == (2, 2, 8, 9)
+    assert not stack.field.any()
+    assert stack.report.connections == 0
+    np.testing.assert_allclose(sg.render(this, mean=True).field, sg.mean_field(this), rtol=1e-6)
+
+
+@pytest.mark.parametrize("paths", [1, 2])
+def test_one_path_one_view_one_tilt(paths):
+    for this in (
+        scene(tilts=[0.0], shape=(1, 1)),
+        scene(tilts=[], shape=(3, 2)),
+        scene(tilts=[1.0, 1.0], shape=(1, 1)),
+    ):
+        for sampler in SAMPLERS:
+            stack = sg.render(this, paths=paths, sampler=sampler)
+            assert stack.field.shape == (len(this.beams.directions), *this.sensor.shape)
+            assert np.isfinite(stack.field).all()
+
+
+# ---- Errors --------------------------------------------------------------------------------------------
+
+BAD = {
+    "paths": ({"paths": 0}, "paths must be at least 1; got 0"),
+    "both budgets": ({"paths": 10, "rel_error": 0.1}, "paths must be left out where rel_error is given; got 10"),
+    "rel_error": ({"rel_error": 0.0}, "rel_error must be between 0 and 1; got 0.0"),
+    "rel_error nan": ({"rel_error": float("nan")}, "rel_error must be between 0 and 1; got nan"),
+    "field_tolerance": ({"field_tolerance": 2.0}, "field_tolerance must be between 0 and 1; got 2.0"),
+    "sampler": ({"sampler": "magic"}, "sampler must be one of .*got 'magic'"),
+    "reverse": ({"reverse": "maybe"}, "reverse must be True, False or \"auto\"; got 'maybe'"),
+    "realizations": ({"realizations": 0}, "realizations must be at least 1"),
+    "threads": ({"threads": 0}, "threads must be at least 1; got 0"),
+    "seed": ({"seed": -3}, "seed must be a whole number of at least 0, or a sequence of them; got -3"),
+    "seed fraction": ({"seed": 0.5}, "seed must be a whole number .*got 0.5"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_arguments_are_named(case):
+    options, message = BAD[case]
+    with pytest.raises(sg.RuleError, match=message):
+        sg.render(scene(), **({"paths": 10} | options if "rel_error" not in options else options))
+
+
+def test_a_grid_that_undersamples_is_refused_with_the_remedy():
+    with pytest.raises(
+        sg.RuleError, match=r"FarFieldGrid.pitch must be at most half the speckle size .*use a pitch <="
+    ):
+        sg.render(scene(pitch=0.6))
+    # The remedy's own pitch is good.
+    assert sg.plan(scene(pitch=0.5), paths=10).paths == 10
+
+
+def test_a_render_beyond_memory_is_refused():
+    with pytest.raises(sg.RuleError, match=r"Scene must be renderable within .* GiB; got .*fewer"):
+        sg.plan(scene(shape=(30_000, 30_000), pitch=1e-3, tilts=np.arange(100) * 1e-3), paths=10)
+
+
+def test_an_object_has_no_field_and_says_why():
+    this, options = CASES["object"]
+    stack = sg.render(this, paths=500, **options)
+    with pytest.raises(sg.RuleError, match=r"SpeckleStack.field .*IncoherentObject.*incoherent.*use \.intensity"):
+        _ = stack.field
+    with pytest.raises(sg.RuleError, match="mean must be False for an incoherent object"):
+        sg.render(this, paths=500, mean=True)
+    with pytest.raises(sg.RuleError, match="mean_field scene.illumination must be CollimatedBeams"):
+        sg.mean_field(this)
+
+
+# ---- Threads and forks ---------------------------------------------------------------------------------
+
+
+def test_two_python_threads_may_render_at_once():
+    jobs = [(case, seed) for seed in range(3) for case in ("nufft", "stationary", "object", "direct")]
+
+    def job(what):
+        case, seed = what
+        this, options = CASES[case]
+        return sg.render(this, paths=3000, seed=seed, threads=2, **options).intensity.tobytes()
+
+    alone = [job(what) for what in jobs]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(job, jobs))
+    assert together == alone
+
+
+FORK = """
+import numpy as np, torch, specklegen as sg
+from torch.utils.data import DataLoader, Dataset
+
+def scene(sampler):
+    return sg.Scene(
+        wavelength=0.5, medium=sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.Isotropic()),
+        illumination=sg.CollimatedBeams.tilts([0.0, 1e-4], width=4000.0),
+        sensor=sg.FarField.grid(shape=(32, 33), pitch=6e-5),
+    )
+
+class Stacks(Dataset):
+    def __len__(self):
+        return 4
+    def __getitem__(self, index):
+        sampler = ("paths", "stationary")[index % 2]
+        return sg.render(scene(sampler), paths=3000, seed=index, sampler=sampler, threads=2).intensity
+
+if __name__ == "__main__":
+    data = Stacks()
+    parent = [data[n] for n in range(len(data))]          # two threads, in the parent, before the fork
+    for context in ("fork",):
+        loader = DataLoader(data, batch_size=None, num_workers=2, multiprocessing_context=context)
+        for mine, theirs in zip(parent, loader, strict=True):
+            assert np.array_equal(mine, np.asarray(theirs))
+    print("done")
+"""
+
+
+def test_a_fork_after_a_parallel_render_completes(tmp_path):
+    program = tmp_path / "fork.py"
+    program.write_text(FORK)
+    root = Path(sg.__file__).parents[1]
+    path = os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, str(program)],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "done"
+
+
+def test_the_bounds_used_here_are_those_stated():
+    """limit() at a false-alarm rate of 1e-6: 4.89 for one Gaussian, 5.4 for 64 batches (physics.md 5)."""
+    assert limit() == pytest.approx(4.892, abs=1e-3)
+    assert limit(degrees=63) == pytest.approx(5.4, abs=0.05)
