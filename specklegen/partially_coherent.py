@@ -31,6 +31,7 @@ import math
 import numpy as np
 from scipy.signal import correlate
 
+from specklegen.fields.ends import AXIS, Optics, full_weights
 from specklegen.gates import Reverse
 from specklegen.illumination import (
     CollimatedBeams,
@@ -41,10 +42,11 @@ from specklegen.illumination import (
     object_sines,
 )
 from specklegen.mean import window_transform
-from specklegen.planning import Sampler
+from specklegen.planning import Sampler, plan
 from specklegen.rendering import SpeckleStack, render
 from specklegen.scene import Scene
-from specklegen.streams import Seed
+from specklegen.streams import Seed, Stream, pilot_seed
+from specklegen.tracing import trace
 from specklegen.values import reject
 
 REACH = 4.0
@@ -182,8 +184,8 @@ def render_partially_coherent(
     coherence_length
         As in `gaussian_schell_object`.
     paths, rel_error, seed, realizations, sampler, reverse, field_tolerance, threads
-        As in `specklegen.render`. ``rel_error`` counts relative to the intensity, of which the speckle is
-        only a share: contrast^2 is too high by its square.
+        As in `specklegen.render`. A finite number of paths raises contrast^2 by `finite_path_excess`, however
+        small the contrast is.
 
     Returns
     -------
@@ -214,6 +216,37 @@ def render_partially_coherent(
     lead, sensor = power.shape[:tilt_axis], power.shape[tilt_axis + 1 :]
     power = power.reshape(*lead, len(beams.directions), len(powers), *sensor)
     return SpeckleStack(None, np.tensordot(power, powers, (tilt_axis + 1, 0)), stack.report)
+
+
+def finite_path_excess(
+    scene: Scene, paths: int, *, shift: float = 0.0, samples: int = 50_000, threads: int | None = None
+) -> float:
+    """Return what a finite number of paths adds to contrast^2, or to the covariance over the squared mean.
+
+    {(E[w^2] - E[w]^2) + (E|sum_B w_B e^{-ik d x_B}|^2 - E[sum_B w_B^2])} / (N E[w]^2), w = sum_B w_B the full
+    weight of one path. The first part, ``Plan.expected_error`` squared, is the fluctuation of a bank's
+    intensity. The second is speckle between connections of different length on one path, which beams at one
+    view share, since all of them begin at the same point; it is as large where paths connect more than once.
+
+    Parameters
+    ----------
+    scene, paths
+        What the path sampler renders, reversed paths left out.
+    shift
+        Direction sine d between the two views, along x from the axis of transmission.
+    samples, threads
+        Paths from which the weights are known; keyed by the scene.
+    """
+    made = plan(scene, paths=paths, sampler="paths", reverse=False)
+    bank = trace(
+        scene.medium, made.proposal, pilot_seed(scene.fingerprint()), samples, stream=Stream.PILOT, threads=threads
+    )
+    each = full_weights(bank, Optics.of_scene(scene), made.proposal.reference, AXIS)
+    path = np.bincount(bank.paths, each, samples)
+    phase = scene.wavenumber * shift * bank.exit[:, 0]
+    real, imaginary = (np.bincount(bank.paths, each * part, samples) for part in (np.cos(phase), np.sin(phase)))
+    between = (real**2 + imaginary**2).sum() - (each**2).sum()
+    return float((path.var() + between / samples) / path.mean() ** 2 / paths)
 
 
 def _spread(beams: CollimatedBeams, source: IncoherentObject) -> CollimatedBeams:

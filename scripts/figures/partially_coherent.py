@@ -16,7 +16,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import specklegen as sg
-from specklegen.partially_coherent import effective_source_modes, gaussian_schell_object, render_partially_coherent
+from specklegen.partially_coherent import (
+    effective_source_modes,
+    finite_path_excess,
+    gaussian_schell_object,
+    render_partially_coherent,
+)
 from specklegen.planning import Sampler
 from specklegen.stationary.kernel import estimate_kernel
 from specklegen.statistics import jackknife
@@ -30,7 +35,7 @@ PATHS: dict[Sampler, int] = {"paths": 2000, "stationary": 100_000}
 
 
 def images(slab, width, length, sampler, realizations):
-    """Intensities float64[R, H, W], the report, and the CPU seconds they took."""
+    """Intensities float64[R, H, W], their scene, and the CPU seconds they took."""
     scene = sg.Scene(
         wavelength=WAVELENGTH,
         medium=slab,
@@ -41,7 +46,8 @@ def images(slab, width, length, sampler, realizations):
     stack = render_partially_coherent(
         scene, length, sampler=sampler, paths=PATHS[sampler], realizations=realizations, threads=1
     )
-    return stack.intensity[:, 0].astype(float), stack.report, time.process_time() - begin
+    source = gaussian_schell_object(WAVELENGTH, length, width)
+    return stack.intensity[:, 0].astype(float), scene.replace(illumination=source), time.process_time() - begin
 
 
 def autocovariance(stack, shifts):
@@ -76,9 +82,9 @@ def draw_contrast(panel, quick):
     rows = []
     for sampler, marker in (("stationary", "o"), ("paths", "x")):
         for ratio in RATIOS if sampler == "stationary" else [r for r in RATIOS if r >= (0.4 if quick else 0.2)]:
-            stack, report, seconds = images(SLAB, width, ratio * width / 2, sampler, 16 if quick else 128)
+            stack, scene, seconds = images(SLAB, width, ratio * width / 2, sampler, 16 if quick else 128)
             square, error = autocovariance(stack, [0])
-            square = square[0] - (report.expected_error**2 if sampler == "paths" else 0)
+            square = square[0] - (finite_path_excess(scene, PATHS[sampler], threads=1) if sampler == "paths" else 0)
             contrast, error = square**0.5, error[0] / 2 / square**0.5
             law = contrast_law(ratio)
             first = ratio == RATIOS[0]
@@ -97,9 +103,10 @@ def draw_grains(panel, quick):
     width, length, shifts = 10 * SLAB.thickness, SLAB.thickness, np.arange(9)
     rows = []
     for slab, name, colour in ((SLAB, "g = 0.9, OD 10", "C0"), (MILK, "g = 0, OD 5", "C3")):
-        stack, report, _ = images(slab, width, length, "paths", 16 if quick else 128)
+        stack, scene, _ = images(slab, width, length, "paths", 16 if quick else 128)
         value, error = autocovariance(stack, shifts)
-        value = value - report.expected_error**2
+        steps = shifts * WAVELENGTH / width / 2
+        value = value - [finite_path_excess(scene, PATHS["paths"], shift=d, threads=1) for d in steps]
         law = autocovariance_law(slab, width, length, shifts)
         panel.plot(shifts / 2, law, color=colour, lw=1)
         panel.errorbar(shifts / 2, value, error, fmt="x", color=colour, capsize=3, label=name)
