@@ -5,11 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from specklegen.datasets.hidden_object import HiddenObject
+from specklegen.datasets.partially_coherent import PartiallyCoherent
 from specklegen.datasets.recipe import Recipe, merged, recipe_table
 from specklegen.datasets.tilt_stack import TiltStack
 from specklegen.values import reject
 
-KINDS: dict[str, type[Recipe]] = {"tilt-stack": TiltStack, "hidden-object": HiddenObject}
+KINDS: dict[str, type[Recipe]] = {
+    "tilt-stack": TiltStack,
+    "hidden-object": HiddenObject,
+    "partially-coherent": PartiallyCoherent,
+}
 
 
 def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) -> Recipe:

@@ -27,6 +27,7 @@ from specklegen.coherence import (
 )
 from specklegen.greens import AxialDetector, CylindricalFocus, TransverseDetector, flux_weighted_csd
 
+OUT = Path("docs/coherence")
 SIGMAS = (2, 1, 0.6, 0.4, 0.2, 0.1)
 COLOURS = dict(zip(SIGMAS, plt.get_cmap("viridis")(np.linspace(0, 0.9, len(SIGMAS))), strict=True))
 METHODS: dict[Literal["kl", "copula"], str] = {"kl": "o", "copula": "x"}  # and their markers
@@ -288,7 +289,7 @@ def main(out: Path, quick: bool) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=Path("docs/coherence"))
+    parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--quick", action="store_true", help="fewer rays and fields: seconds")
     arguments = parser.parse_args()
     main(arguments.out, arguments.quick)
