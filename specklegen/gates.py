@@ -9,6 +9,7 @@ from specklegen.media import Slab
 from specklegen.values import reject
 
 Reverse = bool | Literal["auto"]
+Sampler = Literal["auto", "paths", "stationary"]
 BACKSCATTER_WING = 0.65  # 3D, isotropic scatterers: the slow wing of the cone (physics.md 2)
 
 

@@ -32,7 +32,7 @@ import numpy as np
 from scipy.signal import correlate
 
 from specklegen.fields.ends import AXIS, Optics, full_weights
-from specklegen.gates import Reverse
+from specklegen.gates import Reverse, Sampler
 from specklegen.illumination import (
     CollimatedBeams,
     IncoherentObject,
@@ -42,7 +42,7 @@ from specklegen.illumination import (
     object_sines,
 )
 from specklegen.mean import window_transform
-from specklegen.planning import Sampler, plan
+from specklegen.planning import plan
 from specklegen.rendering import SpeckleStack, render
 from specklegen.scene import Scene
 from specklegen.streams import Seed, Stream, pilot_seed

@@ -6,36 +6,25 @@ seconds may differ between machines, choices may not.
 """
 
 import os
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from specklegen.fields.ends import Optics, full_weights
-from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator, build_evaluator
-from specklegen.gates import Reverse, Verdict, reversal_verdict
-from specklegen.illumination import IncoherentObject
-from specklegen.mean import ballistic_fraction, mean_field
+from specklegen.costs import Work, memory_bytes, seconds
+from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
+from specklegen.gates import Reverse, Sampler, Verdict, reversal_verdict
+from specklegen.mean import ballistic_fraction
 from specklegen.parallel import thread_count
+from specklegen.pilots import scene_pilot
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid, require_resolved
-from specklegen.stationary.criterion import StationaryError, stationary_error
-from specklegen.stationary.kernel import keep_threshold
-from specklegen.streams import Stream, pilot_seed
-from specklegen.tracing import PathBank, Proposal, beam_proposal, trace
-from specklegen.values import reject, remembered
+from specklegen.tracing import Proposal
+from specklegen.values import reject
+from specklegen.verdicts import evaluator_verdict, mean_verdict, stationary_verdict, validity_verdicts
 
-Sampler = Literal["auto", "paths", "stationary"]
-PILOT_PATHS = 6000
-_FIXED = 64 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
-CHUNK = 131072
-"""Paths traced and summed at a time; fixed, so that sums do not depend on the machine's size."""
 DEFAULT_PATHS = 100_000
 STATIONARY_TOLERANCE = 0.02
 
-# Nanoseconds on one core of the machine of docs/performance.md; they scale predictions, not choices.
-_EVENT, _END, _TRANSFORM, _VIEW, _FFT_POINT, _NORMAL = 40.0, 30.0, 42.0, 14.0, 12.0, 20.0
 
 
 @dataclass(frozen=True)
@@ -107,16 +96,6 @@ class Plan:
         return "\n".join(lines)
 
 
-@dataclass(frozen=True)
-class Pilot:
-    """A scene's pilot: the proposal with its threshold, a bank, and what it says of weights and cost."""
-
-    proposal: Proposal
-    bank: PathBank
-    relative_variance: float
-    intensity: float
-
-
 def plan(
     scene: Scene,
     *,
@@ -179,7 +158,7 @@ def plan(
         scene.medium, scene.wavelength, scene.beams.directions, scene.sensor.directions, reverse, tolerance
     )
     verdicts += [reversal, mean_verdict(scene, mean, tolerance)]
-    pilot = _pilot(scene, reversal.needed)
+    pilot = scene_pilot(scene, reversal.needed)
     if paths is None:
         paths = DEFAULT_PATHS if rel_error is None else max(1, int(np.ceil(pilot.relative_variance / rel_error**2)))
     stationary = stationary_verdict(scene, reversal.needed, sampler, tolerance)
@@ -188,12 +167,21 @@ def plan(
     nufft = None
     evaluator = "FFT or matrix products"
     if not stationary.needed:
-        nufft, verdict = _evaluator(scene, pilot, field_tolerance, reversal.needed)
+        nufft, verdict = evaluator_verdict(scene, pilot, field_tolerance, reversal.needed)
         verdicts.append(verdict)
         evaluator = "nufft" if nufft else "direct"
-    per_path = len(pilot.bank) / max(pilot.bank.count, 1)
-    events = pilot.bank.events / max(pilot.bank.count, 1)
-    made = Plan(
+    work = Work(
+        scene=scene,
+        paths=paths,
+        events_per_path=pilot.bank.events / max(pilot.bank.count, 1),
+        connections_per_path=len(pilot.bank) / max(pilot.bank.count, 1),
+        stationary=stationary.needed,
+        nufft=nufft,
+        reverse=reversal.needed,
+    )
+    needed = memory_bytes(work, thread_count(threads))
+    _require_memory(scene, needed)
+    return Plan(
         scene=scene,
         paths=paths,
         sampler="stationary" if stationary.needed else "paths",
@@ -204,16 +192,11 @@ def plan(
         proposal=pilot.proposal,
         nufft=nufft,
         expected_error=float(np.sqrt(pilot.relative_variance / paths)),
-        connections_per_path=per_path,
-        events_per_path=events,
-        seconds=0.0,
-        memory_bytes=0,
+        connections_per_path=work.connections_per_path,
+        events_per_path=work.events_per_path,
+        seconds=seconds(work, thread_count(threads)),
+        memory_bytes=needed,
     )
-    made = replace(
-        made, seconds=_seconds(made, thread_count(threads)), memory_bytes=_memory(made, thread_count(threads))
-    )
-    _require_memory(scene, made.memory_bytes)
-    return made
 
 
 def _require_memory(scene: Scene, needed: int) -> None:
@@ -225,198 +208,3 @@ def _require_memory(scene: Scene, needed: int) -> None:
             f"{needed / 2**30:.1f} GiB for {len(scene.beams.directions)} tilts of {scene.sensor.shape} views",
             "Render fewer tilts at a time (the same seed gives the same medium), or fewer views.",
         )
-
-
-def validity_verdicts(scene: Scene) -> list[Verdict]:
-    """What the physics itself assumes of a scene, where it is doubtful."""
-    found = []
-    medium, wavelength = scene.medium, scene.wavelength
-    width = scene.beams.width
-    if medium.mean_free_path < wavelength:
-        found.append(
-            Verdict(
-                "independent scattering",
-                True,
-                f"assumed, but doubtful: the mean free path {medium.mean_free_path:g} is below the wavelength",
-            )  # fmt: skip
-        )
-    if width**2 < 10 * wavelength * medium.thickness:
-        found.append(
-            Verdict(
-                "diffraction of the beam inside the slab",
-                False,
-                f"not modelled, and doubtful here: width^2 / wavelength = {width**2 / wavelength:.3g} is not far "
-                f"above the thickness {medium.thickness:g}",
-            )  # fmt: skip
-        )
-    return found
-
-
-def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
-    """The mean field is added only when asked; say where its intensity would exceed the speckle's tolerance."""
-    part = "mean (ballistic) field"
-    if mean:
-        return Verdict(part, True, "asked for")
-    if isinstance(scene.illumination, IncoherentObject) or not len(scene.beams.directions):
-        return Verdict(part, False, f"its share of the light is {ballistic_fraction(scene):.2g}")
-    few = scene.replace(illumination=scene.beams.replace(directions=_nearest_tilt(scene)[None]))
-    strongest = float(np.square(np.abs(mean_field(few))).max(initial=0.0))
-    speckle = _pilot(scene, False).intensity
-    if strongest <= tolerance * speckle:
-        return Verdict(
-            part,
-            False,
-            f"at most {strongest / max(speckle, 1e-300):.2g} of the speckle's intensity at any view",
-        )
-    return Verdict(
-        part, False,
-        f"not asked for (mean=True adds it), though it reaches {strongest / max(speckle, 1e-300):.2g} times the "
-        "speckle's intensity at some view",
-    )  # fmt: skip
-
-
-def _nearest_tilt(scene: Scene) -> np.ndarray:
-    """float64[3], the tilt that comes nearest to any view, where its mean field is strongest; ties to the axis."""
-    directions, sensor = scene.beams.directions, scene.sensor
-    if isinstance(sensor, FarFieldGrid):
-        x, y = sensor.sines
-        inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
-        gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
-    else:
-        gap, _ = cKDTree(sensor.directions.reshape(-1, 3)).query(directions)
-    return directions[np.lexsort((-directions[:, 2], gap))[0]]
-
-
-def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance: float) -> Verdict:
-    """Whether the stationary sampler serves a scene within the tolerance (design.md 3)."""
-    part = "stationary sampler"
-    obstacle = None
-    if not isinstance(scene.sensor, FarFieldGrid):
-        obstacle = "needs a regular far-field grid"
-    elif scene.sensor.side != "transmission":
-        obstacle = "serves transmission only"
-    elif reverse:
-        obstacle = "has no reversed paths"
-    elif scene.medium.albedo == 0 or scene.medium.thickness == 0:
-        obstacle = "has nothing to do: nothing scatters"
-    if obstacle:
-        if sampler == "stationary":
-            reject("sampler", '"paths" or "auto" for this scene', sampler, f"The stationary sampler {obstacle}.")
-        return Verdict(part, False, obstacle)
-    if sampler == "paths":
-        return Verdict(part, False, "as asked")
-    error = _judge(scene, tolerance)
-    said = (
-        f"its correlations are off by {error.correlation:.2g} +- {error.correlation_error:.1g} and its intensities by "
-        f"{error.intensity:.2g} +- {error.intensity_error:.1g}, allowed {tolerance:g}"
-    )
-    if sampler == "stationary":
-        return Verdict(part, True, f"asked for; {said}")
-    return Verdict(part, error.accepts(tolerance), said)
-
-
-@remembered(64)
-def _pilot(scene: Scene, reverse: bool) -> Pilot:
-    medium = scene.medium
-    views = probe_views(scene)
-    proposal = beam_proposal(medium, scene.beams, views, reverse=reverse)
-    optics = Optics.of_scene(scene)
-    seed = pilot_seed(scene.fingerprint())
-    if len(views) and len(scene.beams.directions):
-        threshold = keep_threshold(medium, proposal, optics, proposal.reference, seed)
-        proposal = replace(proposal, threshold=threshold)
-    bank = trace(medium, proposal, seed, PILOT_PATHS, stream=Stream.PILOT)
-    worst = intensity = 0.0
-    for view in views:
-        w = np.bincount(bank.paths, full_weights(bank, optics, proposal.reference, view), bank.count)
-        if w.any():
-            worst = max(worst, float(w.var() / w.mean() ** 2))
-            intensity = max(intensity, float(w.mean()))
-    return Pilot(proposal, bank, worst, intensity)
-
-
-@remembered(64)
-def _nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftEvaluator | None:
-    assert isinstance(scene.sensor, FarFieldGrid)
-    return build_evaluator(_pilot(scene, reverse).bank, Optics.of_scene(scene), scene.sensor, tolerance)
-
-
-@remembered(64)
-def _judge(scene: Scene, tolerance: float) -> StationaryError:
-    return stationary_error(scene, _pilot(scene, False).proposal, tolerance)
-
-
-def probe_views(scene: Scene) -> np.ndarray:
-    """Views that stand for all in weights and errors: centre and corners of a grid, at most nine others."""
-    sensor = scene.sensor
-    if not isinstance(sensor, FarFieldGrid):
-        flat = sensor.directions.reshape(-1, 3)
-        return flat[np.unique(np.linspace(0, len(flat) - 1, 9).astype(int))] if len(flat) else flat
-    narrow = np.ptp(sensor.corner_directions, axis=0).max() < 0.05 * (1 - abs(scene.medium.scatterer.g))
-    return (
-        sensor.center_direction[None]
-        if narrow
-        else np.concatenate([sensor.center_direction[None], sensor.corner_directions])
-    )
-
-
-def _evaluator(scene: Scene, pilot: Pilot, tolerance: float, reverse: bool) -> tuple[NufftEvaluator | None, Verdict]:
-    part = "NUFFT evaluator"
-    if not isinstance(scene.sensor, FarFieldGrid):
-        return None, Verdict(part, False, "needs a regular far-field grid; the direct sum serves any directions")
-    if reverse:
-        return None, Verdict(part, False, "reversed paths are summed directly")
-    if len(pilot.bank) == 0:
-        return None, Verdict(part, False, "nothing scatters")
-    nufft = _nufft(scene, reverse, tolerance)
-    views = int(np.prod(scene.sensor.shape))
-    tilts = len(scene.beams.directions)
-    if nufft is None:
-        return None, Verdict(part, False, "the field of view is too wide for a low-rank view factor; summed directly")
-    transforms = _nufft_ns(nufft, tilts, 1000.0, views) / 1000
-    direct = views * (_VIEW + 2.0 * tilts)
-    if transforms > direct:
-        return None, Verdict(part, False, f"rank {nufft.rank} makes it dearer than {views} views summed directly")
-    return nufft, Verdict(
-        part,
-        True,
-        f"rank {nufft.rank} at a relative field error of {nufft.error:.1g} on held-out connections",
-    )
-
-
-def _nufft_ns(nufft: NufftEvaluator, tilts: int, connections: float, views: int) -> float:
-    width = np.ceil(-np.log10(0.3 * nufft.tolerance)) + 1
-    spread = _TRANSFORM * (width / 5) ** 2 * (1 if nufft.tolerance >= 1e-4 else 2)
-    return nufft.rank * tilts * (spread * connections + _FFT_POINT * 4 * views) + connections * _END * (
-        tilts + nufft.rank
-    )
-
-
-def _seconds(made: Plan, threads: int) -> float:
-    views = float(np.prod(made.scene.sensor.shape))
-    tilts = len(made.scene.beams.directions)
-    connections = made.paths * made.connections_per_path
-    ns = made.paths * made.events_per_path * _EVENT
-    if made.sampler == "stationary":
-        grains = np.prod([n * made.scene.sensor.pitch / made.scene.speckle_size + 10 for n in made.scene.sensor.shape])  # type: ignore[union-attr]
-        return float(1e-9 * (ns / threads + tilts * (grains * _NORMAL + views * 6.0)) + 5e-3)
-    if made.nufft:
-        ns += _nufft_ns(made.nufft, tilts, connections, int(views))
-    else:
-        ns += connections * (views * (_VIEW + 2.0 * tilts) + _END * tilts) * (2 if made.reverse else 1)
-    return 1e-9 * ns / threads
-
-
-def _memory(made: Plan, threads: int) -> int:
-    views = float(np.prod(made.scene.sensor.shape))
-    tilts = len(made.scene.beams.directions)
-    connections = min(made.paths, CHUNK) * made.connections_per_path
-    bank = connections * (14 * 8 + 12) * 2
-    if made.sampler == "stationary":
-        return int(min(made.paths, 1e9) * made.connections_per_path * 160 + 8 * views * tilts * 4 + _FIXED)
-    if made.nufft:
-        single = made.nufft.tolerance >= 1e-4
-        per = 8 if single else 16
-        field = tilts * views * per * (2 + made.nufft.rank + threads)
-        return int(bank + connections * (16 * (tilts + made.nufft.rank) + per * tilts * threads) + field + _FIXED)
-    return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + _FIXED)

@@ -11,14 +11,14 @@ import numpy as np
 from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import Optics, random_phases
 from specklegen.fields.nufft import nufft_field
-from specklegen.gates import Reverse, Verdict
+from specklegen.gates import Reverse, Sampler, Verdict
 from specklegen.illumination import IncoherentObject
 from specklegen.mean import mean_field
-from specklegen.planning import CHUNK, Plan, Sampler, plan
+from specklegen.planning import Plan, plan
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
 from specklegen.streams import Seed
-from specklegen.tracing import trace
+from specklegen.tracing import CHUNK, trace
 from specklegen.values import reject
 
 

@@ -46,7 +46,8 @@ def autocorrelation(image: np.ndarray) -> np.ndarray:
     from scipy.signal import correlate
 
     fluctuation = np.asarray(image, dtype=np.float64) - np.mean(image)
-    pairs = correlate(np.ones_like(fluctuation), np.ones_like(fluctuation), method="fft").round()
-    lags = correlate(fluctuation, fluctuation, method="fft") / pairs
+    ones = np.ones_like(fluctuation)
+    pairs = np.asarray(correlate(ones, ones, method="fft"), dtype=np.float64).round()
+    lags = np.asarray(correlate(fluctuation, fluctuation, method="fft"), dtype=np.float64) / pairs
     peak = lags[lags.shape[0] // 2, lags.shape[1] // 2]
     return lags / peak if peak > 0 else lags

@@ -14,11 +14,10 @@ them (`source_modes`). A partially coherent image is
 import numpy as np
 
 from specklegen.coherence import coherent_modes
-from specklegen.gates import Reverse
+from specklegen.gates import Reverse, Sampler
 from specklegen.greens import GreensMatrix
 from specklegen.illumination import CollimatedBeams, IncoherentObject, directions_of_sines
 from specklegen.partially_coherent import window_coherence
-from specklegen.planning import Sampler
 from specklegen.rendering import render
 from specklegen.scene import Scene
 from specklegen.streams import Seed

@@ -5,6 +5,7 @@ from zscore import assert_z
 import specklegen as sg
 from specklegen.coherence import coherent_modes, gaussian_schell_model
 from specklegen.datasets import load_recipe, recipe_names
+from specklegen.gates import Sampler
 from specklegen.partially_coherent import (
     effective_source_modes,
     finite_path_excess,
@@ -14,7 +15,6 @@ from specklegen.partially_coherent import (
     source_lattice,
     window_coherence,
 )
-from specklegen.planning import Sampler
 from specklegen.stationary.kernel import estimate_kernel
 from specklegen.statistics import jackknife
 

@@ -13,7 +13,7 @@ from scipy.stats import kstest
 from zscore import FALSE_ALARM, assert_mean, assert_z, limit
 
 import specklegen as sg
-from specklegen import planning
+from specklegen import pilots
 from specklegen.gates import reversal_verdict
 from specklegen.illumination import directions_of_sines
 from specklegen.statistics import jackknife
@@ -214,11 +214,11 @@ def test_nufft_and_direct_render_the_same_field(monkeypatch):
 
 def test_a_plan_is_a_pure_function_and_says_what_it_does():
     this = scene()
-    planning._pilot.cache_clear()
+    pilots.scene_pilot.cache_clear()
     first = sg.plan(this, paths=1000)
-    planning._pilot.cache_clear()
-    planning._nufft.cache_clear()
-    planning._judge.cache_clear()
+    pilots.scene_pilot.cache_clear()
+    pilots.scene_evaluator.cache_clear()
+    pilots.scene_stationary_error.cache_clear()
     again = sg.plan(this, paths=1000)
     assert first.explain() == again.explain()
     assert first.proposal.threshold == again.proposal.threshold
@@ -338,10 +338,10 @@ def test_doubtful_assumptions_are_said():
 def test_paths_ended_early_are_reported(monkeypatch):
     import specklegen.tracing as tracing
 
-    planning._pilot.cache_clear()
+    pilots.scene_pilot.cache_clear()
     monkeypatch.setattr(tracing, "default_max_order", lambda medium: 3)
     report = sg.render(sparse_scene(slab(8.0)), paths=500, sampler="paths").report
-    planning._pilot.cache_clear()
+    pilots.scene_pilot.cache_clear()
     assert 50 < report.unfinished <= 500
 
 

@@ -16,13 +16,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import specklegen as sg
+from specklegen.gates import Sampler
 from specklegen.partially_coherent import (
     effective_source_modes,
     finite_path_excess,
     gaussian_schell_object,
     render_partially_coherent,
 )
-from specklegen.planning import Sampler
 from specklegen.stationary.kernel import estimate_kernel
 from specklegen.statistics import jackknife
 

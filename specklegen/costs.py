@@ -1,0 +1,77 @@
+"""What a plan costs: counted operations times nanoseconds, and bytes.
+
+The nanoseconds are those of one core of the machine of docs/performance.md. They scale predictions; a choice
+between samplers never rests on a clock.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
+from specklegen.scene import Scene
+from specklegen.tracing import CHUNK
+
+_EVENT = 40.0  # a scattering event
+_END = 30.0  # one end of a connection at one tilt or view
+_TRANSFORM = 42.0  # spreading one strength, at a tolerance of 1e-3
+_VIEW = 14.0  # a connection at a view, summed directly
+_FFT_POINT = 12.0
+_NORMAL = 20.0  # a complex normal
+_FIXED = 64 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
+
+
+@dataclass(frozen=True)
+class Work:
+    """What there is to do: the scene, the paths and how many events and connections each has, and the way."""
+
+    scene: Scene
+    paths: int
+    events_per_path: float
+    connections_per_path: float
+    stationary: bool
+    nufft: NufftEvaluator | None
+    reverse: bool
+
+
+def nufft_nanoseconds(nufft: NufftEvaluator, tilts: int, connections: float, views: int) -> float:
+    """Nanoseconds to evaluate connections by NUFFT."""
+    width = np.ceil(-np.log10(0.3 * nufft.tolerance)) + 1
+    spread = _TRANSFORM * (width / 5) ** 2 * (1 if nufft.tolerance >= SINGLE_PRECISION_FROM else 2)
+    transforms = nufft.rank * tilts * (spread * connections + _FFT_POINT * 4 * views)
+    return float(transforms + connections * _END * (tilts + nufft.rank))
+
+
+def direct_nanoseconds(tilts: int, connections: float, views: int) -> float:
+    """Nanoseconds to evaluate connections by the direct sum."""
+    return connections * (views * (_VIEW + 2.0 * tilts) + _END * tilts)
+
+
+def seconds(work: Work, threads: int) -> float:
+    """Seconds for one realization of a render, its preparation included."""
+    views = int(np.prod(work.scene.sensor.shape))
+    tilts = len(work.scene.beams.directions)
+    connections = work.paths * work.connections_per_path
+    tracing = work.paths * work.events_per_path * _EVENT / threads
+    if work.stationary:
+        pitch = work.scene.sensor.pitch / work.scene.speckle_size  # type: ignore[union-attr]
+        cells = np.prod([n * pitch + 10 for n in work.scene.sensor.shape])
+        return float(1e-9 * (tracing + tilts * (cells * _NORMAL + views * 6.0)) + 5e-3)
+    if work.nufft:
+        return 1e-9 * (tracing + nufft_nanoseconds(work.nufft, tilts, connections, views) / threads)
+    return 1e-9 * (tracing + direct_nanoseconds(tilts, connections, views) * (2 if work.reverse else 1) / threads)
+
+
+def memory_bytes(work: Work, threads: int) -> int:
+    """Bytes by which the process grows at most in a render."""
+    views = float(np.prod(work.scene.sensor.shape))
+    tilts = len(work.scene.beams.directions)
+    connections = min(work.paths, CHUNK) * work.connections_per_path
+    bank = connections * (14 * 8 + 12) * 2
+    if work.stationary:
+        return int(work.paths * work.connections_per_path * 160 + 8 * views * tilts * 4 + _FIXED)
+    if work.nufft:
+        per = 8 if work.nufft.tolerance >= SINGLE_PRECISION_FROM else 16
+        field = tilts * views * per * (2 + work.nufft.rank + threads)
+        return int(bank + connections * (16 * (tilts + work.nufft.rank) + per * tilts * threads) + field + _FIXED)
+    return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + _FIXED)

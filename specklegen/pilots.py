@@ -1,0 +1,79 @@
+"""Pilots: a few paths of a scene, keyed by its fingerprint, from which everything is planned.
+
+A pilot is a function of the scene alone, never of the run that it plans, so that what it decides (thresholds,
+view factors, samplers) biases no result.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from specklegen.fields.ends import Optics, full_weights
+from specklegen.fields.nufft import NufftEvaluator, build_evaluator
+from specklegen.scene import Scene
+from specklegen.sensors import FarFieldGrid
+from specklegen.stationary.criterion import StationaryError, stationary_error
+from specklegen.stationary.kernel import keep_threshold
+from specklegen.streams import Stream, pilot_seed
+from specklegen.tracing import PathBank, Proposal, beam_proposal, trace
+from specklegen.values import remembered
+
+PILOT_PATHS = 6000
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """A scene's pilot: the proposal with its threshold, a bank, and what it says of weights and cost."""
+
+    proposal: Proposal
+    bank: PathBank
+    relative_variance: float
+    intensity: float
+
+
+@remembered(64)
+def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
+    """Pilot of a scene, with or without reversed paths."""
+    medium = scene.medium
+    views = probe_views(scene)
+    proposal = beam_proposal(medium, scene.beams, views, reverse=reverse)
+    optics = Optics.of_scene(scene)
+    seed = pilot_seed(scene.fingerprint())
+    if len(views) and len(scene.beams.directions):
+        threshold = keep_threshold(medium, proposal, optics, proposal.reference, seed)
+        proposal = replace(proposal, threshold=threshold)
+    bank = trace(medium, proposal, seed, PILOT_PATHS, stream=Stream.PILOT)
+    worst = intensity = 0.0
+    for view in views:
+        w = np.bincount(bank.paths, full_weights(bank, optics, proposal.reference, view), bank.count)
+        if w.any():
+            worst = max(worst, float(w.var() / w.mean() ** 2))
+            intensity = max(intensity, float(w.mean()))
+    return Pilot(proposal, bank, worst, intensity)
+
+
+@remembered(64)
+def scene_evaluator(scene: Scene, reverse: bool, tolerance: float) -> NufftEvaluator | None:
+    """NUFFT evaluator found on a scene's pilot; None where the field of view is too wide for one."""
+    assert isinstance(scene.sensor, FarFieldGrid)
+    return build_evaluator(scene_pilot(scene, reverse).bank, Optics.of_scene(scene), scene.sensor, tolerance)
+
+
+@remembered(64)
+def scene_stationary_error(scene: Scene, tolerance: float) -> StationaryError:
+    """How far the stationary model is from a scene's pilot paths."""
+    return stationary_error(scene, scene_pilot(scene, False).proposal, tolerance)
+
+
+def probe_views(scene: Scene) -> np.ndarray:
+    """Views that stand for all in weights and errors: centre and corners of a grid, at most nine others."""
+    sensor = scene.sensor
+    if not isinstance(sensor, FarFieldGrid):
+        flat = sensor.directions.reshape(-1, 3)
+        return flat[np.unique(np.linspace(0, len(flat) - 1, 9).astype(int))] if len(flat) else flat
+    narrow = np.ptp(sensor.corner_directions, axis=0).max() < 0.05 * (1 - abs(scene.medium.scatterer.g))
+    return (
+        sensor.center_direction[None]
+        if narrow
+        else np.concatenate([sensor.center_direction[None], sensor.corner_directions])
+    )

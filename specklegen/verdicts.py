@@ -1,0 +1,127 @@
+"""Verdicts on a scene from its pilot: what takes part in a render, and why."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from specklegen.costs import direct_nanoseconds, nufft_nanoseconds
+from specklegen.fields.nufft import NufftEvaluator
+from specklegen.gates import Sampler, Verdict
+from specklegen.illumination import IncoherentObject
+from specklegen.mean import ballistic_fraction, mean_field
+from specklegen.pilots import Pilot, scene_evaluator, scene_pilot, scene_stationary_error
+from specklegen.scene import Scene
+from specklegen.sensors import FarFieldGrid
+from specklegen.values import reject
+
+
+def validity_verdicts(scene: Scene) -> list[Verdict]:
+    """What the physics itself assumes of a scene, where it is doubtful."""
+    found = []
+    medium, wavelength = scene.medium, scene.wavelength
+    width = scene.beams.width
+    if medium.mean_free_path < wavelength:
+        found.append(
+            Verdict(
+                "independent scattering",
+                True,
+                f"assumed, but doubtful: the mean free path {medium.mean_free_path:g} is below the wavelength",
+            )  # fmt: skip
+        )
+    if width**2 < 10 * wavelength * medium.thickness:
+        found.append(
+            Verdict(
+                "diffraction of the beam inside the slab",
+                False,
+                f"not modelled, and doubtful here: width^2 / wavelength = {width**2 / wavelength:.3g} is not far "
+                f"above the thickness {medium.thickness:g}",
+            )  # fmt: skip
+        )
+    return found
+
+
+def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
+    """The mean field is added only when asked; say where its intensity would exceed the speckle's tolerance."""
+    part = "mean (ballistic) field"
+    if mean:
+        return Verdict(part, True, "asked for")
+    if isinstance(scene.illumination, IncoherentObject) or not len(scene.beams.directions):
+        return Verdict(part, False, f"its share of the light is {ballistic_fraction(scene):.2g}")
+    few = scene.replace(illumination=scene.beams.replace(directions=_nearest_tilt(scene)[None]))
+    strongest = float(np.square(np.abs(mean_field(few))).max(initial=0.0))
+    speckle = scene_pilot(scene, False).intensity
+    if strongest <= tolerance * speckle:
+        return Verdict(
+            part,
+            False,
+            f"at most {strongest / max(speckle, 1e-300):.2g} of the speckle's intensity at any view",
+        )
+    return Verdict(
+        part, False,
+        f"not asked for (mean=True adds it), though it reaches {strongest / max(speckle, 1e-300):.2g} times the "
+        "speckle's intensity at some view",
+    )  # fmt: skip
+
+
+def _nearest_tilt(scene: Scene) -> np.ndarray:
+    """float64[3], the tilt that comes nearest to any view, where its mean field is strongest; ties to the axis."""
+    directions, sensor = scene.beams.directions, scene.sensor
+    if isinstance(sensor, FarFieldGrid):
+        x, y = sensor.sines
+        inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
+        gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
+    else:
+        gap, _ = cKDTree(sensor.directions.reshape(-1, 3)).query(directions)
+    return directions[np.lexsort((-directions[:, 2], gap))[0]]
+
+
+def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance: float) -> Verdict:
+    """Whether the stationary sampler serves a scene within the tolerance (design.md 3)."""
+    part = "stationary sampler"
+    obstacle = None
+    if not isinstance(scene.sensor, FarFieldGrid):
+        obstacle = "needs a regular far-field grid"
+    elif scene.sensor.side != "transmission":
+        obstacle = "serves transmission only"
+    elif reverse:
+        obstacle = "has no reversed paths"
+    elif scene.medium.albedo == 0 or scene.medium.thickness == 0:
+        obstacle = "has nothing to do: nothing scatters"
+    if obstacle:
+        if sampler == "stationary":
+            reject("sampler", '"paths" or "auto" for this scene', sampler, f"The stationary sampler {obstacle}.")
+        return Verdict(part, False, obstacle)
+    if sampler == "paths":
+        return Verdict(part, False, "as asked")
+    error = scene_stationary_error(scene, tolerance)
+    said = (
+        f"its correlations are off by {error.correlation:.2g} +- {error.correlation_error:.1g} and its intensities by "
+        f"{error.intensity:.2g} +- {error.intensity_error:.1g}, allowed {tolerance:g}"
+    )
+    if sampler == "stationary":
+        return Verdict(part, True, f"asked for; {said}")
+    return Verdict(part, error.accepts(tolerance), said)
+
+
+def evaluator_verdict(
+    scene: Scene, pilot: Pilot, tolerance: float, reverse: bool
+) -> tuple[NufftEvaluator | None, Verdict]:
+    """The NUFFT evaluator where it is possible and cheaper than the direct sum, and why."""
+    part = "NUFFT evaluator"
+    if not isinstance(scene.sensor, FarFieldGrid):
+        return None, Verdict(part, False, "needs a regular far-field grid; the direct sum serves any directions")
+    if reverse:
+        return None, Verdict(part, False, "reversed paths are summed directly")
+    if len(pilot.bank) == 0:
+        return None, Verdict(part, False, "nothing scatters")
+    nufft = scene_evaluator(scene, reverse, tolerance)
+    views = int(np.prod(scene.sensor.shape))
+    tilts = len(scene.beams.directions)
+    if nufft is None:
+        return None, Verdict(part, False, "the field of view is too wide for a low-rank view factor; summed directly")
+    if nufft_nanoseconds(nufft, tilts, 1000.0, views) > direct_nanoseconds(tilts, 1000.0, views):
+        return None, Verdict(part, False, f"rank {nufft.rank} makes it dearer than {views} views summed directly")
+    return nufft, Verdict(
+        part,
+        True,
+        f"rank {nufft.rank} at a relative field error of {nufft.error:.1g} on held-out connections",
+    )
