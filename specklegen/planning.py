@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from specklegen.fields.ends import Optics, full_weights
 from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator, build_evaluator
@@ -284,7 +284,7 @@ def _nearest_tilt(scene: Scene) -> np.ndarray:
         inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
         gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
     else:
-        gap, _ = cKDTree(sensor.directions.reshape(-1, 3)).query(directions)
+        gap, _ = KDTree(sensor.directions.reshape(-1, 3)).query(directions)
     return directions[np.lexsort((-directions[:, 2], gap))[0]]
 
 
