@@ -68,7 +68,7 @@ def _nearest_sum(light: np.ndarray, views: np.ndarray) -> float:
     if views[:, 2].min() > 0:
         # Transmission: |i + v| >= i_z + v_z, tight enough and free.
         return float(light[:, 2].min() + views[:, 2].min())
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    distance, _ = cKDTree(-light).query(views)
+    distance, _ = KDTree(-light).query(views)
     return float(distance.min())

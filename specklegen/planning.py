@@ -206,5 +206,5 @@ def _require_memory(scene: Scene, needed: int) -> None:
             "Scene",
             f"renderable within {0.9 * total / 2**30:.1f} GiB",
             f"{needed / 2**30:.1f} GiB for {len(scene.beams.directions)} tilts of {scene.sensor.shape} views",
-            "Render fewer tilts at a time (the same seed gives the same medium), or fewer views.",
+            "Render fewer tilts or fewer views at a time.",
         )

@@ -1,7 +1,7 @@
 """Verdicts on a scene from its pilot: what takes part in a render, and why."""
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from specklegen.costs import direct_nanoseconds, nufft_nanoseconds
 from specklegen.fields.nufft import NufftEvaluator
@@ -70,7 +70,7 @@ def _nearest_tilt(scene: Scene) -> np.ndarray:
         inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
         gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
     else:
-        gap, _ = cKDTree(sensor.directions.reshape(-1, 3)).query(directions)
+        gap, _ = KDTree(sensor.directions.reshape(-1, 3)).query(directions)
     return directions[np.lexsort((-directions[:, 2], gap))[0]]
 
 

@@ -182,7 +182,7 @@ def powers(bank, optics, view, *, reverse: bool) -> np.ndarray:
 
 @pytest.mark.parametrize(("g", "width"), [(0.0, None), (0.6, None), (0.0, 40.0), (0.5, 150.0)])
 def test_backscattering_is_enhanced_as_it_should(g, width):
-    """At v = -i the ratio to forward-only is (S + M + M_in)/(S + M), M_in what ends inside the beam, if it has a rim."""
+    """At v = -i the ratio to forward-only is (S + M + M_in)/(S + M), M_in what ends inside the beam."""
     medium = slab(g=g, mean_free_path=25.0, albedo=0.95)
     light = directions_of_sines("light", [[0.2, 0.0]])
     beams = sg.CollimatedBeams(directions=light, width=width or 1.0)
