@@ -1,7 +1,6 @@
 """Recipe kind "partially-coherent": a slab under partially coherent light, coherence length drawn sample by sample."""
 
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import Any, Literal, Self, cast
 
 import numpy as np
@@ -24,7 +23,7 @@ from specklegen.partially_coherent import (
 from specklegen.planning import Plan, plan
 from specklegen.scene import Scene
 from specklegen.stationary.objects import ObjectSampler, object_sampler
-from specklegen.values import Positive
+from specklegen.values import Positive, remembered
 
 
 class PartiallyCoherent(Recipe):
@@ -108,7 +107,7 @@ class PartiallyCoherent(Recipe):
         }
 
 
-@lru_cache(maxsize=64)
+@remembered(64)
 def _sampler(recipe: PartiallyCoherent, slab: Slab) -> ObjectSampler:
     count, pitch = recipe.lattice
     return object_sampler(
@@ -123,7 +122,7 @@ def _sampler(recipe: PartiallyCoherent, slab: Slab) -> ObjectSampler:
     )
 
 
-@lru_cache(maxsize=64)
+@remembered(64)
 def _medium(recipe: PartiallyCoherent, seed: int, split: Split, medium: int) -> torch.Tensor:
     """A medium's speckle, in the form that its coherence lengths share; a split's media stay in memory."""
     sampler = _sampler(recipe, recipe.material_of(seed, split, medium).slab)

@@ -12,11 +12,13 @@ if TYPE_CHECKING:
     from specklegen.mean import mean_field
     from specklegen.media import Slab
     from specklegen.memory_curve import MemoryEffect, memory_effect
+    from specklegen.partially_coherent import render_partially_coherent
     from specklegen.planning import Plan, plan
     from specklegen.rendering import SpeckleStack, render
     from specklegen.scatterers import HenyeyGreenstein, Isotropic
     from specklegen.scene import Scene
     from specklegen.sensors import FarField, FarFieldGrid
+    from specklegen.transmission import transmission_matrix
     from specklegen.values import RuleError
 
 _HOME = {
@@ -37,6 +39,8 @@ _HOME = {
     "memory_effect": "memory_curve",
     "plan": "planning",
     "render": "rendering",
+    "render_partially_coherent": "partially_coherent",
+    "transmission_matrix": "transmission",
 }
 
 __all__ = [
@@ -57,6 +61,8 @@ __all__ = [
     "memory_effect",
     "plan",
     "render",
+    "render_partially_coherent",
+    "transmission_matrix",
 ]
 __version__ = "0.1.0"
 

@@ -212,8 +212,9 @@ def effective_modes(W: np.ndarray) -> float:
 def speckle_contrast(W: np.ndarray) -> float:
     """Return the contrast (standard deviation over mean) of the speckle that a source makes.
 
-    C = 1 / sqrt(N_eff), for a transmission matrix of independent circular Gaussian entries. A real
-    medium's columns are correlated (memory effect): there the contrast is higher.
+    C = 1 / sqrt(N_eff), for a transmission matrix of independent circular Gaussian entries. The memory effect
+    correlates the columns of a real medium, but at shifted views: at one pixel, behind a window much wider
+    than the slab is thick, the law holds (see :mod:`specklegen.partially_coherent`).
 
     Parameters
     ----------
