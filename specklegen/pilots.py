@@ -45,30 +45,11 @@ def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
     bank = trace(medium, proposal, seed, PILOT_PATHS, stream=Stream.PILOT)
     worst = intensity = 0.0
     for view in views:
-        each = full_weights(bank, optics, proposal.reference, view)
-        path = np.bincount(bank.paths, each, bank.count)
-        if path.any():
-            worst = max(worst, float(finite_path_variance(each, path)))
-            intensity = max(intensity, float(path.mean()))
+        w = np.bincount(bank.paths, full_weights(bank, optics, proposal.reference, view), bank.count)
+        if w.any():
+            worst = max(worst, float(w.var() / w.mean() ** 2))
+            intensity = max(intensity, float(w.mean()))
     return Pilot(proposal, bank, worst, intensity)
-
-
-def finite_path_variance(each: np.ndarray, path: np.ndarray) -> float:
-    """N times the excess correlation of two intensities from N fresh paths, views within a grain of each other.
-
-        (2 E w^2 - E sum_B w_B^2) / (E w)^2 - 1,    w = sum_B w_B over the connections of one path
-
-    The connections of one path have phases of their own, but share x1, so that their cross terms add at
-    neighbouring views; for views far apart the excess is Var w / (E w)^2, which is smaller.
-
-    Parameters
-    ----------
-    each : float64[M]
-        Full weight w_B of every connection.
-    path : float64[N]
-        Its sum over the connections of each path, w.
-    """
-    return (2 * np.square(path).mean() - np.square(each).sum() / len(path)) / path.mean() ** 2 - 1
 
 
 @remembered(64)

@@ -84,7 +84,7 @@ def test_generate_resumes_and_previews(tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("generate", "nope", "--out", "x"), ["recipe must be one of through-slab", "nope", "specklegen recipes"]),
+        (("generate", "nope", "--out", "x"), ["recipe must be one of", "through-slab", "nope", "specklegen recipes"]),
         (("plan", "through-slab", "--images", "/no/such/folder"), ["Folder.path", "/no/such/folder"]),
         (("plan", "through-slab", "--set", "material.g=1.0"), ["Material.g", "1.0"]),
         (("plan", "through-slab", "--set", "material.gg=1.0"), ["Material.gg", "no such field"]),

@@ -324,7 +324,7 @@ def test_kernel_is_the_bessel_mean_of_its_bank():
     expected = (w * j0(q[:, None] * lateral_distance(bank))).sum(axis=1) / w.sum()
     # Bins are 2.7 % wide about their mean square: the error is (0.027 q r)^2 / 24.
     np.testing.assert_allclose(kernel(q), expected, atol=2e-4)
-    assert kernel(0.0) == 1
+    assert float(kernel(0.0)) == pytest.approx(1, rel=1e-14)
     assert kernel.single_share == pytest.approx(w[bank.orders == 1].sum() / w.sum(), rel=1e-12)
 
 
