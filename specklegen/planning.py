@@ -119,8 +119,8 @@ def plan(
         Instead of ``paths``: the square root of the excess correlation between intensities that a finite
         number of paths leaves, at the worst view: sqrt(Var w / (N (E w)^2)), w the full weight of a path. This
         is for views far apart; within a grain of each other the connections of one path, which share their
-        entrance, add up to as much again (:func:`specklegen.partially_coherent.finite_path_excess`). Also the tolerance of the criterion for
-        the stationary sampler, which is 0.02 otherwise.
+        entrance, add up to as much again (:func:`specklegen.partially_coherent.finite_path_excess`). Also
+        the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
         "auto", or one of "paths", "stationary".
     reverse
