@@ -10,8 +10,10 @@ positive semidefinite for any set of tilts, and its errors are those of the batc
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import j0
 
 from specklegen.fields.ends import AXIS, Optics, full_weights
@@ -38,15 +40,21 @@ class MemoryKernel:
     weights : float64[batches, n]
         Full weight that each batch found in each bin.
     paths : int
-        Paths behind it.
+        What to divide the sum of the weights by for the intensity per unit area: the paths behind them.
     single_share : float
         Share of single scattering in the intensity.
+    source : "estimate", "cache" or "atlas"
+        Where the kernel comes from: new paths, an earlier estimate on disk, the table of materials.
+    stated_error : float
+        Standard error of C_I at its worst q, where it is not to be had from batches; else NaN.
     """
 
     radius: np.ndarray
     weights: np.ndarray
     paths: int
     single_share: float
+    source: Literal["estimate", "cache", "atlas"] = "estimate"
+    stated_error: float = float("nan")
 
     def __call__(self, q: np.ndarray | float) -> np.ndarray:
         """K at lateral wavevector differences q (radians per unit length), any shape; K(0) = 1."""
@@ -64,7 +72,10 @@ class MemoryKernel:
         return self(unique)[inverse].reshape(q.shape)
 
     def intensity(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """C_I = |K|^2 without bias, 1 - C_I to full relative precision, and their standard error, at q float64[T]."""
+        """C_I = |K|^2 without bias, 1 - C_I to full relative precision, and their standard error, at q float64[T].
+
+        Of a single batch the error is ``stated_error``, at most 1 - C_I itself.
+        """
         q = np.asarray(q, dtype=np.float64)
         lost = self.weights @ _one_minus_bessel(q[:, None], self.radius).T  # E[w (1 - J0)], [batches, T]
         sums = np.concatenate([lost, self.weights.sum(axis=1, keepdims=True)], axis=1)
@@ -74,6 +85,8 @@ class MemoryKernel:
             return delta * (2 - delta)
 
         value, error = jackknife(sums, decorrelation)
+        if len(self.weights) == 1:
+            error = np.minimum(self.stated_error, np.abs(value))
         return 1 - value, value, error
 
     def half_range(self, share: float = 0.5) -> float:
@@ -88,14 +101,15 @@ class MemoryKernel:
         target = floor + share * (1 - floor)
         scale = 1 / np.sqrt(self.mean_square_radius)
         q = np.geomspace(1e-2, 1e3, 400) * scale
-        below = np.flatnonzero(self(q) ** 2 < target)
-        if len(below) == 0:
-            return float("inf")
-        low, high = (q[below[0] - 1] if below[0] else 0.0), q[below[0]]
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self(middle) ** 2 > target else (low, middle)
-        return float(high)
+        # 1 - K <= q^2 <r^2> / 4: nothing falls to the target before.
+        first = int(np.searchsorted(q, 1.999 * np.sqrt(1 - np.sqrt(target)) * scale))
+        for start in range(first, len(q), 16):
+            below = np.flatnonzero(self(q[start : start + 16]) ** 2 < target)
+            if len(below):
+                n = start + int(below[0])
+                low, high = (q[n - 1] if n else 0.0), q[n]
+                return float(brentq(lambda q: self(q) ** 2 - target, low, high, xtol=1e-15 * high, rtol=1e-15))
+        return float("inf")
 
     @property
     def mean_square_radius(self) -> float:

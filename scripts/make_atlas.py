@@ -1,0 +1,267 @@
+"""Compute the memory-effect atlas: specklegen/data/atlas.npz, and the map of its errors for docs/atlas.md.
+
+    python scripts/make_atlas.py --work build/atlas
+
+Every node (optical depth, g) is traced once at albedo 1, until the standard error of C_I is TARGET or the
+node has cost EVENTS scatterings; a path of B vertices weighs albedo^B, so the same paths serve every albedo.
+Nodes are kept in the work folder, so that a run that was stopped goes on where it was; every node has its
+own seed, and the result does not depend on threads or restarts.
+"""
+
+import argparse
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.special import j0
+from tqdm import tqdm
+
+from specklegen.fields.ends import AXIS, full_weights
+from specklegen.media import Slab
+from specklegen.scatterers import HenyeyGreenstein
+from specklegen.stationary.atlas import Atlas, loss_at, single_intensity
+from specklegen.stationary.kernel import MemoryKernel, keep_threshold, lateral_distance, plane_optics
+from specklegen.statistics import BATCHES, jackknife
+from specklegen.tracing import plane_proposal, trace
+
+VERSION = 1  # part of every node's seed: a change of it is a new, independent table
+DEPTHS = 0.4 * 2 ** (np.arange(23) / 3)  # 0.4 ... 64.5
+DROPS = 0.0149 * (1.6 / 0.0149) ** (np.arange(17) / 16)  # 1 - g: g = -0.6 ... 0.985
+ABSORPTIONS = 0.4 * np.arange(11)
+LEVELS = 96
+LEAST, TARGET, EVENTS = 2**19, 0.0028, 2e8
+CHUNK = BATCHES * 2048  # paths
+BINS, LOWEST, HIGHEST = 2048, np.log(1e-6), np.log(1e3)  # of ln(r / thickness)
+SHRINK = 1 / 6  # error of interpolation over that at twice the spacing; 1/16 for smooth cubics
+COMPARED = np.geomspace(0.05, 200, 60)  # q over the node's median radius
+
+
+@dataclass(frozen=True)
+class Node:
+    """What the paths of one (optical depth, g) say about multiple scattering, for every absorption.
+
+    Attributes
+    ----------
+    share, square : float64[A, BINS]
+        Weight, and weight times (r / thickness)^2, per path in each bin of ln(r / thickness).
+    errors : float64[A, 3]
+        Standard errors of C_I (at the worst q), of ln intensity, of ln half range.
+    paths, events : int
+    """
+
+    share: np.ndarray
+    square: np.ndarray
+    errors: np.ndarray
+    paths: int
+    events: int
+
+    @classmethod
+    def load(cls, file: Path) -> "Node":
+        """Read a node."""
+        with np.load(file) as data:
+            return cls(data["share"], data["square"], data["errors"], int(data["paths"]), int(data["events"]))
+
+    def save(self, file: Path) -> None:
+        """Write a node; a file is whole or absent."""
+        draft = file.with_suffix(".part")
+        with draft.open("wb") as out:
+            np.savez_compressed(out, **vars(self))
+        draft.replace(file)
+
+
+def levels() -> np.ndarray:
+    """Cumulative shares float64[LEVELS + 1] between which radii are kept: dense at both ends."""
+    return 0.5 * (1 - np.cos(np.pi * np.arange(LEVELS + 1) / LEVELS))
+
+
+def radii_of(share: np.ndarray, square: np.ndarray) -> np.ndarray:
+    """Ln rms radius between consecutive levels, of a histogram: weight and weight times r^2 in each bin."""
+    cumulative = np.concatenate([[0], np.cumsum(share)]) / share.sum()
+    second = np.concatenate([[0], np.cumsum(square)]) / share.sum()
+    used = np.concatenate([[True], np.diff(cumulative) > 0])
+    mean = np.diff(np.interp(levels(), cumulative[used], second[used])) / np.diff(levels())
+    return 0.5 * np.log(mean)
+
+
+def estimate(depth: float, drop: float, seed: tuple[int, ...]) -> Node:
+    """Trace one node."""
+    slab = Slab(thickness=1.0, mean_free_path=1 / depth, scatterer=HenyeyGreenstein(g=1 - drop))
+    proposal, optics = plane_proposal(slab, AXIS, AXIS), plane_optics(slab, 1.0, AXIS[None])
+    proposal = replace(proposal, threshold=0.3 * keep_threshold(slab, proposal, optics, AXIS, seed))
+    loss = loss_at(ABSORPTIONS, depth, drop)  # -ln albedo
+    share, square = np.zeros((len(loss), BATCHES, BINS)), np.zeros((len(loss), BINS))
+    paths, spent = 0, 0
+    while True:
+        bank = trace(slab, proposal, seed, CHUNK, first=paths, threads=1)
+        spent += bank.events
+        batch = (bank.paths - paths) // (CHUNK // BATCHES)
+        many = bank.orders > 1
+        radius, weight = lateral_distance(bank)[many], full_weights(bank, optics, AXIS, AXIS)[many]
+        place = (np.log(radius) - LOWEST) * (BINS / (HIGHEST - LOWEST))
+        place = np.clip(place, 0, BINS - 1).astype(np.int64)
+        cell = batch[many] * BINS + place
+        orders = bank.orders[many].astype(np.float64)
+        for n, rate in enumerate(loss):
+            w = weight * np.exp(-rate * orders)
+            share[n] += np.bincount(cell, w, BATCHES * BINS).reshape(BATCHES, BINS)
+            square[n] += np.bincount(place, w * radius**2, BINS)
+        paths += CHUNK
+        if spent >= EVENTS or (
+            paths >= LEAST and errors_of(depth, drop, loss[0], share[0], square[0], paths)[0] <= TARGET
+        ):
+            break
+    return Node(
+        share=share.sum(axis=1) / paths,
+        square=square / paths,
+        errors=np.array([errors_of(depth, drop, *part, paths) for part in zip(loss, share, square, strict=True)]),
+        paths=paths,
+        events=spent,
+    )
+
+
+def errors_of(depth, drop, loss, share, square, paths) -> np.ndarray:
+    """Standard errors of C_I (worst q), ln intensity and ln half range from the batches of one histogram."""
+    total = share.sum(axis=0)
+    radius = np.sqrt(np.divide(square, total, out=np.zeros_like(total), where=total > 0))
+    single = single_intensity(depth, drop, np.exp(-loss)) * paths / BATCHES
+    kernel = MemoryKernel(
+        np.append(0.0, radius), np.append(single * BATCHES, total)[None], paths, single / (single + total.sum() / BATCHES)
+    )
+    half = kernel.half_range()
+    q = COMPARED / np.exp(np.interp(0.5, np.cumsum(total) / total.sum(), np.log(np.maximum(radius, 1e-12))))
+    q = np.append(q, half * np.array([0.98, 1.0, 1.02]) if np.isfinite(half) else np.zeros(3))
+    light = share.sum(axis=1) + single
+    sums = np.column_stack([share @ j0(np.outer(radius, q)) + single, light])
+    value, error = jackknife(sums, lambda s: (s[:-1] / s[-1]) ** 2)
+    slope = (value[-1] - value[-3]) / 0.04
+    bright = jackknife(share.sum(axis=1), np.log)[1]
+    return np.array([error.max(), bright, error[-2] / abs(slope) if slope else 0.0])
+
+
+def nodes(folder: Path, depths: np.ndarray, drops: np.ndarray) -> list[list[Node]]:
+    """Nodes of the whole table, those missing computed; the cheap ones first."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table: list[list[Node]] = []
+    with tqdm(total=len(depths) * len(drops), unit="node") as progress:
+        for i, depth in enumerate(depths):
+            table.append([])
+            for j, drop in enumerate(drops):
+                file = folder / f"node-{i:02d}-{j:02d}.npz"
+                if not file.exists():
+                    estimate(float(depth), float(drop), (VERSION, i, j)).save(file)
+                table[-1].append(Node.load(file))
+                progress.update()
+    return table
+
+
+def rows_of(node: Node, depth: float, drop: float) -> np.ndarray:
+    """Rows of the table of one node, float64[A, LEVELS + 1]."""
+    light = np.log(node.share.sum(axis=1)) + 2 * loss_at(ABSORPTIONS, depth, drop)
+    radii = np.array([radii_of(*pair) for pair in zip(node.share, node.square, strict=True)])
+    return np.column_stack([radii, light])
+
+
+def left_out(table: np.ndarray, axis: int) -> np.ndarray:
+    """Rows predicted by the cubic through the nodes of the other parity along an axis; NaN at its ends."""
+    table = np.moveaxis(table, axis, 0)
+    out = np.full_like(table, np.nan)
+    n = len(table)
+    for i in range(1, n - 1):
+        others = np.arange((i + 1) % 2, n, 2)
+        first = np.clip(np.searchsorted(others, i) - 2, 0, len(others) - 4)
+        used = others[first : first + 4]
+        weights = [np.prod([(i - b) / (a - b) for b in used if b != a]) for a in used]
+        out[i] = np.tensordot(weights, table[used], 1)
+    return np.moveaxis(out, 0, axis)
+
+
+def describe(row: np.ndarray, depth: float, drop: float, loss: float, q: np.ndarray | None = None):
+    """C_I at q (by default ``COMPARED``, over the median radius), ln intensity, ln half range, and those q."""
+    shares, albedo = np.diff(levels()), np.exp(-loss)
+    single, multiple = single_intensity(depth, drop, albedo), albedo**2 * np.exp(row[-1])
+    q = COMPARED / np.exp(row[LEVELS // 2]) if q is None else q
+    weights = np.append(single, multiple * shares)
+    kernel = MemoryKernel(np.append(0.0, np.exp(row[:-1])), weights[None], 1, single / weights.sum())
+    return kernel(q) ** 2, np.log(weights.sum()), np.log(kernel.half_range()), q
+
+
+def interpolation_errors(table: np.ndarray) -> np.ndarray:
+    """Errors float64[3 axes, D, G, A, 3] at every node when it is left out along an axis: twice the spacing."""
+    out = np.full((3, *table.shape[:3], 3), np.nan)
+    for axis in range(3):
+        guess = left_out(table, axis)
+        for place in tqdm(np.argwhere(np.isfinite(guess[..., 0])), unit="node", desc=f"left out along {axis}"):
+            i, j, k = place
+            depth, drop = DEPTHS[i], DROPS[j]
+            loss = loss_at(ABSORPTIONS[k], depth, drop)
+            true_curve, true_light, true_half, q = describe(table[i, j, k], depth, drop, loss)
+            curve, light, half, _ = describe(guess[i, j, k], depth, drop, loss, q)
+            both = np.isfinite(half) and np.isfinite(true_half)
+            out[axis, i, j, k] = (
+                np.abs(curve - true_curve).max(), abs(light - true_light), abs(half - true_half) if both else 0.0,
+            )  # fmt: skip
+    return out
+
+
+def cells(values: np.ndarray) -> np.ndarray:
+    """Largest value at the corners of each cell of the three axes before the last; NaN is left out."""
+    for axis in range(-4, -1):
+        n = values.shape[axis]
+        values = np.fmax(np.take(values, range(n - 1), axis), np.take(values, range(1, n), axis))
+    return values
+
+
+def assemble(grid: list[list[Node]]) -> tuple[Atlas, np.ndarray, np.ndarray]:
+    """Table with its bounds; also standard errors and interpolation errors of the cells."""
+    table = np.array(
+        [[rows_of(node, u, v) for node, v in zip(line, DROPS, strict=True)]
+         for line, u in zip(grid, DEPTHS, strict=True)]
+    )  # fmt: skip
+    paths = cells(np.array([[node.errors for node in line] for line in grid]))
+    between = cells(interpolation_errors(table)).sum(axis=0) * SHRINK
+    bounds = (2 * paths + between).astype(np.float32)
+    return Atlas(DEPTHS, DROPS, ABSORPTIONS, np.diff(levels()), table.astype(np.float32), bounds), paths, between
+
+
+def main() -> None:
+    """Make the table and the picture of its errors."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--work", type=Path, default=Path("build/atlas"), help="folder that keeps the nodes")
+    parser.add_argument("--out", type=Path, default=Path("specklegen/data/atlas.npz"))
+    parser.add_argument("--figure", type=Path, default=Path("docs/atlas/errors.png"))
+    arguments = parser.parse_args()
+    grid = nodes(arguments.work, DEPTHS, DROPS)
+    events = sum(node.events for line in grid for node in line)
+    print(f"{sum(map(len, grid))} nodes, {sum(n.paths for line in grid for n in line):.3g} paths, {events:.3g} scatterings")
+    atlas, paths, between = assemble(grid)
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(arguments.out, **vars(atlas))
+    print(f"{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB")
+    for limit in (0.005, 0.01, 0.02):
+        share = (atlas.bounds[..., 0] <= limit).mean(axis=(0, 1))
+        print(f"cells with an error of C_I up to {limit}, by absorption: " + " ".join(f"{s:.0%}" for s in share))
+    figure(atlas, arguments.figure)
+
+
+def figure(atlas: Atlas, file: Path) -> None:
+    """Map of the bound on C_I, at three absorptions."""
+    import matplotlib.pyplot as plt
+    from matplotlib.colors import LogNorm
+
+    shown = (0, 3, 6)
+    axes = plt.subplots(1, len(shown), figsize=(12, 3.8), sharey=True, layout="constrained")[1]
+    for ax, k in zip(axes, shown, strict=True):
+        mesh = ax.pcolormesh(atlas.depths, atlas.drops, atlas.bounds[:, :, k, 0].T, norm=LogNorm(1e-3, 0.1))
+        ax.set(xscale="log", yscale="log", xlabel="optical depth", title=f"absorption {atlas.absorptions[k]:.1f} ... {atlas.absorptions[k + 1]:.1f}")
+        ax.contour(
+            np.sqrt(atlas.depths[1:] * atlas.depths[:-1]), np.sqrt(atlas.drops[1:] * atlas.drops[:-1]),
+            atlas.bounds[:, :, k, 0].T, levels=[0.01], colors="white", linewidths=1,
+        )  # fmt: skip
+    axes[0].set_ylabel("1 - g")
+    plt.colorbar(mesh, ax=axes, label="bound on the error of |K|²; white: 0.01")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    plt.savefig(file, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
