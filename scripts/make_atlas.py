@@ -9,7 +9,7 @@ own seed, and the result does not depend on threads or restarts.
 """
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from tqdm import tqdm
 from specklegen.fields.ends import AXIS, full_weights
 from specklegen.media import Slab
 from specklegen.scatterers import HenyeyGreenstein
-from specklegen.stationary.atlas import Atlas, loss_at, single_intensity
+from specklegen.stationary.atlas import Atlas, loss_at, single_intensity, stencil
 from specklegen.stationary.kernel import MemoryKernel, keep_threshold, lateral_distance, plane_optics
 from specklegen.statistics import BATCHES, jackknife
 from specklegen.tracing import plane_proposal, trace
@@ -27,6 +27,7 @@ from specklegen.tracing import plane_proposal, trace
 VERSION = 1  # part of every node's seed: a change of it is a new, independent table
 DEPTHS = 0.4 * 2 ** (np.arange(23) / 3)  # 0.4 ... 64.5
 DROPS = 0.0149 * (1.6 / 0.0149) ** (np.arange(17) / 16)  # 1 - g: g = -0.6 ... 0.985
+DROPS = np.append(DROPS, np.sqrt(DROPS[13:16] * DROPS[14:17]))  # and three more about g = 0, where K turns fastest
 ABSORPTIONS = 0.4 * np.arange(11)
 LEVELS = 96
 LEAST, TARGET, EVENTS = 2**19, 0.0028, 2e8
@@ -123,10 +124,9 @@ def errors_of(depth, drop, loss, share, square, paths) -> np.ndarray:
     """Standard errors of C_I (worst q), ln intensity and ln half range from the batches of one histogram."""
     total = share.sum(axis=0)
     radius = np.sqrt(np.divide(square, total, out=np.zeros_like(total), where=total > 0))
-    single = single_intensity(depth, drop, np.exp(-loss)) * paths / BATCHES
-    kernel = MemoryKernel(
-        np.append(0.0, radius), np.append(single * BATCHES, total)[None], paths, single / (single + total.sum() / BATCHES)
-    )
+    single = single_intensity(depth, drop, np.exp(-loss)) * paths / BATCHES  # in each batch
+    weights = np.append(single * BATCHES, total)
+    kernel = MemoryKernel(np.append(0.0, radius), weights[None], paths, weights[0] / weights.sum())
     half = kernel.half_range()
     q = COMPARED / np.exp(np.interp(0.5, np.cumsum(total) / total.sum(), np.log(np.maximum(radius, 1e-12))))
     q = np.append(q, half * np.array([0.98, 1.0, 1.02]) if np.isfinite(half) else np.zeros(3))
@@ -139,7 +139,7 @@ def errors_of(depth, drop, loss, share, square, paths) -> np.ndarray:
 
 
 def nodes(folder: Path, depths: np.ndarray, drops: np.ndarray) -> list[list[Node]]:
-    """Nodes of the whole table, those missing computed; the cheap ones first."""
+    """Nodes of the whole table, those missing computed; the cheap ones first. Seeds and files go by position."""
     folder.mkdir(parents=True, exist_ok=True)
     table: list[list[Node]] = []
     with tqdm(total=len(depths) * len(drops), unit="node") as progress:
@@ -161,41 +161,40 @@ def rows_of(node: Node, depth: float, drop: float) -> np.ndarray:
     return np.column_stack([radii, light])
 
 
-def left_out(table: np.ndarray, axis: int) -> np.ndarray:
+def left_out(table: np.ndarray, axis: int, nodes: np.ndarray) -> np.ndarray:
     """Rows predicted by the cubic through the nodes of the other parity along an axis; NaN at its ends."""
     table = np.moveaxis(table, axis, 0)
     out = np.full_like(table, np.nan)
     n = len(table)
     for i in range(1, n - 1):
         others = np.arange((i + 1) % 2, n, 2)
-        first = np.clip(np.searchsorted(others, i) - 2, 0, len(others) - 4)
-        used = others[first : first + 4]
-        weights = [np.prod([(i - b) / (a - b) for b in used if b != a]) for a in used]
-        out[i] = np.tensordot(weights, table[used], 1)
+        first, weights = stencil(nodes[i], nodes[others])
+        out[i] = np.tensordot(weights, table[others[first : first + 4]], 1)
     return np.moveaxis(out, 0, axis)
 
 
-def describe(row: np.ndarray, depth: float, drop: float, loss: float, q: np.ndarray | None = None):
-    """C_I at q (by default ``COMPARED``, over the median radius), ln intensity, ln half range, and those q."""
+def describe(row: np.ndarray, depth: float, drop: float, loss: float, q: np.ndarray):
+    """C_I at q, ln intensity and ln half range that a row of the table stands for."""
     shares, albedo = np.diff(levels()), np.exp(-loss)
     single, multiple = single_intensity(depth, drop, albedo), albedo**2 * np.exp(row[-1])
-    q = COMPARED / np.exp(row[LEVELS // 2]) if q is None else q
     weights = np.append(single, multiple * shares)
     kernel = MemoryKernel(np.append(0.0, np.exp(row[:-1])), weights[None], 1, single / weights.sum())
-    return kernel(q) ** 2, np.log(weights.sum()), np.log(kernel.half_range()), q
+    return kernel(q) ** 2, np.log(weights.sum()), np.log(kernel.half_range())
 
 
-def interpolation_errors(table: np.ndarray) -> np.ndarray:
+def interpolation_errors(atlas: Atlas) -> np.ndarray:
     """Errors float64[3 axes, D, G, A, 3] at every node when it is left out along an axis: twice the spacing."""
+    table = atlas.table
     out = np.full((3, *table.shape[:3], 3), np.nan)
     for axis in range(3):
-        guess = left_out(table, axis)
-        for place in tqdm(np.argwhere(np.isfinite(guess[..., 0])), unit="node", desc=f"left out along {axis}"):
+        guess = left_out(table, axis, atlas.axes[axis])
+        for place in tqdm(np.argwhere(np.isfinite(guess[..., 0])), unit="node", desc=f"left out along axis {axis}"):
             i, j, k = place
-            depth, drop = DEPTHS[i], DROPS[j]
-            loss = loss_at(ABSORPTIONS[k], depth, drop)
-            true_curve, true_light, true_half, q = describe(table[i, j, k], depth, drop, loss)
-            curve, light, half, _ = describe(guess[i, j, k], depth, drop, loss, q)
+            depth, drop = float(atlas.depths[i]), float(atlas.drops[j])
+            loss = loss_at(atlas.absorptions[k], depth, drop)
+            q = COMPARED / np.exp(table[i, j, k, LEVELS // 2])
+            true_curve, true_light, true_half = describe(table[i, j, k], depth, drop, loss, q)
+            curve, light, half = describe(guess[i, j, k], depth, drop, loss, q)
             both = np.isfinite(half) and np.isfinite(true_half)
             out[axis, i, j, k] = (
                 np.abs(curve - true_curve).max(), abs(light - true_light), abs(half - true_half) if both else 0.0,
@@ -211,16 +210,17 @@ def cells(values: np.ndarray) -> np.ndarray:
     return values
 
 
-def assemble(grid: list[list[Node]]) -> tuple[Atlas, np.ndarray, np.ndarray]:
-    """Table with its bounds; also standard errors and interpolation errors of the cells."""
+def assemble(grid: list[list[Node]]) -> Atlas:
+    """Table with its bounds: two standard errors of the paths, plus the error of interpolation."""
+    order = np.argsort(DROPS)
     table = np.array(
-        [[rows_of(node, u, v) for node, v in zip(line, DROPS, strict=True)]
-         for line, u in zip(grid, DEPTHS, strict=True)]
-    )  # fmt: skip
-    paths = cells(np.array([[node.errors for node in line] for line in grid]))
-    between = cells(interpolation_errors(table)).sum(axis=0) * SHRINK
-    bounds = (2 * paths + between).astype(np.float32)
-    return Atlas(DEPTHS, DROPS, ABSORPTIONS, np.diff(levels()), table.astype(np.float32), bounds), paths, between
+        [[rows_of(line[j], float(DEPTHS[i]), float(DROPS[j])) for j in order] for i, line in enumerate(grid)]
+    )
+    paths = cells(np.array([[line[j].errors for j in order] for line in grid]))
+    atlas = Atlas(DEPTHS, DROPS[order], ABSORPTIONS, np.diff(levels()), table, 2 * paths)
+    between = cells(interpolation_errors(atlas)).sum(axis=0)
+    bounds = (2 * paths + SHRINK * between).astype(np.float32)
+    return replace(atlas, table=table.astype(np.float32), bounds=bounds)
 
 
 def main() -> None:
@@ -232,10 +232,11 @@ def main() -> None:
     arguments = parser.parse_args()
     grid = nodes(arguments.work, DEPTHS, DROPS)
     events = sum(node.events for line in grid for node in line)
-    print(f"{sum(map(len, grid))} nodes, {sum(n.paths for line in grid for n in line):.3g} paths, {events:.3g} scatterings")
-    atlas, paths, between = assemble(grid)
+    paths = sum(node.paths for line in grid for node in line)
+    print(f"{sum(map(len, grid))} nodes, {paths:.3g} paths, {events:.3g} scatterings")
+    atlas = assemble(grid)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(arguments.out, **vars(atlas))
+    np.savez_compressed(arguments.out, **{field.name: getattr(atlas, field.name) for field in fields(atlas)})
     print(f"{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB")
     for limit in (0.005, 0.01, 0.02):
         share = (atlas.bounds[..., 0] <= limit).mean(axis=(0, 1))
@@ -246,21 +247,23 @@ def main() -> None:
 def figure(atlas: Atlas, file: Path) -> None:
     """Map of the bound on C_I, at three absorptions."""
     import matplotlib.pyplot as plt
+    from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 
     shown = (0, 3, 6)
-    axes = plt.subplots(1, len(shown), figsize=(12, 3.8), sharey=True, layout="constrained")[1]
+    canvas, axes = plt.subplots(1, len(shown), figsize=(12, 3.8), sharey=True, layout="constrained")
+    colours = ScalarMappable(LogNorm(1e-3, 0.1))
     for ax, k in zip(axes, shown, strict=True):
-        mesh = ax.pcolormesh(atlas.depths, atlas.drops, atlas.bounds[:, :, k, 0].T, norm=LogNorm(1e-3, 0.1))
-        ax.set(xscale="log", yscale="log", xlabel="optical depth", title=f"absorption {atlas.absorptions[k]:.1f} ... {atlas.absorptions[k + 1]:.1f}")
-        ax.contour(
-            np.sqrt(atlas.depths[1:] * atlas.depths[:-1]), np.sqrt(atlas.drops[1:] * atlas.drops[:-1]),
-            atlas.bounds[:, :, k, 0].T, levels=[0.01], colors="white", linewidths=1,
-        )  # fmt: skip
+        bound = atlas.bounds[:, :, k, 0].T
+        ax.pcolormesh(atlas.depths, atlas.drops, bound, norm=colours.norm, cmap=colours.cmap)
+        middles = [np.sqrt(nodes[1:] * nodes[:-1]) for nodes in (atlas.depths, atlas.drops)]
+        ax.contour(*middles, bound, levels=[0.01], colors="white", linewidths=1)
+        title = f"a = {atlas.absorptions[k]:.1f} ... {atlas.absorptions[k + 1]:.1f}"
+        ax.set(xscale="log", yscale="log", xlabel="optical depth", title=title)
     axes[0].set_ylabel("1 - g")
-    plt.colorbar(mesh, ax=axes, label="bound on the error of |K|²; white: 0.01")
+    canvas.colorbar(colours, ax=axes, label="bound on the error of |K|²; white: 0.01")
     file.parent.mkdir(parents=True, exist_ok=True)
-    plt.savefig(file, dpi=110)
+    canvas.savefig(file, dpi=110)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,9 @@ semidefinite for any set of tilts, is 1 at q = 0 and has no end. Single scatteri
 per unit area is albedo OD e^-OD rho(0), at r = 0.  scripts/make_atlas.py made the table; docs/atlas.md.
 """
 
+import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib.resources import files
 from typing import NamedTuple
 
@@ -45,7 +46,7 @@ def mean_order(depth, drop):
 
 def absorption_coordinate(loss, depth, drop):
     """Table's third axis from ``loss`` = -ln(albedo): linear in weak absorption, in its square root in strong."""
-    return np.sqrt(1 + loss * mean_order(depth, drop)) - 1
+    return math.sqrt(1 + loss * mean_order(depth, drop)) - 1
 
 
 def loss_at(coordinate, depth, drop):
@@ -65,11 +66,11 @@ class Atlas:
     Attributes
     ----------
     depths : float64[D]
-        Optical depths, a geometric series.
+        Optical depths, ascending.
     drops : float64[G]
-        1 - g, a geometric series.
+        1 - g, ascending.
     absorptions : float64[A]
-        Absorption coordinates from 0, equally spaced.
+        Absorption coordinates, ascending from 0.
     shares : float64[n]
         Share of multiply scattered light in each quantile bin.
     table : float32[D, G, A, n + 1]
@@ -85,27 +86,28 @@ class Atlas:
     table: np.ndarray
     bounds: np.ndarray
 
+    @cached_property
+    def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes along the coordinates ln(optical depth), ln(1 - g), absorption."""
+        return np.log(self.depths), np.log(self.drops), self.absorptions
+
     def place(self, slab: Slab) -> tuple[float, float, float] | None:
-        """Coordinates of a slab in units of nodes; None outside the table."""
+        """Coordinates of a slab; None outside the table."""
         depth, drop = slab.optical_depth, 1 - slab.scatterer.g
-        if depth <= 0 or slab.albedo <= 0:
+        if depth <= 0 or slab.albedo <= 0 or slab.scatterer.type not in ("HenyeyGreenstein", "Isotropic"):
             return None
-        place = (
-            np.log(depth / self.depths[0]) / np.log(self.depths[1] / self.depths[0]),
-            np.log(drop / self.drops[0]) / np.log(self.drops[1] / self.drops[0]),
-            absorption_coordinate(-np.log(slab.albedo), depth, drop) / self.absorptions[1],
-        )
-        inside = all(0 <= x <= n - 1 for x, n in zip(place, self.table.shape, strict=False))
+        place = (math.log(depth), math.log(drop), absorption_coordinate(-math.log(slab.albedo), depth, drop))
+        inside = all(nodes[0] <= x <= nodes[-1] for x, nodes in zip(place, self.axes, strict=True))
         return place if inside else None
 
     def errors(self, place: tuple[float, float, float]) -> Errors:
         """Errors of the cell at a place."""
-        cell = tuple(min(int(x), n - 1) for x, n in zip(place, self.bounds.shape, strict=False))
-        return Errors(*self.bounds[cell].tolist())
+        cell = (min(_below(x, nodes), len(nodes) - 2) for x, nodes in zip(place, self.axes, strict=True))
+        return Errors(*self.bounds[tuple(cell)].tolist())
 
     def row(self, place: tuple[float, float, float]) -> np.ndarray:
         """Interpolated row of the table, float64[n + 1]."""
-        (i, a), (j, b), (k, c) = (stencil(x, n) for x, n in zip(place, self.table.shape, strict=False))
+        (i, a), (j, b), (k, c) = (stencil(x, nodes) for x, nodes in zip(place, self.axes, strict=True))
         block = self.table[i : i + 4, j : j + 4, k : k + 4]
         weights = (a[:, None, None] * b[:, None] * c).reshape(-1)
         return weights @ block.reshape(64, -1)
@@ -132,12 +134,22 @@ class Atlas:
         )
 
 
-def stencil(x: float, count: int) -> tuple[int, np.ndarray]:
+def _below(x: float, nodes: np.ndarray) -> int:
+    """Number of the last node at or below x."""
+    return int(nodes.searchsorted(x, side="right")) - 1
+
+
+def stencil(x: float, nodes: np.ndarray) -> tuple[int, np.ndarray]:
     """First of the four nodes about x, and Lagrange's cubic weights float64[4] on them; exact at nodes."""
-    first = min(max(int(x) - 1, 0), count - 4)
-    t = x - first
-    u, v, w = t - 1, t - 2, t - 3
-    return first, np.array([-u * v * w / 6, t * v * w / 2, -t * u * w / 2, t * u * v / 6])
+    first = min(max(_below(x, nodes) - 1, 0), len(nodes) - 4)
+    a, b, c, d = nodes[first : first + 4].tolist()
+    t, u, v, w = x - a, x - b, x - c, x - d
+    return first, np.array([
+        u * v * w / ((a - b) * (a - c) * (a - d)),
+        t * v * w / ((b - a) * (b - c) * (b - d)),
+        t * u * w / ((c - a) * (c - b) * (c - d)),
+        t * u * v / ((d - a) * (d - b) * (d - c)),
+    ])  # fmt: skip
 
 
 @lru_cache(maxsize=1)

@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 from scipy.special import j0
 
 from specklegen.fields.ends import AXIS, Optics, full_weights
@@ -108,7 +108,10 @@ class MemoryKernel:
             if len(below):
                 n = start + int(below[0])
                 low, high = (q[n - 1] if n else 0.0), q[n]
-                return float(brentq(lambda q: self(q) ** 2 - target, low, high, xtol=1e-15 * high, rtol=1e-15))
+                found = root_scalar(
+                    lambda q: float(self(q)) ** 2 - target, bracket=(low, high), xtol=1e-15 * high, rtol=1e-15
+                )
+                return float(found.root)
         return float("inf")
 
     @property
