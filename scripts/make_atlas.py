@@ -33,7 +33,10 @@ LEVELS = 96
 LEAST, TARGET, EVENTS = 2**19, 0.0028, 2e8
 CHUNK = BATCHES * 2048  # paths
 BINS, LOWEST, HIGHEST = 2048, np.log(1e-6), np.log(1e3)  # of ln(r / thickness)
-SHRINK = 1 / 6  # error of interpolation over that at twice the spacing; 1/16 for smooth cubics
+# Error of interpolation over that at twice the spacing, along each axis: cubics are of fourth order; along g, near
+# its lower end, fresh nodes at centres of cells say 1/6.
+SHRINK = np.array([1 / 16, 1 / 6, 1 / 16])
+AVERAGED = 0.64  # noise at the centre of a cell over that of its nodes, which are independent along two axes
 COMPARED = np.geomspace(0.05, 200, 60)  # q over the node's median radius
 
 
@@ -211,15 +214,15 @@ def cells(values: np.ndarray) -> np.ndarray:
 
 
 def assemble(grid: list[list[Node]]) -> Atlas:
-    """Table with its bounds: two standard errors of the paths, plus the error of interpolation."""
+    """Table with its bounds: two standard errors at the nodes; or between them, plus the error of interpolation."""
     order = np.argsort(DROPS)
     table = np.array(
         [[rows_of(line[j], float(DEPTHS[i]), float(DROPS[j])) for j in order] for i, line in enumerate(grid)]
     )
     paths = cells(np.array([[line[j].errors for j in order] for line in grid]))
     atlas = Atlas(DEPTHS, DROPS[order], ABSORPTIONS, np.diff(levels()), table, 2 * paths)
-    between = cells(interpolation_errors(atlas)).sum(axis=0)
-    bounds = (2 * paths + SHRINK * between).astype(np.float32)
+    between = np.tensordot(SHRINK, cells(interpolation_errors(atlas)), 1)
+    bounds = np.maximum(2 * paths, 2 * AVERAGED * paths + between).astype(np.float32)
     return replace(atlas, table=table.astype(np.float32), bounds=bounds)
 
 
