@@ -3,6 +3,7 @@
 import hashlib
 import os
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from importlib.resources import files
 from multiprocessing import get_context
 
@@ -16,8 +17,17 @@ from specklegen.media import Slab
 from specklegen.scatterers import HenyeyGreenstein, Isotropic
 from specklegen.stationary import atlas, kernel_cache
 from specklegen.stationary.atlas import Errors, atlas_errors, atlas_kernel, kernel_for
-from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
+from specklegen.stationary.kernel import (
+    AXIS,
+    MemoryKernel,
+    _axial_threshold,
+    estimate_kernel,
+    full_weights,
+    lateral_distance,
+    plane_optics,
+)
 from specklegen.statistics import jackknife
+from specklegen.tracing import plane_proposal, trace
 
 
 def slab(depth, g, albedo=1.0, thickness=1.0) -> Slab:
@@ -206,6 +216,18 @@ def agreement(medium: Slab, paths: int, rounds: int) -> dict[str, float]:
         "light_bound": errors.intensity,
         "light_z": max(light - errors.intensity, 0) / bright_error,
     }
+
+
+@pytest.mark.parametrize("medium", [slab(0.5, 0.98), slab(2.1, 0.969), slab(10.0, 0.9), slab(1e-3, 0.0)])
+def test_bins_of_estimates_lose_nothing(medium):
+    """The histogram of r against the sum over the same paths: thin forward-scattering slabs have tiny r."""
+    proposal, optics = plane_proposal(medium, AXIS, AXIS), plane_optics(medium, 1.0, AXIS[None])
+    bank = trace(medium, replace(proposal, threshold=_axial_threshold(medium)), 3, 20_000, threads=1)
+    kernel = estimate_kernel(medium, 20_000, 3, threads=1)
+    radius, weight = lateral_distance(bank), full_weights(bank, optics, AXIS, AXIS)
+    q = np.geomspace(0.03, 30, 20) / np.sqrt(kernel.mean_square_radius)
+    whole = (j0(np.outer(q, radius)) @ weight / weight.sum()) ** 2
+    np.testing.assert_allclose(kernel(q) ** 2, whole, atol=2e-3)  # 3 % wide bins; 0.2 where r falls off their end
 
 
 @pytest.mark.parametrize("medium", [slab(1.3, 0.2), slab(4.5, 0.9), slab(9.0, 0.85, 0.995), slab(12.0, 0.0)])

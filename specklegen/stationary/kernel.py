@@ -23,8 +23,7 @@ from specklegen.statistics import BATCHES, jackknife
 from specklegen.streams import Seed, Stream, pilot_seed
 from specklegen.tracing import PathBank, Proposal, plane_proposal, trace
 
-_BINS = 512
-_SPAN = (1e-3, 1e3)  # smallest and largest radius told apart, over thickness + transport length
+_BINS = 640
 PILOT_PATHS = 2000
 KEEP_ALWAYS = 10.0  # a connection is always kept from ten times the mean full weight (performance.md 3)
 
@@ -161,8 +160,7 @@ def estimate_kernel(medium: Slab, paths: int, seed: Seed, *, threads: int | None
     """
     proposal = replace(plane_proposal(medium, AXIS, AXIS), threshold=_axial_threshold(medium))
     optics = plane_optics(medium, 1.0, AXIS[None])
-    scale = medium.thickness + medium.transport_length
-    edges = np.log(np.array(_SPAN) * scale)
+    edges = np.log(_told_apart(medium))
     rows = np.zeros((min(BATCHES, max(paths, 1)), _BINS))
     squares = np.zeros(_BINS)
     bounds = np.linspace(0, paths, len(rows) + 1).astype(int)
@@ -182,6 +180,16 @@ def estimate_kernel(medium: Slab, paths: int, seed: Seed, *, threads: int | None
         paths=paths,
         single_share=float(weight[bank.orders == 1].sum() / total) if total else 0.0,
     )
+
+
+def _told_apart(medium: Slab) -> tuple[float, float]:
+    """Smallest and largest radius with a bin of its own.
+
+    Thin forward-scattering slabs need the 1 - g: light that is scattered twice walks about (1 - g) L sideways,
+    far less than a transport length.
+    """
+    drop = min(1.0, 1 - medium.scatterer.g)
+    return 1e-3 * drop * medium.thickness, 1e3 * (medium.thickness + medium.mean_free_path)
 
 
 def lateral_distance(bank: PathBank) -> np.ndarray:
