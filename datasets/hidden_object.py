@@ -96,7 +96,7 @@ class HiddenObject(Recipe):
         brightness[:: max(brightness.shape[0] - 1, 1), :: max(brightness.shape[1] - 1, 1)] = 1.0
         lights = IncoherentObject(
             brightness=brightness,
-            pitch=self.pitch(known(slab, self.material.kernel_paths)),
+            pitch=self.pitch(known(slab, self.material.kernel_paths, self.material.kernel)),
             width=self.window.width,
             profile=self.window.profile,
         )
@@ -130,7 +130,7 @@ class HiddenObject(Recipe):
 
 @lru_cache(maxsize=64)
 def _sampler(recipe: HiddenObject, slab: Slab) -> ObjectSampler:
-    material = known(slab, recipe.material.kernel_paths)
+    material = known(slab, recipe.material.kernel_paths, recipe.material.kernel)
     return object_sampler(
         material.kernel,
         wavelength=recipe.material.wavelength,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -10,9 +10,12 @@ from pydantic import model_validator
 from specklegen.datasets.draws import Draw, drawn, ends
 from specklegen.media import Slab
 from specklegen.scatterers import HenyeyGreenstein
+from specklegen.stationary.atlas import kernel_for
 from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
 from specklegen.streams import pilot_seed
 from specklegen.values import Positive, PositiveInt, Value, reject
+
+KernelSource = Literal["estimate", "atlas"]
 
 
 class Material(Value):
@@ -33,6 +36,9 @@ class Material(Value):
     kernel_paths
         Paths from which the memory-effect kernel of each material is estimated; the relative error of C_I at
         half range is about sqrt(60 / kernel_paths).
+    kernel
+        "estimate" traces those paths for every material; "atlas" takes the kernel from the table of materials
+        where its error of C_I is at most 0.01, and traces (and keeps on disk) only the others.
     """
 
     wavelength: Positive
@@ -41,6 +47,7 @@ class Material(Value):
     g: Draw
     albedo: Draw = 1.0
     kernel_paths: PositiveInt = 100_000
+    kernel: KernelSource = "estimate"
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -117,7 +124,10 @@ class KnownMaterial:
 
 
 @lru_cache(maxsize=256)
-def known(slab: Slab, paths: int) -> KnownMaterial:
-    """Estimate a slab's kernel. It is a property of the material: its paths are keyed by the slab, not by a seed."""
-    kernel = estimate_kernel(slab, paths, pilot_seed(slab.fingerprint()))
+def known(slab: Slab, paths: int, source: KernelSource = "estimate") -> KnownMaterial:
+    """Find a slab's kernel. It is a property of the material: its paths are keyed by the slab, not by a seed."""
+    if source == "atlas":
+        kernel = kernel_for(slab, paths=paths)
+    else:
+        kernel = estimate_kernel(slab, paths, pilot_seed(slab.fingerprint()))
     return KnownMaterial(slab, kernel, kernel.half_range())

@@ -134,7 +134,7 @@ class Recipe(Value):
     def material_of(self, seed: int, split: Split, medium: int) -> KnownMaterial:
         """Material of one medium, with its kernel."""
         rng = generator(substream(seed, split, Purpose.MATERIAL, medium))
-        return known(self.material.draw(rng), self.material.kernel_paths)
+        return known(self.material.draw(rng), self.material.kernel_paths, self.material.kernel)
 
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""

@@ -9,8 +9,10 @@ positive semidefinite for any set of tilts, and its errors are those of the batc
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+from scipy.optimize import root_scalar
 from scipy.special import j0
 
 from specklegen.fields.ends import AXIS, Optics, full_weights
@@ -21,8 +23,7 @@ from specklegen.streams import Seed, Stream, pilot_seed
 from specklegen.tracing import PathBank, Proposal, plane_proposal, trace
 from specklegen.values import remembered
 
-_BINS = 512
-_SPAN = (1e-3, 1e3)  # smallest and largest radius told apart, over thickness + transport length
+_BINS = 640
 PILOT_PATHS = 2000
 KEEP_ALWAYS = 10.0  # a connection is always kept from ten times the mean full weight (performance.md 3)
 
@@ -38,15 +39,21 @@ class MemoryKernel:
     weights : float64[batches, n]
         Full weight that each batch found in each bin.
     paths : int
-        Paths behind it.
+        What to divide the sum of the weights by for the intensity per unit area: the paths behind them.
     single_share : float
         Share of single scattering in the intensity.
+    source : "estimate", "cache" or "atlas"
+        Where the kernel comes from: new paths, an earlier estimate on disk, the table of materials.
+    stated_error : float
+        Standard error of C_I at its worst q, where it is not to be had from batches; else NaN.
     """
 
     radius: np.ndarray
     weights: np.ndarray
     paths: int
     single_share: float
+    source: Literal["estimate", "cache", "atlas"] = "estimate"
+    stated_error: float = float("nan")
 
     def __call__(self, q: np.ndarray | float) -> np.ndarray:
         """K at lateral wavevector differences q (radians per unit length), any shape; K(0) = 1."""
@@ -64,7 +71,10 @@ class MemoryKernel:
         return self(unique)[inverse].reshape(q.shape)
 
     def intensity(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """C_I = |K|^2 without bias, 1 - C_I to full relative precision, and their standard error, at q float64[T]."""
+        """C_I = |K|^2 without bias, 1 - C_I to full relative precision, and their standard error, at q float64[T].
+
+        Of a single batch the error is ``stated_error``, at most 1 - C_I itself.
+        """
         q = np.asarray(q, dtype=np.float64)
         lost = self.weights @ _one_minus_bessel(q[:, None], self.radius).T  # E[w (1 - J0)], [batches, T]
         sums = np.concatenate([lost, self.weights.sum(axis=1, keepdims=True)], axis=1)
@@ -74,6 +84,8 @@ class MemoryKernel:
             return delta * (2 - delta)
 
         value, error = jackknife(sums, decorrelation)
+        if len(self.weights) == 1:
+            error = np.minimum(self.stated_error, np.abs(value))
         return 1 - value, value, error
 
     def half_range(self, share: float = 0.5) -> float:
@@ -88,14 +100,18 @@ class MemoryKernel:
         target = floor + share * (1 - floor)
         scale = 1 / np.sqrt(self.mean_square_radius)
         q = np.geomspace(1e-2, 1e3, 400) * scale
-        below = np.flatnonzero(self(q) ** 2 < target)
-        if len(below) == 0:
-            return float("inf")
-        low, high = (q[below[0] - 1] if below[0] else 0.0), q[below[0]]
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self(middle) ** 2 > target else (low, middle)
-        return float(high)
+        # 1 - K <= q^2 <r^2> / 4: nothing falls to the target before.
+        first = int(np.searchsorted(q, 1.999 * np.sqrt(1 - np.sqrt(target)) * scale))
+        for start in range(first, len(q), 16):
+            below = np.flatnonzero(self(q[start : start + 16]) ** 2 < target)
+            if len(below):
+                n = start + int(below[0])
+                low, high = (q[n - 1] if n else 0.0), q[n]
+                found = root_scalar(
+                    lambda q: float(self(q)) ** 2 - target, bracket=(low, high), xtol=1e-15 * high, rtol=1e-15
+                )
+                return float(found.root)
+        return float("inf")
 
     @property
     def mean_square_radius(self) -> float:
@@ -144,8 +160,7 @@ def estimate_kernel(medium: Slab, paths: int, seed: Seed, *, threads: int | None
     """
     proposal = replace(plane_proposal(medium, AXIS, AXIS), threshold=_axial_threshold(medium))
     optics = plane_optics(medium, 1.0, AXIS[None])
-    scale = medium.thickness + medium.transport_length
-    edges = np.log(np.array(_SPAN) * scale)
+    edges = np.log(_told_apart(medium))
     rows = np.zeros((min(BATCHES, max(paths, 1)), _BINS))
     squares = np.zeros(_BINS)
     bounds = np.linspace(0, paths, len(rows) + 1).astype(int)
@@ -165,6 +180,16 @@ def estimate_kernel(medium: Slab, paths: int, seed: Seed, *, threads: int | None
         paths=paths,
         single_share=float(weight[bank.orders == 1].sum() / total) if total else 0.0,
     )
+
+
+def _told_apart(medium: Slab) -> tuple[float, float]:
+    """Smallest and largest radius with a bin of its own.
+
+    Thin forward-scattering slabs need the 1 - g: light that is scattered twice walks about (1 - g) L sideways,
+    far less than a transport length.
+    """
+    drop = min(1.0, 1 - medium.scatterer.g)
+    return 1e-3 * drop * medium.thickness, 1e3 * (medium.thickness + medium.mean_free_path)
 
 
 def lateral_distance(bank: PathBank) -> np.ndarray:

@@ -1,0 +1,273 @@
+"""Compute the memory-effect atlas: specklegen/data/atlas.npz, and the map of its errors for docs/atlas.md.
+
+    python scripts/make_atlas.py --work build/atlas
+
+Every node (optical depth, g) is traced once at albedo 1, until the standard error of C_I is TARGET or the
+node has cost EVENTS scatterings; a path of B vertices weighs albedo^B, so the same paths serve every albedo.
+Nodes are kept in the work folder, so that a run that was stopped goes on where it was; every node has its
+own seed, and the result does not depend on threads or restarts.
+"""
+
+import argparse
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.special import j0
+from tqdm import tqdm
+
+from specklegen.fields.ends import AXIS, full_weights
+from specklegen.media import Slab
+from specklegen.scatterers import HenyeyGreenstein
+from specklegen.stationary.atlas import Atlas, loss_at, single_intensity, stencil
+from specklegen.stationary.kernel import MemoryKernel, keep_threshold, lateral_distance, plane_optics
+from specklegen.statistics import BATCHES, jackknife
+from specklegen.tracing import plane_proposal, trace
+
+VERSION = 1  # part of every node's seed: a change of it is a new, independent table
+DEPTHS = 0.4 * 2 ** (np.arange(23) / 3)  # 0.4 ... 64.5
+DROPS = 0.0149 * (1.6 / 0.0149) ** (np.arange(17) / 16)  # 1 - g: g = -0.6 ... 0.985
+DROPS = np.append(DROPS, np.sqrt(DROPS[13:16] * DROPS[14:17]))  # and three more about g = 0, where K turns fastest
+ABSORPTIONS = 0.4 * np.arange(11)
+LEVELS = 96
+LEAST, TARGET, EVENTS = 2**19, 0.0028, 2e8
+CHUNK = BATCHES * 2048  # paths
+BINS, LOWEST, HIGHEST = 2048, np.log(1e-6), np.log(1e3)  # of ln(r / thickness)
+# Error of interpolation over that at twice the spacing, along each axis: cubics are of fourth order; along g, near
+# its lower end, fresh nodes at centres of cells say 1/6.
+SHRINK = np.array([1 / 16, 1 / 6, 1 / 16])
+AVERAGED = 0.64  # noise at the centre of a cell over that of its nodes, which are independent along two axes
+COMPARED = np.geomspace(0.05, 200, 60)  # q over the node's median radius
+
+
+@dataclass(frozen=True)
+class Node:
+    """What the paths of one (optical depth, g) say about multiple scattering, for every absorption.
+
+    Attributes
+    ----------
+    share, square : float64[A, BINS]
+        Weight, and weight times (r / thickness)^2, per path in each bin of ln(r / thickness).
+    errors : float64[A, 3]
+        Standard errors of C_I (at the worst q), of ln intensity, of ln half range.
+    paths, events : int
+    """
+
+    share: np.ndarray
+    square: np.ndarray
+    errors: np.ndarray
+    paths: int
+    events: int
+
+    @classmethod
+    def load(cls, file: Path) -> "Node":
+        """Read a node."""
+        with np.load(file) as data:
+            return cls(data["share"], data["square"], data["errors"], int(data["paths"]), int(data["events"]))
+
+    def save(self, file: Path) -> None:
+        """Write a node; a file is whole or absent."""
+        draft = file.with_suffix(".part")
+        with draft.open("wb") as out:
+            np.savez_compressed(out, **vars(self))
+        draft.replace(file)
+
+
+def levels() -> np.ndarray:
+    """Cumulative shares float64[LEVELS + 1] between which radii are kept: dense at both ends."""
+    return 0.5 * (1 - np.cos(np.pi * np.arange(LEVELS + 1) / LEVELS))
+
+
+def radii_of(share: np.ndarray, square: np.ndarray) -> np.ndarray:
+    """Ln rms radius between consecutive levels, of a histogram: weight and weight times r^2 in each bin."""
+    cumulative = np.concatenate([[0], np.cumsum(share)]) / share.sum()
+    second = np.concatenate([[0], np.cumsum(square)]) / share.sum()
+    used = np.concatenate([[True], np.diff(cumulative) > 0])
+    mean = np.diff(np.interp(levels(), cumulative[used], second[used])) / np.diff(levels())
+    return 0.5 * np.log(mean)
+
+
+def estimate(depth: float, drop: float, seed: tuple[int, ...]) -> Node:
+    """Trace one node."""
+    slab = Slab(thickness=1.0, mean_free_path=1 / depth, scatterer=HenyeyGreenstein(g=1 - drop))
+    proposal, optics = plane_proposal(slab, AXIS, AXIS), plane_optics(slab, 1.0, AXIS[None])
+    proposal = replace(proposal, threshold=0.3 * keep_threshold(slab, proposal, optics, AXIS, seed))
+    loss = loss_at(ABSORPTIONS, depth, drop)  # -ln albedo
+    share, square = np.zeros((len(loss), BATCHES, BINS)), np.zeros((len(loss), BINS))
+    paths, spent = 0, 0
+    while True:
+        bank = trace(slab, proposal, seed, CHUNK, first=paths, threads=1)
+        spent += bank.events
+        batch = (bank.paths - paths) // (CHUNK // BATCHES)
+        many = bank.orders > 1
+        radius, weight = lateral_distance(bank)[many], full_weights(bank, optics, AXIS, AXIS)[many]
+        place = (np.log(radius) - LOWEST) * (BINS / (HIGHEST - LOWEST))
+        place = np.clip(place, 0, BINS - 1).astype(np.int64)
+        cell = batch[many] * BINS + place
+        orders = bank.orders[many].astype(np.float64)
+        for n, rate in enumerate(loss):
+            w = weight * np.exp(-rate * orders)
+            share[n] += np.bincount(cell, w, BATCHES * BINS).reshape(BATCHES, BINS)
+            square[n] += np.bincount(place, w * radius**2, BINS)
+        paths += CHUNK
+        if spent >= EVENTS or (
+            paths >= LEAST and errors_of(depth, drop, loss[0], share[0], square[0], paths)[0] <= TARGET
+        ):
+            break
+    return Node(
+        share=share.sum(axis=1) / paths,
+        square=square / paths,
+        errors=np.array([errors_of(depth, drop, *part, paths) for part in zip(loss, share, square, strict=True)]),
+        paths=paths,
+        events=spent,
+    )
+
+
+def errors_of(depth, drop, loss, share, square, paths) -> np.ndarray:
+    """Standard errors of C_I (worst q), ln intensity and ln half range from the batches of one histogram."""
+    total = share.sum(axis=0)
+    radius = np.sqrt(np.divide(square, total, out=np.zeros_like(total), where=total > 0))
+    single = single_intensity(depth, drop, np.exp(-loss)) * paths / BATCHES  # in each batch
+    weights = np.append(single * BATCHES, total)
+    kernel = MemoryKernel(np.append(0.0, radius), weights[None], paths, weights[0] / weights.sum())
+    half = kernel.half_range()
+    q = COMPARED / np.exp(np.interp(0.5, np.cumsum(total) / total.sum(), np.log(np.maximum(radius, 1e-12))))
+    q = np.append(q, half * np.array([0.98, 1.0, 1.02]) if np.isfinite(half) else np.zeros(3))
+    light = share.sum(axis=1) + single
+    sums = np.column_stack([share @ j0(np.outer(radius, q)) + single, light])
+    value, error = jackknife(sums, lambda s: (s[:-1] / s[-1]) ** 2)
+    slope = (value[-1] - value[-3]) / 0.04
+    bright = jackknife(share.sum(axis=1), np.log)[1]
+    return np.array([error.max(), bright, error[-2] / abs(slope) if slope else 0.0])
+
+
+def nodes(folder: Path, depths: np.ndarray, drops: np.ndarray) -> list[list[Node]]:
+    """Nodes of the whole table, those missing computed; the cheap ones first. Seeds and files go by position."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table: list[list[Node]] = []
+    with tqdm(total=len(depths) * len(drops), unit="node") as progress:
+        for i, depth in enumerate(depths):
+            table.append([])
+            for j, drop in enumerate(drops):
+                file = folder / f"node-{i:02d}-{j:02d}.npz"
+                if not file.exists():
+                    estimate(float(depth), float(drop), (VERSION, i, j)).save(file)
+                table[-1].append(Node.load(file))
+                progress.update()
+    return table
+
+
+def rows_of(node: Node, depth: float, drop: float) -> np.ndarray:
+    """Rows of the table of one node, float64[A, LEVELS + 1]."""
+    light = np.log(node.share.sum(axis=1)) + 2 * loss_at(ABSORPTIONS, depth, drop)
+    radii = np.array([radii_of(*pair) for pair in zip(node.share, node.square, strict=True)])
+    return np.column_stack([radii, light])
+
+
+def left_out(table: np.ndarray, axis: int, nodes: np.ndarray) -> np.ndarray:
+    """Rows predicted by the cubic through the nodes of the other parity along an axis; NaN at its ends."""
+    table = np.moveaxis(table, axis, 0)
+    out = np.full_like(table, np.nan)
+    n = len(table)
+    for i in range(1, n - 1):
+        others = np.arange((i + 1) % 2, n, 2)
+        first, weights = stencil(nodes[i], nodes[others])
+        out[i] = np.tensordot(weights, table[others[first : first + 4]], 1)
+    return np.moveaxis(out, 0, axis)
+
+
+def describe(row: np.ndarray, depth: float, drop: float, loss: float, q: np.ndarray):
+    """C_I at q, ln intensity and ln half range that a row of the table stands for."""
+    shares, albedo = np.diff(levels()), np.exp(-loss)
+    single, multiple = single_intensity(depth, drop, albedo), albedo**2 * np.exp(row[-1])
+    weights = np.append(single, multiple * shares)
+    kernel = MemoryKernel(np.append(0.0, np.exp(row[:-1])), weights[None], 1, single / weights.sum())
+    return kernel(q) ** 2, np.log(weights.sum()), np.log(kernel.half_range())
+
+
+def interpolation_errors(atlas: Atlas) -> np.ndarray:
+    """Errors float64[3 axes, D, G, A, 3] at every node when it is left out along an axis: twice the spacing."""
+    table = atlas.table
+    out = np.full((3, *table.shape[:3], 3), np.nan)
+    for axis in range(3):
+        guess = left_out(table, axis, atlas.axes[axis])
+        for place in tqdm(np.argwhere(np.isfinite(guess[..., 0])), unit="node", desc=f"left out along axis {axis}"):
+            i, j, k = place
+            depth, drop = float(atlas.depths[i]), float(atlas.drops[j])
+            loss = loss_at(atlas.absorptions[k], depth, drop)
+            q = COMPARED / np.exp(table[i, j, k, LEVELS // 2])
+            true_curve, true_light, true_half = describe(table[i, j, k], depth, drop, loss, q)
+            curve, light, half = describe(guess[i, j, k], depth, drop, loss, q)
+            both = np.isfinite(half) and np.isfinite(true_half)
+            out[axis, i, j, k] = (
+                np.abs(curve - true_curve).max(), abs(light - true_light), abs(half - true_half) if both else 0.0,
+            )  # fmt: skip
+    return out
+
+
+def cells(values: np.ndarray) -> np.ndarray:
+    """Largest value at the corners of each cell of the three axes before the last; NaN is left out."""
+    for axis in range(-4, -1):
+        n = values.shape[axis]
+        values = np.fmax(np.take(values, range(n - 1), axis), np.take(values, range(1, n), axis))
+    return values
+
+
+def assemble(grid: list[list[Node]]) -> Atlas:
+    """Table with its bounds: two standard errors at the nodes; or between them, plus the error of interpolation."""
+    order = np.argsort(DROPS)
+    table = np.array(
+        [[rows_of(line[j], float(DEPTHS[i]), float(DROPS[j])) for j in order] for i, line in enumerate(grid)]
+    )
+    paths = cells(np.array([[line[j].errors for j in order] for line in grid]))
+    atlas = Atlas(DEPTHS, DROPS[order], ABSORPTIONS, np.diff(levels()), table, 2 * paths)
+    between = np.tensordot(SHRINK, cells(interpolation_errors(atlas)), 1)
+    bounds = np.maximum(2 * paths, 2 * AVERAGED * paths + between).astype(np.float32)
+    return replace(atlas, table=table.astype(np.float32), bounds=bounds)
+
+
+def main() -> None:
+    """Make the table and the picture of its errors."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--work", type=Path, default=Path("build/atlas"), help="folder that keeps the nodes")
+    parser.add_argument("--out", type=Path, default=Path("specklegen/data/atlas.npz"))
+    parser.add_argument("--figure", type=Path, default=Path("docs/atlas/errors.png"))
+    arguments = parser.parse_args()
+    grid = nodes(arguments.work, DEPTHS, DROPS)
+    events = sum(node.events for line in grid for node in line)
+    paths = sum(node.paths for line in grid for node in line)
+    print(f"{sum(map(len, grid))} nodes, {paths:.3g} paths, {events:.3g} scatterings")
+    atlas = assemble(grid)
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(arguments.out, **{field.name: getattr(atlas, field.name) for field in fields(atlas)})
+    print(f"{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB")
+    for limit in (0.005, 0.01, 0.02):
+        share = (atlas.bounds[..., 0] <= limit).mean(axis=(0, 1))
+        print(f"cells with an error of C_I up to {limit}, by absorption: " + " ".join(f"{s:.0%}" for s in share))
+    figure(atlas, arguments.figure)
+
+
+def figure(atlas: Atlas, file: Path) -> None:
+    """Map of the bound on C_I, at three absorptions."""
+    import matplotlib.pyplot as plt
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm
+
+    shown = (0, 3, 6)
+    canvas, axes = plt.subplots(1, len(shown), figsize=(12, 3.8), sharey=True, layout="constrained")
+    colours = ScalarMappable(LogNorm(1e-3, 0.1))
+    for ax, k in zip(axes, shown, strict=True):
+        bound = atlas.bounds[:, :, k, 0].T
+        ax.pcolormesh(atlas.depths, atlas.drops, bound, norm=colours.norm, cmap=colours.cmap)
+        middles = [np.sqrt(nodes[1:] * nodes[:-1]) for nodes in (atlas.depths, atlas.drops)]
+        ax.contour(*middles, bound, levels=[0.01], colors="white", linewidths=1)
+        title = f"a = {atlas.absorptions[k]:.1f} ... {atlas.absorptions[k + 1]:.1f}"
+        ax.set(xscale="log", yscale="log", xlabel="optical depth", title=title)
+    axes[0].set_ylabel("1 - g")
+    canvas.colorbar(colours, ax=axes, label="bound on the error of |K|²; white: 0.01")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    canvas.savefig(file, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
