@@ -1,7 +1,5 @@
 """The atlas of memory-effect kernels: a distribution, continuous, right within its bounds; and the kernels on disk."""
 
-import hashlib
-import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from importlib.resources import files
@@ -9,6 +7,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from kernel_race import use_and_delete
 from scipy.special import j0
 from zscore import assert_z
 
@@ -305,21 +304,10 @@ def test_oldest_files_make_room(empty_cache, monkeypatch):
     assert len(list(empty_cache.rglob("*.kernel"))) == 3
 
 
-def _repeatedly(folder: str) -> list[str]:
-    os.environ["SPECKLEGEN_CACHE"] = folder
-    medium, seen = slab(0.2, 0.5), []
-    for _ in range(15):
-        kernel = kernel_for(medium, paths=2000)
-        seen.append(f"{kernel.source} {hashlib.sha256(kernel.weights.tobytes()).hexdigest()}")
-        for file in kernel_cache.folder().glob("*.kernel"):
-            file.unlink(missing_ok=True)
-    return seen
-
-
 def test_processes_at_once(tmp_path):
     """Two processes write, read and delete one file: every kernel is whole and the same, nothing is left half done."""
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        seen = [line for lines in pool.map(_repeatedly, [str(tmp_path)] * 2) for line in lines]
+        seen = [line for lines in pool.map(use_and_delete, [str(tmp_path)] * 2) for line in lines]
     assert len({line.split()[1] for line in seen}) == 1
     assert not list(tmp_path.rglob("*.part"))
 
