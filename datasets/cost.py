@@ -46,17 +46,19 @@ def sample_bytes(recipe: Recipe) -> float:
 
 def cost(recipe: Recipe, samples: int, seed: int = 0) -> Cost:
     """Predict the cost of ``samples`` samples of the train split."""
-    length = recipe.length("train")
     recipe.sample(seed, "train", 0)
-    begin = time.process_time()
-    for n in range(1, _PROBES + 1):
-        recipe.sample(seed, "train", n % length)
-    fresh = (time.process_time() - begin) / _PROBES
-    begin = time.process_time()
-    for n in range(1, _PROBES + 1):
-        recipe.sample(seed, "train", (n + (recipe.media or 0)) % max(length, 1))
-    shared = (time.process_time() - begin) / _PROBES if recipe.media else fresh
-    media = min(samples, recipe.media) if recipe.media else samples
+    probes = [n * recipe.media_group for n in range(1, _PROBES + 1)]  # each with a medium of its own
+    fresh = _seconds(recipe, seed, probes)
+    again = [n + (recipe.media or recipe.media_group - 1) for n in probes]
+    shared = fresh if again == probes else _seconds(recipe, seed, again)
+    media = recipe.media_of(samples)
     seconds = (media * fresh + (samples - media) * shared) / thread_count()
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return Cost(samples, int(samples * sample_bytes(recipe)), seconds, used + thread_count() * _WORKER_BYTES)
+
+
+def _seconds(recipe: Recipe, seed: int, indices: list[int]) -> float:
+    begin = time.process_time()
+    for index in indices:
+        recipe.sample(seed, "train", index)
+    return (time.process_time() - begin) / len(indices)

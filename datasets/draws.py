@@ -104,6 +104,18 @@ def drawn(value: "float | Uniform | LogUniform | Choice", rng: np.random.Generat
     return value.draw(rng)
 
 
+def require_above(field: str, value: "float | Uniform | LogUniform | Choice", low: float) -> None:
+    """Refuse a number that may be drawn at or below ``low``.
+
+    Raises
+    ------
+    RuleError
+        Naming the field.
+    """
+    if not ends(value)[0] > low:
+        reject(field, f"greater than {low:g}", value)
+
+
 def ends(value: "float | Uniform | LogUniform | Choice") -> tuple[float, float]:
     """Smallest and largest value that can be drawn."""
     return (value, value) if isinstance(value, float) else value.ends

@@ -2,8 +2,9 @@
 
     K(i_j - i_l) = sum_r phi_r(j) phi_r(l)
 
-Pivoted Cholesky finds the beams that determine all others, a singular value decomposition then drops what
-is left of the rank. K is tabulated once: a cubic spline, whose error falls with the fourth power of its step.
+Pivoted Cholesky finds the beams that determine all others, an eigenvalue decomposition then drops what is
+left of the rank. Symmetric objects have equal eigenvalues, whose vectors any rounding turns; so the modes are
+at last brought to the one triangular form at the pivots, and are the same on every machine. K is tabulated once: a cubic spline, whose error falls with the fourth power of its step.
 """
 
 from collections.abc import Callable
@@ -44,7 +45,7 @@ class Modes:
         with one_torch_thread():
             at_pivots = torch.linalg.pinv(torch.from_numpy(self.values[self.pivots]))
             values, vectors = torch.linalg.eigh(at_pivots @ matrix @ at_pivots.T)
-            return (vectors * values.clamp(min=0).sqrt()).numpy()
+            return ((vectors * values.clamp(min=0).sqrt()) @ vectors.T).numpy()  # symmetric: the only one
 
 
 def tabulated(kernel: MemoryKernel, largest: float) -> Correlation:
@@ -67,7 +68,7 @@ def karhunen_loeve(correlation: Correlation, wavevectors: np.ndarray, tolerance:
     factor = np.empty((0, size))
     pivots: list[int] = []
     while residual.sum() > 0.25 * tolerance * size and len(pivots) < size:
-        pivot = int(residual.argmax())
+        pivot = int(residual.round(9).argmax())  # of equal ones the first, whatever the rounding
         gap = wavevectors - wavevectors[pivot]
         row = correlation(np.hypot(gap[:, 0], gap[:, 1])) - (factor[:, pivot, None] * factor).sum(axis=0)
         row = row / np.sqrt(residual[pivot])
@@ -80,5 +81,9 @@ def karhunen_loeve(correlation: Correlation, wavevectors: np.ndarray, tolerance:
         rows = torch.from_numpy(factor)
         power, vectors = torch.linalg.eigh(rows @ rows.T)
         rank = max(1, int((power.cumsum(0) > 0.75 * tolerance * size).sum()))
+        while rank < len(power) and power[-rank - 1] > 0.999 * power[-rank]:
+            rank += 1  # equal eigenvalues stay together
         values = rows.T @ vectors.flip(1)[:, :rank]
+        turn, triangle = torch.linalg.qr(values[pivots[:rank]].T)
+        values = values @ (turn * triangle.diagonal().sign())
     return Modes((values / values.norm(dim=1, keepdim=True)).numpy(), np.array(pivots))
