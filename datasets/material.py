@@ -17,7 +17,6 @@ from specklegen.stationary.spectrum import LightModes, Spectrum, estimate_spectr
 from specklegen.streams import pilot_seed
 from specklegen.values import Positive, PositiveInt, Value, reject
 
-
 _PARAMETERS = ("thickness", "optical_depth", "g", "albedo")
 
 

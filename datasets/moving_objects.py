@@ -63,9 +63,7 @@ class DynamicSlab(HiddenObject):
     ) -> tuple[list[torch.Tensor], dict[str, float]]:
         """Fields of one medium, one a frame, and what was drawn for them."""
         time = drawn(self.dynamics.correlation_time, generator(substream(seed, split, Purpose.DYNAMICS, medium)))
-        frames = draw_frames(
-            self.light, sampler, seed, split, medium, self.dynamics.frames, float(np.exp(-1 / time))
-        )
+        frames = draw_frames(self.light, sampler, seed, split, medium, self.dynamics.frames, float(np.exp(-1 / time)))
         return frames, {"correlation_time": time}
 
 

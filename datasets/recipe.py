@@ -123,7 +123,9 @@ class Recipe(Value):
             pitch = lab.view_pitch * lab.oversampling  # whole pixels: their area is integrated exactly
             grid = FarFieldGrid(shape=lab.pixels, pitch=pitch)
             return Geometry(lab.medium_wavelength, lab.aperture, lab.profile, grid, lab.wavenumber_bandwidth, True)
-        assert self.window is not None and self.camera is not None and self.material.wavelength is not None
+        assert self.window is not None
+        assert self.camera is not None
+        assert self.material.wavelength is not None
         wavelength, width = self.material.wavelength, self.window.width
         grid = FarFieldGrid(shape=self.camera.shape, pitch=wavelength / (width * self.camera.pixels_per_grain))
         # d k = 2 pi n d(lambda_0) / lambda_0^2, and lambda_0 = n wavelength
@@ -201,7 +203,7 @@ class Recipe(Value):
         notes = ["No medium of one split appears in another: each has random streams of its own."]
         ranges = self.material.by_split
         if ranges is not None:
-            spans = "; ".join(f"{split} {' to '.join(f'{end:g}' for end in ends(getattr(ranges, split)))}" for split in SPLITS)
+            spans = "; ".join("{} {:g} to {:g}".format(split, *ends(getattr(ranges, split))) for split in SPLITS)
             notes.append(f"The splits differ in the material: {ranges.parameter} is drawn from {spans}.")
         elif self.material.varies:
             notes.append("Materials of all splits are drawn from the same ranges, independently.")

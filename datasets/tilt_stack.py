@@ -86,7 +86,7 @@ class MaterialRegression(TiltStack):
     thickness in the recipe's unit of length.
     """
 
-    kind: Literal["material-regression"] = "material-regression"
+    kind: Literal["material-regression"] = "material-regression"  # type: ignore[assignment]
 
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""

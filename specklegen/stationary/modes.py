@@ -4,7 +4,8 @@
 
 Pivoted Cholesky finds the beams that determine all others, an eigenvalue decomposition then drops what is
 left of the rank. Symmetric objects have equal eigenvalues, whose vectors any rounding turns; so the modes are
-at last brought to the one triangular form at the pivots, and are the same on every machine. K is tabulated once: a cubic spline, whose error falls with the fourth power of its step.
+at last brought to the one triangular form at the pivots, and are the same on every machine. K is tabulated
+once: a cubic spline, whose error falls with the fourth power of its step.
 """
 
 from collections.abc import Callable

@@ -144,18 +144,18 @@ class ObjectSampler:
         form
             "pairs" or "points"; by default the one with fewer operations.
         """
-        brightness = torch.as_tensor(np.array(brightness)).to(self.modes)
+        light = torch.as_tensor(np.array(brightness)).to(self.modes)
         with one_torch_thread():
             shared = medium.shape[-2:] != self.envelope.shape
             if form is None:
-                form = "pairs" if shared or self._pairs_cheaper(brightness, len(medium)) else "points"
+                form = "pairs" if shared or self._pairs_cheaper(light, len(medium)) else "points"
             if form == "pairs":
                 spectra = medium if shared else self.spectra(medium)
-                spectrum = torch.stack([self._from_pairs(spectra, brightness, modes) for modes in self.modes])
+                spectrum = torch.stack([self._from_pairs(spectra, light, modes) for modes in self.modes])
             else:
-                spectrum = torch.stack([self._from_points(medium, brightness, modes) for modes in self.modes])
+                spectrum = torch.stack([self._from_points(medium, light, modes) for modes in self.modes])
             images = ((self.camera_rows @ spectrum) @ self.camera_columns).real.contiguous()
-            return images.add_(self.flat * self.mean * brightness.sum()) if self.flat else images
+            return images.add_(self.flat * self.mean * light.sum()) if self.flat else images
 
     def contrast(self, brightness: np.ndarray) -> float:
         """Expected contrast of an object's image, over media, of what one camera pixel sees.
@@ -317,7 +317,7 @@ def object_sampler(
 
 
 def _even_fast_length(n: int) -> int:
-    return 2 * int(next_fast_len((n + 1) // 2, real=True))
+    return 2 * int(next_fast_len((n + 1) // 2, real=True) or 0)
 
 
 def require_resolved(field: str, wavelength: float, width: float, pitch: float) -> None:
@@ -334,5 +334,6 @@ def require_resolved(field: str, wavelength: float, width: float, pitch: float) 
             field,
             f"at most half the speckle size (wavelength / width = {grain:.3g})",
             pitch,
-            f"It undersamples the speckle: use a pitch <= {grain / 2:.3g}, or a beam narrower than {wavelength / (2 * pitch):.4g}.",
+            f"It undersamples the speckle: use a pitch <= {grain / 2:.3g}, "
+            f"or a beam narrower than {wavelength / (2 * pitch):.4g}.",
         )
