@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, WithJsonSchema, model_validator
 
 from specklegen.camera import Camera, NoiseStreams, expose
 from specklegen.datasets.draws import ends
@@ -55,7 +55,11 @@ class Samples(Value):
     test: PositiveInt = 512
 
 
-Media = Annotated[PositiveInt | None, BeforeValidator(lambda media: None if media == "new" else media)]
+Media = Annotated[
+    PositiveInt | None,
+    BeforeValidator(lambda media: None if media == "new" else media),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1}, {"const": "new"}, {"type": "null"}]}),
+]
 """A number of media, or "new" for one that is never seen again (TOML has no null to override a number with)."""
 
 
@@ -106,9 +110,21 @@ class Recipe(Value):
             reject("Recipe.light", "without bandwidth and refractive_index, which the lab gives", self.light)
         if self.media is not None and self.media_group != 1:
             reject("Recipe.media_group", "1 where media are numbered", self.media_group, "Leave out media.")
+        if self.lab is None:
+            self._check_smear()
         if self.exposure is not None and self.exposure.oversampling != 1:
             reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
         return self
+
+    def _check_smear(self) -> None:
+        """Speckle scales with the wavelength: over the band it must not move by more than its own size."""
+        assert self.material.wavelength is not None
+        assert self.camera is not None
+        grains = max(self.camera.shape) / self.camera.pixels_per_grain
+        largest = self.light.refractive_index * self.material.wavelength / grains
+        if self.light.bandwidth > largest:
+            reject("Light.bandwidth", f"at most {largest:.4g}, which moves the pattern by one speckle",
+                   self.light.bandwidth, "Use a narrower filter, or a smaller camera.")  # fmt: skip
 
     @property
     def data_version(self) -> int:
@@ -191,11 +207,11 @@ class Recipe(Value):
     def observation(self, shape: tuple[int, ...], dims: tuple[str, ...], what: str) -> ArraySpec:
         """Layout of an array of camera images."""
         if self.exposure is None:
-            return ArraySpec(shape=shape, dims=dims, description=f"{what}: intensity over its expected value")
+            return ArraySpec(shape=shape, dims=dims, description=f"{what}, intensity over its expected value")
         counts = self.exposure.bit_depth is not None
         return ArraySpec(
             shape=shape, dims=dims, dtype="uint16" if counts else "float32", counts=counts, units="counts",
-            description=f"{what}: camera counts",
+            description=f"{what}, counts",
         )  # fmt: skip
 
     def split_notes(self) -> str:

@@ -155,6 +155,7 @@ def test_field_may_be_drawn():
         ("through-slab-lab", {"lab": {"aperture": 40.0, "oversampling": 8}}, "LabSetup.aperture must be at most"),
         ("through-slab-lab", {"lab": {"bandwidth": 1e-3}}, "LabSetup.bandwidth must be at most"),
         ("through-slab-lab", {"lab": {"focal_length": 10.0}}, "LabSetup.camera_distance must be given, or else"),
+        ("through-slab", {"light": {"bandwidth": 0.02}}, "Light.bandwidth must be at most 0.01172, which moves"),
         ("through-slab", {"media_group": 2}, "Recipe.media_group must be 1 where media are numbered"),
         ("through-slab", {"media": "old"}, "media must be a whole number"),
         ("through-slab", {"exposure": {**NOISE, "oversampling": 2}}, "Recipe.exposure.oversampling must be 1"),
@@ -256,7 +257,9 @@ def test_schema_knows_every_field(kind):
     schema = recipe_schema(kind)
     assert set(schema["properties"]) == set(KINDS[kind].model_fields)
     assert schema["properties"]["kind"]["const"] == kind
-    json.dumps(schema)
+    assert {"const": "new"} in schema["properties"]["media"]["anyOf"]
+    draws = json.dumps(schema["$defs"]["Material"]["properties"]["g"])
+    assert all(part in draws for part in ("number", "Uniform", "LogUniform", "Choice"))
 
 
 def test_command_line():

@@ -38,6 +38,7 @@ from specklegen.values import reject
 
 Form = Literal["pairs", "points"]
 _CHUNK = 32  # bright pixels transformed at once
+_MOST_BYTES = 2**27  # of spectra: pairs of very many modes would not fit into memory
 
 
 @dataclass(frozen=True)
@@ -181,6 +182,8 @@ class ObjectSampler:
         cells_count, lag_count = self.x.count * self.y.count, self.lags[0] * self.lags[1]
         transform = 5.0 * lag_count * np.log2(lag_count)
         pairs = self.rank * (self.rank + 1) / 2 * (0.5 * transform + (20 * draws + 40 * len(self.modes)) * lag_count)
+        if self.spectra_bytes > _MOST_BYTES:
+            return False
         return pairs < bright * draws * (4.0 * self.rank * cells_count + transform + 4 * lag_count)
 
     def _from_pairs(self, spectra: torch.Tensor, brightness: torch.Tensor, modes: torch.Tensor) -> torch.Tensor:
