@@ -98,12 +98,24 @@ Draw = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_read)]
 
 def drawn(value: "float | Uniform | LogUniform | Choice", rng: np.random.Generator) -> float:
     """Draw a value; a constant is itself and takes one draw all the same, so that the others stay put."""
-    if isinstance(value, float):
+    if isinstance(value, float | int):
         rng.random()
         return value
     return value.draw(rng)
 
 
+def require_above(field: str, value: "float | Uniform | LogUniform | Choice", low: float) -> None:
+    """Refuse a number that may be drawn at or below ``low``.
+
+    Raises
+    ------
+    RuleError
+        Naming the field.
+    """
+    if not ends(value)[0] > low:
+        reject(field, f"greater than {low:g}", value)
+
+
 def ends(value: "float | Uniform | LogUniform | Choice") -> tuple[float, float]:
     """Smallest and largest value that can be drawn."""
-    return (value, value) if isinstance(value, float) else value.ends
+    return (value, value) if isinstance(value, float | int) else value.ends

@@ -8,21 +8,24 @@ import numpy as np
 import torch
 from pydantic import model_validator
 
+from specklegen.datasets.draws import Draw, drawn, ends, require_above
+from specklegen.datasets.light import draw_medium
 from specklegen.datasets.material import KnownMaterial, known
 from specklegen.datasets.objects import HiddenObjects
+from specklegen.datasets.prepared import Prepared, prepared, prepared_medium
 from specklegen.datasets.protocol import ArraySpec
-from specklegen.datasets.recipe import Recipe
-from specklegen.datasets.split import Purpose, Split, substream
+from specklegen.datasets.recipe import PARAMETERS, Recipe
+from specklegen.datasets.split import Purpose, Split, generator, substream
 from specklegen.illumination import IncoherentObject
 from specklegen.media import Slab
 from specklegen.planning import Plan, plan
 from specklegen.scene import Scene
-from specklegen.stationary.objects import ObjectSampler, object_sampler
+from specklegen.stationary.objects import ObjectSampler
 from specklegen.values import Positive, Value, reject
 
 
 class ObjectField(Value):
-    """How large the object appears: by one of two fields.
+    """How large the object appears: by one of two fields, which may vary from medium to medium.
 
     Parameters
     ----------
@@ -32,26 +35,35 @@ class ObjectField(Value):
         Full side of the object over the memory-effect range of the material, in direction sines.
     """
 
-    pitch: Positive | None = None
-    extent_over_range: Positive | None = None
+    pitch: Draw | None = None
+    extent_over_range: Draw | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.pitch is None) == (self.extent_over_range is None):
             reject("ObjectField", "given by one of pitch and extent_over_range", self.model_dump())
+        for name in ("pitch", "extent_over_range"):
+            if getattr(self, name) is not None:
+                require_above(f"ObjectField.{name}", getattr(self, name), 0)
         return self
 
 
 class HiddenObject(Recipe):
     """Camera images of hidden incoherent objects; mean 1 over the expected intensity of the whole image.
 
-    Samples: ``image`` float32[H, W], ``object`` float32[h, w] (brightness 0 to 1).
+    Samples: ``image`` float32[H, W] (or uint16 counts), ``object`` float32[h, w] (brightness 0 to 1).
     """
 
     kind: Literal["hidden-object"] = "hidden-object"
     objects: HiddenObjects
-    field: ObjectField
+    field: ObjectField | None = None
     mode_tolerance: Positive = 0.01
+
+    @model_validator(mode="after")
+    def _check_field(self) -> Self:
+        if (self.field is None) == (self.lab is None):
+            reject("HiddenObject.field", "given, or else a table lab, and not both", self.field)
+        return self
 
     def physics(self) -> dict[str, Any]:
         """Everything that decides a pixel; a folder of pictures counts by its contents, not by its path."""
@@ -60,93 +72,127 @@ class HiddenObject(Recipe):
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""
         return {
-            "image": ArraySpec(
-                shape=self.camera.shape, dtype="float32", dims=("y", "x"),
-                description="camera image over its expected intensity",
-            ),
+            **self.images_layout(),
             "object": ArraySpec(
                 shape=self.objects.shape, dtype="float32", dims=("object_y", "object_x"),
                 description="hidden object, brightness 0 to 1; its image appears turned by 180 degrees",
             ),
+            "parameters": PARAMETERS,
         }  # fmt: skip
 
-    def pitch(self, material: KnownMaterial) -> float:
+    def images_layout(self) -> dict[str, ArraySpec]:
+        """Layout of what :meth:`images_of` names."""
+        return {"image": self.observation(self.geometry.grid.shape, ("y", "x"), "camera image")}
+
+    def images_of(self, images: np.ndarray, tilts: np.ndarray) -> dict[str, np.ndarray]:
+        """Name what the camera saw, [n, H, W], under tilts float64[T, 2]."""
+        return {"image": images[0]}
+
+    def split_notes(self) -> str:
+        """What the splits share and what they do not, in Markdown sentences for the data card."""
+        return (
+            f"{super().split_notes()} No object of one split appears in another: "
+            f"the sources of `{self.objects.type}` are dealt to the splits before any sample is drawn."
+        )
+
+    def pitch(self, material: KnownMaterial, share: float) -> float:
         """Direction sine between object pixels in front of a material.
+
+        Parameters
+        ----------
+        material
+            The material.
+        share
+            The drawn number of the field.
 
         Raises
         ------
         RuleError
             If the pitch follows from a range that the material does not have.
         """
+        if self.lab is not None:
+            return self.lab.object_pitch(self.objects.shape)
+        assert self.field is not None
         if self.field.pitch is not None:
-            return self.field.pitch
-        assert self.field.extent_over_range is not None
+            return share
         if not np.isfinite(material.half_range):
-            reject("ObjectField.extent_over_range", "left out for a material without a memory-effect range",
-                   self.field.extent_over_range, "Give the pitch instead.")  # fmt: skip
-        return self.field.extent_over_range * material.range_sine(self.material.wavelength) / max(self.objects.shape)
+            reject("ObjectField.extent_over_range", "left out for a material without a memory-effect range", share,
+                   "Give the pitch instead.")  # fmt: skip
+        return share * material.range_sine(self.geometry.wavelength) / max(self.objects.shape)
+
+    @property
+    def _field_number(self) -> Draw:
+        return (self.field.pitch or self.field.extent_over_range or 0.0) if self.field is not None else 0.0
 
     def plans(self) -> list[Plan]:
-        """Plans for a full object at the ends of every range of the material."""
+        """Plans for a full object, as large as it can be, at the ends of every range of the material."""
         return [plan(self.scene(slab), paths=self.material.kernel_paths) for slab in self.material.extremes()]
 
     def scene(self, slab: Slab) -> Scene:
         """Scene of a slab with an object whose corners shine."""
         brightness = np.zeros(self.objects.shape)
         brightness[:: max(brightness.shape[0] - 1, 1), :: max(brightness.shape[1] - 1, 1)] = 1.0
+        seen = self.geometry
+        material = known(slab, self.material.kernel_paths, self.material.kernel)
         lights = IncoherentObject(
             brightness=brightness,
-            pitch=self.pitch(known(slab, self.material.kernel_paths, self.material.kernel)),
-            width=self.window.width,
-            profile=self.window.profile,
+            pitch=self.pitch(material, ends(self._field_number)[1]),
+            width=seen.width,
+            profile=seen.profile,
         )
-        return Scene(wavelength=self.material.wavelength, medium=slab, illumination=lights, sensor=self.grid)
+        return Scene(wavelength=seen.wavelength, medium=slab, illumination=lights, sensor=seen.grid)
+
+    def tilts_of(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
+        """Tilts float64[T, 2] of the illumination of one medium, radians, and what was drawn for them."""
+        return np.zeros((1, 2)), {}
+
+    def media_frames(
+        self, sampler: ObjectSampler, seed: int, split: Split, medium: int
+    ) -> tuple[list[torch.Tensor], dict[str, float]]:
+        """Fields of one medium, one a frame, and what was drawn for them."""
+        return [draw_medium(self.light, sampler, seed, split, medium)], {}
+
+    def prepare(self, seed: int, split: Split, medium: int) -> Prepared:
+        """Make one medium ready, with all that is drawn for it."""
+        material = self.material_of(seed, split, medium)
+        share = drawn(self._field_number, generator(substream(seed, split, Purpose.FIELD, medium)))
+        angles, tilted = self.tilts_of(generator(substream(seed, split, Purpose.TILTS, medium)))
+        pitch = self.pitch(material, share)
+        sampler = _sampler(self, material.slab, pitch, tuple(map(tuple, np.sin(angles).tolist())))
+        frames, moved = self.media_frames(sampler, seed, split, medium)
+        seen = self.geometry
+        extent = pitch * max(self.objects.shape)
+        parameters = material.parameters(seen.wavelength) | {
+            "width": seen.width,
+            "camera_pitch": seen.grid.pitch,
+            "object_pitch": pitch,
+            "extent_over_range": extent / material.range_sine(seen.wavelength),
+            **tilted,
+            **moved,
+        }
+        shared = self.media is not None or self.media_group > 1
+        return prepared(sampler, frames, parameters, halves=self.light.halves, share=shared, tilts=angles)
 
     def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One image with its object and parameters; see :class:`Recipe`."""
         which = cast(Split, split)
         brightness = self.objects.image(seed, which, index)
         medium = self.medium_number(index)
-        material = self.material_of(seed, which, medium)
-        sampler = _sampler(self, material.slab)
-        image = sampler.image(_medium(self, seed, which, medium), brightness)
-        total = float(brightness.sum(dtype=np.float64))
-        wavelength = self.material.wavelength
+        ready = prepared_medium(self, seed, which, medium)
+        images = self.observed(ready.images(brightness), seed, which, index)
         return {
-            "image": (image / (sampler.mean * total)).numpy().astype(np.float32),
+            **self.images_of(images, ready.tilts),
             "object": brightness,
             "index": np.int64(index),
-            "parameters": material.parameters(wavelength)
-            | {
-                "width": self.window.width,
-                "camera_pitch": self.grid.pitch,
-                "object_pitch": self.pitch(material),
-                "extent_over_range": self.pitch(material) * max(self.objects.shape) / material.range_sine(wavelength),
-                "expected_contrast": sampler.expected_contrast(brightness),
+            "parameters": {
+                **ready.parameters,
+                "expected_contrast": ready.expected_contrast(brightness),
                 "medium": float(medium),
             },
         }
 
 
-@lru_cache(maxsize=64)
-def _sampler(recipe: HiddenObject, slab: Slab) -> ObjectSampler:
+@lru_cache(maxsize=8)
+def _sampler(recipe: HiddenObject, slab: Slab, pitch: float, base: tuple) -> ObjectSampler:
     material = known(slab, recipe.material.kernel_paths, recipe.material.kernel)
-    return object_sampler(
-        material.kernel,
-        wavelength=recipe.material.wavelength,
-        object_shape=recipe.objects.shape,
-        object_pitch=recipe.pitch(material),
-        width=recipe.window.width,
-        profile=recipe.window.profile,
-        grid=recipe.grid,
-        tolerance=recipe.mode_tolerance,
-    )
-
-
-@lru_cache(maxsize=64)
-def _medium(recipe: HiddenObject, seed: int, split: Split, medium: int) -> torch.Tensor:
-    """A medium's speckle, in the form that its objects share; a split's media stay in memory."""
-    material = recipe.material_of(seed, split, medium)
-    sampler = _sampler(recipe, material.slab)
-    fields = sampler.medium(substream(seed, split, Purpose.MEDIUM, medium))
-    return fields if recipe.media is None else sampler.spectra(fields)
+    return recipe.sampler(material, recipe.objects.shape, pitch, np.array(base), recipe.mode_tolerance)

@@ -1,6 +1,7 @@
 """The material of a recipe: a slab whose parameters may be drawn anew for every medium."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import lru_cache
 from typing import Literal, Self
 
@@ -8,14 +9,49 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.datasets.draws import Draw, drawn, ends
+from specklegen.datasets.split import SPLITS, Split
 from specklegen.media import Slab
 from specklegen.scatterers import HenyeyGreenstein
 from specklegen.stationary.atlas import kernel_for
 from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
+from specklegen.stationary.spectrum import LightModes, Spectrum, estimate_spectral_correlation, light_modes
 from specklegen.streams import pilot_seed
 from specklegen.values import Positive, PositiveInt, Value, reject
 
 KernelSource = Literal["estimate", "atlas"]
+_PARAMETERS = ("thickness", "optical_depth", "g", "albedo")
+
+
+class Estimator(IntEnum):
+    """Where a material's memory-effect kernel comes from; the number is stored with every sample."""
+
+    PATHS = 1
+    ATLAS = 2
+
+
+class SplitRanges(Value):
+    """One parameter of the material, drawn from a range of its own in each split: a test of extrapolation.
+
+    Parameters
+    ----------
+    parameter
+        Which.
+    train, validation, test
+        What it is drawn from; no two ranges meet.
+    """
+
+    parameter: Literal["thickness", "optical_depth", "g", "albedo"]
+    train: Draw
+    validation: Draw
+    test: Draw
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        ranges = sorted(ends(getattr(self, split)) for split in SPLITS)
+        for (_, high), (low, _) in zip(ranges[:-1], ranges[1:], strict=True):
+            if not high < low:
+                reject("SplitRanges", "given by ranges that do not meet", ranges, "Leave a gap between the splits.")
+        return self
 
 
 class Material(Value):
@@ -24,7 +60,7 @@ class Material(Value):
     Parameters
     ----------
     wavelength
-        Inside the medium; fixes the unit of every length.
+        Inside the medium; fixes the unit of every length. Left out where a ``[lab]`` table gives it.
     thickness
         Of the slab, same unit.
     optical_depth
@@ -39,15 +75,18 @@ class Material(Value):
     kernel
         "estimate" traces those paths for every material; "atlas" takes the kernel from the table of materials
         where its error of C_I is at most 0.01, and traces (and keeps on disk) only the others.
+    by_split
+        One parameter that each split draws from a range of its own, within the range given here.
     """
 
-    wavelength: Positive
+    wavelength: Positive | None = None
     thickness: Draw
     optical_depth: Draw
     g: Draw
     albedo: Draw = 1.0
     kernel_paths: PositiveInt = 100_000
     kernel: KernelSource = "estimate"
+    by_split: SplitRanges | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -57,6 +96,13 @@ class Material(Value):
                 reject(f"Material.{name}", f"between {low} and {high}, both excluded", getattr(self, name))
         if not 0 < ends(self.albedo)[0] <= ends(self.albedo)[1] <= 1:
             reject("Material.albedo", "above 0 and at most 1", self.albedo)
+        if self.by_split is not None:
+            low, high = ends(getattr(self, self.by_split.parameter))
+            for split in SPLITS:
+                smallest, largest = ends(getattr(self.by_split, split))
+                if not low <= smallest <= largest <= high:
+                    reject(f"Material.by_split.{split}", f"within {self.by_split.parameter}, {low:g} to {high:g}",
+                           (smallest, largest))  # fmt: skip
         return self
 
     @property
@@ -64,10 +110,13 @@ class Material(Value):
         """Whether two media may have different parameters."""
         return any(low < high for low, high in map(ends, (self.thickness, self.optical_depth, self.g, self.albedo)))
 
-    def draw(self, rng: np.random.Generator) -> Slab:
-        """One slab."""
-        thickness, depth, g, albedo = (drawn(n, rng) for n in (self.thickness, self.optical_depth, self.g, self.albedo))
-        return self.slab(thickness, depth, g, albedo)
+    def draw(self, rng: np.random.Generator, split: Split) -> Slab:
+        """One slab of a split."""
+        return self.slab(*(drawn(self._source(name, split), rng) for name in _PARAMETERS))
+
+    def _source(self, name: str, split: Split) -> Draw:
+        own = self.by_split is not None and self.by_split.parameter == name
+        return getattr(self.by_split, split) if own else getattr(self, name)
 
     def extremes(self) -> list[Slab]:
         """Slabs at the ends of every range: where a claim about all media is tested."""
@@ -96,11 +145,14 @@ class KnownMaterial:
     kernel : MemoryKernel
     half_range : float
         Lateral wavevector difference at which C_I is half way to its floor, per unit length; inf where there is none.
+    estimator : Estimator
+        Where the kernel comes from.
     """
 
     slab: Slab
     kernel: MemoryKernel
     half_range: float
+    estimator: Estimator = Estimator.PATHS
 
     def range_sine(self, wavelength: float) -> float:
         """Sine of the memory-effect range; inf where there is none."""
@@ -120,6 +172,7 @@ class KnownMaterial:
             "ballistic_fraction": float(np.exp(-slab.optical_depth)),
             "single_share": self.kernel.single_share,
             "memory_effect_range": float(np.arcsin(min(sine, 1.0))) if np.isfinite(sine) else np.inf,
+            "estimator": float(self.estimator),
         }
 
 
@@ -131,3 +184,16 @@ def known(slab: Slab, paths: int, source: KernelSource = "estimate") -> KnownMat
     else:
         kernel = estimate_kernel(slab, paths, pilot_seed(slab.fingerprint()))
     return KnownMaterial(slab, kernel, kernel.half_range())
+
+
+@lru_cache(maxsize=64)
+def known_light(slab: Slab, paths: int, bandwidth: float, spectrum: Spectrum) -> LightModes:
+    """Modes of light of a band behind a slab, from the same paths as its kernel.
+
+    Raises
+    ------
+    RuleError
+        If the band makes too many modes.
+    """
+    correlation = estimate_spectral_correlation(slab, paths, pilot_seed(slab.fingerprint()))
+    return light_modes(correlation, bandwidth, spectrum)

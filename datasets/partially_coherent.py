@@ -4,15 +4,16 @@ from collections.abc import Mapping
 from typing import Any, Literal, Self, cast
 
 import numpy as np
-import torch
 from pydantic import model_validator
 
 from specklegen.datasets.draws import Draw, drawn, ends
+from specklegen.datasets.light import draw_medium
 from specklegen.datasets.material import known
+from specklegen.datasets.prepared import Prepared, prepared, prepared_medium
 from specklegen.datasets.protocol import ArraySpec
-from specklegen.datasets.recipe import Recipe
+from specklegen.datasets.recipe import PARAMETERS, Recipe
 from specklegen.datasets.split import Purpose, Split, generator, substream
-from specklegen.illumination import CollimatedBeams
+from specklegen.illumination import CollimatedBeams, Profile
 from specklegen.media import Slab
 from specklegen.partially_coherent import (
     effective_source_modes,
@@ -22,7 +23,7 @@ from specklegen.partially_coherent import (
 )
 from specklegen.planning import Plan, plan
 from specklegen.scene import Scene
-from specklegen.stationary.objects import ObjectSampler, object_sampler
+from specklegen.stationary.objects import ObjectSampler
 from specklegen.values import Positive, remembered
 
 
@@ -46,84 +47,74 @@ class PartiallyCoherent(Recipe):
 
     @model_validator(mode="after")
     def _in_range(self) -> Self:
-        source_lattice(self.material.wavelength, self.window.width, self.window.profile, *ends(self.coherence_length))
+        source_lattice(*self._window, *ends(self.coherence_length))
         return self
+
+    @property
+    def _window(self) -> tuple[float, float, Profile]:
+        return self.geometry.wavelength, self.geometry.width, self.geometry.profile
 
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""
-        return {
-            "image": ArraySpec(
-                shape=self.camera.shape, dtype="float32", dims=("y", "x"),
-                description="intensity over its expected value",
-            ),
-        }  # fmt: skip
+        image = self.observation(self.geometry.grid.shape, ("y", "x"), "camera image")
+        return {"image": image, "parameters": PARAMETERS}
 
     @property
     def lattice(self) -> tuple[int, float]:
         """Beams of the source along each axis and their pitch, the same for all coherence lengths."""
-        return source_lattice(
-            self.material.wavelength, self.window.width, self.window.profile, *ends(self.coherence_length)
-        )
+        return source_lattice(*self._window, *ends(self.coherence_length))
 
     def plans(self) -> list[Plan]:
         """Plans for the least coherent light at the ends of every range of the material."""
-        wavelength, window = self.material.wavelength, self.window
-        light = gaussian_schell_object(wavelength, ends(self.coherence_length)[0], window.width, window.profile)
+        wavelength, width, profile = self._window
+        light = gaussian_schell_object(wavelength, ends(self.coherence_length)[0], width, profile)
         scenes = [
-            Scene(wavelength=wavelength, medium=slab, illumination=light, sensor=self.grid)
+            Scene(wavelength=wavelength, medium=slab, illumination=light, sensor=self.geometry.grid)
             for slab in self.material.extremes()
         ]
         return [plan(scene, paths=self.material.kernel_paths) for scene in scenes]
 
     def scene(self, slab: Slab) -> Scene:
         """Scene of a slab under coherent light, for `specklegen.partially_coherent.render_partially_coherent`."""
-        beam = CollimatedBeams.tilts([0.0], width=self.window.width, profile=self.window.profile)
-        return Scene(wavelength=self.material.wavelength, medium=slab, illumination=beam, sensor=self.grid)
+        wavelength, width, profile = self._window
+        beam = CollimatedBeams.tilts([0.0], width=width, profile=profile)
+        return Scene(wavelength=wavelength, medium=slab, illumination=beam, sensor=self.geometry.grid)
+
+    def prepare(self, seed: int, split: Split, medium: int) -> Prepared:
+        """Make one medium ready, for light of every coherence length."""
+        material = self.material_of(seed, split, medium)
+        count, pitch = self.lattice
+        sampler = _sampler(self, material.slab, count, pitch)
+        fields = draw_medium(self.light, sampler, seed, split, medium)
+        parameters = material.parameters(self.geometry.wavelength) | {
+            "width": self.geometry.width,
+            "camera_pitch": self.geometry.grid.pitch,
+        }
+        tilts = np.zeros((1, 2))
+        return prepared(sampler, [fields], parameters, halves=self.light.halves, share=True, tilts=tilts)
 
     def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One image with its parameters; see :class:`Recipe`."""
         which = cast(Split, split)
         medium = self.medium_number(index)
-        wavelength, window = self.material.wavelength, self.window
         length = drawn(self.coherence_length, generator(substream(seed, which, Purpose.OBJECT, index)))
-        count, pitch = self.lattice
-        brightness = gaussian_brightness(count, pitch, wavelength, length)
-        modes = effective_source_modes(brightness, pitch, wavelength, window.width, window.profile)
-        material = self.material_of(seed, which, medium)
-        sampler = _sampler(self, material.slab)
-        image = sampler.image(_medium(self, seed, which, medium), brightness)
+        brightness = gaussian_brightness(*self.lattice, self.geometry.wavelength, length)
+        wavelength, width, profile = self._window
+        ready = prepared_medium(self, seed, which, medium)
         return {
-            "image": (image / sampler.mean).numpy().astype(np.float32),
+            "image": self.observed(ready.images(brightness), seed, which, index)[0],
             "index": np.int64(index),
-            "parameters": material.parameters(wavelength)
-            | {
-                "width": window.width,
-                "camera_pitch": self.grid.pitch,
+            "parameters": {
+                **ready.parameters,
                 "coherence_length": length,
-                "effective_modes": modes,
-                "expected_contrast": modes**-0.5,
+                "effective_modes": effective_source_modes(brightness, self.lattice[1], wavelength, width, profile),
+                "expected_contrast": ready.expected_contrast(brightness),
                 "medium": float(medium),
             },
         }
 
 
-@remembered(64)
-def _sampler(recipe: PartiallyCoherent, slab: Slab) -> ObjectSampler:
-    count, pitch = recipe.lattice
-    return object_sampler(
-        known(slab, recipe.material.kernel_paths).kernel,
-        wavelength=recipe.material.wavelength,
-        object_shape=(count, count),
-        object_pitch=pitch,
-        width=recipe.window.width,
-        profile=recipe.window.profile,
-        grid=recipe.grid,
-        tolerance=recipe.mode_tolerance,
-    )
-
-
-@remembered(64)
-def _medium(recipe: PartiallyCoherent, seed: int, split: Split, medium: int) -> torch.Tensor:
-    """A medium's speckle, in the form that its coherence lengths share; a split's media stay in memory."""
-    sampler = _sampler(recipe, recipe.material_of(seed, split, medium).slab)
-    return sampler.spectra(sampler.medium(substream(seed, split, Purpose.MEDIUM, medium)))
+@remembered(8)
+def _sampler(recipe: PartiallyCoherent, slab: Slab, count: int, pitch: float) -> ObjectSampler:
+    material = known(slab, recipe.material.kernel_paths, recipe.material.kernel)
+    return recipe.sampler(material, (count, count), pitch, np.zeros((1, 2)), recipe.mode_tolerance)

@@ -5,15 +5,19 @@ from pathlib import Path
 from typing import Any
 
 from specklegen.datasets.hidden_object import HiddenObject
+from specklegen.datasets.moving_objects import DynamicSlab, TwoTilts
 from specklegen.datasets.partially_coherent import PartiallyCoherent
 from specklegen.datasets.recipe import Recipe, merged, recipe_table
-from specklegen.datasets.tilt_stack import TiltStack
+from specklegen.datasets.tilt_stack import MaterialRegression, TiltStack
 from specklegen.values import reject
 
 KINDS: dict[str, type[Recipe]] = {
     "tilt-stack": TiltStack,
+    "material-regression": MaterialRegression,
     "hidden-object": HiddenObject,
     "partially-coherent": PartiallyCoherent,
+    "dynamic-slab": DynamicSlab,
+    "two-tilts": TwoTilts,
 }
 
 
@@ -37,3 +41,17 @@ def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) ->
     if kind not in KINDS:
         reject("recipe.kind", f"one of {', '.join(KINDS)}", kind)
     return KINDS[kind](**table)
+
+
+def recipe_schema(name: str) -> dict[str, Any]:
+    """JSON schema of a kind of recipe, by its name or that of a recipe of the kind.
+
+    Raises
+    ------
+    RuleError
+        If there is neither.
+    """
+    kind = name if name in KINDS else recipe_table(name).get("kind")
+    if kind not in KINDS:
+        reject("recipe.kind", f"one of {', '.join(KINDS)}", kind)
+    return KINDS[kind].model_json_schema()

@@ -12,21 +12,36 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import BeforeValidator, WithJsonSchema, model_validator
 
-from specklegen.datasets.material import KnownMaterial, Material, known
+from specklegen.camera import Camera, NoiseStreams, expose
+from specklegen.datasets.draws import ends
+from specklegen.datasets.geometry import CameraGrid, Geometry, Lab, Window
+from specklegen.datasets.light import Light
+from specklegen.datasets.material import Estimator, KnownMaterial, Material, known, known_light
+from specklegen.datasets.prepared import Prepared
 from specklegen.datasets.protocol import ArraySpec
 from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
-from specklegen.illumination import Profile
 from specklegen.planning import Plan
 from specklegen.sensors import FarFieldGrid
-from specklegen.values import Positive, PositiveInt, Value, reject
+from specklegen.stationary.objects import ObjectSampler, object_sampler
+from specklegen.values import PositiveInt, Value, reject
 
-DATA_VERSION = 1
+DATA_VERSION = 2
 """Raised by hand whenever pixels change; a golden test guards it."""
+
+PARAMETERS = ArraySpec(
+    dtype="float64",
+    description="parameters drawn for the sample and what follows from them; lengths in the recipe's unit, angles in "
+    "radians, pitches in direction sines inside the medium; expected_contrast is that of the light at one pixel, "
+    "before the camera's noise; estimator: " + ", ".join(f"{e.value} kernel from {e.name.lower()}" for e in Estimator),
+)
+"""Layout of the parameters of every kind."""
+
+_NOISES = (Purpose.SHOT_NOISE, Purpose.BACKGROUND, Purpose.DARK_CURRENT, Purpose.READ_NOISE)
 
 COSMETIC = {"name", "description", "samples"}
 """Fields that decide no pixel and so stay out of the fingerprint."""
@@ -40,40 +55,12 @@ class Samples(Value):
     test: PositiveInt = 512
 
 
-class Window(Value):
-    """The illuminated window on the entrance face.
-
-    Parameters
-    ----------
-    width
-        Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian").
-    profile
-        Its shape.
-    """
-
-    width: Positive
-    profile: Profile = "square"
-
-
-class CameraGrid(Value):
-    """The camera's pixels in the far field.
-
-    Parameters
-    ----------
-    shape
-        (rows, columns).
-    pixels_per_grain
-        Pixels per speckle grain (wavelength / width); at least 2, below which intensities are undersampled.
-    """
-
-    shape: tuple[PositiveInt, PositiveInt]
-    pixels_per_grain: Positive = 3.0
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.pixels_per_grain < 2:
-            reject("CameraGrid.pixels_per_grain", "at least 2", self.pixels_per_grain, "Fewer undersample the speckle.")
-        return self
+Media = Annotated[
+    PositiveInt | None,
+    BeforeValidator(lambda media: None if media == "new" else media),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1}, {"const": "new"}, {"type": "null"}]}),
+]
+"""A number of media, or "new" for one that is never seen again (TOML has no null to override a number with)."""
 
 
 class Recipe(Value):
@@ -86,29 +73,80 @@ class Recipe(Value):
     samples
         Samples an epoch.
     media
-        Media a split; sample n is seen through medium n mod ``media``. None draws a new one for every sample.
+        Media a split; sample n is seen through medium n mod ``media``. "new" (None) never repeats one.
+    media_group
+        Neighbouring samples that share a medium, where media never repeat.
     material, window, camera
-        The scene.
+        The scene, in the engine's terms.
+    lab
+        Or in those of a laboratory, instead of wavelength, window, camera and field.
+    light
+        Bandwidth and polarisation.
+    exposure
+        Camera and its noises; where given, images are counts, and pixels average over their area.
     """
 
     name: str
     description: str = ""
     samples: Samples = Samples()
-    media: PositiveInt | None = None
+    media: Media = None
+    media_group: PositiveInt = 1
     material: Material
-    window: Window
-    camera: CameraGrid
+    window: Window | None = None
+    camera: CameraGrid | None = None
+    lab: Lab | None = None
+    light: Light = Light()
+    exposure: Camera | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        stated = {"material.wavelength": self.material.wavelength, "window": self.window, "camera": self.camera}
+        given = [name for name, value in stated.items() if value is not None]
+        if self.lab is not None and given:
+            reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
+        if self.lab is None and len(given) < len(stated):
+            reject("Recipe", f"given {', '.join(stated)}, or else a table lab", given)
+        if self.lab is not None and (self.light.bandwidth or self.light.refractive_index != 1):
+            reject("Recipe.light", "without bandwidth and refractive_index, which the lab gives", self.light)
+        if self.media is not None and self.media_group != 1:
+            reject("Recipe.media_group", "1 where media are numbered", self.media_group, "Leave out media.")
+        if self.lab is None:
+            self._check_smear()
+        if self.exposure is not None and self.exposure.oversampling != 1:
+            reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
+        return self
+
+    def _check_smear(self) -> None:
+        """Speckle scales with the wavelength: over the band it must not move by more than its own size."""
+        assert self.material.wavelength is not None
+        assert self.camera is not None
+        grains = max(self.camera.shape) / self.camera.pixels_per_grain
+        largest = self.light.refractive_index * self.material.wavelength / grains
+        if self.light.bandwidth > largest:
+            reject("Light.bandwidth", f"at most {largest:.4g}, which moves the pattern by one speckle",
+                   self.light.bandwidth, "Use a narrower filter, or a smaller camera.")  # fmt: skip
 
     @property
     def data_version(self) -> int:
         """Version of the pixels."""
         return DATA_VERSION
 
-    @property
-    def grid(self) -> FarFieldGrid:
-        """The camera as a sensor of the engine."""
-        pitch = self.material.wavelength / (self.window.width * self.camera.pixels_per_grain)
-        return FarFieldGrid(shape=self.camera.shape, pitch=pitch)
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Window and camera as the engine sees them."""
+        lab = self.lab
+        if lab is not None:
+            pitch = lab.view_pitch * lab.oversampling  # whole pixels: their area is integrated exactly
+            grid = FarFieldGrid(shape=lab.pixels, pitch=pitch)
+            return Geometry(lab.medium_wavelength, lab.aperture, lab.profile, grid, lab.wavenumber_bandwidth, True)
+        assert self.window is not None
+        assert self.camera is not None
+        assert self.material.wavelength is not None
+        wavelength, width = self.material.wavelength, self.window.width
+        grid = FarFieldGrid(shape=self.camera.shape, pitch=wavelength / (width * self.camera.pixels_per_grain))
+        # d k = 2 pi n d(lambda_0) / lambda_0^2, and lambda_0 = n wavelength
+        bandwidth = 2 * np.pi * self.light.bandwidth / (self.light.refractive_index * wavelength**2)
+        return Geometry(wavelength, width, self.window.profile, grid, bandwidth, self.exposure is not None)
 
     def physics(self) -> dict[str, Any]:
         """Everything that decides a pixel."""
@@ -129,12 +167,65 @@ class Recipe(Value):
 
     def medium_number(self, index: int) -> int:
         """Number of the medium of sample ``index``."""
-        return index if self.media is None else medium_of(index, self.media)
+        return index // self.media_group if self.media is None else medium_of(index, self.media)
+
+    def media_of(self, samples: int) -> int:
+        """Media behind the first ``samples`` samples of a split."""
+        return -(-samples // self.media_group) if self.media is None else min(samples, self.media)
 
     def material_of(self, seed: int, split: Split, medium: int) -> KnownMaterial:
         """Material of one medium, with its kernel."""
         rng = generator(substream(seed, split, Purpose.MATERIAL, medium))
-        return known(self.material.draw(rng), self.material.kernel_paths, self.material.kernel)
+        return known(self.material.draw(rng, split), self.material.kernel_paths, self.material.kernel)
+
+    def sampler(
+        self, material: KnownMaterial, shape: tuple[int, int], pitch: float, base: np.ndarray, tolerance: float = 0.01
+    ) -> ObjectSampler:
+        """Sampler of the engine for objects of a shape and pitch under base tilts float64[T, 2] (sines)."""
+        seen = self.geometry
+        light = None
+        if seen.bandwidth:
+            light = known_light(material.slab, self.material.kernel_paths, seen.bandwidth, self.light.spectrum)
+        return object_sampler(
+            material.kernel, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch, width=seen.width,
+            profile=seen.profile, grid=seen.grid, base=base, light=light, pixel_integration=seen.pixel_integration,
+            tolerance=tolerance,
+        )  # fmt: skip
+
+    def prepare(self, seed: int, split: Split, medium: int) -> Prepared:
+        """Make one medium ready, with all that is drawn for it."""
+        raise NotImplementedError
+
+    def observed(self, images: np.ndarray, seed: int, split: Split, index: int) -> np.ndarray:
+        """What the camera makes of expected intensities float[..., H, W]: float32, or counts if it is exposed."""
+        if self.exposure is None:
+            return images.astype(np.float32)
+        streams = NoiseStreams(*(substream(seed, split, purpose, index) for purpose in _NOISES))
+        # Rounding may leave a dark pixel a little below 0.
+        return expose(self.exposure, np.maximum(images, 0), streams)
+
+    def observation(self, shape: tuple[int, ...], dims: tuple[str, ...], what: str) -> ArraySpec:
+        """Layout of an array of camera images."""
+        if self.exposure is None:
+            return ArraySpec(shape=shape, dims=dims, description=f"{what}, intensity over its expected value")
+        counts = self.exposure.bit_depth is not None
+        return ArraySpec(
+            shape=shape, dims=dims, dtype="uint16" if counts else "float32", counts=counts, units="counts",
+            description=f"{what}, counts",
+        )  # fmt: skip
+
+    def split_notes(self) -> str:
+        """What the splits share and what they do not, in Markdown sentences for the data card."""
+        notes = ["No medium of one split appears in another: each has random streams of its own."]
+        ranges = self.material.by_split
+        if ranges is not None:
+            spans = "; ".join("{} {:g} to {:g}".format(split, *ends(getattr(ranges, split))) for split in SPLITS)
+            notes.append(f"The splits differ in the material: {ranges.parameter} is drawn from {spans}.")
+        elif self.material.varies:
+            notes.append("Materials of all splits are drawn from the same ranges, independently.")
+        else:
+            notes.append("All media are of one material.")
+        return " ".join(notes)
 
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""

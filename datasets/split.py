@@ -43,6 +43,7 @@ class Purpose(IntEnum):
     DARK_CURRENT = 12
     READ_NOISE = 13
     SAMPLE_ORDER = 14
+    FIELD = 15
 
 
 def split_number(split: str) -> int:

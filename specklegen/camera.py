@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
+from specklegen.poisson import poisson_field
 from specklegen.values import NonNegative, Positive, PositiveInt, Value, reject
 
 Words = Sequence[int]
@@ -141,7 +142,7 @@ def expose(camera: Camera, image: ArrayLike, streams: NoiseStreams) -> np.ndarra
     charge = _generator(streams.shot).poisson(light).astype(np.float64)
     for mean, words in ((camera.background, streams.background), (dark, streams.dark)):
         if mean > 0:
-            charge += _generator(words).poisson(mean, light.shape)
+            charge += poisson_field(_generator(words), mean, light.shape)
     if camera.full_well is not None:
         np.minimum(charge, camera.full_well, out=charge)
     if camera.read_noise > 0:

@@ -52,19 +52,42 @@ def load(recipe: str, changes: list[str] | None, images: Path | None):
     return load_recipe(recipe, table)
 
 
-@app.command()
-def recipes(name: Annotated[str | None, typer.Argument(help="Show this one as TOML.")] = None) -> None:
-    """List the packaged recipes, or show one."""
+recipes = typer.Typer(help="List the packaged recipes, show one, or the schema of its kind.", rich_markup_mode=None)
+app.add_typer(recipes, name="recipes", invoke_without_command=True)
+
+
+@recipes.callback()
+def list_recipes(context: typer.Context) -> None:
+    """List the packaged recipes."""
+    from specklegen.datasets import load_recipe, recipe_names
+
+    if context.invoked_subcommand is None:
+        for name in recipe_names():
+            typer.echo(f"{name:24s} {load_recipe(name).description}")
+
+
+@recipes.command("show")
+def show_recipe(recipe: Recipe, changes: Set = None) -> None:
+    """Print a recipe as TOML, with what it inherits and what you change written out."""
     import tomli_w
 
-    from specklegen.datasets import load_recipe, recipe_names
-    from specklegen.datasets.recipe import recipe_table
+    from specklegen.datasets import load_recipe
+    from specklegen.datasets.changes import changes_of
+    from specklegen.datasets.recipe import merged, recipe_table
 
-    if name is not None:
-        typer.echo(tomli_w.dumps(recipe_table(name)))
-        return
-    for known in recipe_names():
-        typer.echo(f"{known:24s} {load_recipe(known).description}")
+    table = changes_of(changes or [])
+    load_recipe(recipe, table)
+    typer.echo(tomli_w.dumps(merged(recipe_table(recipe), table)))
+
+
+@recipes.command("schema")
+def recipe_schema_command(
+    name: Annotated[str, typer.Argument(help="A kind of recipe, or a recipe of that kind.")],
+) -> None:
+    """Print the JSON schema of a kind of recipe."""
+    from specklegen.datasets.presets import recipe_schema
+
+    typer.echo(json.dumps(recipe_schema(name), indent=2))
 
 
 @app.command()

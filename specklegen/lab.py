@@ -31,6 +31,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import model_validator
 
+from specklegen.illumination import IncoherentObject, Profile
+from specklegen.media import Medium
+from specklegen.scene import Scene
+from specklegen.sensors import FarFieldGrid
 from specklegen.values import NonNegative, Positive, PositiveInt, Value, reject
 
 PHASE_LIMIT = 0.3
@@ -239,6 +243,26 @@ class LabSetup(Value):
     def image_position(self, position: ArrayLike) -> np.ndarray:
         """Place on the camera about which the pattern of a place on the object is centred."""
         return self.magnification * np.asarray(position, dtype=np.float64)
+
+    def scene(self, medium: Medium, brightness: ArrayLike, profile: Profile = "square") -> Scene:
+        """Scene of an object, float[h, w], behind a layer, as the engine sees it.
+
+        Its views are the pixels times the oversampling; :func:`specklegen.camera.expose` brings them together.
+        """
+        cells = np.asarray(brightness, dtype=np.float64)
+        if cells.ndim != 2:
+            reject("LabSetup.scene brightness", "of shape (h, w)", cells.shape)
+        return Scene(
+            wavelength=self.medium_wavelength,
+            medium=medium,
+            illumination=IncoherentObject(
+                brightness=cells,
+                pitch=self.object_pitch((cells.shape[0], cells.shape[1])),
+                width=self.aperture,
+                profile=profile,
+            ),
+            sensor=FarFieldGrid(shape=self.view_shape, pitch=self.view_pitch),
+        )
 
     @classmethod
     def of_scene(

@@ -136,8 +136,13 @@ def stack_sheet(intensity: np.ndarray, titles: Sequence[str], out: Path) -> Path
 
 
 def sheet(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
-    """Draw samples of any recipe: by their keys, a hidden-object sheet or a strip of stacks."""
-    return hidden_object_sheet(samples, out) if "object" in samples[0] else tilt_strip(samples, out)
+    """Draw samples of any recipe: by their keys, a hidden-object sheet (of the first image) or a strip of stacks."""
+    if "object" not in samples[0]:
+        return tilt_strip(samples, out)
+    several = next((key for key in ("frames", "stack") if key in samples[0]), None)
+    if several is not None:
+        samples = [{**sample, "image": sample[several][0]} for sample in samples]
+    return hidden_object_sheet(samples, out)
 
 
 def _save(figure, out: Path) -> Path:

@@ -8,8 +8,8 @@ import torch
 
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
 from specklegen.datasets.generate import generate
-from specklegen.datasets.hidden_object import _sampler
-from specklegen.datasets.split import Purpose, substream
+from specklegen.datasets.light import draw_medium
+from specklegen.datasets.prepared import prepared_medium
 
 SMALL = {
     "through-slab": {
@@ -65,10 +65,10 @@ def test_samples_share_media_and_splits_do_not():
     recipe = load_recipe("through-slab", SMALL["through-slab"])
     numbers = [int(recipe.sample(0, "train", index)["parameters"]["medium"]) for index in range(10)]
     assert numbers == [0, 1, 2, 3, 4, 0, 1, 2, 3, 4]
-    sampler = _sampler(recipe, recipe.material_of(0, "train", 0).slab)
+    sampler = prepared_medium(recipe, 0, "train", 0).sampler
     fields = np.array(
         [
-            sampler.medium(substream(0, split, Purpose.MEDIUM, m)).numpy().ravel()
+            draw_medium(recipe.light, sampler, 0, split, m).numpy().ravel()
             for split in ("train", "validation", "test")
             for m in range(5)
         ]

@@ -61,7 +61,8 @@ class MemoryKernel:
         share = self.weights.sum(axis=0)
         used = share > 0
         share = share[used] / share[used].sum()
-        return _bessel(q.reshape(-1, 1), self.radius[used]).dot(share).reshape(q.shape)
+        # Not a BLAS product, whose last bits depend on the number of threads.
+        return (_bessel(q.reshape(-1, 1), self.radius[used]) * share).sum(axis=1).reshape(q.shape)
 
     def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
         """Matrix float64[T, T] of K between beams at direction sines float64[T, 2]; positive semidefinite."""
@@ -153,18 +154,23 @@ def _axial_threshold(medium: Slab) -> float:
     return keep_threshold(medium, proposal, optics, AXIS, pilot_seed(medium.fingerprint()))
 
 
+def axial_bank(medium: Slab, paths: int, seed: Seed, *, threads: int | None = None) -> PathBank:
+    """Trace ``paths`` paths of a plane wave along the axis, thinned for a view along the axis."""
+    proposal = replace(plane_proposal(medium, AXIS, AXIS), threshold=_axial_threshold(medium))
+    return trace(medium, proposal, seed, paths, threads=threads)
+
+
 def estimate_kernel(medium: Slab, paths: int, seed: Seed, *, threads: int | None = None) -> MemoryKernel:
     """Estimate K of a slab in transmission along the axis, from ``paths`` paths in 64 batches.
 
     K does not depend on the wavelength: q r does.
     """
-    proposal = replace(plane_proposal(medium, AXIS, AXIS), threshold=_axial_threshold(medium))
     optics = plane_optics(medium, 1.0, AXIS[None])
     edges = np.log(_told_apart(medium))
     rows = np.zeros((min(BATCHES, max(paths, 1)), _BINS))
     squares = np.zeros(_BINS)
     bounds = np.linspace(0, paths, len(rows) + 1).astype(int)
-    bank = trace(medium, proposal, seed, paths, threads=threads)
+    bank = axial_bank(medium, paths, seed, threads=threads)
     radius, weight = lateral_distance(bank), full_weights(bank, optics, AXIS, AXIS)
     with np.errstate(divide="ignore"):
         place = (np.log(radius) - edges[0]) / (edges[1] - edges[0]) * (_BINS - 1)

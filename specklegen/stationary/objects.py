@@ -8,61 +8,36 @@ the window. The image I(v) = sum_j O_j |u_j(v)|^2 has the Fourier coefficient at
 
 Two forms, the cheaper chosen: "pairs" takes the R(R+1)/2 products of modes through one FFT each, which a
 medium needs once for all its objects; "points" sums |u_j|^2 over the bright pixels. Both end in the same
-transform from lags to camera pixels, exact for any camera pitch that resolves the speckle.
+transform from lags to camera pixels, exact for any camera pitch; a pixel's area enters it as a sinc.
+
+The object may be seen under several base tilts b_t, added to all its beams: the modes are then those of
+all beams i_j + b_t. A stack of tilted beams is an object of one pixel. Light of several modes
+(:mod:`spectrum`) adds up over independent fields, in a medium's spectra already.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from scipy.fft import next_fast_len
-from scipy.signal import correlate
 
 from specklegen.illumination import Profile, illuminated_area, object_sines
 from specklegen.sensors import FarFieldGrid, require_resolved
 from specklegen.stationary.cells import Axis, cells, window
+from specklegen.stationary.contrast import speckle_variance
 from specklegen.stationary.kernel import MemoryKernel
+from specklegen.stationary.modes import karhunen_loeve, tabulated
 from specklegen.stationary.normals import complex_normals
 from specklegen.stationary.sampler import mean_intensity, one_torch_thread
+from specklegen.stationary.spectrum import LightModes, monochromatic
 from specklegen.streams import Seed
 
 Form = Literal["pairs", "points"]
-
-
-def object_modes(
-    kernel: MemoryKernel, shape: tuple[int, int], pitch: float, wavenumber: float, tolerance: float
-) -> np.ndarray:
-    """Modes phi float64[h * w, R] with sum_r phi_r(j) phi_r(l) = K(i_j - i_l) up to ``tolerance``.
-
-    Pivoted Cholesky, then a singular value decomposition; what the two leave out adds up to at most
-    ``tolerance`` of the intensity, and every pixel's intensity is then restored to 1.
-    """
-    rows, columns = shape
-    dy, dx = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-    distance = pitch * wavenumber * np.hypot(dy, dx)
-    unique, inverse = np.unique(distance, return_inverse=True)
-    table = kernel(unique)[inverse].reshape(shape)
-    y, x = dy.ravel(), dx.ravel()
-    size = rows * columns
-    residual = np.ones(size)
-    factor = np.empty((size, 0))
-    columns_found = []
-    while residual.sum() > 0.25 * tolerance * size and len(columns_found) < size:
-        pivot = int(residual.argmax())
-        column = table[np.abs(y - y[pivot]), np.abs(x - x[pivot])]
-        if columns_found:
-            factor = np.stack(columns_found, axis=1)
-            column = column - factor @ factor[pivot]
-        column = column / np.sqrt(residual[pivot])
-        columns_found.append(column)
-        residual = np.clip(residual - column**2, 0, None)
-    factor = np.stack(columns_found, axis=1)
-    u, s, _ = np.linalg.svd(factor, full_matrices=False)
-    tail = np.cumsum(np.square(s)[::-1])[::-1]
-    rank = max(1, int((tail > 0.75 * tolerance * size).sum()))
-    modes = u[:, :rank] * s[:rank]
-    return modes / np.linalg.norm(modes, axis=1, keepdims=True)
+_CHUNK = 32  # bright pixels transformed at once
+_MOST_BYTES = 2**27  # of spectra: pairs of very many modes would not fit into memory
 
 
 @dataclass(frozen=True)
@@ -71,8 +46,12 @@ class ObjectSampler:
 
     Attributes
     ----------
-    modes : real[R, h * w]
-        Karhunen-Loeve modes over the object's pixels.
+    modes : real[T, R, h * w]
+        Karhunen-Loeve modes over the object's pixels, for each base tilt.
+    mixing : complex[N, R, R]
+        Root of each light mode's share, times what turns the modes of K into its own.
+    flat : float
+        Share of the light that comes as an even brightness.
     x, y : Axis
         Cells of the exit plane.
     envelope : real[y.count, x.count]
@@ -81,16 +60,19 @@ class ObjectSampler:
         Size of the lag grid (rows, columns), at least twice the cells less one.
     object_rows, object_columns : complex[lag rows, h], complex[lag columns / 2 + 1, w]
         Transforms e^(ik i_j . s) of object pixels.
-    camera_rows, camera_columns : complex[H, lag rows], complex[lag columns / 2 + 1, W]
+    camera_rows, camera_columns : complex[T, H, lag rows], complex[T, lag columns / 2 + 1, W]
         Transforms from lags to camera pixels.
     shape : (h, w)
     mean : float
         Expected image of an object of total brightness 1.
-    overlap : float64[2h - 1, 2w - 1]
-        Correlation, at one camera pixel, of the intensities of two object pixels that far apart.
+    variance : real[2h - 1, 2w - 1]
+        Covariance of the images of two object pixels at one camera pixel, over the square of their mean, by
+        the difference (row, column) between them.
     """
 
     modes: torch.Tensor
+    mixing: torch.Tensor
+    flat: float
     x: Axis
     y: Axis
     envelope: torch.Tensor
@@ -101,48 +83,57 @@ class ObjectSampler:
     camera_columns: torch.Tensor
     shape: tuple[int, int]
     mean: float
-    overlap: np.ndarray
-
-    def expected_contrast(self, brightness: np.ndarray) -> float:
-        """Expected contrast of the image of an object real[h, w], relative to its expected intensity.
-
-        contrast^2 = sum_jl O_j O_l C_I(i_j - i_l) |W^(i_j - i_l)|^2 / (sum O)^2: pixels further apart than a
-        grain add their speckle independently, however far the memory effect reaches.
-        """
-        lit = np.asarray(brightness, dtype=np.float64)
-        pairs = correlate(lit, lit, method="fft")
-        return float(np.sqrt(max((pairs * self.overlap).sum(), 0.0)) / lit.sum())
+    variance: np.ndarray
 
     @property
     def rank(self) -> int:
         """Number of modes, R."""
-        return len(self.modes)
+        return self.modes.shape[1]
+
+    @property
+    def spectra_bytes(self) -> int:
+        """Memory of one medium's :meth:`spectra`."""
+        lags = self.lags[0] * (self.lags[1] // 2 + 1)
+        return self.rank * (self.rank + 1) // 2 * lags * self.object_rows.element_size()
 
     def medium(self, seed: Seed, realization: int = 0) -> torch.Tensor:
-        """One medium: the fields b G_r under the window, complex[R, y.count, x.count]."""
+        """One medium: the fields b G_r under the window for each mode of light, complex[N, R, y.count, x.count].
+
+        Media joined along the first axis add up incoherently (the two polarisations, say, each times
+        sqrt(1/2)); those added field by field interfere.
+        """
         dtype = self.object_rows.dtype
-        shape = (self.rank, self.y.count, self.x.count)
-        return complex_normals(seed, realization, shape, dtype, self.envelope.device) * self.envelope
+        shape = (len(self.mixing), self.rank, self.y.count * self.x.count)
+        white = complex_normals(seed, realization, shape, dtype, self.envelope.device)
+        if len(self.mixing) > 1:  # else the mixing is 1
+            with one_torch_thread():
+                white = self.mixing @ white
+        return white.reshape(*shape[:2], *self.envelope.shape) * self.envelope
 
     def spectra(self, medium: torch.Tensor) -> torch.Tensor:
         """Lag spectra of the products of a medium's modes, complex[R(R+1)/2, lag rows, lag columns / 2 + 1].
 
         Objects seen through one medium share them.
         """
+        rank = self.rank
         with one_torch_thread():
-            views = torch.fft.ifft2(medium, s=self.lags, norm="forward")
-            real, imaginary = views.real.contiguous(), views.imag.contiguous()
-            products = real.new_empty((self.rank * (self.rank + 1) // 2, *self.lags))
-            first = 0
-            for r in range(self.rank):
-                part = products[first : first + self.rank - r]
-                torch.mul(real[r], real[r:], out=part)
-                part.addcmul_(imaginary[r], imaginary[r:])
-                first += self.rank - r
+            products = self.envelope.new_zeros((rank * (rank + 1) // 2, *self.lags))
+            for draw in medium:
+                views = torch.fft.ifft2(draw, s=self.lags, norm="forward")
+                real, imaginary = views.real.contiguous(), views.imag.contiguous()
+                first = 0
+                for r in range(rank):
+                    part = products[first : first + rank - r]
+                    part.addcmul_(real[r], real[r:]).addcmul_(imaginary[r], imaginary[r:])
+                    first += rank - r
             return torch.fft.rfft2(products, norm="forward")
 
     def image(self, medium: torch.Tensor, brightness: np.ndarray, *, form: Form | None = None) -> torch.Tensor:
-        """Expected-intensity image of an object through a medium, real[H, W].
+        """Image under the first base tilt, real[H, W]; see :meth:`images`."""
+        return self.images(medium, brightness, form=form)[0]
+
+    def images(self, medium: torch.Tensor, brightness: np.ndarray, *, form: Form | None = None) -> torch.Tensor:
+        """Expected-intensity images of an object through a medium under every base tilt, real[T, H, W].
 
         Parameters
         ----------
@@ -153,41 +144,72 @@ class ObjectSampler:
         form
             "pairs" or "points"; by default the one with fewer operations.
         """
-        lit = torch.as_tensor(np.array(brightness)).to(self.modes)
+        light = torch.as_tensor(np.array(brightness)).to(self.modes)
         with one_torch_thread():
             shared = medium.shape[-2:] != self.envelope.shape
             if form is None:
-                form = "pairs" if shared or self._pairs_cheaper(lit) else "points"
+                form = "pairs" if shared or self._pairs_cheaper(light, len(medium)) else "points"
             if form == "pairs":
-                spectrum = self._from_pairs(medium if shared else self.spectra(medium), lit)
+                spectra = medium if shared else self.spectra(medium)
+                spectrum = torch.stack([self._from_pairs(spectra, light, modes) for modes in self.modes])
             else:
-                spectrum = self._from_points(medium, lit)
-            return ((self.camera_rows @ spectrum) @ self.camera_columns).real.contiguous()
+                spectrum = torch.stack([self._from_points(medium, light, modes) for modes in self.modes])
+            images = ((self.camera_rows @ spectrum) @ self.camera_columns).real.contiguous()
+            return images.add_(self.flat * self.mean * light.sum()) if self.flat else images
 
-    def _pairs_cheaper(self, brightness: torch.Tensor) -> bool:
-        bright = int((brightness > 0).sum())
+    def contrast(self, brightness: np.ndarray) -> float:
+        """Expected contrast of an object's image, over media, of what one camera pixel sees.
+
+        Its square is sum_jl O_j O_l V(j - l) / (sum O)^2, V the covariance of two pixels' images.
+        """
+        power = np.square(np.abs(np.fft.rfft2(np.asarray(brightness, np.float64), self._padded)))
+        twice = np.ones(power.shape[1])
+        twice[1 : (self._padded[1] + 1) // 2] = 2
+        variance = (power * self._variance_spectrum * twice).sum() / np.prod(self._padded)
+        return float(np.sqrt(max(variance, 0.0)) / np.sum(brightness, dtype=np.float64))
+
+    @property
+    def _padded(self) -> tuple[int, int]:
+        return 2 * self.shape[0] - 1, 2 * self.shape[1] - 1
+
+    @cached_property
+    def _variance_spectrum(self) -> np.ndarray:
+        return np.fft.rfft2(np.fft.ifftshift(self.variance)).real
+
+    def _pairs_cheaper(self, brightness: torch.Tensor, draws: int) -> bool:
+        bright = int((brightness > 0).sum()) * len(self.modes)
         cells_count, lag_count = self.x.count * self.y.count, self.lags[0] * self.lags[1]
         transform = 5.0 * lag_count * np.log2(lag_count)
-        pairs = self.rank * (self.rank + 1) / 2 * (0.5 * transform + 60 * lag_count)
-        return pairs < bright * (8.0 * self.rank * cells_count + transform + 4 * lag_count)
+        pairs = self.rank * (self.rank + 1) / 2 * (0.5 * transform + (20 * draws + 40 * len(self.modes)) * lag_count)
+        if self.spectra_bytes > _MOST_BYTES:
+            return False
+        return pairs < bright * draws * (4.0 * self.rank * cells_count + transform + 4 * lag_count)
 
-    def _from_pairs(self, spectra: torch.Tensor, brightness: torch.Tensor) -> torch.Tensor:
-        r, q = torch.triu_indices(self.rank, self.rank, device=spectra.device)
-        maps = self.modes[r] * self.modes[q] * brightness.reshape(-1)
-        maps *= torch.where(r == q, 1.0, 2.0).to(maps.dtype)[:, None]  # either order of two modes
+    def _from_pairs(self, spectra: torch.Tensor, brightness: torch.Tensor, modes: torch.Tensor) -> torch.Tensor:
+        r, q = self._pairs
+        maps = modes[r] * modes[q] * brightness.reshape(-1)
+        maps[r != q] *= 2  # either order of two modes
         maps = maps.reshape(-1, *self.shape).to(self.object_rows.dtype)
         transform = (self.object_rows @ maps) @ self.object_columns.T
         return transform.mul_(spectra).sum(0)
 
-    def _from_points(self, medium: torch.Tensor, brightness: torch.Tensor) -> torch.Tensor:
+    @cached_property
+    def _pairs(self) -> tuple[torch.Tensor, torch.Tensor]:
+        r, q = torch.triu_indices(self.rank, self.rank, device=self.modes.device)
+        return r, q
+
+    def _from_points(self, medium: torch.Tensor, brightness: torch.Tensor, modes: torch.Tensor) -> torch.Tensor:
         total = torch.zeros(self.lags, dtype=self.modes.dtype, device=medium.device)
         ramps_y, ramps_x = self._ramps()
-        for j in torch.nonzero(brightness.reshape(-1)).reshape(-1).tolist():
-            row, column = divmod(j, self.shape[1])
-            field = torch.tensordot(self.modes[:, j].to(medium.dtype), medium, dims=1)
-            field = field * (ramps_y[row][:, None] * ramps_x[column])
-            views = torch.view_as_real(torch.fft.ifft2(field, s=self.lags, norm="forward"))
-            total += brightness.reshape(-1)[j] * views.square().sum(-1)
+        bright = brightness.reshape(-1)
+        for chunk in torch.nonzero(bright).reshape(-1).split(_CHUNK):
+            row, column = chunk // self.shape[1], chunk % self.shape[1]
+            ramps = ramps_y[row][:, :, None] * ramps_x[column][:, None, :]
+            for draw in medium:
+                flat = torch.view_as_real(draw).reshape(self.rank, -1)
+                fields = torch.view_as_complex((modes[:, chunk].T @ flat).reshape(len(chunk), *draw.shape[1:], 2))
+                views = torch.fft.ifft2(fields * ramps, s=self.lags, norm="forward")
+                total += torch.tensordot(bright[chunk], torch.view_as_real(views).square_().sum(-1), dims=1)
         return torch.fft.rfft2(total, norm="forward")
 
     def _ramps(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -204,6 +226,9 @@ def object_sampler(
     width: float,
     grid: FarFieldGrid,
     profile: Profile = "square",
+    base: ArrayLike = ((0.0, 0.0),),
+    light: LightModes | None = None,
+    pixel_integration: bool = False,
     tolerance: float = 0.01,
     device: torch.device | str = "cpu",
     dtype: torch.dtype = torch.complex64,
@@ -215,9 +240,16 @@ def object_sampler(
     kernel
         K of the material.
     wavelength, width, profile, grid
-        As in :class:`Scene`; the camera must resolve the intensity, pitch <= wavelength / (2 width).
+        As in :class:`Scene`.
     object_shape, object_pitch
         (h, w), and the direction sine between pixels.
+    base
+        float[T, 2], direction sines (x, y) of the base tilts, added to all the object's beams.
+    light
+        Modes of the light; by default one.
+    pixel_integration
+        Average the intensity over square pixels as wide as the grid's pitch, exactly; otherwise take it at
+        their centres, where the grid must resolve it, pitch <= wavelength / (2 width).
     tolerance
         Share of the intensity that the modes may leave out (it is put back evenly).
     device, dtype
@@ -226,54 +258,65 @@ def object_sampler(
     Raises
     ------
     RuleError
-        If the camera undersamples the speckle.
+        If the camera undersamples the speckle, and its pixels have no area.
     """
-    require_resolved("object_sampler grid pitch", wavelength, width, grid.pitch)
+    if not pixel_integration:
+        require_resolved("object_sampler grid pitch", wavelength, width, grid.pitch)
+    light = light or monochromatic(kernel)
     k = 2 * np.pi / wavelength
-    modes = object_modes(kernel, object_shape, object_pitch, k, tolerance)
+    base = np.atleast_2d(np.asarray(base, np.float64))
+    sines = object_sines("object_sampler", object_shape, object_pitch)
+    beams = k * (base[:, None] + sines).reshape(-1, 2)
+    reach = float(np.hypot(*np.ptp(beams, axis=0)))
+    modes = karhunen_loeve(tabulated(kernel, reach), beams, tolerance)
+    values = modes.values.copy()
     axes = []
-    for n_object, n_camera in ((object_shape[1], grid.shape[1]), (object_shape[0], grid.shape[0])):
-        span = object_pitch * (n_object - 1) + grid.pitch * (n_camera - 1)
+    for axis in (0, 1):
+        n_object, n_camera = object_shape[1 - axis], grid.shape[1 - axis]
+        span = object_pitch * (n_object - 1) + grid.pitch * (n_camera - 1) + float(np.ptp(base[:, axis]))
         axes.append(cells(wavelength, width, profile, wavelength / (2 * width), span))
     x, y = axes
     lags = (_even_fast_length(2 * y.count), _even_fast_length(2 * x.count))
     area = illuminated_area(width, profile)
-    envelope = window(x, y, width, profile) * np.sqrt(mean_intensity(kernel, area))
+    amplitude = window(x, y, width, profile)
     # Lag s of the transform is s for s < n/2 and s - n above: the order of an FFT.
     lag_y = np.fft.fftfreq(lags[0], 1 / lags[0]) * y.size
     lag_x = np.arange(lags[1] // 2 + 1) * x.size
-    sines = object_sines("object_sampler", object_shape, object_pitch).reshape(*object_shape, 2)
-    view_x, view_y = grid.sines
+    sines = sines.reshape(*object_shape, 2)
+    view_x, view_y = (axis - base[:, i, None] for i, axis in enumerate(grid.sines))  # [T, W], [T, H]
     twice = np.where(np.arange(lags[1] // 2 + 1) == 0, 1.0, 2.0)  # lags of either sign
+    seen = (grid.pitch / wavelength) if pixel_integration else 0.0
+    area_y, area_x = np.sinc(seen * lag_y), np.sinc(seen * lag_x)
+    if len(light.shares) == 1:
+        mixing = np.ones((1, 1, 1))
+    else:
+        roots = [modes.mixing(tabulated(each, reach), beams) for each in light.kernels]
+        mixing = np.sqrt(light.shares)[:, None, None] * np.stack(roots)
+        # The span of K's modes holds those of each mode of the light only nearly: put back what it leaves out.
+        power = np.square(np.einsum("pr,nrq->npq", modes.values, mixing)).sum(axis=(0, 2))
+        values *= np.sqrt((1 - light.flat) / power)[:, None]
+    variance = speckle_variance(
+        light, amplitude, lags, lag_y, lag_x, area_y, area_x, twice, k, object_shape, object_pitch
+    )
     real = torch.float32 if dtype == torch.complex64 else torch.float64
     put = lambda a, t: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=t)  # noqa: E731
     return ObjectSampler(
-        modes=put(modes.T, real),
+        modes=put(values.reshape(len(base), -1, values.shape[1]).swapaxes(1, 2), real),
+        mixing=put(mixing, dtype),
+        flat=light.flat,
         x=x,
         y=y,
-        envelope=put(envelope, real),
+        envelope=put(amplitude * np.sqrt(mean_intensity(kernel, area)), real),
         lags=lags,
         object_rows=put(np.exp(1j * k * lag_y[:, None] * sines[:, 0, 1]), dtype),
         object_columns=put(np.exp(1j * k * lag_x[:, None] * sines[0, :, 0]), dtype),
-        camera_rows=put(np.exp(-1j * k * view_y[:, None] * lag_y), dtype),
-        camera_columns=put(np.exp(-1j * k * lag_x[:, None] * view_x) * twice[:, None], dtype),
+        camera_rows=put(np.exp(-1j * k * view_y[:, :, None] * lag_y) * area_y, dtype),
+        camera_columns=put(np.exp(-1j * k * lag_x[:, None] * view_x[:, None]) * (twice * area_x)[:, None], dtype),
         shape=object_shape,
         mean=mean_intensity(kernel, area),
-        overlap=_overlap(kernel, window(x, y, width, profile) ** 2, x, y, object_shape, k * object_pitch),
+        variance=variance,
     )
 
 
-def _overlap(
-    kernel: MemoryKernel, power: np.ndarray, x: Axis, y: Axis, shape: tuple[int, int], step: float
-) -> np.ndarray:
-    """C_I |W^|^2 at the differences between object pixels, ``step`` apart in lateral wavevector."""
-    lags = [np.arange(1 - n, n) * step for n in shape]
-    rows = np.exp(1j * lags[0][:, None] * y.positions)
-    columns = np.exp(1j * lags[1][:, None] * x.positions)
-    q = np.hypot(lags[0][:, None], lags[1])
-    unique, inverse = np.unique(q, return_inverse=True)
-    return np.square(np.abs(rows @ power @ columns.T) * kernel(unique)[inverse].reshape(q.shape))
-
-
 def _even_fast_length(n: int) -> int:
-    return 2 * int(next_fast_len((n + 1) // 2, real=True))  # type: ignore[arg-type]
+    return 2 * int(next_fast_len((n + 1) // 2, real=True) or 0)
