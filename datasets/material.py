@@ -183,7 +183,8 @@ def known(slab: Slab, paths: int, source: KernelSource = "estimate") -> KnownMat
         kernel = kernel_for(slab, paths=paths)
     else:
         kernel = estimate_kernel(slab, paths, pilot_seed(slab.fingerprint()))
-    return KnownMaterial(slab, kernel, kernel.half_range())
+    estimator = Estimator.ATLAS if kernel.source == "atlas" else Estimator.PATHS
+    return KnownMaterial(slab, kernel, kernel.half_range(), estimator)
 
 
 @lru_cache(maxsize=64)

@@ -27,6 +27,7 @@ from specklegen.datasets.protocol import ArraySpec
 from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
 from specklegen.planning import Plan
 from specklegen.sensors import FarFieldGrid
+from specklegen.stationary.atlas import atlas_digest
 from specklegen.stationary.objects import ObjectSampler, object_sampler
 from specklegen.values import PositiveInt, Value, reject
 
@@ -150,7 +151,8 @@ class Recipe(Value):
 
     def physics(self) -> dict[str, Any]:
         """Everything that decides a pixel."""
-        return self.model_dump(mode="json", exclude=COSMETIC) | {"data_version": DATA_VERSION}
+        decided = self.model_dump(mode="json", exclude=COSMETIC) | {"data_version": DATA_VERSION}
+        return decided | ({"atlas": atlas_digest()} if self.material.kernel == "atlas" else {})
 
     @cached_property
     def _canonical_json(self) -> str:

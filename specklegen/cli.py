@@ -244,7 +244,7 @@ def generate(
     with Progress(count) as progress:
         said = fill(
             loaded, seed, split, samples=count, folder=out, processes=processes,
-            shard_range=(int(part[0]), int(part[2])), progress=progress,
+            shard_range=(int(part[0]), int(part[2])), progress=progress, notes=loaded.split_notes(),
         )  # fmt: skip
     took = time.perf_counter() - begin
     rendered = progress.rendered

@@ -324,7 +324,8 @@ def test_parameters_tell_the_light():
         x = (np.arange(200) - 99.5) / 200 * known["width"]
         modes, _ = coherent_modes(gaussian_schell_model(x, known["coherence_length"]), energy=1)
         assert known["effective_modes"] == pytest.approx((modes.sum() ** 2 / np.square(modes).sum()) ** 2, rel=2e-3)
-        assert known["expected_contrast"] == known["effective_modes"] ** -0.5
+        # The sampler correlates beams at one view by K too, a factor of 1 - O(thickness / width) on their overlap.
+        assert known["expected_contrast"] == pytest.approx(known["effective_modes"] ** -0.5, rel=2e-3)
     assert min(lengths) >= 2500
     assert max(lengths) <= 50000
     assert len(set(lengths)) == 8

@@ -12,8 +12,9 @@ from specklegen.planning import STATIONARY_TOLERANCE, plan
 from specklegen.stationary.cells import cells, window
 from specklegen.stationary.criterion import pilot_error
 from specklegen.stationary.kernel import estimate_kernel
+from specklegen.stationary.modes import karhunen_loeve, tabulated
 from specklegen.stationary.normals import complex_normals
-from specklegen.stationary.objects import object_modes, object_sampler
+from specklegen.stationary.objects import object_sampler
 from specklegen.stationary.sampler import mean_intensity, stack_sampler
 from specklegen.statistics import jackknife
 
@@ -324,7 +325,7 @@ def explicit_image(sampler, grid, medium: np.ndarray, brightness) -> np.ndarray:
     view_x, view_y = grid.sines
     image = np.zeros(grid.shape)
     for j, o in enumerate(brightness.ravel()):
-        g = np.tensordot(sampler.modes.numpy()[:, j].astype(float), medium, axes=1)
+        g = np.tensordot(sampler.modes.numpy()[0, :, j].astype(float), medium[0], axes=1)
         rows = np.exp(-1j * K * (view_y[:, None] - sines[j, 1]) * y.positions)
         columns = np.exp(-1j * K * (view_x[:, None] - sines[j, 0]) * x.positions)
         image += o * np.square(np.abs(rows @ g @ columns.T))
@@ -375,8 +376,9 @@ def test_one_torch_thread_gives_the_bits_of_two():
 @pytest.mark.parametrize("tolerance", [0.1, 0.01, 1e-6])
 def test_modes_leave_out_no_more_than_asked(tolerance):
     kernel = estimate_kernel(slab(), 5000, 1)
-    modes = object_modes(kernel, (7, 6), 8e-5, K, tolerance)
-    correlation = kernel.correlation(object_sines("object", (7, 6), 8e-5), K)
+    sines = object_sines("object", (7, 6), 8e-5)
+    modes = karhunen_loeve(tabulated(kernel, K * 8e-5 * 10), K * sines, tolerance).values
+    correlation = kernel.correlation(sines, K)
     np.testing.assert_allclose((modes**2).sum(axis=1), 1, rtol=1e-12)
     # Nothing is left out by trace before every pixel is restored to 1; the entries then move by at most twice that.
     missing = np.abs(modes @ modes.T - correlation).mean()

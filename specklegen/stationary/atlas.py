@@ -11,6 +11,7 @@ semidefinite for any set of tilts, is 1 at q = 0 and has no end. Single scatteri
 per unit area is albedo OD e^-OD rho(0), at r = 0.  scripts/make_atlas.py made the table; docs/atlas.md.
 """
 
+import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -157,6 +158,12 @@ def load() -> Atlas:
     """Read the packaged table, once."""
     with (files("specklegen") / FILE).open("rb") as file, np.load(file, allow_pickle=False) as data:
         return Atlas(**{name: data[name] for name in data.files})
+
+
+@lru_cache(maxsize=1)
+def atlas_digest() -> str:
+    """SHA-256 of the packaged table, in hexadecimal: another table makes other pixels."""
+    return hashlib.sha256((files("specklegen") / FILE).read_bytes()).hexdigest()
 
 
 def atlas_errors(slab: Slab) -> Errors | None:

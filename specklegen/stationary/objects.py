@@ -202,7 +202,8 @@ class ObjectSampler:
         total = torch.zeros(self.lags, dtype=self.modes.dtype, device=medium.device)
         ramps_y, ramps_x = self._ramps()
         bright = brightness.reshape(-1)
-        for chunk in torch.nonzero(bright).reshape(-1).split(_CHUNK):
+        lit = torch.nonzero(bright).reshape(-1)
+        for chunk in lit.split(_CHUNK) if len(lit) else ():
             row, column = chunk // self.shape[1], chunk % self.shape[1]
             ramps = ramps_y[row][:, :, None] * ramps_x[column][:, None, :]
             for draw in medium:
