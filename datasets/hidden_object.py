@@ -113,7 +113,7 @@ class HiddenObject(Recipe):
         total = float(brightness.sum(dtype=np.float64))
         wavelength = self.material.wavelength
         return {
-            "image": (image / (sampler.mean * total)).numpy().astype(np.float32),
+            "image": (image / (sampler.mean * total)).cpu().numpy().astype(np.float32),
             "object": brightness,
             "index": np.int64(index),
             "parameters": material.parameters(wavelength)
@@ -140,6 +140,7 @@ def _sampler(recipe: HiddenObject, slab: Slab) -> ObjectSampler:
         profile=recipe.window.profile,
         grid=recipe.grid,
         tolerance=recipe.mode_tolerance,
+        device=recipe.device,
     )
 
 

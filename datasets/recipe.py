@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import PrivateAttr, model_validator
 
 from specklegen.datasets.material import KnownMaterial, Material, known
 from specklegen.datasets.protocol import ArraySpec
@@ -98,6 +98,24 @@ class Recipe(Value):
     material: Material
     window: Window
     camera: CameraGrid
+    _device: str = PrivateAttr("cpu")  # not written down: a file says what is rendered, not where
+
+    @property
+    def device(self) -> str:
+        """Torch device that samples are rendered on."""
+        return self._device
+
+    def on(self, device: str) -> Self:
+        """Return this recipe rendering on another torch device: the same random numbers, other rounding."""
+        copy = self.model_copy()
+        copy._device = device
+        return copy
+
+    def __eq__(self, other: object) -> bool:
+        # What is kept for a recipe lies on its device.
+        return super().__eq__(other) and self._device == other._device  # type: ignore[attr-defined]
+
+    __hash__ = Value.__hash__
 
     @property
     def data_version(self) -> int:

@@ -79,7 +79,7 @@ class TiltStack(Recipe):
         which = cast(Split, split)
         medium = self.medium_number(index)
         sampler, angles, mean, parameters = _prepared(self, seed, which, medium)
-        field = sampler.sample(substream(seed, which, Purpose.MEDIUM, medium)).numpy()
+        field = sampler.sample(substream(seed, which, Purpose.MEDIUM, medium)).cpu().numpy()
         intensity = np.square(field.real) + np.square(field.imag)
         return {
             "stack": (intensity / mean).astype(np.float32),
@@ -97,7 +97,7 @@ def _prepared(
     rng = generator(substream(seed, split, Purpose.TILTS, medium))
     step, azimuth = drawn(recipe.tilts.step, rng), drawn(recipe.tilts.azimuth, rng)
     angles = recipe.tilts.angles(step, azimuth)
-    sampler = stack_sampler(recipe.scene(material.slab, angles), material.kernel)
+    sampler = stack_sampler(recipe.scene(material.slab, angles), material.kernel, device=recipe.device)
     area = illuminated_area(recipe.window.width, recipe.window.profile)
     parameters = material.parameters(recipe.material.wavelength) | {
         "width": recipe.window.width,

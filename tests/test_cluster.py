@@ -210,9 +210,10 @@ class Threads(FakeRecipe):
         return super().sample(seed, split, index) | {"level": np.float64(threads)}
 
 
-def test_workers_render_on_one_thread(tmp_path, client):
-    within(TIMEOUT, client.restart)  # Numba reads the variable when it is loaded
-    make(tmp_path / "a.zarr", Threads(), cluster=client)
+def test_workers_render_on_one_thread(tmp_path):
+    """In fresh workers: Numba reads its variable when it is loaded."""
+    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None, memory_limit=0) as cluster:
+        make(tmp_path / "a.zarr", Threads(), cluster=cluster)
     cache = SpeckleCache(tmp_path / "a.zarr")
     assert {float(cache.numpy(n)["level"]) for n in range(SAMPLES)} == {111.0}
 
