@@ -10,7 +10,7 @@ BIN = .venv/bin
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet "$(TORCH)"
-	$(BIN)/pip install --quiet --editable ".[dev,digits]"
+	$(BIN)/pip install --quiet --editable ".[dev,digits,dask]"
 	touch $@
 
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/

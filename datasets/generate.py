@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -25,6 +26,10 @@ from specklegen.datasets.store import Store
 from specklegen.datasets.workers import end_with_parent, one_torch_thread, prepare_worker, worker_context
 from specklegen.parallel import thread_count
 from specklegen.values import reject
+
+if TYPE_CHECKING:
+    from distributed import Client
+    from distributed.deploy import Cluster
 
 BATCH = 32
 """Samples rendered at once: enough to share work, few enough that memory stays flat."""
@@ -38,13 +43,17 @@ class GenerationError(RuntimeError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one shard; small enough to send between machines."""
+    """What became of one shard; small enough to send between machines.
+
+    ``transient`` failures were the system's (an OSError) and may not come back; all others would.
+    """
 
     shard: int
     state: Literal["written", "present", "taken", "failed"]
     seconds: float = 0.0
     checksum: str = ""
     message: str = ""
+    transient: bool = False
 
 
 def generate(
@@ -59,6 +68,7 @@ def generate(
     progress: Callable[[int, int], None] | None = None,
     processes: int | None = None,
     shard_range: tuple[int, int] = (0, 1),
+    cluster: "str | Client | Cluster | None" = None,
     notes: str = "",
 ) -> dict[str, Any]:
     """Fill the store at ``folder`` with samples 0 to ``samples`` - 1, keeping those that are there.
@@ -81,6 +91,8 @@ def generate(
         Worker processes; by default the cores that this process may use. 1 renders in this process.
     shard_range : (i, n)
         Do part i of n equal parts, 0 <= i < n: for n machines with a shared folder.
+    cluster : str, Client or Cluster, optional
+        Render on a Dask cluster: :mod:`specklegen.datasets.cluster`.
     notes : str
         Markdown for the data card of a new store, such as what the splits share.
 
@@ -97,6 +109,8 @@ def generate(
         If samples could not be rendered: the (seed, index) of the first of each shard; the rest is done.
     """
     _check(samples, shard_samples, shard_range)
+    if cluster is not None and processes is not None:
+        reject("generate.processes", "left out with a cluster, which has its own", processes)
     store = open_for(recipe, seed, split, dtype, Path(folder).absolute(), samples, shard_samples, notes)
     store.sweep()
     write_card(store)
@@ -109,7 +123,13 @@ def generate(
     report = progress or (lambda done, total: None)
     report(done, total)
     failures = []
-    for outcome in _outcomes(store, recipe, missing, thread_count(processes)):
+    if cluster is None:
+        run = partial(_run, store, recipe, processes=thread_count(processes))
+    else:
+        from specklegen.datasets.cluster import run as run_on
+
+        run = partial(run_on, cluster, store, recipe)
+    for outcome in _outcomes(run, missing):
         if outcome.state == "failed":
             failures.append(outcome.message)
             continue
@@ -144,7 +164,9 @@ def fill_shard(store: Store, recipe: Renderable, shard: int, wait: bool = False)
         try:
             checksum = store.write_shard(shard, _render(store, recipe, store.span(shard)))
         except Exception as error:  # a bad sample must not stop the others; it is reported with its address
-            return Outcome(shard, "failed", message=f"shard {shard}: {type(error).__name__}: {error}")
+            message = f"shard {shard}: {type(error).__name__}: {error}"
+            transient = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
+            return Outcome(shard, "failed", message=message, transient=transient)
     return Outcome(shard, "written", time.perf_counter() - start, checksum.hex())
 
 
@@ -197,15 +219,15 @@ def _as_stored(key: str, array: np.ndarray, promised: np.dtype, stored: np.dtype
     return cast
 
 
-def _outcomes(store: Store, recipe: Renderable, shards: list[int], processes: int) -> Iterator[Outcome]:
+def _outcomes(run: Callable[..., Iterator[Outcome]], shards: list[int]) -> Iterator[Outcome]:
     """Yield an outcome for each shard: first those that are free, then those that others had claimed."""
     taken: list[int] = []
-    for outcome in _run(store, recipe, shards, processes, wait=False):
+    for outcome in run(shards=shards, wait=False):
         if outcome.state == "taken":
             taken.append(outcome.shard)
         else:
             yield outcome
-    yield from _run(store, recipe, taken, processes, wait=True)
+    yield from run(shards=taken, wait=True)
 
 
 def _run(

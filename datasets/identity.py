@@ -33,12 +33,17 @@ def identity(recipe: Renderable, seed: int, split: str, dtype: str = "uint16") -
         )
     return {
         "data_version": recipe.data_version,
-        "device": "cpu",
+        "device": device_kind(recipe),
         "dtype": dtype,
         "recipe": json.loads(recipe.canonical_json()),
         "seed": seed,
         "split": split,
     }
+
+
+def device_kind(recipe: Renderable) -> str:
+    """Return the kind of device that a recipe renders on, such as "cuda": each kind rounds in its own way."""
+    return str(getattr(recipe, "device", "cpu")).partition(":")[0]
 
 
 def fingerprint(entries: Mapping[str, Any]) -> str:

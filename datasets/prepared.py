@@ -47,7 +47,7 @@ class Prepared:
 
     def images(self, brightness: np.ndarray) -> np.ndarray:
         """Expected intensity over its mean, float32[frames * tilts, H, W]."""
-        images = [self.sampler.images(medium, brightness).numpy() for medium in self.media]
+        images = [self.sampler.images(medium, brightness).cpu().numpy() for medium in self.media]
         scale = np.float32(1 / (self.sampler.mean * brightness.sum(dtype=np.float64)))
         return (images[0] if len(images) == 1 else np.concatenate(images)) * scale
 

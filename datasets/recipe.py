@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BeforeValidator, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, PrivateAttr, WithJsonSchema, model_validator
 
 from specklegen.camera import Camera, NoiseStreams, expose
 from specklegen.datasets.draws import ends
@@ -98,6 +98,7 @@ class Recipe(Value):
     lab: Lab | None = None
     light: Light = Light()
     exposure: Camera | None = None
+    _device: str = PrivateAttr("cpu")  # not written down: a file says what is rendered, not where
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -126,6 +127,23 @@ class Recipe(Value):
         if self.light.bandwidth > largest:
             reject("Light.bandwidth", f"at most {largest:.4g}, which moves the pattern by one speckle",
                    self.light.bandwidth, "Use a narrower filter, or a smaller camera.")  # fmt: skip
+
+    @property
+    def device(self) -> str:
+        """Torch device that samples are rendered on."""
+        return self._device
+
+    def on(self, device: str) -> Self:
+        """Return this recipe rendering on another torch device: the same random numbers, other rounding."""
+        copy = self.model_copy()
+        copy._device = device
+        return copy
+
+    def __eq__(self, other: object) -> bool:
+        # What is kept for a recipe lies on its device.
+        return super().__eq__(other) and self._device == other._device  # type: ignore[attr-defined]
+
+    __hash__ = Value.__hash__
 
     @property
     def data_version(self) -> int:
@@ -191,7 +209,7 @@ class Recipe(Value):
         return object_sampler(
             material.kernel, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch, width=seen.width,
             profile=seen.profile, grid=seen.grid, base=base, light=light, pixel_integration=seen.pixel_integration,
-            tolerance=tolerance,
+            tolerance=tolerance, device=self.device,
         )  # fmt: skip
 
     def prepare(self, seed: int, split: Split, medium: int) -> Prepared:

@@ -1,13 +1,19 @@
 """The stream: samples rendered while a network trains on them, never stored."""
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from torch.utils.data import get_worker_info
 
 from specklegen.datasets.epochs import EpochBatches
+from specklegen.datasets.identity import device_kind
 from specklegen.datasets.protocol import Renderable
+from specklegen.values import reject
+
+if TYPE_CHECKING:
+    from specklegen.datasets.loader import EpochLoader
 
 
 class SpeckleStream(EpochBatches):
@@ -32,11 +38,14 @@ class SpeckleStream(EpochBatches):
         batch b · world + r; every rank gets the same number of batches.
     drop_last : bool
         Leave out the last, smaller batches.
+    device : str or torch.device
+        Where to render, and where the batches lie: "cpu", or "cuda" in the training process itself, without
+        workers. The random numbers are the same; the last bits are not.
 
     Raises
     ------
     RuleError
-        If the batches cannot be shared out, or a rank is not in the world.
+        If the batches cannot be shared out, a rank is not in the world, or there is no such device.
 
     Examples
     --------
@@ -60,9 +69,11 @@ class SpeckleStream(EpochBatches):
         rank: int | None = None,
         world: int | None = None,
         drop_last: bool = False,
+        device: str | torch.device = "cpu",
     ) -> None:
         super().__init__(recipe.length(split), batch_size, rank, world, drop_last)
-        self.recipe, self.seed, self.split = recipe, seed, split
+        self.recipe, self.seed, self.split = _on(recipe, device), seed, split
+        self.device = torch.device(device)
 
     def indices(self, epoch: int, number: int) -> range:
         """Return the indices of the samples in batch ``number`` of this rank."""
@@ -71,17 +82,42 @@ class SpeckleStream(EpochBatches):
 
     def make(self, epoch: int, numbers: Iterable[int]) -> Iterator[dict[str, Any]]:
         """Render batches."""
+        if get_worker_info() is not None:
+            self._require_no_workers(get_worker_info().num_workers)  # type: ignore[union-attr]
         for number in numbers:
-            yield tensors(self.recipe.batch(self.seed, self.split, self.indices(epoch, number)))
+            yield tensors(self.recipe.batch(self.seed, self.split, self.indices(epoch, number)), self.device)
+
+    def loader(self, num_workers: int = 0, **options: Any) -> "EpochLoader":
+        """Return an iterable over epochs with exact resume: specklegen.datasets.loader.EpochLoader.
+
+        Raises
+        ------
+        RuleError
+            If there are workers, and another device than the CPU.
+        """
+        self._require_no_workers(num_workers)
+        if self.device.type != "cpu":
+            options = {"pin_memory": False} | options  # the batches are where they are used
+        return super().loader(num_workers, **options)
+
+    def _require_no_workers(self, num_workers: int) -> None:
+        if num_workers and self.device.type != "cpu":
+            reject(
+                "loader.num_workers",
+                f'0 for a stream with device="{self.device}"',
+                num_workers,
+                'The device renders in the training process; workers are for device="cpu".',
+            )
 
     def identity(self) -> dict[str, Any]:
-        """Return seed, split, length of an epoch, fingerprint and data version."""
+        """Return seed, split, length of an epoch, fingerprint, data version and kind of device."""
         return {
             "seed": self.seed,
             "split": self.split,
             "length": self.length,
             "fingerprint": self.recipe.fingerprint(),
             "data_version": self.recipe.data_version,
+            "device": device_kind(self.recipe),
         }
 
     def warm(self) -> None:
@@ -89,10 +125,22 @@ class SpeckleStream(EpochBatches):
         self.recipe.sample(self.seed, self.split, 0)
 
 
-def tensors(batch: Any) -> Any:
+def _on(recipe: Renderable, device: str | torch.device) -> Renderable:
+    try:
+        torch.empty(0, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reject("SpeckleStream.device", "a device that torch has here", str(device), str(error).split("\n")[0])
+    if torch.device(device).type == "cpu":
+        return recipe
+    if not hasattr(recipe, "on"):
+        reject("SpeckleStream.device", f'"cpu" for {type(recipe).__name__}, which has no method `on`', str(device))
+    return recipe.on(str(device))  # type: ignore[attr-defined]
+
+
+def tensors(batch: Any, device: torch.device | str = "cpu") -> Any:
     """Turn the arrays of a (nested) dict into tensors that own their memory; other things stay."""
     if isinstance(batch, dict):
-        return {key: tensors(value) for key, value in batch.items()}
+        return {key: tensors(value, device) for key, value in batch.items()}
     if isinstance(batch, np.ndarray):
-        return torch.from_numpy(np.require(batch, requirements=["C", "W"]))
+        return torch.from_numpy(np.require(batch, requirements=["C", "W"])).to(device)
     return batch

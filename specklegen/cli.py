@@ -231,6 +231,9 @@ def generate(
     shard_range: Annotated[
         str, typer.Option(metavar="I/N", help="Do part I of N, for N machines with one folder.")
     ] = "0/1",
+    cluster: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Render on a Dask cluster, by its scheduler's address.")
+    ] = None,
 ) -> None:
     """Fill a zarr store with samples of a recipe; run it again to go on where it stopped."""
     from specklegen.datasets.generate import generate as fill
@@ -244,7 +247,8 @@ def generate(
     with Progress(count) as progress:
         said = fill(
             loaded, seed, split, samples=count, folder=out, processes=processes,
-            shard_range=(int(part[0]), int(part[2])), progress=progress, notes=loaded.split_notes(),
+            shard_range=(int(part[0]), int(part[2])), progress=progress,
+            notes=loaded.split_notes(), cluster=cluster,
         )  # fmt: skip
     took = time.perf_counter() - begin
     rendered = progress.rendered
