@@ -37,6 +37,9 @@ class FakeRecipe:
     def fingerprint(self) -> str:
         return hashlib.sha256(self.canonical_json().encode()).hexdigest()
 
+    def split_notes(self) -> str:
+        return "Nothing is shared."
+
     def length(self, split: str) -> int:
         return self.samples
 

@@ -147,7 +147,8 @@ def test_every_tensor_of_an_object_is_on_the_device():
     brightness = np.ones((28, 28), np.float32)
     with OneDevice():
         sampler = object_sampler(
-            kernel, wavelength=0.5, object_shape=(28, 28), object_pitch=1e-6, width=5e4, grid=recipe.grid, device="meta"
+            kernel, wavelength=0.5, object_shape=(28, 28), object_pitch=1e-6, width=5e4,
+            grid=recipe.geometry.grid, device="meta",
         )  # fmt: skip
         medium = sampler.medium((1, 2, 3))
         for seen in (medium, sampler.spectra(medium)):

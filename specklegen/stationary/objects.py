@@ -188,7 +188,7 @@ class ObjectSampler:
     def _from_pairs(self, spectra: torch.Tensor, brightness: torch.Tensor, modes: torch.Tensor) -> torch.Tensor:
         r, q = self._pairs
         maps = modes[r] * modes[q] * brightness.reshape(-1)
-        maps[r != q] *= 2  # either order of two modes
+        maps *= torch.where(r == q, 1.0, 2.0).to(maps.dtype)[:, None]  # either order of two modes
         maps = maps.reshape(-1, *self.shape).to(self.object_rows.dtype)
         transform = (self.object_rows @ maps) @ self.object_columns.T
         return transform.mul_(spectra).sum(0)
