@@ -212,7 +212,7 @@ class Threads(FakeRecipe):
 
 def test_workers_render_on_one_thread(tmp_path):
     """In fresh workers: Numba reads its variable when it is loaded."""
-    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None, memory_limit=0) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=":0", memory_limit=0) as cluster:
         make(tmp_path / "a.zarr", Threads(), cluster=cluster)
     cache = SpeckleCache(tmp_path / "a.zarr")
     assert {float(cache.numpy(n)["level"]) for n in range(SAMPLES)} == {111.0}
