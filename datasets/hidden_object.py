@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from specklegen.datasets.draws import Draw, drawn, ends, require_above
 from specklegen.datasets.light import draw_medium
-from specklegen.datasets.material import KnownMaterial, known
+from specklegen.datasets.material import KnownMaterial
 from specklegen.datasets.objects import HiddenObjects
 from specklegen.datasets.prepared import Prepared, prepared, prepared_medium
 from specklegen.datasets.protocol import ArraySpec
@@ -133,7 +133,7 @@ class HiddenObject(Recipe):
         brightness = np.zeros(self.objects.shape)
         brightness[:: max(brightness.shape[0] - 1, 1), :: max(brightness.shape[1] - 1, 1)] = 1.0
         seen = self.geometry
-        material = known(slab, self.material.kernel_paths, self.material.kernel)
+        material = self.material.known(slab)
         lights = IncoherentObject(
             brightness=brightness,
             pitch=self.pitch(material, ends(self._field_number)[1]),
@@ -194,5 +194,5 @@ class HiddenObject(Recipe):
 
 @lru_cache(maxsize=8)
 def _sampler(recipe: HiddenObject, slab: Slab, pitch: float, base: tuple) -> ObjectSampler:
-    material = known(slab, recipe.material.kernel_paths, recipe.material.kernel)
+    material = recipe.material.known(slab)
     return recipe.sampler(material, recipe.objects.shape, pitch, np.array(base), recipe.mode_tolerance)

@@ -74,7 +74,10 @@ class Material(Value):
         half range is about sqrt(60 / kernel_paths).
     kernel
         "estimate" traces those paths for every material; "atlas" takes the kernel from the table of materials
-        where its error of C_I is at most 0.01, and traces (and keeps on disk) only the others.
+        where its error of C_I is at most ``kernel_tolerance``, and traces (and keeps on disk) only the others.
+    kernel_tolerance
+        Stated error of C_I (two sigma) up to which the atlas will do. At the default it serves all but a few of a
+        thousand materials of its range; a fresh estimate that good takes some 1e5 paths.
     by_split
         One parameter that each split draws from a range of its own, within the range given here.
     """
@@ -86,6 +89,7 @@ class Material(Value):
     albedo: Draw = 1.0
     kernel_paths: PositiveInt = 100_000
     kernel: KernelSource = "estimate"
+    kernel_tolerance: Positive = 0.02
     by_split: SplitRanges | None = None
 
     @model_validator(mode="after")
@@ -117,6 +121,10 @@ class Material(Value):
     def _source(self, name: str, split: Split) -> Draw:
         own = self.by_split is not None and self.by_split.parameter == name
         return getattr(self.by_split, split) if own else getattr(self, name)
+
+    def known(self, slab: Slab) -> "KnownMaterial":
+        """Return a slab of this material with its kernel, found as the recipe says."""
+        return known(slab, self.kernel_paths, self.kernel, self.kernel_tolerance)
 
     def extremes(self) -> list[Slab]:
         """Slabs at the ends of every range: where a claim about all media is tested."""
@@ -177,10 +185,10 @@ class KnownMaterial:
 
 
 @lru_cache(maxsize=256)
-def known(slab: Slab, paths: int, source: KernelSource = "estimate") -> KnownMaterial:
+def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: float = 0.02) -> KnownMaterial:
     """Find a slab's kernel. It is a property of the material: its paths are keyed by the slab, not by a seed."""
     if source == "atlas":
-        kernel = kernel_for(slab, paths=paths)
+        kernel = kernel_for(slab, paths=paths, tolerance=tolerance)
     else:
         kernel = estimate_kernel(slab, paths, pilot_seed(slab.fingerprint()))
     estimator = Estimator.ATLAS if kernel.source == "atlas" else Estimator.PATHS

@@ -8,7 +8,6 @@ from pydantic import model_validator
 
 from specklegen.datasets.draws import Draw, drawn, ends
 from specklegen.datasets.light import draw_medium
-from specklegen.datasets.material import known
 from specklegen.datasets.prepared import Prepared, prepared, prepared_medium
 from specklegen.datasets.protocol import ArraySpec
 from specklegen.datasets.recipe import PARAMETERS, Recipe
@@ -116,5 +115,5 @@ class PartiallyCoherent(Recipe):
 
 @remembered(8)
 def _sampler(recipe: PartiallyCoherent, slab: Slab, count: int, pitch: float) -> ObjectSampler:
-    material = known(slab, recipe.material.kernel_paths, recipe.material.kernel)
+    material = recipe.material.known(slab)
     return recipe.sampler(material, (count, count), pitch, np.zeros((1, 2)), recipe.mode_tolerance)

@@ -21,7 +21,7 @@ from specklegen.camera import Camera, NoiseStreams, expose
 from specklegen.datasets.draws import ends
 from specklegen.datasets.geometry import CameraGrid, Geometry, Lab, Window
 from specklegen.datasets.light import Light
-from specklegen.datasets.material import Estimator, KnownMaterial, Material, known, known_light
+from specklegen.datasets.material import Estimator, KnownMaterial, Material, known_light
 from specklegen.datasets.prepared import Prepared
 from specklegen.datasets.protocol import ArraySpec
 from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
@@ -196,7 +196,7 @@ class Recipe(Value):
     def material_of(self, seed: int, split: Split, medium: int) -> KnownMaterial:
         """Material of one medium, with its kernel."""
         rng = generator(substream(seed, split, Purpose.MATERIAL, medium))
-        return known(self.material.draw(rng, split), self.material.kernel_paths, self.material.kernel)
+        return self.material.known(self.material.draw(rng, split))
 
     def sampler(
         self, material: KnownMaterial, shape: tuple[int, int], pitch: float, base: np.ndarray, tolerance: float = 0.01

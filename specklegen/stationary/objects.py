@@ -151,7 +151,8 @@ class ObjectSampler:
                 form = "pairs" if shared or self._pairs_cheaper(light, len(medium)) else "points"
             if form == "pairs":
                 spectra = medium if shared else self.spectra(medium)
-                spectrum = torch.stack([self._from_pairs(spectra, light, modes) for modes in self.modes])
+                box = _lit_box(np.asarray(brightness))
+                spectrum = torch.stack([self._from_pairs(spectra, light, modes, box) for modes in self.modes])
             else:
                 spectrum = torch.stack([self._from_points(medium, light, modes) for modes in self.modes])
             images = ((self.camera_rows @ spectrum) @ self.camera_columns).real.contiguous()
@@ -185,12 +186,15 @@ class ObjectSampler:
             return False
         return pairs < bright * draws * (4.0 * self.rank * cells_count + transform + 4 * lag_count)
 
-    def _from_pairs(self, spectra: torch.Tensor, brightness: torch.Tensor, modes: torch.Tensor) -> torch.Tensor:
+    def _from_pairs(
+        self, spectra: torch.Tensor, brightness: torch.Tensor, modes: torch.Tensor, box: tuple[slice, slice]
+    ) -> torch.Tensor:
         r, q = self._pairs
         maps = modes[r] * modes[q] * brightness.reshape(-1)
         maps *= torch.where(r == q, 1.0, 2.0).to(maps.dtype)[:, None]  # either order of two modes
-        maps = maps.reshape(-1, *self.shape).to(self.object_rows.dtype)
-        transform = (self.object_rows @ maps) @ self.object_columns.T
+        rows, columns = box
+        maps = maps.reshape(-1, *self.shape)[:, rows, columns].to(self.object_rows.dtype)
+        transform = (self.object_rows[:, rows] @ maps) @ self.object_columns[:, columns].T
         return transform.mul_(spectra).sum(0)
 
     @cached_property
@@ -317,6 +321,13 @@ def object_sampler(
         mean=mean_intensity(kernel, area),
         variance=variance,
     )
+
+
+def _lit_box(brightness: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns that hold all bright pixels."""
+    lit = [np.flatnonzero((brightness > 0).any(axis=axis)) for axis in (1, 0)]
+    rows, columns = (slice(int(n[0]), int(n[-1]) + 1) if len(n) else slice(0, 0) for n in lit)
+    return rows, columns
 
 
 def _even_fast_length(n: int) -> int:
