@@ -5,6 +5,7 @@ Thin: every command reads its arguments, calls one function of the library, and 
 
 import csv
 import json
+import resource
 import sys
 import time
 from pathlib import Path
@@ -106,9 +107,11 @@ def plan(
         typer.echo(made.explain() + "\n")
     count = samples if samples is not None else loaded.length("train")
     cost = estimate(loaded, count)
+    # This process has just rendered and stored a few samples: what it took, any other takes too.
+    rendered = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     typer.echo(
         f"{count} samples: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s on "
-        f"{cost['processes']} cores, {cost['memory'] / 2**20:.0f} MiB of memory a worker beside rendering."
+        f"{cost['processes']} cores, at most {(rendered + cost['memory']) / 2**20:.0f} MiB of memory in each process."
     )
 
 

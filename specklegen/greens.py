@@ -20,6 +20,7 @@ Three remarks on the paper, all tested:
 All lengths are in the unit of the wavelength. See docs/coherence.md.
 """
 
+import importlib
 import warnings
 from dataclasses import dataclass
 from typing import Literal
@@ -293,3 +294,10 @@ def flux_weighted_csd(G: np.ndarray, dG: np.ndarray, W0: np.ndarray, k: float) -
     """
     half = dG @ W0 @ G.conj().T
     return (half - half.conj().T) / (2j * k)
+
+
+def __getattr__(name: str) -> object:
+    """Find ``transmission_matrix`` here too: the Green's function of a scattering scene, from a layer above."""
+    if name == "transmission_matrix":
+        return importlib.import_module("specklegen.transmission").transmission_matrix
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -135,14 +135,36 @@ def stack_sheet(intensity: np.ndarray, titles: Sequence[str], out: Path) -> Path
     return _save(figure, out)
 
 
+def image_strip(samples: Sequence[Mapping[str, Any]], key: str, out: Path) -> Path:
+    """Draw hidden objects (turned by 180 degrees) and all their images, a row a sample.
+
+    Parameters
+    ----------
+    samples
+        With "object" [h, w] and ``key`` [n, H, W].
+    out
+        PNG to write.
+    """
+    figure, axes = _figure(len(samples), 1 + len(samples[0][key]), 1.6, 1.75)
+    for row, sample in enumerate(samples):
+        _show(axes[row, 0], np.asarray(sample["object"])[::-1, ::-1], "" if row else "object, turned", low=0, high=1)
+        images = np.asarray(sample[key], dtype=np.float64)
+        low, high = np.percentile(images, [0.5, 99.5])
+        for n, image in enumerate(images, 1):
+            _show(axes[row, n], image, "" if row else f"{key.removesuffix('s')} {n}", low=low, high=high)
+    return _save(figure, out)
+
+
 def sheet(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
-    """Draw samples of any recipe: by their keys, a hidden-object sheet (of the first image) or a strip of stacks."""
-    if "object" not in samples[0]:
-        return tilt_strip(samples, out)
-    several = next((key for key in ("frames", "stack") if key in samples[0]), None)
-    if several is not None:
-        samples = [{**sample, "image": sample[several][0]} for sample in samples]
-    return hidden_object_sheet(samples, out)
+    """Draw samples of any recipe in the way that their keys call for."""
+    keys = samples[0].keys()
+    if "object" not in keys:
+        if "tilts" in keys:
+            return tilt_strip(samples, out)
+        titles = [f"contrast {float(sample['parameters']['expected_contrast']):.2f}" for sample in samples]
+        return stack_sheet(np.array([sample["image"] for sample in samples], dtype=np.float64), titles, out)
+    several = [key for key in ("frames", "stack") if key in keys]
+    return image_strip(samples, several[0], out) if several else hidden_object_sheet(samples, out)
 
 
 def _save(figure, out: Path) -> Path:

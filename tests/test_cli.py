@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from specklegen import cli
+from specklegen.datasets import recipe_names
 from specklegen.values import RuleError
 
 COMMANDS = [
@@ -120,3 +121,10 @@ def test_main_prints_the_message_and_exits(monkeypatch, capsys):
         cli.main()
     assert exit_status.value.code == 2
     assert "error: HenyeyGreenstein.g must be" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", recipe_names())
+def test_every_recipe_has_a_picture(name, tmp_path):
+    changes = [word for change in ("material.kernel_paths=2000", "samples.train=4") for word in ("--set", change)]
+    succeed("preview", name, "--samples", "2", "--out", tmp_path / "sheet.png", *changes)
+    assert (tmp_path / "sheet.png").stat().st_size > 5000

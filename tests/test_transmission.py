@@ -265,3 +265,11 @@ def test_a_slab_of_one_mode_is_coherent_light():
     assert len(eigenvalues) == 1
     W0 = gaussian_schell_model(np.linspace(0, 1, 20), np.inf)
     assert len(coherent_modes(W0, energy=0.999)[0]) == 1
+
+
+def test_it_is_found_among_the_greens_functions():
+    from specklegen import greens
+
+    assert greens.transmission_matrix is sg.transmission_matrix
+    with pytest.raises(AttributeError, match="no_such_name"):
+        greens.no_such_name  # noqa: B018
