@@ -105,6 +105,46 @@ def end_intensity(g, wx, wy, wz, z, thickness, sigma_t, vx, vy, vz):
     return henyey_greenstein(g, wx * vx + wy * vy + wz * vz) * math.exp(-sigma_t * distance)
 
 
+@inlined
+def write_record(row, x1, y1, z1, ox, oy, oz, x, y, z, wx, wy, wz, weight, length):
+    """Fill one record: entrance and direction leaving it, direction arriving and exit, weight, path length."""
+    row[ENTRY], row[ENTRY + 1], row[ENTRY + 2] = x1, y1, z1
+    row[ENTRY_DIRECTION], row[ENTRY_DIRECTION + 1], row[ENTRY_DIRECTION + 2] = ox, oy, oz
+    row[EXIT], row[EXIT + 1], row[EXIT + 2] = x, y, z
+    row[EXIT_DIRECTION], row[EXIT_DIRECTION + 1], row[EXIT_DIRECTION + 2] = wx, wy, wz
+    row[WEIGHT] = weight
+    row[LENGTH] = length
+
+
+@inlined
+def forward_full_weight(power, least, g, z, wx, wy, wz, probes):
+    """Largest full weight over the views of a vertex that light of ``power`` reaches; 0 where it is below ``least``.
+
+    e^t >= 1 + t + t^2/2 + t^3/6 rejects most vertices without an exponential; squared and multiplied out, the
+    Henyey-Greenstein power then needs neither a root nor a division.
+    """
+    most = power * (1.0 - g * g) / (4.0 * math.pi)
+    best = 0.0
+    for n in range(probes.shape[0]):
+        t = probes[n, 3] + probes[n, 4] * z
+        cos = wx * probes[n, 0] + wy * probes[n, 1] + wz * probes[n, 2]
+        base = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - cos)
+        bound = least * (1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0))))
+        if most * most > bound * bound * (base * base * base) and t < 700.0:
+            best = max(best, power * henyey_greenstein(g, cos) * math.exp(-t))
+    return best
+
+
+@inlined
+def reversed_full_weight(power, g, ox, oy, oz, z1, thickness, sigma_t, probes):
+    """Largest full weight over the views of a path walked backwards, which leaves from its first vertex."""
+    best = 0.0
+    for n in range(probes.shape[0]):
+        end = end_intensity(g, -ox, -oy, -oz, z1, thickness, sigma_t, probes[n, 0], probes[n, 1], probes[n, 2])
+        best = max(best, power * end)
+    return best
+
+
 @kernel
 def trace_slab(
     key0, key1, sample, first, count, thickness, sigma_t, albedo, g, lobe, ix, iy, iz,
@@ -132,8 +172,6 @@ def trace_slab(
     unfinished_weight = 0.0
     full_depth = -math.expm1(-sigma_t * thickness / iz)  # chance to collide at all
     mean_free_path = 1.0 / sigma_t
-    nearest = (1.0 - g) * (1.0 - g)
-    norm = (1.0 - g * g) / (4.0 * math.pi)
     sample64 = np.uint64(sample)
     k0 = np.uint64(key0)
     k1 = np.uint64(key1)
@@ -164,19 +202,8 @@ def trace_slab(
         events += 1
         if w > 0.0 and (w >= threshold or d * threshold < w):
             if found < capacity:
-                row = records[found]
-                row[ENTRY] = x1
-                row[ENTRY + 1] = y1
-                row[ENTRY + 2] = z1
-                for n in range(ENTRY_DIRECTION, EXIT):
-                    row[n] = 0.0
-                row[EXIT] = x1
-                row[EXIT + 1] = y1
-                row[EXIT + 2] = z1
-                for n in range(EXIT_DIRECTION, WEIGHT):
-                    row[n] = 0.0
-                row[WEIGHT] = first_weight * (1.0 if w >= threshold else threshold / w)
-                row[LENGTH] = 0.0
+                kept = first_weight * (1.0 if w >= threshold else threshold / w)
+                write_record(records[found], x1, y1, z1, 0.0, 0.0, 0.0, x1, y1, z1, 0.0, 0.0, 0.0, kept, 0.0)
                 orders[found] = 1
                 paths[found] = p
             found += 1
@@ -214,59 +241,25 @@ def trace_slab(
                 if e >= albedo:
                     break
 
-            # The connection; e^t >= 1 + t + t^2/2 + t^3/6 rejects most without an exponential.
             weight = forward_weight
-            power = forward_weight * entry_power
             if reverse:
                 depth_end = z / iz
-                density = (
-                    footprint_density(footprint, extent, x - depth_end * ix, y - depth_end * iy)
-                    * math.exp(-sigma_t * depth_end) / (albedo * full_depth * iz)
-                    * henyey_greenstein(lobe, -(wx * ix + wy * iy + wz * iz))
-                )  # fmt: skip
-                weight = 1.0 / (forward_density + density)
-                power = weight * entry_power
-            w = 0.0
-            for n in range(probes.shape[0]):
-                vx, vy, vz = probes[n, 0], probes[n, 1], probes[n, 2]
-                t = probes[n, 3] + probes[n, 4] * z
-                cos = wx * vx + wy * vy + wz * vz
-                if not reverse:
-                    # Below a * threshold for certain, as e^t >= 1 + t + t^2/2 + t^3/6? Squared and multiplied
-                    # out, the Henyey-Greenstein power needs neither a root nor a division for most vertices.
-                    base = nearest + 2.0 * g * (1.0 - cos)
-                    least = a * threshold * (1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0))))
-                    most = power * norm
-                    if most * most <= least * least * (base * base * base):
-                        continue
-                if t < 700.0:
-                    w = max(w, power * henyey_greenstein(g, cos) * math.exp(-t))
-                if reverse:
-                    depth_end = z / iz
-                    beam = profile(footprint, radius, x - depth_end * ix, y - depth_end * iy)
-                    reversed_power = (
-                        weight * beam * beam / iz * math.exp(-sigma_t * depth_end)
-                        * henyey_greenstein(g, -(wx * ix + wy * iy + wz * iz))
-                        * end_intensity(g, -ox, -oy, -oz, z1, thickness, sigma_t, vx, vy, vz)
-                    )  # fmt: skip
-                    w = max(w, reversed_power)
+                fx, fy = x - depth_end * ix, y - depth_end * iy
+                back = -(wx * ix + wy * iy + wz * iz)
+                passed = math.exp(-sigma_t * depth_end) / iz
+                # p1 p_omega / sigma_s of the path walked backwards: the balance heuristic adds both densities.
+                density = footprint_density(footprint, extent, fx, fy) * passed / (albedo * full_depth)
+                weight = 1.0 / (forward_density + density * henyey_greenstein(lobe, back))
+                w = forward_full_weight(weight * entry_power, 0.0, g, z, wx, wy, wz, probes)
+                beam = profile(footprint, radius, fx, fy)
+                power = weight * beam * beam * passed * henyey_greenstein(g, back)
+                w = max(w, reversed_full_weight(power, g, ox, oy, oz, z1, thickness, sigma_t, probes))
+            else:
+                w = forward_full_weight(weight * entry_power, a * threshold, g, z, wx, wy, wz, probes)
             if w > 0.0 and (w >= threshold or a * threshold < w):
                 if found < capacity:
-                    row = records[found]
-                    row[ENTRY] = x1
-                    row[ENTRY + 1] = y1
-                    row[ENTRY + 2] = z1
-                    row[ENTRY_DIRECTION] = ox
-                    row[ENTRY_DIRECTION + 1] = oy
-                    row[ENTRY_DIRECTION + 2] = oz
-                    row[EXIT] = x
-                    row[EXIT + 1] = y
-                    row[EXIT + 2] = z
-                    row[EXIT_DIRECTION] = wx
-                    row[EXIT_DIRECTION + 1] = wy
-                    row[EXIT_DIRECTION + 2] = wz
-                    row[WEIGHT] = weight * (1.0 if w >= threshold else threshold / w)
-                    row[LENGTH] = length
+                    kept = weight * (1.0 if w >= threshold else threshold / w)
+                    write_record(records[found], x1, y1, z1, ox, oy, oz, x, y, z, wx, wy, wz, kept, length)
                     orders[found] = order
                     paths[found] = p
                 found += 1
