@@ -12,7 +12,7 @@ from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
 from specklegen.scene import Scene
 from specklegen.tracing import CHUNK
 
-_EVENT = 40.0  # a scattering event
+_EVENT = 32.0  # a scattering event
 _END = 30.0  # one end of a connection at one tilt or view
 _TRANSFORM = 42.0  # spreading one strength, at a tolerance of 1e-3
 _VIEW = 14.0  # a connection at a view, summed directly
