@@ -127,9 +127,18 @@ def test_a_worker_that_dies_in_the_middle_of_a_shard(tmp_path, client, plain):
     }
 
 
+class Deadly(FakeRecipe):
+    """Kills every process that renders sample 12."""
+
+    def sample(self, seed, split, index):
+        if index == 12:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().sample(seed, split, index)
+
+
 def test_a_shard_that_kills_every_worker_is_named_and_the_others_finish(tmp_path, client):
     with pytest.raises(GenerationError, match="1 of 10 shards failed.*\n.*shard 3: KilledWorker"):
-        make(tmp_path / "a.zarr", Mortal(name="always"), cluster=client)
+        make(tmp_path / "a.zarr", Deadly(), cluster=client)
     assert shards_there(tmp_path / "a.zarr") == set(range(10)) - {3}
 
 
