@@ -1,6 +1,6 @@
 """Speed and memory of the engine as ratios, in one run on one thread: what `make bench` prints.
 
-The example of docs/performance.md throughout: a slab of 2000 wavelengths, optical depth 10, g = 0.9; five
+One example throughout: a slab of 2000 wavelengths, optical depth 10, g = 0.9; five
 tilts 0.0025 degrees apart, 101 x 101 views 0.000125 degrees apart, a window of 1e5 wavelengths, 1e5 paths.
 
 Times are CPU seconds of this process (the two-thread row: wall seconds). The two sides of a ratio are run in
@@ -50,7 +50,7 @@ def example(*, views: int = 101, tilts: int = 5, width: float = WIDTH, side: Sid
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table: repeated measurements, and the bounds that design.md section 4 sets."""
+    """One line of the table: repeated measurements, and the bounds that the project set itself."""
 
     name: str
     unit: str

@@ -1,6 +1,6 @@
 """What a plan costs: counted operations times nanoseconds, and bytes.
 
-The nanoseconds are those of one core of the machine of docs/performance.md. They scale predictions; a choice
+The nanoseconds are those of one core of the machine of the README's table. They scale predictions; a choice
 between samplers never rests on a clock.
 """
 

@@ -75,7 +75,7 @@ def _nearest_tilt(scene: Scene) -> np.ndarray:
 
 
 def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance: float) -> Verdict:
-    """Whether the stationary sampler serves a scene within the tolerance (design.md 3)."""
+    """Whether the stationary sampler serves a scene within the tolerance (physics.md 9)."""
     part = "stationary sampler"
     obstacle = None
     if not isinstance(scene.sensor, FarFieldGrid):

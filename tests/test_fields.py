@@ -227,7 +227,7 @@ def test_reversed_paths_leave_the_rest_of_the_sphere_alone():
 
 # ---- NUFFT ---------------------------------------------------------------------------------------------
 
-EXAMPLE = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))  # performance.md
+EXAMPLE = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
 HALF_FIELDS = [0.006, 0.1, 1.0]  # degrees
 
 
@@ -313,6 +313,6 @@ def test_nufft_of_nothing_is_zero():
 
 @pytest.mark.parametrize(("half_field", "tolerance"), [(20.0, 1e-3), pytest.param(5.0, 1e-6, marks=pytest.mark.slow)])
 def test_a_field_of_view_too_wide_for_a_low_rank_is_refused(half_field, tolerance):
-    """performance.md 2: 20 degrees fail, and 1e-6 is not reached at 5 degrees."""
+    """20 degrees fail, and 1e-6 is not reached at 5 degrees."""
     grid = sg.FarField.grid(shape=(101, 101), pitch=np.sin(np.deg2rad(half_field)) / 50)
     assert compare(grid, tolerance, pilot=2000) is None

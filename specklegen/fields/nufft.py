@@ -4,7 +4,7 @@
 
 F varies slowly with v. An interpolative decomposition writes it through its values at a few skeleton
 views, F(m; v) = sum_r F(m; v_r) P_r(v), so that the field is a sum over r of P_r times one transform of
-strengths with the exact F at v_r (performance.md 2). The decomposition is found on training connections
+strengths with the exact F at v_r. The decomposition is found on training connections
 at Chebyshev nodes in v, from which P_r is interpolated to the grid, and judged on held-out connections at
 views of its own: the rank grows until that error is below what was asked, or the evaluator is refused.
 """

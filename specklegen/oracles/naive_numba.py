@@ -5,7 +5,7 @@
 Paths are drawn well (first vertex exponentially deep along the light, first direction from the medium's
 own lobe about it), but every connection of every path is evaluated, at every tilt and view: with one
 complex exponential each ("plain"), or with those of the view hoisted out of the loop over tilts
-("hoisted"). No thinning, no reversed paths, no transform. physics.md 1-2, performance.md 1.
+("hoisted"). No thinning, no reversed paths, no transform. physics.md 1-2.
 """
 
 import cmath

@@ -6,7 +6,7 @@ in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the m
     C_exact = W^(kappa) E[sqrt(w_1 w_2) e^(-ik dv . r + ik(di_z z1 - dv_z(z_B - L)))] / sqrt(E w_1 E w_2)
     C_model = W^(kappa) K(di)
 
-with W^ the Fourier transform of the window's intensity. design.md 3.
+with W^ the Fourier transform of the window's intensity. physics.md 9.
 """
 
 from dataclasses import dataclass, replace

@@ -25,7 +25,7 @@ from specklegen.values import remembered
 
 _BINS = 640
 PILOT_PATHS = 2000
-KEEP_ALWAYS = 10.0  # a connection is always kept from ten times the mean full weight (performance.md 3)
+KEEP_ALWAYS = 10.0  # a connection is always kept from ten times the mean full weight (physics.md 2)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
     u_t(v) = sum_x e^(-ik(v - i_t) . x) b(x) G_t(x),    E[G_t G*_t'] = K(i_t - i_t'),  white in x
 
 A thousand stacks a second on one core, whatever the optical depth: K is found once per material. Valid
-where the planner's criterion says so (wide window, narrow field of view). performance.md 4.
+where the planner's criterion says so (wide window, narrow field of view).
 """
 
 from collections.abc import Iterator
