@@ -40,7 +40,7 @@ class MemoryEffect:
     intensity : float64[T]
         C_I = |K|^2, free of the bias of a squared estimate.
     decorrelation : float64[T]
-        1 - C_I, to full relative precision at tiny tilts.
+        1 - C_I; to full relative precision at tiny tilts in transmission along the axis, elsewhere to rounding.
     standard_error : float64[T]
         Of ``intensity``, from 64 independent batches; NaN where it is undefined (no light, or one path).
     single_share : float
