@@ -12,6 +12,7 @@ import numpy as np
 from specklegen.illumination import CollimatedBeams, footprint_code
 from specklegen.kernels import sums
 from specklegen.media import Slab
+from specklegen.parallel import map_blocks
 from specklegen.scene import Scene
 from specklegen.streams import Seed, Stream, stream_key
 from specklegen.tracing import PathBank
@@ -84,14 +85,20 @@ def reversal_phases(bank: PathBank, optics: Optics) -> np.ndarray:
     return np.exp(2j * np.pi * (turns - np.rint(turns)))
 
 
-def illumination_ends(bank: PathBank, optics: Optics, factors: np.ndarray, *, single: bool) -> np.ndarray:
+def illumination_ends(
+    bank: PathBank, optics: Optics, factors: np.ndarray, *, single: bool, threads: int | None = 1
+) -> np.ndarray:
     """complex128[T, M], factor_m sqrt(W_m) A_t(m); ``single`` leaves out s, for a bank of single scattering."""
     out = np.empty((len(optics.tilts), len(bank)), np.complex128)
-    sums.illumination_ends(
-        bank.records, int(single), optics.medium.scatterer.g, optics.medium.extinction,
-        optics.footprint, optics.radius, optics.tilts,
-        offsets(optics.tilts, optics.tilt_reference, optics.wavelength), factors, out,
-    )  # fmt: skip
+    turns = offsets(optics.tilts, optics.tilt_reference, optics.wavelength)
+
+    def tilt(t: int) -> None:
+        sums.illumination_ends(
+            bank.records, int(single), optics.medium.scatterer.g, optics.medium.extinction,
+            optics.footprint, optics.radius, optics.tilts[t : t + 1], turns[t : t + 1], factors, out[t : t + 1],
+        )  # fmt: skip
+
+    map_blocks(tilt, range(len(out)), threads)
     return out
 
 

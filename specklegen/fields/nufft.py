@@ -24,6 +24,7 @@ from specklegen.sensors import FarFieldGrid
 from specklegen.tracing import PathBank
 
 MAX_RANK = 128
+TILTS_AT_ONCE = 2
 _NODES = (3, 5, 9, 17, 25)
 _HELD_OUT_VIEWS = 48
 SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
@@ -266,22 +267,25 @@ def _transform(
         # finufft's modes are whole numbers; an even grid is centred between two.
         shift += position * ((middle + (0 if size % 2 else grid.pitch / 2)) / optics.wavelength)
     common = phases * np.exp(-2j * np.pi * (shift - np.rint(shift)))
-    strengths = ends.illumination_ends(bank, optics, common, single=single)
+    strengths = ends.illumination_ends(bank, optics, common, single=single, threads=threads)
     sensor = ends.sensor_ends(bank, optics, factor.views, single=single, axial_only=True)
 
-    def term(r: int) -> np.ndarray:
+    def term(part: tuple[int, slice]) -> np.ndarray:
+        r, tilts = part
+        ready = (strengths[tilts] * sensor[r]).astype(dtype)
         plan = finufft.Plan(
-            1, grid.shape, n_trans=len(strengths), eps=0.3 * evaluator.tolerance, isign=-1,
+            1, grid.shape, n_trans=len(ready), eps=0.3 * evaluator.tolerance, isign=-1,
             dtype=np.dtype(dtype).name, nthreads=1,
         )  # fmt: skip
         plan.setpts(*points)
-        transform = plan.execute((strengths * sensor[r]).astype(dtype))
-        transform = transform.reshape(len(strengths), *grid.shape)
+        transform = plan.execute(ready).reshape(len(ready), *grid.shape)
         transform *= factor.pattern(r).astype(dtype)
         return transform
 
-    terms = map_blocks(term, range(factor.rank), threads)
-    total = terms[0]
-    for more in terms[1:]:
-        total += more
+    # A fixed number of tilts a transform, whatever the number of threads: the bits must not depend on it.
+    groups = [slice(t, t + TILTS_AT_ONCE) for t in range(0, len(strengths), TILTS_AT_ONCE)]
+    parts = [(r, group) for group in groups for r in range(factor.rank)]
+    total = np.zeros((len(strengths), *grid.shape), dtype)
+    for (_, group), transform in zip(parts, map_blocks(term, parts, threads), strict=True):
+        total[group] += transform
     return total
