@@ -310,7 +310,9 @@ def verify(
 
     result = check(folder, load(repair, changes, images) if repair else None)
     typer.echo(str(result))
-    if not result.sound:
+    if repair:
+        typer.echo(f"{len(result.damaged) + len(result.unfinished)} shards rendered again")
+    elif not result.sound:
         raise typer.Exit(1)
 
 

@@ -123,6 +123,18 @@ def test_main_prints_the_message_and_exits(monkeypatch, capsys):
     assert "error: HenyeyGreenstein.g must be" in capsys.readouterr().err
 
 
+def test_verify_fails_on_damage_and_succeeds_once_it_is_mended(tmp_path):
+    store, changes = tmp_path / "store.zarr", ("--set", "material.kernel_paths=2000")
+    succeed("generate", "through-slab", "--out", store, "--processes", "1", "--samples", "8", *changes)
+    shard = next(path for path in sorted((store / "image/c").rglob("*")) if path.is_file())
+    content = bytearray(shard.read_bytes())
+    content[100] ^= 1
+    shard.write_bytes(content)
+    assert run("verify", store).exit_code == 1
+    assert "1 shards rendered again" in succeed("verify", store, "--repair", "through-slab", *changes)
+    succeed("verify", store)
+
+
 @pytest.mark.parametrize("name", recipe_names())
 def test_every_recipe_has_a_picture(name, tmp_path):
     changes = [word for change in ("material.kernel_paths=2000", "samples.train=4") for word in ("--set", change)]
