@@ -16,7 +16,7 @@ from specklegen.datasets.protocol import Renderable
 from specklegen.datasets.shards import MissingSample
 from specklegen.datasets.store import Store
 from specklegen.datasets.stream import tensors
-from specklegen.datasets.workers import one_torch_thread
+from specklegen.parallel import one_torch_thread
 from specklegen.values import reject
 
 _TABLES = 4096

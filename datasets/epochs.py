@@ -12,7 +12,8 @@ import torch
 from torch.utils.data import IterableDataset, get_worker_info
 
 from specklegen.datasets.partition import batch_count, batch_range
-from specklegen.datasets.workers import one_torch_thread, prepare_worker
+from specklegen.datasets.workers import prepare_worker
+from specklegen.parallel import one_torch_thread
 from specklegen.values import reject
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from specklegen.datasets.creation import open_for
 from specklegen.datasets.info import info
 from specklegen.datasets.protocol import Renderable
 from specklegen.datasets.store import Store
-from specklegen.datasets.workers import end_with_parent, one_torch_thread, prepare_worker, worker_context
-from specklegen.parallel import thread_count
+from specklegen.datasets.workers import end_with_parent, prepare_worker, worker_context
+from specklegen.parallel import one_torch_thread, thread_count
 from specklegen.values import reject
 
 if TYPE_CHECKING:

@@ -8,8 +8,6 @@ one torch thread everywhere, since some torch sums round differently with two.
 import multiprocessing
 import os
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from multiprocessing.context import BaseContext
 
 from specklegen.parallel import run_serial_in_this_process
@@ -54,19 +52,3 @@ def end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Run a block with one torch thread, then restore what was set."""
-    import torch
-
-    before = torch.get_num_threads()
-    if before == 1:
-        yield
-        return
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

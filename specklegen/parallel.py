@@ -5,8 +5,9 @@ back in the order of the blocks, so that every sum over them is the same for any
 """
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TypeVar
 
 A = TypeVar("A")
@@ -48,3 +49,19 @@ def map_blocks(function: Callable[[A], B], blocks: Iterable[A], threads: int | N
         return [function(block) for block in blocks]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, blocks))
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Run torch on one thread, then restore what was set: its sums differ in the last bit between one and two."""
+    import torch
+
+    before = torch.get_num_threads()
+    if before == 1:
+        yield
+        return
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -13,8 +13,8 @@ memory effect says.
 import numpy as np
 import torch
 
+from specklegen.parallel import one_torch_thread
 from specklegen.stationary.modes import tabulated
-from specklegen.stationary.sampler import one_torch_thread
 from specklegen.stationary.spectrum import LightModes
 
 

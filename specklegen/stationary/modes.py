@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
 
+from specklegen.parallel import one_torch_thread
 from specklegen.stationary.kernel import MemoryKernel
-from specklegen.stationary.sampler import one_torch_thread
 
 Correlation = Callable[[np.ndarray], np.ndarray]
 

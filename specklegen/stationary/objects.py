@@ -25,13 +25,14 @@ from numpy.typing import ArrayLike
 from scipy.fft import next_fast_len
 
 from specklegen.illumination import Profile, illuminated_area, object_sines
+from specklegen.parallel import one_torch_thread
 from specklegen.sensors import FarFieldGrid, require_resolved
 from specklegen.stationary.cells import Axis, cells, window
 from specklegen.stationary.contrast import speckle_variance
 from specklegen.stationary.kernel import MemoryKernel
 from specklegen.stationary.modes import karhunen_loeve, tabulated
 from specklegen.stationary.normals import complex_normals
-from specklegen.stationary.sampler import mean_intensity, one_torch_thread
+from specklegen.stationary.sampler import mean_intensity
 from specklegen.stationary.spectrum import LightModes, monochromatic
 from specklegen.streams import Seed
 

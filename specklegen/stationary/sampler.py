@@ -6,14 +6,13 @@ A thousand stacks a second on one core, whatever the optical depth: K is found o
 where the planner's criterion says so (wide window, narrow field of view).
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from specklegen.illumination import CollimatedBeams, illuminated_area
+from specklegen.parallel import one_torch_thread
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
 from specklegen.stationary.cells import Axis, cells, window
@@ -23,17 +22,6 @@ from specklegen.streams import Seed
 from specklegen.values import reject
 
 MAX_PERIOD = 16384
-
-
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Run torch on one thread: its sums differ in the last bit between one and two."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def mean_intensity(kernel: MemoryKernel, area: float) -> float:

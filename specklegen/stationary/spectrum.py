@@ -28,8 +28,8 @@ import torch
 
 from specklegen.fields.ends import AXIS, full_weights
 from specklegen.media import Slab
+from specklegen.parallel import one_torch_thread
 from specklegen.stationary.kernel import MemoryKernel, axial_bank, lateral_distance, plane_optics
-from specklegen.stationary.sampler import one_torch_thread
 from specklegen.statistics import BATCHES, jackknife
 from specklegen.streams import Seed
 from specklegen.values import reject
