@@ -8,20 +8,28 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from specklegen.illumination import CollimatedBeams, IncoherentObject, PlaneWaves
+    from specklegen.covariances import Covariance, covariance, covariance_blocks
+    from specklegen.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
     from specklegen.mean import mean_field
-    from specklegen.media import Slab
+    from specklegen.media import Box, Slab, VoxelGrid
     from specklegen.memory_curve import MemoryEffect, memory_effect
     from specklegen.partially_coherent import render_partially_coherent
     from specklegen.planning import Plan, plan
     from specklegen.rendering import SpeckleStack, render
     from specklegen.scatterers import HenyeyGreenstein, Isotropic
     from specklegen.scene import Scene
-    from specklegen.sensors import FarField, FarFieldGrid
+    from specklegen.sensors import FarField, FarFieldGrid, NearField
     from specklegen.transmission import transmission_matrix
     from specklegen.values import RuleError
 
 _HOME = {
+    "covariance_blocks": "covariances",
+    "covariance": "covariances",
+    "Covariance": "covariances",
+    "NearField": "sensors",
+    "PointSources": "illumination",
+    "VoxelGrid": "media",
+    "Box": "media",
     "CollimatedBeams": "illumination",
     "FarField": "sensors",
     "FarFieldGrid": "sensors",
@@ -44,6 +52,13 @@ _HOME = {
 }
 
 __all__ = [
+    "covariance_blocks",
+    "covariance",
+    "Covariance",
+    "NearField",
+    "PointSources",
+    "VoxelGrid",
+    "Box",
     "CollimatedBeams",
     "FarField",
     "FarFieldGrid",

@@ -188,3 +188,18 @@ def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:
     vectors = np.where(np.abs(lengths - 1)[..., None] > 1e-15, vectors / lengths[..., None], vectors)
     vectors.flags.writeable = False
     return vectors
+
+
+def position_vectors(field: str, points: np.ndarray) -> np.ndarray:
+    """Check positions ``(..., d)``, d = 2 or 3.
+
+    Raises
+    ------
+    RuleError
+        If the last axis is not 2 or 3 long.
+    """
+    if points.shape == (0,):
+        points = points.reshape(0, 3)
+    if points.ndim < 1 or points.shape[-1] not in (2, 3):
+        reject(field, "positions along the last axis, of length 2 or 3", points.shape)
+    return points
