@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from specklegen.partially_coherent import render_partially_coherent
     from specklegen.planning import Plan, plan
     from specklegen.rendering import SpeckleStack, render
-    from specklegen.scatterers import HenyeyGreenstein, Isotropic
+    from specklegen.scatterers import HenyeyGreenstein, Isotropic, Mixture, VonMisesFisher
     from specklegen.scene import Scene
     from specklegen.sensors import FarField, FarFieldGrid
     from specklegen.transmission import transmission_matrix
@@ -29,12 +29,14 @@ _HOME = {
     "IncoherentObject": "illumination",
     "Isotropic": "scatterers",
     "MemoryEffect": "memory_curve",
+    "Mixture": "scatterers",
     "Plan": "planning",
     "PlaneWaves": "illumination",
     "RuleError": "values",
     "Scene": "scene",
     "Slab": "media",
     "SpeckleStack": "rendering",
+    "VonMisesFisher": "scatterers",
     "mean_field": "mean",
     "memory_effect": "memory_curve",
     "plan": "planning",
@@ -51,12 +53,14 @@ __all__ = [
     "IncoherentObject",
     "Isotropic",
     "MemoryEffect",
+    "Mixture",
     "Plan",
     "PlaneWaves",
     "RuleError",
     "Scene",
     "Slab",
     "SpeckleStack",
+    "VonMisesFisher",
     "mean_field",
     "memory_effect",
     "plan",
