@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from specklegen.partially_coherent import render_partially_coherent
     from specklegen.planning import Plan, plan
     from specklegen.rendering import SpeckleStack, render
-    from specklegen.scatterers import HenyeyGreenstein, Isotropic
+    from specklegen.scatterers import HenyeyGreenstein, Isotropic, Mixture, VonMisesFisher
     from specklegen.scene import Scene
     from specklegen.sensors import FarField, FarFieldGrid, NearField
     from specklegen.transmission import transmission_matrix
@@ -37,12 +37,14 @@ _HOME = {
     "IncoherentObject": "illumination",
     "Isotropic": "scatterers",
     "MemoryEffect": "memory_curve",
+    "Mixture": "scatterers",
     "Plan": "planning",
     "PlaneWaves": "illumination",
     "RuleError": "values",
     "Scene": "scene",
     "Slab": "media",
     "SpeckleStack": "rendering",
+    "VonMisesFisher": "scatterers",
     "mean_field": "mean",
     "memory_effect": "memory_curve",
     "plan": "planning",
@@ -66,12 +68,14 @@ __all__ = [
     "IncoherentObject",
     "Isotropic",
     "MemoryEffect",
+    "Mixture",
     "Plan",
     "PlaneWaves",
     "RuleError",
     "Scene",
     "Slab",
     "SpeckleStack",
+    "VonMisesFisher",
     "mean_field",
     "memory_effect",
     "plan",
