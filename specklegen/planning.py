@@ -157,7 +157,7 @@ def plan(
     _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.beams.directions) + 48))
     verdicts = list(validity_verdicts(scene))
     reversal = reversal_verdict(
-        scene.medium, scene.wavelength, scene.beams.directions, scene.sensor.directions, reverse, tolerance
+        scene.medium.mean_free_path, scene.wavelength, scene.lights, scene.views, reverse, tolerance
     )
     verdicts += [reversal, mean_verdict(scene, mean, tolerance)]
     pilot = scene_pilot(scene, reversal.needed)

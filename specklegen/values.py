@@ -9,6 +9,7 @@ An error reads ``Owner.field must be RULE; got VALUE.`` and then the remedy, if 
 
 import hashlib
 import json
+import os
 import tomllib
 from collections.abc import Callable
 from functools import cached_property, lru_cache
@@ -203,3 +204,8 @@ def position_vectors(field: str, points: np.ndarray) -> np.ndarray:
     if points.ndim < 1 or points.shape[-1] not in (2, 3):
         reject(field, "positions along the last axis, of length 2 or 3", points.shape)
     return points
+
+
+def available_memory() -> int:
+    """Bytes of memory of this machine."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

@@ -19,7 +19,12 @@ import numpy as np
 
 from specklegen.kernels import inlined
 from specklegen.kernels.geometry import deflect
-from specklegen.kernels.phase_functions import henyey_greenstein, sample_henyey_greenstein
+from specklegen.kernels.phase_functions import (
+    henyey_greenstein,
+    henyey_greenstein_2d,
+    sample_henyey_greenstein,
+    sample_henyey_greenstein_2d,
+)
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
 from specklegen.kernels.volume import chord, exit_distance, march, optical_depth, voxel
@@ -64,16 +69,10 @@ class Sources(NamedTuple):
 
 
 @inlined
-def flat_henyey_greenstein(g, one_minus_cos):
-    """Phase function per radian in flatland, (1 - g^2) / (2 pi (1 + g^2 - 2 g cos))."""
-    return (1.0 - g * g) / (_TAU * ((1.0 - g) * (1.0 - g) + 2.0 * g * one_minus_cos))
-
-
-@inlined
 def lobe_density(dimension, g, one_minus_cos):
     """Density of a first direction about its ray: Henyey-Greenstein with a tenth spread evenly."""
     if dimension == 2:
-        even, lobe = 1.0 / _TAU, flat_henyey_greenstein(g, one_minus_cos)
+        even, lobe = 1.0 / _TAU, henyey_greenstein_2d(g, 1.0 - one_minus_cos)
     else:
         even, lobe = 0.5 / _TAU, henyey_greenstein(g, 1.0 - one_minus_cos)
     return lobe if g == 0.0 else _ISOTROPIC_SHARE * even + (1.0 - _ISOTROPIC_SHARE) * lobe
@@ -99,9 +98,7 @@ def sample_lobe(dimension, g, dx, dy, dz, u, v):
         else:
             u = (u - _ISOTROPIC_SHARE) / (1.0 - _ISOTROPIC_SHARE)
     if dimension == 2:
-        # The half angle's tangent; both sides come from one draw, and tan is odd.
-        t = (1.0 - lobe) / (1.0 + lobe) * math.tan(0.5 * math.pi * u)
-        one_minus_cos = 2.0 * t * t / (1.0 + t * t)
+        one_minus_cos = sample_henyey_greenstein_2d(lobe, u)
     else:
         one_minus_cos = sample_henyey_greenstein(lobe, u)
     return turn(dimension, dx, dy, dz, one_minus_cos, v)

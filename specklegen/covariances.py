@@ -1,0 +1,271 @@
+"""Covariance of speckle between lights and views: Algorithms 1 and 3 of [Bar19].
+
+    C_pq = E[ W a_p a_q* ],    p, q = (light, view)
+
+A sum of outer products, so Hermitian and positive semidefinite by construction. The mean m is never part of it.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from specklegen.gates import Reverse
+from specklegen.kernels.rng import fill_normals
+from specklegen.parallel import map_blocks
+from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
+from specklegen.pathspace.blas import one_blas_thread
+from specklegen.pathspace.gates import scene_reversal
+from specklegen.pathspace.tracing import Tracer, VolumeBank, scene_tracer
+from specklegen.scene import Scene
+from specklegen.statistics import BATCHES
+from specklegen.streams import Seed, Stream, stream_key
+from specklegen.values import available_memory, reject
+
+DEFAULT_PATHS = 100_000
+_ELEMENTS = 2**22  # of the amplitudes held at a time
+_ROWS = 256  # per block of parallel work
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Covariance of the field between every two of (light, view), or some of them.
+
+    Attributes
+    ----------
+    value : complex128[T, V, T, V]
+        C, in the units of |u|^2; views in C order of the sensor. complex128[P] for chosen pairs, and
+        complex128[n, T, V] for a block of rows.
+    standard_error : float64, of the same shape
+        sqrt(E|error|^2) from independent batches; NaN where there are fewer than two.
+    single, multiple : complex128, of the same shape
+        The parts of single scattering and of more; they add up to ``value``.
+    paths : int
+        Paths traced.
+    reverse : bool
+        Whether reversed paths (coherent backscattering) took part.
+    unfinished : int
+        Paths ended by the largest order allowed.
+    """
+
+    value: np.ndarray
+    standard_error: np.ndarray
+    single: np.ndarray
+    multiple: np.ndarray
+    paths: int
+    reverse: bool
+    unfinished: int
+
+    @property
+    def intensity(self) -> np.ndarray:
+        """float64[T, V], E|u - m|^2 of every light and view."""
+        self._require_all("intensity")
+        t, v = self.value.shape[:2]
+        return self.value.reshape(t * v, t * v).diagonal().real.reshape(t, v).copy()
+
+    def sample(self, realizations: int, seed: Seed = 0) -> np.ndarray:
+        """Draw zero-mean circular Gaussian fields of this covariance, complex128[R, T, V].
+
+        Through its eigenvectors; what noise makes negative among the eigenvalues (at most rounding) is 0, and
+        duplicated lights or views come out equal. Field r of a seed does not depend on ``realizations``.
+        """
+        self._require_all("sample")
+        if realizations < 1:
+            reject("Covariance.sample realizations", "at least 1", realizations)
+        t, v = self.value.shape[:2]
+        values, vectors = np.linalg.eigh(self.value.reshape(t * v, t * v))
+        root = vectors * np.sqrt(np.clip(values, 0, None) / 2)
+        key = stream_key(seed, Stream.EIGEN)
+        fields = np.empty((realizations, t * v), np.complex128)
+        normals = np.empty((t * v, 2))
+        for r, field in enumerate(fields):
+            fill_normals(*key, r, normals)
+            field[...] = root @ (normals[:, 0] + 1j * normals[:, 1])
+        return fields.reshape(realizations, t, v)
+
+    def _require_all(self, name: str) -> None:
+        if self.value.ndim != 4:
+            reject(f"Covariance.{name}", "asked of a covariance of all pairs", f"one of shape {self.value.shape}")
+
+
+def covariance(
+    scene: Scene,
+    *,
+    paths: int = DEFAULT_PATHS,
+    seed: Seed = 0,
+    reverse: Reverse = "auto",
+    pairs: ArrayLike | None = None,
+    tolerance: float = 0.02,
+    threads: int | None = None,
+) -> Covariance:
+    """Estimate the covariance of the speckle field of a scene; the memory it takes does not grow with ``paths``.
+
+    Parameters
+    ----------
+    scene
+        Any medium, coherent lights and sensor.
+    paths, seed
+        Number of paths, and the seed of which (with the other arguments) the result is a function.
+    reverse
+        Whether reversed paths (coherent backscattering) take part; "auto" drops them where they add less than
+        ``tolerance`` at every light and view (physics.md 2).
+    pairs
+        int[P, 4], rows (light, view, light, view): only these entries. Default: all of them.
+    tolerance
+        Relative intensity below which "auto" drops a part.
+    threads
+        Threads; the result does not depend on it.
+
+    Raises
+    ------
+    RuleError
+        For an argument out of range, incoherent illumination, or a result that does not fit into memory.
+    """
+    tracer, reversal = _prepare(scene, paths, reverse, tolerance)
+    t, v = len(tracer.lights.vectors), len(tracer.views.vectors)
+    if pairs is not None:
+        chosen = _checked_pairs(pairs, t, v)
+        left, right = chosen[:, 0] * v + chosen[:, 1], chosen[:, 2] * v + chosen[:, 3]
+
+        def entries(out: np.ndarray, a: np.ndarray) -> None:
+            out += np.einsum("pm,pm->p", a[left], a[right].conj())
+
+        return _estimate(tracer, paths, seed, reversal, (len(chosen),), entries, threads)
+
+    _require_memory(t, v, t * v)
+
+    def lower_triangle(out: np.ndarray, a: np.ndarray) -> None:
+        conjugate = a.conj().T
+
+        def rows(start: int) -> None:
+            stop = start + _ROWS
+            out[start:stop, :stop] += a[start:stop] @ conjugate[:, :stop]
+
+        map_blocks(rows, range(0, len(a), _ROWS), threads)
+
+    found = _estimate(tracer, paths, seed, reversal, (t * v, t * v), lower_triangle, threads)
+    for part in (found.value, found.single, found.multiple):
+        _mirror(part)
+    _mirror(found.standard_error)
+    shape = (t, v, t, v)
+    return Covariance(
+        found.value.reshape(shape), found.standard_error.reshape(shape), found.single.reshape(shape),
+        found.multiple.reshape(shape), paths, reversal, found.unfinished,
+    )  # fmt: skip
+
+
+def covariance_blocks(
+    scene: Scene,
+    *,
+    rows: int,
+    paths: int = DEFAULT_PATHS,
+    seed: Seed = 0,
+    reverse: Reverse = "auto",
+    tolerance: float = 0.02,
+    threads: int | None = None,
+) -> Iterator[tuple[slice, Covariance]]:
+    """Yield the covariance by blocks of rows, for what does not fit into memory at once.
+
+    Each item is (slice of rows, :class:`Covariance` with arrays [n, T, V]); row number = light * V + view. The same
+    paths are traced anew for every block, so the blocks fit together, equal to rounding to the whole.
+
+    Parameters
+    ----------
+    rows
+        Rows at a time.
+    scene, paths, seed, reverse, tolerance, threads
+        As for :func:`covariance`.
+    """
+    if rows < 1:
+        reject("covariance_blocks rows", "at least 1", rows)
+    tracer, reversal = _prepare(scene, paths, reverse, tolerance)
+    t, v = len(tracer.lights.vectors), len(tracer.views.vectors)
+    _require_memory(t, v, rows)
+    for start in range(0, t * v, rows):
+        part = slice(start, min(start + rows, t * v))
+
+        def block(out: np.ndarray, a: np.ndarray, part: slice = part) -> None:
+            out += a[part] @ a.conj().T
+
+        found = _estimate(tracer, paths, seed, reversal, (part.stop - part.start, t * v), block, threads)
+        shape = (part.stop - part.start, t, v)
+        yield part, Covariance(
+            found.value.reshape(shape), found.standard_error.reshape(shape), found.single.reshape(shape),
+            found.multiple.reshape(shape), paths, reversal, found.unfinished,
+        )  # fmt: skip
+
+
+def _prepare(scene: Scene, paths: int, reverse: Reverse, tolerance: float) -> tuple[Tracer, bool]:
+    if paths < 1:
+        reject("covariance paths", "at least 1", paths)
+    if not 0 < tolerance < 1:
+        reject("covariance tolerance", "between 0 and 1", tolerance)
+    reversal = scene_reversal(scene, reverse, tolerance).needed
+    return scene_tracer(scene, reversal), reversal
+
+
+def _estimate(
+    tracer: Tracer,
+    paths: int,
+    seed: Seed,
+    reverse: bool,
+    shape: tuple[int, ...],
+    add: Callable[[np.ndarray, np.ndarray], None],
+    threads: int | None,
+) -> Covariance:
+    """Sum ``add(sums, amplitudes)`` over batches of paths, and find the error from their scatter."""
+    total, single = np.zeros((2, *shape), np.complex128)
+    squares = np.zeros(shape)
+    unfinished = 0
+    edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
+    n = len(edges) - 1
+    step = max(1, _ELEMENTS // max(len(tracer.lights.vectors) * len(tracer.views.vectors), 1))
+    with one_blas_thread():
+        for first, last in zip(edges[:-1], edges[1:], strict=True):
+            batch = np.zeros(shape, np.complex128)
+            bank = tracer.trace(seed, last - first, first=first, threads=threads)
+            unfinished += bank.unfinished
+            for part in _pieces(bank.single, step):
+                add(batch, single_amplitudes(tracer, part, threads))
+            single += batch
+            for part in _pieces(bank.multiple, step):
+                add(batch, multiple_amplitudes(tracer, part, reverse, threads))
+            total += batch
+            squares += np.square(batch.real) + np.square(batch.imag)
+    total /= paths
+    single /= paths
+    variance = squares / paths**2 - (np.square(total.real) + np.square(total.imag)) / n
+    error = np.sqrt(np.clip(variance, 0, None) * n / (n - 1)) if n > 1 else np.full(shape, np.nan)
+    return Covariance(total, error, single, total - single, paths, reverse, unfinished)
+
+
+def _pieces(bank: VolumeBank, step: int) -> Iterator[VolumeBank]:
+    return (bank.select(slice(start, start + step)) for start in range(0, len(bank), step))
+
+
+def _mirror(matrix: np.ndarray) -> None:
+    """Fill the upper triangle from the lower one."""
+    for row in range(len(matrix)):
+        matrix[row, row + 1 :] = matrix[row + 1 :, row].conj()
+        matrix[row, row] = matrix[row, row].real
+
+
+def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:
+    chosen = np.asarray(pairs)
+    if chosen.ndim != 2 or chosen.shape[1] != 4 or not np.issubdtype(chosen.dtype, np.integer):
+        reject("covariance pairs", "whole numbers of shape (P, 4): light, view, light, view", chosen)
+    if (chosen < 0).any() or (chosen >= np.array([t, v, t, v])).any():
+        reject("covariance pairs", f"below {t} for lights and below {v} for views, and at least 0", chosen)
+    return chosen
+
+
+def _require_memory(t: int, v: int, rows: int) -> None:
+    needed = rows * t * v * (16 * 5 + 8 * 3)
+    if needed > 0.5 * available_memory():
+        reject(
+            "covariance",
+            f"held within {0.5 * available_memory() / 2**30:.1f} GiB",
+            f"{needed / 2**30:.1f} GiB for {rows} rows of {t} lights x {v} views",
+            "Choose entries with pairs=, or stream rows with covariance_blocks.",
+        )
