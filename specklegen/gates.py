@@ -8,7 +8,7 @@ import numpy as np
 from specklegen.values import reject
 
 Reverse = bool | Literal["auto"]
-Sampler = Literal["auto", "paths", "stationary"]
+Sampler = Literal["auto", "paths", "covariance", "stationary"]
 BACKSCATTER_WING = {3: 0.65, 2: 0.43}  # isotropic scatterers: the slow wing of the cone (physics.md 2)
 
 

@@ -70,8 +70,23 @@ class Scene(Value):
         if isinstance(self.illumination, IncoherentObject):
             return self.illumination.beams
         if not isinstance(self.illumination, CollimatedBeams):
-            reject("Scene.illumination", "CollimatedBeams or an IncoherentObject here", type(self.illumination).__name__)
+            kind = type(self.illumination).__name__
+            reject("Scene.illumination", "CollimatedBeams or an IncoherentObject here", kind)
         return self.illumination
+
+    @property
+    def slab(self) -> Slab:
+        """The medium of a scene whose medium is a slab."""
+        if not isinstance(self.medium, Slab):
+            reject("Scene.medium", "a Slab here", type(self.medium).__name__)
+        return self.medium
+
+    @property
+    def view_directions(self) -> np.ndarray:
+        """float64[*sensor.shape, d], views of a far-field sensor."""
+        if isinstance(self.sensor, NearField):
+            reject("Scene.sensor", "a far-field sensor here", "NearField")
+        return self.sensor.directions
 
     @property
     def lights(self) -> np.ndarray:

@@ -243,7 +243,8 @@ def source_density(volume, sources, r, x, y, z):
         ) / abs(dz)  # fmt: skip
     if rays == 0.0:
         return 0.0, dx, dy, dz
-    before = optical_depth(volume, x, y, z, -dx, -dy, -dz, 0.0, min(reach, exit_distance(volume, x, y, z, -dx, -dy, -dz)))
+    back = min(reach, exit_distance(volume, x, y, z, -dx, -dy, -dz))
+    before = optical_depth(volume, x, y, z, -dx, -dy, -dz, 0.0, back)
     after = optical_depth(volume, x, y, z, dx, dy, dz, 0.0, exit_distance(volume, x, y, z, dx, dy, dz))
     if before + after == 0.0:
         return 0.0, dx, dy, dz

@@ -1,13 +1,13 @@
 """Fields in any geometry: Algorithms 2 and 4 of [Bar19].
 
-    u(t, v) = N^(-1/2) sum over connections of z sqrt(W) a_tv,    z = e^(2 pi i zeta), the same for all t and v
+u(t, v) = N^(-1/2) sum over connections of z sqrt(W) a_tv,    z = e^(2 pi i zeta), the same for all t and v
 """
 
 import numpy as np
 
 from specklegen.kernels import sums
 from specklegen.parallel import map_blocks
-from specklegen.pathspace.amplitudes import end_amplitudes, single_factors
+from specklegen.pathspace.amplitudes import End, end_amplitudes, single_factors
 from specklegen.pathspace.blas import one_blas_thread
 from specklegen.pathspace.tracing import Tracer, VolumeBank
 from specklegen.streams import Seed, Stream, stream_key
@@ -47,9 +47,10 @@ def _add(
     z_more, z_back = random_phases(more, seed, sample)
     lit_once = end_amplitudes(tracer, once, tracer.lights, "entry") * (np.sqrt(once.weight) * z_once)
     lit = end_amplitudes(tracer, more, tracer.lights, "entry") * (np.sqrt(more.weight) * z_more)
+    ways: list[tuple[np.ndarray, End]] = [(lit, "exit")]
     if tracer.two_way:
         factor = np.sqrt(more.weight) * (z_more if reverse else z_back)
-        lit_back = end_amplitudes(tracer, more, tracer.lights, "exit") * factor
+        ways.append((end_amplitudes(tracer, more, tracer.lights, "exit") * factor, "entry"))
 
     def block(start: int) -> None:
         part = slice(start, start + _VIEWS)
@@ -60,9 +61,8 @@ def _add(
             field[:, part] += (
                 s[..., 0] * (lit_once @ ends.T) if s.shape[-1] == 1 else np.einsum("tm,vm,tvm->tv", lit_once, ends, s)
             )
-        field[:, part] += lit @ end_amplitudes(few, more, few.views, "exit").T
-        if tracer.two_way:
-            field[:, part] += lit_back @ end_amplitudes(few, more, few.views, "entry").T
+        for light, end in ways:
+            field[:, part] += light @ end_amplitudes(few, more, few.views, end).T
 
     map_blocks(block, range(0, field.shape[1], _VIEWS), threads)
 

@@ -3,10 +3,27 @@
 import numpy as np
 
 from specklegen.gates import Reverse, Verdict, reversal_verdict
-from specklegen.illumination import PointSources
+from specklegen.illumination import CollimatedBeams, IncoherentObject, PointSources
+from specklegen.media import Slab
+from specklegen.scatterers import HenyeyGreenstein, Isotropic
 from specklegen.scene import Scene
 from specklegen.sensors import NearField
 from specklegen.values import reject
+
+
+def slab_engine_obstacle(scene: Scene) -> str | None:
+    """Why the fast engine for beams through a slab does not serve a scene; None where it does."""
+    if not isinstance(scene.medium, Slab):
+        return f"the medium is a {type(scene.medium).__name__}"
+    if scene.dimension == 2:
+        return "the scene is in flatland"
+    if not isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
+        return f"the light is {type(scene.illumination).__name__}"
+    if isinstance(scene.sensor, NearField):
+        return "the sensor is in the near field"
+    if not isinstance(scene.medium.scatterer, HenyeyGreenstein | Isotropic):
+        return f"the scatterer is {type(scene.medium.scatterer).__name__}"
+    return None
 
 
 def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Verdict:

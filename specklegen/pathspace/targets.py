@@ -38,11 +38,14 @@ class Target:
     footprint: int = UNLIMITED
     radius: float = 0.0
 
-    def probed(self) -> "Target":
-        """A few of them without their profile, which stand for all when connections are judged."""
+    def few(self) -> "Target":
+        """A few of them, which stand for all."""
         chosen = np.unique(np.linspace(0, max(len(self.vectors) - 1, 0), _PROBES).astype(int))
-        vectors = self.vectors[chosen] if len(self.vectors) else self.vectors
-        return replace(self, vectors=vectors, footprint=UNLIMITED, radius=0.0)
+        return replace(self, vectors=self.vectors[chosen]) if len(self.vectors) else self
+
+    def probed(self) -> "Target":
+        """A few of them without their profile: what only other beams light must be judged as if these did."""
+        return replace(self.few(), footprint=UNLIMITED, radius=0.0)
 
 
 def light_target(scene: Scene) -> Target:

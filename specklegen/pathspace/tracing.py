@@ -83,6 +83,10 @@ class Tracer:
         """The same with only some of the views."""
         return replace(self, views=replace(self.views, vectors=self.views.vectors[part]))
 
+    def probed(self) -> "Tracer":
+        """The same with only a few of the lights and views, which keep their beam profile."""
+        return replace(self, lights=self.lights.few(), views=self.views.few())
+
     def trace(
         self,
         seed: Seed,
