@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import inlined
+from specklegen.kernels import spliced
 from specklegen.kernels.phase_functions import (
     henyey_greenstein,
     henyey_greenstein_2d,
@@ -61,7 +61,7 @@ class PhaseTable(NamedTuple):
     shares_cumulative: np.ndarray
 
 
-@inlined
+@spliced
 def choose_type(table, material, u):
     """Type of a particle of a material, by its share of sigma_s, from u in (0, 1); never one of share 0."""
     last = table.material_starts[material + 1] - 1
@@ -71,7 +71,7 @@ def choose_type(table, material, u):
     return t
 
 
-@inlined
+@spliced
 def amplitude(table, t, cos):
     """Complex amplitude s of type t at the cosine of the scattering angle."""
     kind = table.kinds[t]
@@ -82,7 +82,7 @@ def amplitude(table, t, cos):
     return complex(math.sqrt(_closed_power(table, t, kind, cos)), 0.0)
 
 
-@inlined
+@spliced
 def power(table, t, cos):
     """|s|^2 of type t at the cosine of the scattering angle: its phase function."""
     kind = table.kinds[t]
@@ -92,7 +92,7 @@ def power(table, t, cos):
     return _closed_power(table, t, kind, cos)
 
 
-@inlined
+@spliced
 def material_power(table, material, cos):
     """Phase function of a material: the sum of |s|^2 of its types, by their shares."""
     total = 0.0
@@ -101,7 +101,7 @@ def material_power(table, material, cos):
     return total
 
 
-@inlined
+@spliced
 def sample(table, t, u, v):
     """1 - cos of a scattering angle of type t, from independent u, v in (0, 1).
 
@@ -122,7 +122,7 @@ def sample(table, t, u, v):
     return 2.0 * half * half
 
 
-@inlined
+@spliced
 def _closed_power(table, t, kind, cos):
     if kind == ISOTROPIC_3D or kind == ISOTROPIC_2D:
         return table.parameters[t, 0]
@@ -133,7 +133,7 @@ def _closed_power(table, t, kind, cos):
     return table.parameters[t, 1] * math.exp(-table.parameters[t, 0] * (1.0 - cos))
 
 
-@inlined
+@spliced
 def _row_below(values, first, last, x):
     """Largest row with values[row] <= x among first ... last - 1; ``first`` if there is none."""
     while last - first > 1:
@@ -145,7 +145,7 @@ def _row_below(values, first, last, x):
     return first
 
 
-@inlined
+@spliced
 def _interpolated(table, t, cos):
     theta = math.acos(min(1.0, max(-1.0, cos)))
     row = _row_below(table.nodes, table.offsets[t], table.offsets[t + 1] - 1, theta)
@@ -154,7 +154,7 @@ def _interpolated(table, t, cos):
     return (1.0 - share) * table.amplitudes[row] + share * table.amplitudes[row + 1]
 
 
-@inlined
+@spliced
 def _bin_density(table, t, kind, row, x):
     """Density per theta, to a factor, at the share x of bin ``row``."""
     theta = table.nodes[row] + x * (table.nodes[row + 1] - table.nodes[row])
@@ -168,7 +168,7 @@ def _bin_density(table, t, kind, row, x):
     return density * math.sin(theta) if kind == TABULATED_3D else density
 
 
-@inlined
+@spliced
 def _bin_integral(table, t, kind, row, x):
     """Integral of :func:`_bin_density` from 0 to x."""
     return x * (
@@ -180,7 +180,7 @@ def _bin_integral(table, t, kind, row, x):
     )
 
 
-@inlined
+@spliced
 def _sample_bins(table, t, kind, u, v):
     """Theta of a type that is drawn from bins: u chooses the bin, v the place."""
     row = _row_below(table.cumulative, table.offsets[t], table.offsets[t + 1] - 1, u)
@@ -193,10 +193,9 @@ def _sample_bins(table, t, kind, u, v):
         else:
             low = x
         slope = _bin_density(table, t, kind, row, x)
-        step = x - excess / slope if slope > 0.0 else low
-        if not low < step < high:
-            step = 0.5 * (low + high)
-        if abs(step - x) <= 4e-16 * x:
+        step = excess / slope if slope > 0.0 else math.inf
+        if abs(step) <= 1e-9 * x:  # the error after it is this one squared
+            x = min(1.0, x - step)
             break
-        x = step
+        x = x - step if low < x - step < high else 0.5 * (low + high)
     return table.nodes[row] + x * (table.nodes[row + 1] - table.nodes[row])
