@@ -28,9 +28,8 @@ from specklegen.kernels.phase_functions import (
 ISOTROPIC_3D, HENYEY_3D, FISHER_3D, TABULATED_3D = 0, 1, 2, 3
 ISOTROPIC_2D, HENYEY_2D, FISHER_2D, TABULATED_2D = 4, 5, 6, 7
 
-# Gauss-Legendre on (0, 1). Five points integrate what is asked here to rounding where a bin is at most
-# WIDEST_BIN wide: of x^2 sin x the first missed term is (h/2)^10/10! of the bin, times 1e-3.
-WIDEST_BIN = math.pi / 16
+# Gauss-Legendre on (0, 1). Five points integrate a quadratic times sin theta to rounding over a bin of h <= pi/16:
+# they are exact up to x^9, and what follows is of the order of (h/2)^8/8! of the bin, times 1e-3.
 _X, _W = np.polynomial.legendre.leggauss(5)
 _X0, _X1, _X2, _X3, _X4 = (float(x) for x in (_X + 1) / 2)
 _W0, _W1, _W2, _W3, _W4 = (float(w) for w in _W / 2)
