@@ -28,8 +28,7 @@ from specklegen.kernels.phase_functions import (
 ISOTROPIC_3D, HENYEY_3D, FISHER_3D, TABULATED_3D = 0, 1, 2, 3
 ISOTROPIC_2D, HENYEY_2D, FISHER_2D, TABULATED_2D = 4, 5, 6, 7
 
-# Gauss-Legendre on (0, 1). Five points integrate a quadratic times sin theta to rounding over a bin of h <= pi/16:
-# they are exact up to x^9, and what follows is of the order of (h/2)^8/8! of the bin, times 1e-3.
+# Gauss-Legendre on (0, 1): five points integrate a quadratic times sin theta to 2e-15 over a bin of pi/16.
 _X, _W = np.polynomial.legendre.leggauss(5)
 _POINTS, _WEIGHTS = tuple(((_X + 1) / 2).tolist()), tuple((_W / 2).tolist())
 
