@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from specklegen.partially_coherent import render_partially_coherent
     from specklegen.planning import Plan, plan
     from specklegen.rendering import SpeckleStack, render
-    from specklegen.scatterers import HenyeyGreenstein, Isotropic, Mixture, VonMisesFisher
+    from specklegen.scatterers import HenyeyGreenstein, Isotropic, Mie, Mixture, Tabulated, VonMisesFisher
     from specklegen.scene import Scene
     from specklegen.sensors import FarField, FarFieldGrid, NearField
     from specklegen.transmission import transmission_matrix
@@ -37,6 +37,7 @@ _HOME = {
     "IncoherentObject": "illumination",
     "Isotropic": "scatterers",
     "MemoryEffect": "memory_curve",
+    "Mie": "scatterers",
     "Mixture": "scatterers",
     "Plan": "planning",
     "PlaneWaves": "illumination",
@@ -44,6 +45,7 @@ _HOME = {
     "Scene": "scene",
     "Slab": "media",
     "SpeckleStack": "rendering",
+    "Tabulated": "scatterers",
     "VonMisesFisher": "scatterers",
     "mean_field": "mean",
     "memory_effect": "memory_curve",
@@ -68,6 +70,7 @@ __all__ = [
     "IncoherentObject",
     "Isotropic",
     "MemoryEffect",
+    "Mie",
     "Mixture",
     "Plan",
     "PlaneWaves",
@@ -75,6 +78,7 @@ __all__ = [
     "Scene",
     "Slab",
     "SpeckleStack",
+    "Tabulated",
     "VonMisesFisher",
     "mean_field",
     "memory_effect",

@@ -8,14 +8,15 @@ from numpy.polynomial.legendre import leggauss
 
 from specklegen.kernels import phase_table as table
 from specklegen.kernels.phase_table import PhaseTable
+from specklegen.lobes import Dimensions, all_directions
 from specklegen.scatterers import (
-    Dimensions,
     HenyeyGreenstein,
     Isotropic,
+    Mie,
     Particle,
     Scatterer,
+    Tabulated,
     VonMisesFisher,
-    all_directions,
     components,
 )
 from specklegen.values import reject, remembered
@@ -77,17 +78,23 @@ def _row(particle: Particle, dimensions: Dimensions) -> _Row:
             return _Row(table.HENYEY_2D if flat else table.HENYEY_3D, (g, 0.0))
         case VonMisesFisher():
             parameters = (particle.concentration, particle.forward_power(dimensions))
-            return _Row(table.FISHER_2D, parameters, *_fisher_bins(particle)) if flat else _Row(
-                table.FISHER_3D, parameters
-            )
+            if not flat:
+                return _Row(table.FISHER_3D, parameters)
+            return _Row(table.FISHER_2D, parameters, *_fisher_bins(particle.concentration))
+        case Tabulated() | Mie():
+            bins = particle.bins(dimensions)
+            cumulative = _running(np.append(0.0, bins.power))
+            return _Row(table.TABULATED_2D if flat else table.TABULATED_3D, (0.0, 0.0), *bins[:2], cumulative)
 
 
-def _fisher_bins(lobe: VonMisesFisher) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bins of a von Mises lobe, up to the angle beyond which less than e^-100 of it is left."""
-    edge = 2 * math.asin(math.sqrt(min(1.0, 50 / lobe.concentration)))
-    nodes = np.linspace(0.0, edge, 129)
+def _fisher_bins(concentration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bins of a von Mises lobe, up to the angle beyond which less than e^-100 of it is left.
+
+    So narrow that five points of Gauss and Legendre find the place in a bin to 2e-14, but for the last 3e-9 of the
+    light at either side (2e-11 at the very edge).
+    """
+    nodes = np.linspace(0.0, 2 * math.asin(math.sqrt(min(1.0, 50 / concentration))), 129)
     x, w = leggauss(12)
     theta = (nodes[:-1] + nodes[1:])[:, None] / 2 + np.diff(nodes)[:, None] / 2 * x
-    shares = np.exp(-2 * lobe.concentration * np.sin(theta / 2) ** 2) @ w
-    cumulative = _running(np.concatenate([[0.0], shares]))
-    return nodes, np.zeros(nodes.size, np.complex128), cumulative
+    shares = np.exp(-2 * concentration * np.sin(theta / 2) ** 2) @ w
+    return nodes, np.zeros(nodes.size, np.complex128), _running(np.append(0.0, shares))

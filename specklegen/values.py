@@ -110,7 +110,7 @@ class Value(BaseModel):
 
     @cached_property
     def _canonical_json(self) -> str:
-        return json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+        return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True, separators=(",", ":"))
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of the canonical JSON, in hexadecimal."""
@@ -118,7 +118,7 @@ class Value(BaseModel):
 
     def to_toml(self) -> str:
         """Write the value as TOML."""
-        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
+        return tomli_w.dumps(self.model_dump(mode="json", by_alias=True, exclude_none=True))
 
     @classmethod
     def from_json(cls, text: str) -> Self:
@@ -132,7 +132,8 @@ class Value(BaseModel):
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with some fields changed, validated anew."""
-        return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
+        fields = type(self).model_fields.items()
+        return type(self)(**{field.alias or name: getattr(self, name) for name, field in fields} | changes)
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self._canonical_json == other._canonical_json  # type: ignore[attr-defined]
@@ -167,6 +168,44 @@ def _frozen_array(value: Any) -> np.ndarray:
 
 Array = Annotated[np.ndarray, BeforeValidator(_frozen_array), PlainSerializer(lambda a: a.tolist())]
 """A read-only float64 array of any shape, finite everywhere, written to JSON as nested lists."""
+
+
+def _complex_array(value: Any) -> np.ndarray:
+    if isinstance(value, dict):
+        if set(value) != {"real", "imag"}:
+            raise ValueError("an array of numbers, or its parts real and imag")
+        real, imag = _frozen_array(value["real"]), _frozen_array(value["imag"])
+        if real.shape != imag.shape:
+            raise ValueError("of as many imaginary parts as real ones")
+        array = np.asarray(real + 1j * imag)
+    else:
+        try:
+            array = np.array(value, dtype=np.complex128)
+        except (TypeError, ValueError):
+            raise ValueError("an array of numbers") from None
+    if not np.isfinite(array).all():
+        raise ValueError("finite everywhere")
+    array.flags.writeable = False
+    return array
+
+
+def _parts(array: np.ndarray) -> dict[str, Any]:
+    return {"real": array.real.tolist(), "imag": array.imag.tolist()}
+
+
+ComplexArray = Annotated[np.ndarray, BeforeValidator(_complex_array), PlainSerializer(_parts)]
+"""A read-only complex128 array of any shape, finite everywhere, written to JSON as its real and imaginary parts."""
+
+
+def _complex_number(value: Any) -> complex:
+    array = _complex_array(value)
+    if array.shape:
+        raise ValueError("one number")
+    return complex(array)
+
+
+ComplexNumber = Annotated[complex, BeforeValidator(_complex_number), PlainSerializer(lambda z: _parts(np.array(z)))]
+"""A complex number, finite, written to JSON as its real and imaginary parts."""
 
 
 def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:

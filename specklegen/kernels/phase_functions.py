@@ -13,10 +13,17 @@ _TWO_PI = 2.0 * math.pi
 
 
 @inlined
+def _base(g, cos):
+    """1 + g^2 - 2 g cos, without its cancellation at g -> 1 and g -> -1."""
+    if g < 0.0:
+        return (1.0 + g) * (1.0 + g) - 2.0 * g * (1.0 + cos)
+    return (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - cos)
+
+
+@inlined
 def henyey_greenstein(g, cos):
     """Phase function per steradian at the cosine of the scattering angle, g in (-1, 1)."""
-    # (1 - g)^2 + 2 g (1 - cos) is the textbook denominator without its cancellation at g -> 1.
-    base = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - cos)
+    base = _base(g, cos)
     return (1.0 - g * g) / (_FOUR_PI * base * math.sqrt(base))
 
 
@@ -37,8 +44,7 @@ def sample_henyey_greenstein(g, u):
 @inlined
 def henyey_greenstein_2d(g, cos):
     """Phase function per radian in flatland at the cosine of the scattering angle, g in (-1, 1)."""
-    base = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - cos) if g >= 0.0 else (1.0 + g) * (1.0 + g) - 2.0 * g * (1.0 + cos)
-    return (1.0 - g * g) / (_TWO_PI * base)
+    return (1.0 - g * g) / (_TWO_PI * _base(g, cos))
 
 
 @inlined

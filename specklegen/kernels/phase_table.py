@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import inlined
+from specklegen.kernels import inlined, spliced
 from specklegen.kernels.phase_functions import (
     henyey_greenstein,
     henyey_greenstein_2d,
@@ -28,12 +28,9 @@ from specklegen.kernels.phase_functions import (
 ISOTROPIC_3D, HENYEY_3D, FISHER_3D, TABULATED_3D = 0, 1, 2, 3
 ISOTROPIC_2D, HENYEY_2D, FISHER_2D, TABULATED_2D = 4, 5, 6, 7
 
-# Gauss-Legendre on (0, 1). Five points integrate what is asked here to rounding where a bin is at most
-# WIDEST_BIN wide: of x^2 sin x the first missed term is (h/2)^10/10! of the bin, times 1e-3.
-WIDEST_BIN = math.pi / 16
+# Gauss-Legendre on (0, 1): five points integrate a quadratic times sin theta to 2e-15 over a bin of pi/16.
 _X, _W = np.polynomial.legendre.leggauss(5)
-_X0, _X1, _X2, _X3, _X4 = (float(x) for x in (_X + 1) / 2)
-_W0, _W1, _W2, _W3, _W4 = (float(w) for w in _W / 2)
+_POINTS, _WEIGHTS = tuple(((_X + 1) / 2).tolist()), tuple((_W / 2).tolist())
 
 
 class PhaseTable(NamedTuple):
@@ -61,7 +58,7 @@ class PhaseTable(NamedTuple):
     shares_cumulative: np.ndarray
 
 
-@inlined
+@spliced
 def choose_type(table, material, u):
     """Type of a particle of a material, by its share of sigma_s, from u in (0, 1); never one of share 0."""
     last = table.material_starts[material + 1] - 1
@@ -71,28 +68,28 @@ def choose_type(table, material, u):
     return t
 
 
-@inlined
+@spliced
 def amplitude(table, t, cos):
     """Complex amplitude s of type t at the cosine of the scattering angle."""
     kind = table.kinds[t]
-    if kind == ISOTROPIC_3D or kind == ISOTROPIC_2D:
-        return complex(table.parameters[t, 1], 0.0)
     if kind == TABULATED_3D or kind == TABULATED_2D:
         return _interpolated(table, t, cos)
-    return complex(math.sqrt(_closed_power(table, t, kind, cos)), 0.0)
+    if kind == ISOTROPIC_3D or kind == ISOTROPIC_2D:
+        return complex(table.parameters[t, 1], 0.0)
+    return complex(math.sqrt(_closed_power(kind, table.parameters[t, 0], table.parameters[t, 1], cos)), 0.0)
 
 
-@inlined
+@spliced
 def power(table, t, cos):
     """|s|^2 of type t at the cosine of the scattering angle: its phase function."""
     kind = table.kinds[t]
     if kind == TABULATED_3D or kind == TABULATED_2D:
         s = _interpolated(table, t, cos)
         return s.real * s.real + s.imag * s.imag
-    return _closed_power(table, t, kind, cos)
+    return _closed_power(kind, table.parameters[t, 0], table.parameters[t, 1], cos)
 
 
-@inlined
+@spliced
 def material_power(table, material, cos):
     """Phase function of a material: the sum of |s|^2 of its types, by their shares."""
     total = 0.0
@@ -101,7 +98,7 @@ def material_power(table, material, cos):
     return total
 
 
-@inlined
+@spliced
 def sample(table, t, u, v):
     """1 - cos of a scattering angle of type t, from independent u, v in (0, 1).
 
@@ -109,31 +106,16 @@ def sample(table, t, u, v):
     inverse use u alone.
     """
     kind = table.kinds[t]
-    if kind == ISOTROPIC_3D:
-        return 2.0 * u
-    if kind == HENYEY_3D:
-        return sample_henyey_greenstein(table.parameters[t, 0], u)
-    if kind == FISHER_3D:
-        kappa = table.parameters[t, 0]
-        return -math.log1p(u * math.expm1(-2.0 * kappa)) / kappa
-    if kind == HENYEY_2D:
-        return sample_henyey_greenstein_2d(table.parameters[t, 0], u)
-    half = math.sin(0.5 * (math.pi * u if kind == ISOTROPIC_2D else _sample_bins(table, t, kind, u, v)))
-    return 2.0 * half * half
+    if kind == TABULATED_3D or kind == TABULATED_2D or kind == FISHER_2D:
+        row = _row_below(table.cumulative, table.offsets[t], table.offsets[t + 1] - 1, u)
+        start, stop = table.nodes[row], table.nodes[row + 1]
+        below, above = table.amplitudes[row], table.amplitudes[row + 1]
+        half = math.sin(0.5 * _place(kind, table.parameters[t, 0], start, stop, below, above, v))
+        return 2.0 * half * half
+    return _closed_sample(kind, table.parameters[t, 0], u)
 
 
-@inlined
-def _closed_power(table, t, kind, cos):
-    if kind == ISOTROPIC_3D or kind == ISOTROPIC_2D:
-        return table.parameters[t, 0]
-    if kind == HENYEY_3D:
-        return henyey_greenstein(table.parameters[t, 0], cos)
-    if kind == HENYEY_2D:
-        return henyey_greenstein_2d(table.parameters[t, 0], cos)
-    return table.parameters[t, 1] * math.exp(-table.parameters[t, 0] * (1.0 - cos))
-
-
-@inlined
+@spliced
 def _row_below(values, first, last, x):
     """Largest row with values[row] <= x among first ... last - 1; ``first`` if there is none."""
     while last - first > 1:
@@ -145,7 +127,7 @@ def _row_below(values, first, last, x):
     return first
 
 
-@inlined
+@spliced
 def _interpolated(table, t, cos):
     theta = math.acos(min(1.0, max(-1.0, cos)))
     row = _row_below(table.nodes, table.offsets[t], table.offsets[t + 1] - 1, theta)
@@ -155,48 +137,67 @@ def _interpolated(table, t, cos):
 
 
 @inlined
-def _bin_density(table, t, kind, row, x):
-    """Density per theta, to a factor, at the share x of bin ``row``."""
-    theta = table.nodes[row] + x * (table.nodes[row + 1] - table.nodes[row])
+def _closed_power(kind, first, second, cos):
+    if kind == HENYEY_3D:
+        return henyey_greenstein(first, cos)
+    if kind == HENYEY_2D:
+        return henyey_greenstein_2d(first, cos)
+    if kind == FISHER_3D or kind == FISHER_2D:
+        return second * math.exp(-first * (1.0 - cos))
+    return first
+
+
+@inlined
+def _closed_sample(kind, first, u):
+    if kind == ISOTROPIC_3D:
+        return 2.0 * u
+    if kind == HENYEY_3D:
+        return sample_henyey_greenstein(first, u)
+    if kind == FISHER_3D:
+        return -math.log1p(u * math.expm1(-2.0 * first)) / first
+    if kind == HENYEY_2D:
+        return sample_henyey_greenstein_2d(first, u)
+    half = math.sin(0.5 * math.pi * u)
+    return 2.0 * half * half
+
+
+@inlined
+def _bin_density(kind, kappa, start, width, below, above, x):
+    """Density per theta, to a factor, at the share x of the bin that starts at theta = ``start``."""
+    theta = start + x * width
     if kind == FISHER_2D:
         # Relative to the bin's start, so that no bin underflows: cos a - cos b = 2 sin((b+a)/2) sin((b-a)/2).
-        start = table.nodes[row]
-        drop = 2.0 * math.sin(0.5 * (theta + start)) * math.sin(0.5 * (theta - start))
-        return math.exp(-table.parameters[t, 0] * drop)
-    s = (1.0 - x) * table.amplitudes[row] + x * table.amplitudes[row + 1]
+        return math.exp(-2.0 * kappa * math.sin(0.5 * (theta + start)) * math.sin(0.5 * (theta - start)))
+    s = (1.0 - x) * below + x * above
     density = s.real * s.real + s.imag * s.imag
     return density * math.sin(theta) if kind == TABULATED_3D else density
 
 
 @inlined
-def _bin_integral(table, t, kind, row, x):
+def _bin_integral(kind, kappa, start, width, below, above, x):
     """Integral of :func:`_bin_density` from 0 to x."""
-    return x * (
-        _W0 * _bin_density(table, t, kind, row, x * _X0)
-        + _W1 * _bin_density(table, t, kind, row, x * _X1)
-        + _W2 * _bin_density(table, t, kind, row, x * _X2)
-        + _W3 * _bin_density(table, t, kind, row, x * _X3)
-        + _W4 * _bin_density(table, t, kind, row, x * _X4)
-    )
+    total = 0.0
+    for point, weight in zip(_POINTS, _WEIGHTS):  # noqa: B905
+        total += weight * _bin_density(kind, kappa, start, width, below, above, x * point)
+    return x * total
 
 
 @inlined
-def _sample_bins(table, t, kind, u, v):
-    """Theta of a type that is drawn from bins: u chooses the bin, v the place."""
-    row = _row_below(table.cumulative, table.offsets[t], table.offsets[t + 1] - 1, u)
-    wanted = v * _bin_integral(table, t, kind, row, 1.0)
+def _place(kind, kappa, start, stop, below, above, v):
+    """Theta in a bin, below which lies the share v of the bin's light: Newton's method, kept in a bracket."""
+    width = stop - start
+    wanted = v * _bin_integral(kind, kappa, start, width, below, above, 1.0)
     low, high, x = 0.0, 1.0, v
     for _ in range(100):
-        excess = _bin_integral(table, t, kind, row, x) - wanted
+        excess = _bin_integral(kind, kappa, start, width, below, above, x) - wanted
         if excess > 0.0:
             high = x
         else:
             low = x
-        slope = _bin_density(table, t, kind, row, x)
-        step = x - excess / slope if slope > 0.0 else low
-        if not low < step < high:
-            step = 0.5 * (low + high)
-        if abs(step - x) <= 4e-16 * x:
+        slope = _bin_density(kind, kappa, start, width, below, above, x)
+        step = excess / slope if slope > 0.0 else math.inf
+        if abs(step) <= 1e-9 * x:  # the error after it is this one squared
+            x = min(1.0, x - step)
             break
-        x = step
-    return table.nodes[row] + x * (table.nodes[row + 1] - table.nodes[row])
+        x = x - step if low < x - step < high else 0.5 * (low + high)
+    return start + x * width
