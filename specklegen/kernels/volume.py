@@ -19,37 +19,39 @@ from specklegen.kernels.rng import uniforms
 _ONE = np.uint64(1)
 
 
+# Rows of ``cells``.
+VOXELS, BLOCKS, EXTRA = 0, 1, 2
+
+
 class Volume(NamedTuple):
     """A medium as the kernels know it.
 
+    Helpers take single arrays of it: passing the tuple on would count a reference to each, at every call.
+
     Attributes
     ----------
-    dimension : int
-        2 or 3.
-    lower, upper : float64[3]
-        Corners; infinite where the medium has no side, and in y in flatland.
-    shape : int64[3]
-        Voxels along x, y, z; (1, 1, 1) is homogeneous.
+    bounds : float64[2, 3]
+        Lower and upper corner; infinite where the medium has no side, and in y in flatland.
+    cells : int64[3, 3]
+        VOXELS: number along x, y, z, where (1, 1, 1) is homogeneous; BLOCKS: number of blocks of one majorant along
+        x, y, z; EXTRA: dimension (2 or 3), voxels along the side of a block, 0.
     extinction, albedo, material : float64[n], float64[n], int64[n]
         Of each voxel, x fastest, z slowest.
-    block : int
-        Voxels along the side of a block of one majorant.
-    blocks : int64[3]
-        Blocks along x, y, z.
     majorant : float64[m]
         Largest extinction in each block.
     """
 
-    dimension: int
-    lower: np.ndarray
-    upper: np.ndarray
-    shape: np.ndarray
+    bounds: np.ndarray
+    cells: np.ndarray
     extinction: np.ndarray
     albedo: np.ndarray
     material: np.ndarray
-    block: int
-    blocks: np.ndarray
     majorant: np.ndarray
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return int(self.cells[EXTRA, 0])
 
 
 @inlined
@@ -62,12 +64,12 @@ def _axis_exit(position, direction, lower, upper):
 
 
 @inlined
-def exit_distance(volume, x, y, z, dx, dy, dz):
+def exit_distance(bounds, x, y, z, dx, dy, dz):
     """Distance from a point inside the volume to its surface along a direction; 0 on the way out, never negative."""
     t = min(
-        _axis_exit(x, dx, volume.lower[0], volume.upper[0]),
-        _axis_exit(y, dy, volume.lower[1], volume.upper[1]),
-        _axis_exit(z, dz, volume.lower[2], volume.upper[2]),
+        _axis_exit(x, dx, bounds[0, 0], bounds[1, 0]),
+        _axis_exit(y, dy, bounds[0, 1], bounds[1, 1]),
+        _axis_exit(z, dz, bounds[0, 2], bounds[1, 2]),
     )
     return max(t, 0.0)
 
@@ -82,79 +84,79 @@ def _axis_chord(position, direction, lower, upper):
 
 
 @inlined
-def chord(volume, x, y, z, dx, dy, dz):
+def chord(bounds, x, y, z, dx, dy, dz):
     """Distances (near, far) between which the ray ahead of a point is inside; near >= far where it misses."""
-    x0, x1 = _axis_chord(x, dx, volume.lower[0], volume.upper[0])
-    y0, y1 = _axis_chord(y, dy, volume.lower[1], volume.upper[1])
-    z0, z1 = _axis_chord(z, dz, volume.lower[2], volume.upper[2])
+    x0, x1 = _axis_chord(x, dx, bounds[0, 0], bounds[1, 0])
+    y0, y1 = _axis_chord(y, dy, bounds[0, 1], bounds[1, 1])
+    z0, z1 = _axis_chord(z, dz, bounds[0, 2], bounds[1, 2])
     return max(0.0, x0, y0, z0), min(x1, y1, z1)
 
 
 @inlined
-def inside(volume, x, y, z):
+def inside(bounds, x, y, z):
     """Whether a point lies in the closed volume."""
     return (
-        volume.lower[0] <= x <= volume.upper[0]
-        and volume.lower[1] <= y <= volume.upper[1]
-        and volume.lower[2] <= z <= volume.upper[2]
+        bounds[0, 0] <= x <= bounds[1, 0]
+        and bounds[0, 1] <= y <= bounds[1, 1]
+        and bounds[0, 2] <= z <= bounds[1, 2]
     )
 
 
 @inlined
-def _cell(volume, axis, position, cells):
+def _cell(bounds, axis, position, count):
     """Cell number along an axis, and the cell's width; one infinite cell where the axis has no sides."""
-    if cells == 1:
-        return 0, volume.upper[axis] - volume.lower[axis]
-    width = (volume.upper[axis] - volume.lower[axis]) / cells
-    return min(max(int((position - volume.lower[axis]) / width), 0), cells - 1), width
+    if count == 1:
+        return 0, bounds[1, axis] - bounds[0, axis]
+    width = (bounds[1, axis] - bounds[0, axis]) / count
+    return min(max(int((position - bounds[0, axis]) / width), 0), count - 1), width
 
 
 @inlined
-def voxel(volume, x, y, z):
+def voxel(bounds, cells, x, y, z):
     """Number of the voxel that holds a point."""
-    nx, ny, nz = volume.shape[0], volume.shape[1], volume.shape[2]
+    nx, ny, nz = cells[VOXELS, 0], cells[VOXELS, 1], cells[VOXELS, 2]
     if nx * ny * nz == 1:
         return 0
-    i, _ = _cell(volume, 0, x, nx)
-    j, _ = _cell(volume, 1, y, ny)
-    k, _ = _cell(volume, 2, z, nz)
+    i, _ = _cell(bounds, 0, x, nx)
+    j, _ = _cell(bounds, 1, y, ny)
+    k, _ = _cell(bounds, 2, z, nz)
     return (k * ny + j) * nx + i
 
 
 @inlined
-def _first_crossing(volume, axis, position, direction, number, cells, width):
+def _first_crossing(bounds, axis, position, direction, number, count, width):
     """Distance to the next cell face along an axis, the distance between faces, and the step."""
-    if cells == 1 or direction == 0.0:
+    if count == 1 or direction == 0.0:
         return math.inf, math.inf, 0
     if direction > 0.0:
-        return (volume.lower[axis] + (number + 1) * width - position) / direction, width / direction, 1
-    return (volume.lower[axis] + number * width - position) / direction, -width / direction, -1
+        return (bounds[0, axis] + (number + 1) * width - position) / direction, width / direction, 1
+    return (bounds[0, axis] + number * width - position) / direction, -width / direction, -1
 
 
 @inlined
-def march(volume, x, y, z, dx, dy, dz, near, far, target):
+def march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, target):
     """Walk from distance ``near`` to ``far`` until the optical depth reaches ``target``; (depth, distance) there.
 
     The part of the ray between the two must be inside.
     """
-    nx, ny, nz = volume.shape[0], volume.shape[1], volume.shape[2]
+    nx, ny, nz = cells[VOXELS, 0], cells[VOXELS, 1], cells[VOXELS, 2]
     if far <= near:
         return 0.0, near
     if nx * ny * nz == 1:
-        sigma = volume.extinction[0]
+        sigma = extinction[0]
         depth = sigma * (far - near)
         return (depth, far) if depth < target else (target, near + target / sigma)
-    i, wx = _cell(volume, 0, x + near * dx, nx)
-    j, wy = _cell(volume, 1, y + near * dy, ny)
-    k, wz = _cell(volume, 2, z + near * dz, nz)
-    tx, sx, ax = _first_crossing(volume, 0, x, dx, i, nx, wx)
-    ty, sy, ay = _first_crossing(volume, 1, y, dy, j, ny, wy)
-    tz, sz, az = _first_crossing(volume, 2, z, dz, k, nz, wz)
+    i, wx = _cell(bounds, 0, x + near * dx, nx)
+    j, wy = _cell(bounds, 1, y + near * dy, ny)
+    k, wz = _cell(bounds, 2, z + near * dz, nz)
+    tx, sx, ax = _first_crossing(bounds, 0, x, dx, i, nx, wx)
+    ty, sy, ay = _first_crossing(bounds, 1, y, dy, j, ny, wy)
+    tz, sz, az = _first_crossing(bounds, 2, z, dz, k, nz, wz)
     depth = 0.0
     t = near
     while True:
         end = min(tx, ty, tz, far)
-        sigma = volume.extinction[(k * ny + j) * nx + i]
+        sigma = extinction[(k * ny + j) * nx + i]
         step = sigma * max(end - t, 0.0)
         if depth + step >= target:
             return target, t + (target - depth) / sigma
@@ -180,42 +182,42 @@ def march(volume, x, y, z, dx, dy, dz, near, far, target):
 
 
 @inlined
-def optical_depth(volume, x, y, z, dx, dy, dz, near, far):
+def optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far):
     """Optical depth of the part of a ray between two distances, all of it inside; infinite to infinity."""
-    depth, _ = march(volume, x, y, z, dx, dy, dz, near, far, math.inf)
+    depth, _ = march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, math.inf)
     return depth
 
 
 @inlined
-def free_flight(volume, x, y, z, dx, dy, dz, k0, k1, sample, path, dimension):
+def free_flight(bounds, cells, extinction, majorants, x, y, z, dx, dy, dz, k0, k1, sample, path, dimension):
     """Distance to the next collision (infinite where the path leaves), and the next unused random dimension."""
-    far = exit_distance(volume, x, y, z, dx, dy, dz)
-    if volume.shape[0] * volume.shape[1] * volume.shape[2] == 1:
+    far = exit_distance(bounds, x, y, z, dx, dy, dz)
+    if cells[VOXELS, 0] * cells[VOXELS, 1] * cells[VOXELS, 2] == 1:
         _, _, _, d = uniforms(k0, k1, sample, path, dimension)
-        t = -math.log(d) / volume.extinction[0]
+        t = -math.log(d) / extinction[0]
         return (t if t < far else math.inf), dimension + _ONE
-    nx, ny, nz = volume.blocks[0], volume.blocks[1], volume.blocks[2]
+    nx, ny, nz = cells[BLOCKS, 0], cells[BLOCKS, 1], cells[BLOCKS, 2]
     # Blocks tile the grid from its lower corner; the last one along an axis may be cut.
-    wx = (volume.upper[0] - volume.lower[0]) / volume.shape[0] * volume.block
-    wy = (volume.upper[1] - volume.lower[1]) / volume.shape[1] * volume.block
-    wz = (volume.upper[2] - volume.lower[2]) / volume.shape[2] * volume.block
-    i = 0 if nx == 1 else min(max(int((x - volume.lower[0]) / wx), 0), nx - 1)
-    j = 0 if ny == 1 else min(max(int((y - volume.lower[1]) / wy), 0), ny - 1)
-    k = 0 if nz == 1 else min(max(int((z - volume.lower[2]) / wz), 0), nz - 1)
-    tx, sx, ax = _first_crossing(volume, 0, x, dx, i, nx, wx)
-    ty, sy, ay = _first_crossing(volume, 1, y, dy, j, ny, wy)
-    tz, sz, az = _first_crossing(volume, 2, z, dz, k, nz, wz)
+    wx = (bounds[1, 0] - bounds[0, 0]) / cells[VOXELS, 0] * cells[EXTRA, 1]
+    wy = (bounds[1, 1] - bounds[0, 1]) / cells[VOXELS, 1] * cells[EXTRA, 1]
+    wz = (bounds[1, 2] - bounds[0, 2]) / cells[VOXELS, 2] * cells[EXTRA, 1]
+    i = 0 if nx == 1 else min(max(int((x - bounds[0, 0]) / wx), 0), nx - 1)
+    j = 0 if ny == 1 else min(max(int((y - bounds[0, 1]) / wy), 0), ny - 1)
+    k = 0 if nz == 1 else min(max(int((z - bounds[0, 2]) / wz), 0), nz - 1)
+    tx, sx, ax = _first_crossing(bounds, 0, x, dx, i, nx, wx)
+    ty, sy, ay = _first_crossing(bounds, 1, y, dy, j, ny, wy)
+    tz, sz, az = _first_crossing(bounds, 2, z, dz, k, nz, wz)
     t = 0.0
     while True:
         end = min(tx, ty, tz, far)
-        majorant = volume.majorant[(k * ny + j) * nx + i]
+        majorant = majorants[(k * ny + j) * nx + i]
         while majorant > 0.0:
             a, b, _, _ = uniforms(k0, k1, sample, path, dimension)
             dimension += _ONE
             t -= math.log(a) / majorant
             if t >= end:
                 break
-            sigma = volume.extinction[voxel(volume, x + t * dx, y + t * dy, z + t * dz)]
+            sigma = extinction[voxel(bounds, cells, x + t * dx, y + t * dy, z + t * dz)]
             if b * majorant < sigma:
                 return t, dimension
         t = end

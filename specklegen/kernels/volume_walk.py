@@ -22,7 +22,7 @@ from specklegen.kernels.phase_table import amplitude, choose_type, power, sample
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.sources import sample_start, start_densities, turn
 from specklegen.kernels.trigonometry import sincos_turns
-from specklegen.kernels.volume import exit_distance, free_flight, inside, optical_depth, voxel
+from specklegen.kernels.volume import EXTRA, exit_distance, free_flight, inside, optical_depth, voxel
 from specklegen.kernels.walk import profile, write_record
 
 FAR, NEAR = 0, 1
@@ -32,29 +32,29 @@ _FLOOR = 0.1  # of isotropic scattering: no connection is judged by a zero of th
 
 
 @inlined
-def end_geometry(volume, near_field, px, py, pz, x, y, z):
+def end_geometry(bounds, cells, extinction, near_field, px, py, pz, x, y, z):
     """Towards one view (direction or point): unit vector, decay 1/r^((d-1)/2), optical depth, distance."""
     if not near_field:
-        depth = optical_depth(volume, x, y, z, px, py, pz, 0.0, exit_distance(volume, x, y, z, px, py, pz))
+        depth = optical_depth(bounds, cells, extinction, x, y, z, px, py, pz, 0.0, exit_distance(bounds, x, y, z, px, py, pz))
         return px, py, pz, 1.0, depth, 0.0
     dx, dy, dz = px - x, py - y, pz - z
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
     if r == 0.0:
         return 0.0, 0.0, 1.0, 0.0, 0.0, 0.0  # a point on a vertex: measure zero, left out
     dx, dy, dz = dx / r, dy / r, dz / r
-    reach = min(r, exit_distance(volume, x, y, z, dx, dy, dz))
-    depth = optical_depth(volume, x, y, z, dx, dy, dz, 0.0, reach)
-    return dx, dy, dz, (1.0 / math.sqrt(r) if volume.dimension == 2 else 1.0 / r), depth, r
+    reach = min(r, exit_distance(bounds, x, y, z, dx, dy, dz))
+    depth = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, reach)
+    return dx, dy, dz, (1.0 / math.sqrt(r) if cells[EXTRA, 0] == 2 else 1.0 / r), depth, r
 
 
 @inlined
-def _probe_power(volume, table, kinds, points, x, y, z, wx, wy, wz, kind, scatters):
+def _probe_power(bounds, cells, extinction, table, kinds, points, x, y, z, wx, wy, wz, kind, scatters):
     """Largest |end|^2 over a few probes, by which connections are thinned."""
-    even = _FLOOR / (2.0 * math.pi if volume.dimension == 2 else 4.0 * math.pi)
+    even = _FLOOR / (2.0 * math.pi if cells[EXTRA, 0] == 2 else 4.0 * math.pi)
     best = 0.0
     for n in range(kinds.shape[0]):
         dx, dy, dz, decay, depth, _ = end_geometry(
-            volume, kinds[n] == NEAR, points[n, 0], points[n, 1], points[n, 2], x, y, z
+            bounds, cells, extinction, kinds[n] == NEAR, points[n, 0], points[n, 1], points[n, 2], x, y, z
         )
         s2 = max(power(table, kind, wx * dx + wy * dy + wz * dz), even) if scatters else 1.0
         best = max(best, decay * decay * math.exp(-depth) * s2)
@@ -79,6 +79,9 @@ def trace_volume(
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written.
     """
+    bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
+    albedos, materials, majorants = volume.albedo, volume.material, volume.majorant
+    source_kinds, source_rows = sources.kinds, sources.rows
     capacity = records.shape[0]
     found = 0
     events = 0
@@ -89,25 +92,25 @@ def trace_volume(
     k1 = np.uint64(key1)
     for p in range(first, first + count):
         path = np.uint64(p)
-        started, x1, y1, z1, ox, oy, oz = sample_start(volume, sources, k0, k1, sample64, path)
+        started, x1, y1, z1, ox, oy, oz = sample_start(bounds, cells, extinction, source_kinds, source_rows, k0, k1, sample64, path)
         if not started:
             continue
-        here = voxel(volume, x1, y1, z1)
-        extinction1 = volume.extinction[here]
-        scattering = volume.albedo[here] * extinction1
+        here = voxel(bounds, cells, x1, y1, z1)
+        extinction1 = extinction[here]
+        scattering = albedos[here] * extinction1
         if scattering == 0.0:
             continue
-        vertex_density, joint_density = start_densities(volume, sources, x1, y1, z1, ox, oy, oz)
+        vertex_density, joint_density = start_densities(bounds, cells, extinction, source_kinds, source_rows, x1, y1, z1, ox, oy, oz)
         a, b, _, _ = uniforms(k0, k1, sample64, path, np.uint64(3))
-        type1 = choose_type(table, volume.material[here], a)
+        type1 = choose_type(table, materials[here], a)
         events += 1
         weight = scattering / vertex_density
         w = threshold
         if threshold > 0.0:
-            w = weight * _probe_power(volume, table, light_kinds, lights, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
-            w *= _probe_power(volume, table, view_kinds, views, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
+            w = weight * _probe_power(bounds, cells, extinction, table, light_kinds, lights, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
+            w *= _probe_power(bounds, cells, extinction, table, view_kinds, views, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
             # s(i . v) is the same for all and not known here: judged as isotropic.
-            w /= 2.0 * math.pi if volume.dimension == 2 else 4.0 * math.pi
+            w /= 2.0 * math.pi if cells[EXTRA, 0] == 2 else 4.0 * math.pi
         if w >= threshold or b * threshold < w:
             if found < capacity:
                 kept = weight * (1.0 if w >= threshold else threshold / w)
@@ -121,20 +124,20 @@ def trace_volume(
         light_forward = view_backward = 1.0
         if threshold > 0.0:
             light_forward = _probe_power(
-                volume, table, light_kinds, lights, x1, y1, z1, -ox, -oy, -oz, type1, True
+                bounds, cells, extinction, table, light_kinds, lights, x1, y1, z1, -ox, -oy, -oz, type1, True
             )  # fmt: skip
-            view_backward = _probe_power(volume, table, view_kinds, views, x1, y1, z1, -ox, -oy, -oz, type1, True)
+            view_backward = _probe_power(bounds, cells, extinction, table, view_kinds, views, x1, y1, z1, -ox, -oy, -oz, type1, True)
         x, y, z = x1, y1, z1
         wx, wy, wz = ox, oy, oz
         length = 0.0
         order = 1
         dimension = _EVENTS
         while True:
-            flight, dimension = free_flight(volume, x, y, z, wx, wy, wz, k0, k1, sample64, path, dimension)
+            flight, dimension = free_flight(bounds, cells, extinction, majorants, x, y, z, wx, wy, wz, k0, k1, sample64, path, dimension)
             if flight == math.inf:
                 break
             x, y, z = x + wx * flight, y + wy * flight, z + wz * flight
-            if not inside(volume, x, y, z):
+            if not inside(bounds, x, y, z):
                 break
             length += flight
             if order == max_order:
@@ -143,24 +146,24 @@ def trace_volume(
                 break
             order += 1
             events += 1
-            here = voxel(volume, x, y, z)
+            here = voxel(bounds, cells, x, y, z)
             a, b, c, d = uniforms(k0, k1, sample64, path, dimension)
             e, f, g, _ = uniforms(k0, k1, sample64, path, dimension + _ONE)
             dimension += _ONE + _ONE
-            if e >= volume.albedo[here]:
+            if e >= albedos[here]:
                 break
-            material = volume.material[here]
+            material = materials[here]
             type_end = choose_type(table, material, f)
             density = joint_density
             if two_way:
-                _, backward = start_densities(volume, sources, x, y, z, -wx, -wy, -wz)
-                density += backward * extinction1 / volume.extinction[here]
+                _, backward = start_densities(bounds, cells, extinction, source_kinds, source_rows, x, y, z, -wx, -wy, -wz)
+                density += backward * extinction1 / extinction[here]
             weight = scattering / density
             w = threshold
             if threshold > 0.0:
-                w = light_forward * _probe_power(volume, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True)
+                w = light_forward * _probe_power(bounds, cells, extinction, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True)
                 if two_way:
-                    back = _probe_power(volume, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True)
+                    back = _probe_power(bounds, cells, extinction, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True)
                     w = max(w, view_backward * back)
                 w *= weight
             if w >= threshold or a * threshold < w:
@@ -173,7 +176,7 @@ def trace_volume(
                     types[found, 1] = type_end
                 found += 1
             one_minus_cos = sample(table, choose_type(table, material, g), b, d)
-            wx, wy, wz = turn(volume.dimension, wx, wy, wz, one_minus_cos, c)
+            wx, wy, wz = turn(cells[EXTRA, 0], wx, wy, wz, one_minus_cos, c)
     return found, events, unfinished, unfinished_weight
 
 
@@ -189,6 +192,7 @@ def ends(volume, table, records, column, sign, types, side, near_field, views, w
 
     Connections of single scattering have no direction: they get no s.
     """
+    bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
     for n in range(views.shape[0]):
         px, py, pz = views[n, 0], views[n, 1], views[n, 2]
         for m in range(records.shape[0]):
@@ -196,11 +200,11 @@ def ends(volume, table, records, column, sign, types, side, near_field, views, w
             x, y, z = row[column], row[column + 1], row[column + 2]
             beam = 1.0
             if radius > 0.0:
-                beam = face_profile(volume, footprint, radius, px, py, pz, x, y, z)
+                beam = face_profile(bounds, footprint, radius, px, py, pz, x, y, z)
                 if beam == 0.0:
                     out[n, m] = 0.0
                     continue
-            dx, dy, dz, decay, depth, r = end_geometry(volume, near_field, px, py, pz, x, y, z)
+            dx, dy, dz, decay, depth, r = end_geometry(bounds, cells, extinction, near_field, px, py, pz, x, y, z)
             turns = r / wavelength if near_field else -(px * x + py * y + pz * z) / wavelength
             sine, cosine = sincos_turns(turns)
             value = beam * decay * math.exp(-0.5 * depth) * complex(cosine, sine)
@@ -211,14 +215,14 @@ def ends(volume, table, records, column, sign, types, side, near_field, views, w
 
 
 @inlined
-def face_profile(volume, footprint, radius, px, py, pz, x, y, z):
+def face_profile(bounds, footprint, radius, px, py, pz, x, y, z):
     """Profile b of the ray through x against (px, py, pz) = -i, at the entrance plane; per area of that plane."""
-    t = (z - volume.lower[2]) / -pz
+    t = (z - bounds[0, 2]) / -pz
     return profile(footprint, radius, x + t * px, y + t * py) / math.sqrt(-pz)
 
 
 @kernel
-def single_amplitudes(volume, table, records, types, near_light, lights, near_view, views, out):
+def single_amplitudes(table, records, types, near_light, lights, near_view, views, out):
     """Fill ``out`` complex128[T, V, M] with s(i . v) of single scattering, directions taken at each vertex."""
     for t in range(lights.shape[0]):
         for v in range(views.shape[0]):

@@ -46,7 +46,7 @@ def single_factors(tracer: Tracer, bank: VolumeBank) -> np.ndarray:
     lights, targets = tracer.lights, tracer.views
     out = np.empty((len(lights.vectors), len(targets.vectors), len(bank)), np.complex128)
     volume_walk.single_amplitudes(
-        tracer.volume, tracer.table, bank.records, bank.types, lights.near, lights.vectors,
+        tracer.table, bank.records, bank.types, lights.near, lights.vectors,
         targets.near, targets.vectors, out,
     )  # fmt: skip
     return out

@@ -32,22 +32,22 @@ def scene_sources(scene: Scene) -> Sources:
     share = 0.5 if points and rows else 1.0
     rows = [(share / len(rows), row) for row in rows]
     rows += [(share / len(points), _point_row(volume, point)) for point in points]
-    if np.isfinite(volume.upper - volume.lower)[[0, 2]].all():
+    if np.isfinite(np.diff(volume.bounds, axis=0)[0, [0, 2]]).all():
         rows = [(weight * (1 - _EVENLY), row) for weight, row in rows]
         rows.append((_EVENLY if len(rows) else 1.0, {"kind": kernel.UNIFORM}))
-    shares = np.array([weight for weight, _ in rows])
-    return Sources(
-        kinds=np.array([row["kind"] for _, row in rows], np.int64),
-        vectors=np.array([row.get("vector", np.zeros(3)) for _, row in rows]).reshape(-1, 3),
-        shares=shares,
-        cumulative=np.cumsum(shares),
-        lobes=np.full(len(rows), lobe),
-        axes=np.array([row.get("axis", np.zeros(3)) for _, row in rows]).reshape(-1, 3),
-        apertures=np.array([row.get("aperture", 0.0) for _, row in rows]),
-        solid_angles=np.array([row.get("solid_angle", 1.0) for _, row in rows]),
-        footprints=np.array([row.get("footprint", SQUARE) for _, row in rows], np.int64),
-        extents=np.array([row.get("extent", 1.0) for _, row in rows]),
-    )
+    kinds = np.zeros((len(rows), 2), np.int64)
+    table = np.zeros((len(rows), kernel.COLUMNS))
+    for out, kind, (weight, row) in zip(table, kinds, rows, strict=True):
+        kind[:] = row["kind"], row.get("footprint", SQUARE)
+        out[kernel.VECTOR : kernel.VECTOR + 3] = row.get("vector", 0.0)
+        out[kernel.AXIS : kernel.AXIS + 3] = row.get("axis", 0.0)
+        out[kernel.SHARE] = weight
+        out[kernel.LOBE] = lobe
+        out[kernel.APERTURE] = row.get("aperture", 0.0)
+        out[kernel.SOLID_ANGLE] = row.get("solid_angle", 1.0)
+        out[kernel.EXTENT] = row.get("extent", 1.0)
+    table[:, kernel.CUMULATIVE] = np.cumsum(table[:, kernel.SHARE])
+    return Sources(kinds, table)
 
 
 def _mean_cosine(medium: Medium, dimension: int) -> float:
@@ -115,13 +115,12 @@ def _point_row(volume: Volume, point: np.ndarray) -> dict:
 def _cone(volume: Volume, point: np.ndarray) -> tuple[np.ndarray, float]:
     """Axis and half angle of a cone at a point that holds the volume's bounding sphere, or a slab's half space."""
     axis = np.array([0.0, 0.0, 1.0])
-    if not np.isfinite(volume.lower[0]):
-        if point[2] <= volume.lower[2]:
+    lower, upper = volume.bounds.copy()
+    if not np.isfinite(lower[0]):
+        if point[2] <= lower[2]:
             return axis, np.pi / 2
-        return (-axis, np.pi / 2) if point[2] >= volume.upper[2] else (axis, np.pi)
-    flat = volume.dimension == 2
-    lower, upper = volume.lower.copy(), volume.upper.copy()
-    if flat:
+        return (-axis, np.pi / 2) if point[2] >= upper[2] else (axis, np.pi)
+    if volume.dimension == 2:
         lower[1] = upper[1] = 0.0
     center, radius = (lower + upper) / 2, float(np.linalg.norm(upper - lower)) / 2
     away = center - point
@@ -139,5 +138,5 @@ def _close_points(scene: Scene, volume: Volume) -> list[np.ndarray]:
     if isinstance(scene.illumination, PlaneWaves) and isinstance(scene.medium, Slab):
         return list(points)
     reach = 2 * scene.medium.mean_free_path
-    gap = np.linalg.norm(np.maximum(np.maximum(volume.lower - points, points - volume.upper), 0), axis=1)
+    gap = np.linalg.norm(np.maximum(np.maximum(volume.bounds[0] - points, points - volume.bounds[1]), 0), axis=1)
     return list(points[gap <= reach])

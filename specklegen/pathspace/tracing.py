@@ -164,7 +164,7 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
 
 def starts_at_sensor(scene: Scene, sources: Sources) -> bool:
     """Whether paths start at sensor points."""
-    points = int((sources.kinds == POINT).sum())
+    points = int((sources.kinds[:, 0] == POINT).sum())
     return points > (len(scene.lights) if isinstance(scene.illumination, PointSources) else 0)
 
 

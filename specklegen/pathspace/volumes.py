@@ -30,22 +30,19 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
         lower, upper = spatial(medium.lower), spatial(medium.upper)
         if dimension == 2:
             lower[1], upper[1] = -np.inf, np.inf
+    bounds = np.stack([lower, upper])
     if not isinstance(medium, VoxelGrid):
-        ones = np.ones(3, np.int64)
+        cells = np.array([[1, 1, 1], [1, 1, 1], [dimension, 1, 0]])
         sigma = np.array([1 / medium.mean_free_path])
-        return Volume(
-            dimension, lower, upper, ones, sigma, np.array([float(medium.albedo)]), np.zeros(1, np.int64),
-            1, ones, sigma,
-        )  # fmt: skip
+        return Volume(bounds, cells, sigma, np.array([float(medium.albedo)]), np.zeros(1, np.int64), sigma)
     extinction = np.array(medium.extinction)
     grid = extinction if dimension == 3 else extinction[:, None, :]
-    block = _block_size(grid, (upper - lower)[2])
-    blocks = _block_maxima(grid, block)
+    block = _block_size(grid, medium.thickness)
+    majorant = _block_maxima(grid, block)
     return Volume(
-        dimension, lower, upper, np.array(grid.shape[::-1], np.int64), extinction.ravel(),
+        bounds, np.array([grid.shape[::-1], majorant.shape[::-1], (dimension, block, 0)]), extinction.ravel(),
         np.broadcast_to(medium.albedo, extinction.shape).ravel().copy(),
-        np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64),
-        block, np.array(blocks.shape[::-1], np.int64), blocks.ravel(),
+        np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64), majorant.ravel(),
     )  # fmt: skip
 
 
