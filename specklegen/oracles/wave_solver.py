@@ -65,8 +65,8 @@ class PlaneLights:
 class LineSources:
     """Line sources at ``points`` float64[L, 2], outside all cylinders.
 
-    The exact cylindrical wave sqrt(pi k / 2) e^{i pi / 4} H_0^(1)(kr), which is e^{ikr} / sqrt(r) for kr >> 1
-    (0.9 % apart at one wavelength's distance... the engine's point source is the limit).
+    The exact cylindrical wave sqrt(pi k / 2) e^{i pi / 4} H_0^(1)(kr). The point source e^{ikr} / sqrt(r) of
+    physics.md 1 is its limit, 1 / (8 kr) away: 2 % at one wavelength.
     """
 
     points: np.ndarray
