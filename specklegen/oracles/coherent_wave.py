@@ -94,7 +94,7 @@ def coherent_field(
         If a circle leaves the rectangle of the gas, or comes closer to the source than a radius of a cylinder.
     """
     radii = np.asarray(radii, dtype=np.float64)
-    room = float(np.min([-np.asarray(gas.lower), gas.upper]))
+    room = float(min(*np.negative(gas.lower), *gas.upper))
     if not (radii.ndim == 1 and len(radii) > 1 and gas.cylinder.radius < radii.min() and radii.max() < room):
         reject("radii", f"at least two distances between {gas.cylinder.radius:g} and {room:g}", radii)
     counts = np.ceil(4 * np.pi * radii / gas.cylinder.wavelength).astype(int)

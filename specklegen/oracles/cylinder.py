@@ -16,8 +16,8 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import jn_zeros, jv, jvp, y0, y1, y0_zeros, yv, yvp
+from scipy.optimize import root_scalar
+from scipy.special import jn_zeros, jv, jvp, y0, y0_zeros, y1, yv, yvp
 
 from specklegen.values import reject
 
@@ -67,7 +67,8 @@ class Cylinder:
             bound = thickest / (2 * np.pi) * wavelength
             reject("Cylinder.radius", f"between 0 and {bound:.4g} (0.142 wavelengths) for a resonance", radius)
         mismatch = lambda y: y * jv(1, y) * y0(x) - x * jv(0, y) * y1(x)  # noqa: E731
-        y = brentq(mismatch, x, jn_zeros(0, 1)[0], xtol=1e-15, rtol=4 * np.finfo(float).eps)
+        bracket = (x, float(jn_zeros(0, 1)[0]))
+        y = root_scalar(mismatch, bracket=bracket, xtol=1e-15, rtol=4 * np.finfo(float).eps).root
         return cls(radius=radius, index=float(y) / x, wavelength=wavelength, order=order)
 
     @property
