@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg.lapack import zgesv
 from scipy.spatial import cKDTree
 from scipy.special import j0, j1, jv, y0, y1
 
@@ -164,7 +163,7 @@ class Scattered:
 def scatter(cylinder: Cylinder, centres: np.ndarray, light: Light) -> Scattered:
     """Solve the coupled system of equal cylinders at ``centres`` float64[N, 2], for all lights at once.
 
-    Dense: 16 (N (2M + 1))^2 bytes and a little more, 144 MB for 3000 cylinders of order 0, 1.3 GB of order 1.
+    Dense: two matrices of 16 (N (2M + 1))^2 bytes, 144 MB each for 3000 cylinders of order 0, 1.3 GB of order 1.
 
     Raises
     ------
@@ -179,29 +178,27 @@ def scatter(cylinder: Cylinder, centres: np.ndarray, light: Light) -> Scattered:
     lights = len(driven)
     if not number:
         return Scattered(cylinder, centres, light, driven)
-    right = np.asfortranarray((t[:, None] * driven).reshape(lights, -1).T)
-    _, _, waves, info = zgesv(_system(k, t, centres, order), right, overwrite_a=True, overwrite_b=True)
-    assert info == 0, f"LAPACK gesv: {info}"
+    right = (t[:, None] * driven).reshape(lights, -1).T
+    waves = np.linalg.solve(_system(k, t, centres, order), right)  # NumPy's, for SciPy's holds other threads up
     return Scattered(cylinder, centres, light, np.ascontiguousarray(waves.T).reshape(lights, 2 * order + 1, number))
 
 
 def _system(k: float, t: np.ndarray, centres: np.ndarray, order: int) -> np.ndarray:
-    """Matrix of 1 - T G, complex128[(2M + 1) N, (2M + 1) N] in Fortran's order, unknowns by order, then cylinder."""
+    """Matrix of 1 - T G, complex128[(2M + 1) N, (2M + 1) N], unknowns by order, then cylinder."""
     number, width = len(centres), 2 * order + 1
-    matrix = np.zeros((width, number, width, number), np.complex128)  # C order: [m, l, n, j] of its transpose
+    matrix = np.zeros((width, number, width, number), np.complex128)
     first, second = np.triu_indices(number, 1)
     pairs = outgoing(k, centres[first] - centres[second], 2 * order)
     for p in range(-2 * order, 2 * order + 1):
         half = pairs[p + 2 * order]
         translation = np.zeros((number, number), np.complex128)
-        translation[second, first] = half  # from second to first: psi_p(r_first - r_second)
-        translation[first, second] = half if p % 2 == 0 else -half
+        translation[first, second] = half  # to the first, from the second: psi_p(r_first - r_second)
+        translation[second, first] = half if p % 2 == 0 else -half
         for n in range(max(0, -p), min(width, width - p)):
-            np.multiply(translation, -t[n], out=matrix[n + p, :, n, :])
-    size = width * number
-    matrix = matrix.reshape(size, size)
-    matrix[np.diag_indices(size)] += 1
-    return matrix.T
+            np.multiply(translation, -t[n], out=matrix[n, :, n + p, :])
+    matrix = matrix.reshape(width * number, -1)
+    matrix[np.diag_indices(len(matrix))] += 1
+    return matrix
 
 
 def outgoing(k: float, offset: np.ndarray, order: int) -> np.ndarray:
