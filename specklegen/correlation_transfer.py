@@ -75,6 +75,7 @@ def field_correlation(
     """
     if mode not in ("transmission", "reflection"):
         reject("field_correlation mode", '"transmission" or "reflection"', mode)
+    _require_depth("field_correlation", optical_depth)
     if not albedo > 0:
         reject("field_correlation albedo", "greater than 0", albedo, "Without scattering there is no speckle.")
     side = 1.0 if mode == "transmission" else -1.0
@@ -148,8 +149,7 @@ def exchange(kappa: float, optical_depth: float, source: complex, sensor: comple
     RuleError
         For a field out of its range.
     """
-    if not (np.isfinite(optical_depth) and optical_depth > 0):
-        reject("exchange optical_depth", "greater than 0", optical_depth)
+    _require_depth("exchange", optical_depth)
     if not (np.isfinite(kappa) and kappa >= 0):
         reject("exchange kappa", "at least 0", kappa)
     if not 0 <= albedo <= 1:
@@ -163,6 +163,7 @@ def exchange(kappa: float, optical_depth: float, source: complex, sensor: comple
 
 def transmittance(optical_depth: float, albedo: float = 1.0) -> float:
     """Total transmittance at normal incidence, ballistic light included."""
+    _require_depth("transmittance", optical_depth)
     nodes, weights, edges = _panels(optical_depth, 0.0, 0.0)
     density = collision_density(0.0, edges, np.exp(-nodes), albedo)
     return float(np.exp(-optical_depth) + albedo / 2 * (weights @ (density * expn(2, optical_depth - nodes))))
@@ -172,6 +173,11 @@ def collision_density(kappa: float, edges: np.ndarray, source: np.ndarray, albed
     """Solve psi = S + albedo K psi at the Gauss nodes of the panels, complex128[N]."""
     matrix = np.eye(len(source)) - albedo * _transfer(kappa, edges)
     return np.linalg.solve(matrix, source)
+
+
+def _require_depth(owner: str, optical_depth: float) -> None:
+    if not (np.isfinite(optical_depth) and optical_depth > 0):
+        reject(f"{owner} optical_depth", "greater than 0", optical_depth)
 
 
 def _panels(optical_depth: float, kappa: float, turn: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

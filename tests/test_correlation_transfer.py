@@ -160,7 +160,9 @@ def test_algorithm_1_solves_the_same_equation(side):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: field_correlation(1.0, 0.0), "exchange optical_depth must be greater than 0"),
+        (lambda: transmittance(0.0), "transmittance optical_depth must be greater than 0"),
+        (lambda: exchange(0.0, np.nan, 1.0, 1.0), "exchange optical_depth must be greater than 0"),
+        (lambda: field_correlation(1.0, 0.0), "field_correlation optical_depth must be greater than 0"),
         (lambda: field_correlation(np.nan, 1.0), "exchange kappa must be at least 0"),
         (lambda: field_correlation(1.0, 1.0, albedo=0.0), "field_correlation albedo must be greater than 0"),
         (lambda: field_correlation(1.0, 1.0, albedo=1.5), "exchange albedo must be between 0 and 1"),
