@@ -39,8 +39,8 @@ def box_covariance(
     """Covariance of singly scattered far fields of a homogeneous box under plane waves, complex128[...].
 
     Exact but for rounding: to some 1e-14 of the scattering cross-section sigma_s V times |s|^2. A mixture
-    of particles is the sum of its kinds, each with its share of the result. About 0.1 ms a quadruple in two
-    dimensions; in three up to 20 ms for directions in general position, less the more of them share a plane.
+    of particles is the sum of its kinds, each with its share of the result. Slower in three
+    dimensions than in two, and there the slower the fewer of the directions share a plane.
 
     Parameters
     ----------

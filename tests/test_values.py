@@ -178,7 +178,6 @@ REFUSED = {
         ["FarFieldGrid.side", "'transmission' or 'reflection'", "'behind'"],
     ),
     "view not unit": (lambda: sg.FarField(directions=[[0, 0, 2.0]]), ["FarField.directions", "unit vectors", "2."]),
-    "view in 2D": (lambda: sg.FarField(directions=[[0, 1.0]]), ["FarField.directions", "three components"]),
     "view of four": (lambda: sg.FarField(directions=[[0, 0, 0, 1.0]]), ["FarField.directions", "length 2 or 3"]),
     "view a number": (lambda: sg.FarField(directions=1.0), ["FarField.directions", "unit vectors"]),
 }

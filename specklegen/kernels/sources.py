@@ -237,7 +237,8 @@ def source_density(bounds, cells, extinction, kinds, rows, r, x, y, z):
         return 0.0, dx, dy, dz
     back = min(reach, exit_distance(bounds, x, y, z, -dx, -dy, -dz))
     before = optical_depth(bounds, cells, extinction, x, y, z, -dx, -dy, -dz, 0.0, back)
-    after = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, exit_distance(bounds, x, y, z, dx, dy, dz))
+    ahead = exit_distance(bounds, x, y, z, dx, dy, dz)
+    after = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, ahead)
     if before + after == 0.0:
         return 0.0, dx, dy, dz
     sigma = extinction[voxel(bounds, cells, x, y, z)]

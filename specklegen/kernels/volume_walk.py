@@ -35,7 +35,8 @@ _FLOOR = 0.1  # of isotropic scattering: no connection is judged by a zero of th
 def end_geometry(bounds, cells, extinction, near_field, px, py, pz, x, y, z):
     """Towards one view (direction or point): unit vector, decay 1/r^((d-1)/2), optical depth, distance."""
     if not near_field:
-        depth = optical_depth(bounds, cells, extinction, x, y, z, px, py, pz, 0.0, exit_distance(bounds, x, y, z, px, py, pz))
+        far = exit_distance(bounds, x, y, z, px, py, pz)
+        depth = optical_depth(bounds, cells, extinction, x, y, z, px, py, pz, 0.0, far)
         return px, py, pz, 1.0, depth, 0.0
     dx, dy, dz = px - x, py - y, pz - z
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -48,8 +49,9 @@ def end_geometry(bounds, cells, extinction, near_field, px, py, pz, x, y, z):
 
 
 @inlined
-def _probe_power(bounds, cells, extinction, table, kinds, points, x, y, z, wx, wy, wz, kind, scatters):
+def _probe_power(volume, table, kinds, points, x, y, z, wx, wy, wz, kind, scatters):
     """Largest |end|^2 over a few probes, by which connections are thinned."""
+    bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
     even = _FLOOR / (2.0 * math.pi if cells[EXTRA, 0] == 2 else 4.0 * math.pi)
     best = 0.0
     for n in range(kinds.shape[0]):
@@ -92,7 +94,9 @@ def trace_volume(
     k1 = np.uint64(key1)
     for p in range(first, first + count):
         path = np.uint64(p)
-        started, x1, y1, z1, ox, oy, oz = sample_start(bounds, cells, extinction, source_kinds, source_rows, k0, k1, sample64, path)
+        started, x1, y1, z1, ox, oy, oz = sample_start(
+            bounds, cells, extinction, source_kinds, source_rows, k0, k1, sample64, path
+        )
         if not started:
             continue
         here = voxel(bounds, cells, x1, y1, z1)
@@ -100,15 +104,17 @@ def trace_volume(
         scattering = albedos[here] * extinction1
         if scattering == 0.0:
             continue
-        vertex_density, joint_density = start_densities(bounds, cells, extinction, source_kinds, source_rows, x1, y1, z1, ox, oy, oz)
+        vertex_density, joint_density = start_densities(
+            bounds, cells, extinction, source_kinds, source_rows, x1, y1, z1, ox, oy, oz
+        )
         a, b, _, _ = uniforms(k0, k1, sample64, path, np.uint64(3))
         type1 = choose_type(table, materials[here], a)
         events += 1
         weight = scattering / vertex_density
         w = threshold
         if threshold > 0.0:
-            w = weight * _probe_power(bounds, cells, extinction, table, light_kinds, lights, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
-            w *= _probe_power(bounds, cells, extinction, table, view_kinds, views, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
+            w = weight * _probe_power(volume, table, light_kinds, lights, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
+            w *= _probe_power(volume, table, view_kinds, views, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
             # s(i . v) is the same for all and not known here: judged as isotropic.
             w /= 2.0 * math.pi if cells[EXTRA, 0] == 2 else 4.0 * math.pi
         if w >= threshold or b * threshold < w:
@@ -124,16 +130,18 @@ def trace_volume(
         light_forward = view_backward = 1.0
         if threshold > 0.0:
             light_forward = _probe_power(
-                bounds, cells, extinction, table, light_kinds, lights, x1, y1, z1, -ox, -oy, -oz, type1, True
+                volume, table, light_kinds, lights, x1, y1, z1, -ox, -oy, -oz, type1, True
             )  # fmt: skip
-            view_backward = _probe_power(bounds, cells, extinction, table, view_kinds, views, x1, y1, z1, -ox, -oy, -oz, type1, True)
+            view_backward = _probe_power(volume, table, view_kinds, views, x1, y1, z1, -ox, -oy, -oz, type1, True)
         x, y, z = x1, y1, z1
         wx, wy, wz = ox, oy, oz
         length = 0.0
         order = 1
         dimension = _EVENTS
         while True:
-            flight, dimension = free_flight(bounds, cells, extinction, majorants, x, y, z, wx, wy, wz, k0, k1, sample64, path, dimension)
+            flight, dimension = free_flight(
+                bounds, cells, extinction, majorants, x, y, z, wx, wy, wz, k0, k1, sample64, path, dimension
+            )
             if flight == math.inf:
                 break
             x, y, z = x + wx * flight, y + wy * flight, z + wz * flight
@@ -156,14 +164,16 @@ def trace_volume(
             type_end = choose_type(table, material, f)
             density = joint_density
             if two_way:
-                _, backward = start_densities(bounds, cells, extinction, source_kinds, source_rows, x, y, z, -wx, -wy, -wz)
+                _, backward = start_densities(
+                    bounds, cells, extinction, source_kinds, source_rows, x, y, z, -wx, -wy, -wz
+                )
                 density += backward * extinction1 / extinction[here]
             weight = scattering / density
             w = threshold
             if threshold > 0.0:
-                w = light_forward * _probe_power(bounds, cells, extinction, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True)
+                w = light_forward * _probe_power(volume, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True)
                 if two_way:
-                    back = _probe_power(bounds, cells, extinction, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True)
+                    back = _probe_power(volume, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True)
                     w = max(w, view_backward * back)
                 w *= weight
             if w >= threshold or a * threshold < w:
