@@ -104,7 +104,7 @@ def covariance(
     Parameters
     ----------
     scene
-        Any medium, coherent lights and sensor.
+        Any medium, lights and sensor. Of an incoherent object, the lights are its lit pixels' beams, at unit irradiance.
     paths, seed
         Number of paths, and the seed of which (with the other arguments) the result is a function.
     reverse
@@ -120,7 +120,7 @@ def covariance(
     Raises
     ------
     RuleError
-        For an argument out of range, incoherent illumination, or a result that does not fit into memory.
+        For an argument out of range, or a result that does not fit into memory.
     """
     tracer, reversal = _prepare(scene, paths, reverse, tolerance)
     t, v = len(tracer.lights.vectors), len(tracer.views.vectors)
@@ -197,8 +197,8 @@ def covariance_blocks(
 
 
 def _prepare(scene: Scene, paths: int, reverse: Reverse, tolerance: float) -> tuple[Tracer, bool]:
-    if paths < 1:
-        reject("covariance paths", "at least 1", paths)
+    if not isinstance(paths, int | np.integer) or paths < 1:
+        reject("covariance paths", "a whole number of at least 1", paths)
     if not 0 < tolerance < 1:
         reject("covariance tolerance", "between 0 and 1", tolerance)
     reversal = scene_reversal(scene, reverse, tolerance).needed
