@@ -43,7 +43,7 @@ def z_scores(first, second):
     """Welch's z of the means over two stacks of batches, real and imaginary parts; 0 where both agree to rounding."""
     first, second = real_parts(np.asarray(first)), real_parts(np.asarray(second))
     error = np.sqrt(first.var(0, ddof=1) / len(first) + second.var(0, ddof=1) / len(second))
-    gap = np.abs(first.mean(0) - second.mean(0))
+    gap = np.array(np.abs(first.mean(0) - second.mean(0)))
     gap[gap <= 1e-12 * max(np.abs(first).max(initial=0), np.abs(second).max(initial=0))] = 0
     return np.divide(gap, error, out=np.zeros_like(gap), where=gap > 0)
 
