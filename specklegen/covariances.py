@@ -104,7 +104,7 @@ def covariance(
     Parameters
     ----------
     scene
-        Any medium, lights and sensor. Of an incoherent object, the lights are its lit pixels' beams, at unit irradiance.
+        Any medium, lights and sensor. An incoherent object's lights are the beams of its lit pixels, at unit irradiance.
     paths, seed
         Number of paths, and the seed of which (with the other arguments) the result is a function.
     reverse

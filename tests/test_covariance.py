@@ -18,7 +18,9 @@ def flat_box(lights, sensor, *, half=10.0, mean_free_path=10.0, scatterer=ISOTRO
     """Lights at angles in degrees on a square box in flatland, wavelength 1."""
     return sg.Scene(
         wavelength=1.0,
-        medium=sg.Box(lower=[-half] * 2, upper=[half] * 2, mean_free_path=mean_free_path, scatterer=scatterer, **medium),
+        medium=sg.Box(
+            lower=[-half] * 2, upper=[half] * 2, mean_free_path=mean_free_path, scatterer=scatterer, **medium
+        ),
         illumination=sg.PlaneWaves.tilts(np.deg2rad(lights), dimensions=2),
         sensor=sensor,
     )  # fmt: skip
@@ -78,7 +80,8 @@ def test_standard_errors_are_honest(isotropic):
     told = np.mean([run.standard_error**2 for run in runs], axis=0)
     ratio = found / told
     # A variance of 64 runs is known to about 1 / sqrt(32) of itself; entries hang together.
-    assert 0.4 < ratio.min() and ratio.max() < 2.2 and 0.75 < ratio.mean() < 1.3, ratio
+    assert 0.4 < ratio.min() <= ratio.max() < 2.2, ratio
+    assert 0.75 < ratio.mean() < 1.3, ratio
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +91,9 @@ def wave_solver():
 
 @pytest.fixture(scope="module")
 def cylinders():
-    theta, real, imag = np.loadtxt(DATA / "cylinder_amplitude.csv", delimiter=",", skiprows=1, usecols=(0, 1, 2))[:361].T
+    theta, real, imag = np.loadtxt(DATA / "cylinder_amplitude.csv", delimiter=",", skiprows=1, usecols=(0, 1, 2))[
+        :361
+    ].T
     return sg.Tabulated(theta=np.deg2rad(theta), amplitude=real + 1j * imag)
 
 
@@ -103,7 +108,9 @@ def test_intensities_are_those_of_the_wave_equation(scattered, wave_solver):
     ours, truth = scattered.intensity.T, wave_solver["I_var"]
     np.testing.assert_allclose(ours.sum(axis=0), truth.sum(axis=0), rtol=0.02)
     n = ours.size
-    error = np.sqrt(np.diag(scattered.standard_error.reshape(n, n)).reshape(4, -1).T ** 2 + wave_solver["I_var_se"] ** 2)
+    error = np.sqrt(
+        np.diag(scattered.standard_error.reshape(n, n)).reshape(4, -1).T ** 2 + wave_solver["I_var_se"] ** 2
+    )
     assert_z(ours, truth, error, degrees=15, slack=0.04 * truth)
     with pytest.raises(AssertionError):
         np.testing.assert_allclose(1.05 * ours.sum(axis=0), truth.sum(axis=0), rtol=0.02)
@@ -132,7 +139,9 @@ def test_near_field_line_is_that_of_the_wave_equation(wave_solver, cylinders):
     ours, truth = found.intensity.T, wave_solver["near_I_var"]
     np.testing.assert_allclose(ours.sum(axis=0), truth.sum(axis=0), rtol=0.05)
     n = ours.size
-    error = np.sqrt(np.diag(found.standard_error.reshape(n, n)).reshape(4, -1).T ** 2 + wave_solver["near_I_var_se"] ** 2)
+    error = np.sqrt(
+        np.diag(found.standard_error.reshape(n, n)).reshape(4, -1).T ** 2 + wave_solver["near_I_var_se"] ** 2
+    )
     assert_z(ours, truth, error, degrees=15, slack=0.05 * truth)
 
 
@@ -161,7 +170,9 @@ def test_cube_is_that_of_the_reference():
 def test_energy_in_flatland(albedo):
     """A02: 36 views integrate a smooth intensity; what is absorbed is missing."""
     angles = np.arange(36) * 10 + 5.0
-    scene = flat_box([0.0], views(angles), half=5.0, mean_free_path=5.0, scatterer=sg.HenyeyGreenstein(g=0.5), albedo=albedo)
+    scene = flat_box(
+        [0.0], views(angles), half=5.0, mean_free_path=5.0, scatterer=sg.HenyeyGreenstein(g=0.5), albedo=albedo
+    )
     flux = intensities(engine_batches(scene, 200, reverse=False, seed=5)).mean(axis=1) * 2 * np.pi
     lost = 10 * (1 - np.exp(-2))
     if albedo == 1.0:

@@ -116,7 +116,9 @@ def test_a_kind_split_into_itself_is_itself():
 def test_moving_the_medium_turns_phases():
     """u_iv gains e^(ik(i - v).t): path by path, for the paths themselves move along."""
     shift = np.array([3.25, -1.5])
-    moved = SCENE.replace(medium=SCENE.medium.replace(lower=SCENE.medium.lower + shift, upper=SCENE.medium.upper + shift))
+    moved = SCENE.replace(
+        medium=SCENE.medium.replace(lower=SCENE.medium.lower + shift, upper=SCENE.medium.upper + shift)
+    )
     here, there = (matrix(sg.covariance(s, paths=300, seed=1, reverse=True)) for s in (SCENE, moved))
     turn = np.exp(2j * np.pi * ((SCENE.lights[:, None] - SCENE.views) @ shift)).ravel()
     scale = np.abs(here).max()
@@ -137,7 +139,9 @@ def test_scaling_every_length_scales_the_covariance(scale):
 @pytest.mark.parametrize("near", [False, True])
 def test_reciprocity(near):
     """A19: sources and sensors change places; points one inside and one outside."""
-    medium = sg.Box(lower=[-5, -5, -5], upper=[5, 5, 4], mean_free_path=6, albedo=0.8, scatterer=sg.HenyeyGreenstein(g=0.5))
+    medium = sg.Box(
+        lower=[-5, -5, -5], upper=[5, 5, 4], mean_free_path=6, albedo=0.8, scatterer=sg.HenyeyGreenstein(g=0.5)
+    )
     a, b = np.array([0.6, 0.0, 0.8]), np.array([0.0, -0.6, 0.8])
     p = np.array([[1.0, 2.0, -1.0], [1.0, 2.5, -9.0]])
     there = sg.Scene(
@@ -175,9 +179,7 @@ def test_auto_leaves_out_what_does_not_matter(dimension):
     away = scene(2.5)
     assert not sg.covariance(away, paths=1).reverse
     without, with_them = (engine_batches(away, 200, reverse=reverse) for reverse in (False, True))
-    gap, error = jackknife(
-        np.concatenate([without.real, with_them.real], axis=1)[:, :, 0], lambda s: s[1] / s[0] - 1
-    )
+    gap, error = jackknife(np.concatenate([without.real, with_them.real], axis=1)[:, :, 0], lambda s: s[1] / s[0] - 1)
     assert_z(gap, 0.0, error, degrees=63, slack=0.02)
 
 

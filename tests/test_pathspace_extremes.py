@@ -26,14 +26,22 @@ def test_single_scattering_is_equation_41():
     rng = np.random.default_rng(1)
     v = rng.normal(size=(4, 20, 3))
     i1, i2, v1, v2 = v / np.linalg.norm(v, axis=2, keepdims=True)
-    medium = sg.Box(lower=[-1.0, -0.8, -1.2], upper=[1.0, 0.9, 1.1], mean_free_path=1.5, albedo=0.9, scatterer=sg.HenyeyGreenstein(g=0.3))
+    medium = sg.Box(
+        lower=[-1.0, -0.8, -1.2],
+        upper=[1.0, 0.9, 1.1],
+        mean_free_path=1.5,
+        albedo=0.9,
+        scatterer=sg.HenyeyGreenstein(g=0.3),
+    )
     scene = sg.Scene(
         wavelength=1.0, medium=medium, illumination=sg.PlaneWaves(directions=np.concatenate([i1, i2])),
         sensor=sg.FarField(directions=np.concatenate([v1, v2])),
     )  # fmt: skip
     n = np.arange(20)
     pairs = np.stack([n, n, 20 + n, 20 + n], axis=1)
-    runs = np.array([sg.covariance(scene, paths=200, seed=(2, b), pairs=pairs, threads=1).single for b in range(BATCHES)])
+    runs = np.array(
+        [sg.covariance(scene, paths=200, seed=(2, b), pairs=pairs, threads=1).single for b in range(BATCHES)]
+    )
     truth = box_covariance(
         medium.lower, medium.upper, extinction=1 / 1.5, albedo=0.9, wavelength=1.0,
         amplitude=lambda cos: medium.scatterer.amplitude(cos, 3), lights=(i1, i2), views=(v1, v2),
@@ -74,14 +82,17 @@ def test_nothing_to_look_at(lights, near):
 
 def test_standard_errors_of_one_path_are_unknown():
     found = estimate(SCENE, paths=1)
-    assert np.isnan(found.standard_error).all() and np.isfinite(found.value).all()
+    assert np.isnan(found.standard_error).all()
+    assert np.isfinite(found.value).all()
 
 
 def test_large_phases():
     """kL = 1e8: a shift by whole wavelengths along x and z, exactly as many turns."""
     scene = flat_box([0.0, 30.0], views([0, 60]), half=2e7, mean_free_path=2e7)
     shift = np.array([2.0**24, 2.0**24])
-    moved = scene.replace(medium=scene.medium.replace(lower=scene.medium.lower + shift, upper=scene.medium.upper + shift))
+    moved = scene.replace(
+        medium=scene.medium.replace(lower=scene.medium.lower + shift, upper=scene.medium.upper + shift)
+    )
     here, there = (estimate(s, paths=64, reverse=True).value.reshape(4, 4) for s in (scene, moved))
     turn = np.exp(2j * np.pi * ((scene.lights[:, None] - scene.views) @ shift)).ravel()
     # Positions of 4e7 have 7e-9 of a wavelength left, phases 5e-8, twice in a product; sums over paths grow it little.
@@ -94,8 +105,11 @@ def test_grazing_views_and_lights_of_a_slab_see_nothing():
         sensor=sg.FarField(directions=[[1.0, 0, 0], [0, -1, 0], [1, 0, 1e-9], [1, 0, -0.0], [0, 0, 1]]),
     )  # fmt: skip
     intensity = estimate(scene, reverse=False).intensity[0]
-    assert not intensity[:4].any() and intensity[4] > 0
-    along = scene.replace(illumination=sg.PlaneWaves(directions=[[1.0, 0, 0]]), sensor=sg.NearField(points=[[0, 0, 30.0]]))
+    assert not intensity[:4].any()
+    assert intensity[4] > 0
+    along = scene.replace(
+        illumination=sg.PlaneWaves(directions=[[1.0, 0, 0]]), sensor=sg.NearField(points=[[0, 0, 30.0]])
+    )
     assert not estimate(along).value.any()
 
 
@@ -104,7 +118,8 @@ def test_zero_thickness():
     beam = sg.CollimatedBeams.tilts([0.0], width=10.0)
     far = sg.Scene(wavelength=1.0, medium=thin, illumination=beam, sensor=sg.FarField(directions=[[0, 0, 1.0]]))
     near = far.replace(sensor=sg.NearField(points=[[0, 0, 0.0], [0, 0, 1.0]]))
-    assert not estimate(far).value.any() and not estimate(near).value.any()
+    assert not estimate(far).value.any()
+    assert not estimate(near).value.any()
 
 
 @pytest.mark.parametrize("g", [-0.99, 0.999, 0.99999])

@@ -51,7 +51,10 @@ def both(dimension, g, light, sensor, slab=False):
     particle = henyey_greenstein(g, dimension)
     scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
     if slab:
-        bottom, region = 0.0, (np.array([-1.25] * (dimension - 1) + [0.0]), np.array([3.6, 1.25][: dimension - 1] + [5.0]))
+        bottom, region = (
+            0.0,
+            (np.array([-1.25] * (dimension - 1) + [0.0]), np.array([3.6, 1.25][: dimension - 1] + [5.0])),
+        )
         medium = sg.Slab(thickness=5.0, mean_free_path=4.0, albedo=0.9, scatterer=scatterer)
         corners = [-np.inf] * (dimension - 1) + [0.0], [np.inf] * (dimension - 1) + [5.0]
     else:
@@ -106,7 +109,9 @@ def test_the_test_has_power():
 def test_beams_through_a_slab_against_the_literal_algorithms(dimension, reverse):
     """First vertices of the oracle in the box that holds both footprints: it is exact for reversed paths too."""
     scene, setup = both(dimension, 0.6, "beam", "far", slab=True)
-    assert_same(engine_batches(scene, 200, reverse=reverse, seed=11), oracle_batches(setup, 300, reverse=reverse, seed=12))
+    assert_same(
+        engine_batches(scene, 200, reverse=reverse, seed=11), oracle_batches(setup, 300, reverse=reverse, seed=12)
+    )
 
 
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
@@ -149,7 +154,9 @@ def test_energy(dimension, light):
     else:
         width = 6.0 if light == "plane" else 2.0
         tilts = directions([0.0], dimension)
-        source = sg.PlaneWaves(directions=tilts) if light == "plane" else sg.CollimatedBeams(directions=tilts, width=width)
+        source = (
+            sg.PlaneWaves(directions=tilts) if light == "plane" else sg.CollimatedBeams(directions=tilts, width=width)
+        )
         expected = -np.expm1(-1.5) * width ** (dimension - 1)
     views = sphere(rng, 48 * BATCHES, dimension)
     scene = sg.Scene(wavelength=1.0, medium=medium, illumination=source, sensor=sg.FarField(directions=views))

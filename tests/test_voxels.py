@@ -38,7 +38,8 @@ def test_a_box_in_a_void_is_a_box():
     inner[1:3, 1:3] = 0.3
     small = flat_box([0, 45], views([0, 45, 180]), half=2.5, mean_free_path=1 / 0.3)
     ours, theirs = (
-        engine_batches(s, 250, reverse=True, seed=n) for n, s in enumerate((small, small.replace(medium=grid(inner))), 1)
+        engine_batches(s, 250, reverse=True, seed=n)
+        for n, s in enumerate((small, small.replace(medium=grid(inner))), 1)
     )
     assert_same(ours, theirs)
     with pytest.raises(AssertionError, match="z ="):
@@ -149,7 +150,8 @@ def test_one_voxel_a_million_times_denser(albedo):
     found = sg.covariance(flat(grid(extinction, albedo=np.array(albedo))), paths=64, seed=1, reverse=False)
     assert np.isfinite(found.value).all()
     # Whatever is lit scatters at most all of the light back: of 10 across, none is lost at albedo 1.
-    assert 0 < found.intensity.min() and found.intensity.max() < 100
+    assert 0 < found.intensity.min()
+    assert found.intensity.max() < 100
     assert found.unfinished == 0
 
 

@@ -51,6 +51,6 @@ def z_scores(first, second):
 def assert_same(first, second):
     """Means over batches agree: first the total intensity, then every entry."""
     if first.ndim == 3:
-        assert_z(z_scores(intensities(first).sum(axis=1, keepdims=True), intensities(second).sum(axis=1, keepdims=True)),
-                 0, 1, degrees=BATCHES - 1)  # fmt: skip
+        totals = (intensities(part).sum(axis=1, keepdims=True) for part in (first, second))
+        assert_z(z_scores(*totals), 0, 1, degrees=BATCHES - 1)
     assert_z(z_scores(first, second), 0, 1, degrees=BATCHES - 1)
