@@ -9,6 +9,7 @@ e^(3 i pi / 4) in flatland, is that of Kirchhoff's far field of an aperture that
 Mixtures have the mean of their types' f; b is a beam's profile on its ray, per area of the entrance face.
 """
 
+from itertools import count
 from typing import NoReturn
 
 import numpy as np
@@ -43,8 +44,13 @@ def scattered_mean(scene: Scene, most_nodes: float) -> np.ndarray:
     shapes = np.stack([forward_ratio(s, lights @ views.T, scene.dimension) for s in materials(scene.medium)])
     if isinstance(scene.medium, Box) and not isinstance(scene.illumination, CollimatedBeams):
         return scale * shapes[0] * _box(scene, scene.medium, most_nodes)
-    share = most_nodes / len(lights)
-    return scale * np.stack([_integral(scene, i, shapes[:, t], share) for t, i in enumerate(lights)])
+    rows = []
+    for t, light in enumerate(lights):
+        row = _integral(scene, light, shapes[:, t], most_nodes / len(lights))
+        if row is None:
+            _refuse(most_nodes, f"one not known within {TOLERANCE:g} by then")
+        rows.append(scale * row)
+    return np.stack(rows)
 
 
 def forward_ratio(scatterer: Scatterer, cosines: np.ndarray, dimension: int) -> np.ndarray:
@@ -88,19 +94,21 @@ def _box(scene: Scene, box: Box, most_nodes: float) -> np.ndarray:
     return out * np.exp(2j * np.pi * (turns - np.rint(turns)))
 
 
-def _integral(scene: Scene, light: np.ndarray, shapes: np.ndarray, most_nodes: float) -> np.ndarray:
-    """complex128[V], the integral for one light, its nodes doubled along each axis until it stands still."""
+def _integral(scene: Scene, light: np.ndarray, shapes: np.ndarray, most_nodes: float) -> np.ndarray | None:
+    """complex128[V], the integral for one light, its panels doubled along each axis until it stands still.
+
+    None where that would take more than ``most_nodes``.
+    """
     spent, before = 0.0, None
-    for level in range(16):
+    for level in count():
         nodes = beam_nodes(scene, light, level, (most_nodes - spent) / len(scene.views))
         if nodes is None:
-            break
+            return None
         spent += len(nodes.points) * len(scene.views)
         value, bound = _sum(scene, light, nodes, shapes)
         if before is not None and (np.abs(value - before) <= TOLERANCE * bound).all():
             return value
         before = value
-    _refuse(most_nodes, f"one not known within {TOLERANCE:g} by then")
 
 
 def _sum(scene: Scene, light: np.ndarray, nodes: Nodes, shapes: np.ndarray) -> tuple[np.ndarray, float]:

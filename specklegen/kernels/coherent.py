@@ -106,20 +106,20 @@ def overlap(sides, lights, views, wavelength, half, out):
     surface along v
 
     Points deeper than s below the surface form the box's overlap with itself moved by -s v, another box, whose
-    transform Phi(s) is a product of sincs. Summed by layers the integral is Phi(0) - int h e^(-h s) Phi(s) ds:
-    one dimension instead of d.
+    transform Phi(s) is a product of sincs. Summed by layers the integral is h int h e^(-h s) (Phi(0) - Phi(s)) ds:
+    one dimension instead of d. The difference costs thick media OD roundings.
     """
     for t in range(lights.shape[0]):
         for v in range(views.shape[0]):
             light, view = lights[t], views[v]
             panels = panels_of(sides, light, view, wavelength, half)
             step = longest(sides, view, half) / panels
-            layers = 0.0 + 0.0j
+            whole, layers = _shifted(sides, light, view, wavelength, 0.0), 0.0 + 0.0j
             for n in range(panels):
                 for j in range(NODES):
                     s = (n + _X[j]) * step
-                    layers += _W[j] * math.exp(-half * s) * _shifted(sides, light, view, wavelength, s)
-            out[t, v] = half * (_shifted(sides, light, view, wavelength, 0.0) - half * step * layers)
+                    layers += _W[j] * math.exp(-half * s) * (whole - _shifted(sides, light, view, wavelength, s))
+            out[t, v] = half * (half * step * layers + math.exp(-half * step * panels) * whole)
 
 
 @kernel
