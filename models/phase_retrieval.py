@@ -22,7 +22,7 @@ from specklegen.models.projections import error_reduction, modulus_error, shrunk
 from specklegen.models.restarts import consensus
 from specklegen.parallel import map_blocks, one_torch_thread
 from specklegen.streams import Seed
-from specklegen.values import NonNegative, PositiveInt, UnitInterval, Value, reject
+from specklegen.values import Positive, PositiveInt, UnitInterval, Value, reject
 
 BETAS = np.arange(40, -1, -1) * 0.05
 _BLUR = (3.0, 1.5)  # pixels, of the first and the last shrink-wrap (Marchesini et al.)
@@ -52,8 +52,8 @@ class Retrieval(Value):
     steps: PositiveInt = 10
     error_reduction: Annotated[int, Field(ge=0)] = 40
     shrink_wrap: UnitInterval = 0.1
-    extent: NonNegative | None = None
-    floor: UnitInterval = FLOOR
+    extent: Positive | None = None
+    floor: Annotated[float, Field(gt=0, le=1)] = FLOOR
 
 
 class Retrieved(NamedTuple):

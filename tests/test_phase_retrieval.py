@@ -62,7 +62,7 @@ def test_division_by_the_memory_effect_undoes_it():
     step = torch.fft.fftfreq(N, 1 / N).double()
     c_i = torch.exp(-(step[:, None] ** 2 + step**2) / 60)
     lags = autocorrelated(objects) * c_i
-    options = Retrieval(restarts=8, floor=0.0)
+    options = Retrieval(restarts=8, floor=1e-6)
     assert scores(retrieve(lags, options, memory_effect=c_i, threads=1).image, objects) > 0.99
     assert scores(retrieve(lags, options, threads=1).image, objects) < 0.9
 
