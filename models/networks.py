@@ -2,8 +2,8 @@
 
 All take float[B, 2, H, W] (:mod:`specklegen.models.inputs`) and return logits float[B, h, w]; the brightness is their
 sigmoid. The U-Net first folds blocks of pixels into channels, so that its convolutions run on half the object's
-resolution (few, wide ones suit a processor better than many narrow ones), and unfolds them at the end. At its bottom are
-two dense layers: every lag bears on every pixel of the object, which convolutions alone would learn only slowly.
+resolution (few, wide ones suit a processor better than many narrow ones), and unfolds them at the end. At its bottom
+are two dense layers: every lag bears on every pixel of the object, which convolutions alone would learn only slowly.
 """
 
 from collections.abc import Callable

@@ -58,7 +58,8 @@ def test_stack_net_takes_any_number_in_any_order():
 def test_first_weights_are_a_function_of_the_seed(name):
     torch.manual_seed(9)
     before = torch.get_rng_state()
-    one, two, other = (torch.cat([p.flatten() for p in build(name, 64, (28, 28), 4, s).parameters()]) for s in (5, 5, 6))
+    nets = (build(name, 64, (28, 28), 4, seed) for seed in (5, 5, 6))
+    one, two, other = (torch.cat([p.flatten() for p in net.parameters()]) for net in nets)
     assert torch.equal(one, two)
     assert not torch.equal(one, other)
     assert torch.equal(torch.get_rng_state(), before)
