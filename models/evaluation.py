@@ -35,8 +35,14 @@ def targets_of(batch: Batch, profile: Profile = "square") -> dict[str, Tensor]:
 
 
 def aligned_to(made: Tensor, target: Tensor, shape: tuple[int, int]) -> Tensor:
-    """Reconstructions, framed, moved onto targets on the frame, and cut to the object's pixels."""
-    return align(framed(made.float(), FRAME), target)[..., : shape[0], : shape[1]]
+    """Reconstructions, framed, moved onto targets on the frame, and cut to the object's pixels.
+
+    The margin goes on as dark as the reconstruction's edge, the median of its outermost pixels: scores forget an offset
+    of brightness, and a method should not be found out by the box that the offset would make.
+    """
+    edge = [made[..., 0, :], made[..., -1, :], made[..., :, 0], made[..., :, -1]]
+    dark = torch.cat(edge, dim=-1).median(-1).values[..., None, None]
+    return align(framed((made - dark).float(), FRAME), target)[..., : shape[0], : shape[1]]
 
 
 class Evaluation(NamedTuple):

@@ -41,7 +41,7 @@ class Reconstructor:
         """Brightness 0 to 1, float32[B, h, w], of prepared inputs float32[B, ...]."""
         self.network.eval()
         with torch.inference_mode():
-            return self.network(inputs.to(self.device)).float().sigmoid()
+            return centred(self.network(inputs.to(self.device)).float().sigmoid())
 
     def reconstruct(self, batch: Mapping[str, Any]) -> Tensor:
         """Brightness of the objects in a batch of a hidden-object recipe, up to shift and 180-degree flip.
@@ -82,6 +82,24 @@ class Reconstructor:
         network = build(stated["name"], stated["side"], stated["shape"], stated["width"], seed=0).to(device)
         network.load_state_dict({key: value.float() for key, value in state["weights"].items()})
         return cls(network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device)
+
+
+def centred(images: Tensor) -> Tensor:
+    """Shift images [..., H, W] cyclically so that their circular centroid is in the middle.
+
+    A loss that is blind to cyclic shifts lets a network put an object across the frame's edge; here its halves are
+    brought together.
+    """
+    for axis in (-2, -1):
+        n = images.shape[axis]
+        angle = 2 * torch.pi / n * torch.arange(n, device=images.device)
+        profile = images.sum(-1 if axis == -2 else -2)
+        turn = torch.atan2(profile @ angle.sin(), profile @ angle.cos()) / (2 * torch.pi)
+        first = (turn * n).round().long() - n // 2
+        places = (torch.arange(n, device=images.device) + first[..., None]) % n
+        places = places[..., :, None] if axis == -2 else places[..., None, :]
+        images = images.gather(axis, places.expand_as(images))
+    return images
 
 
 def load_pretrained(device: torch.device | str = "cpu") -> Reconstructor:

@@ -11,6 +11,7 @@ from specklegen import cli
 from specklegen.datasets import load_recipe
 from specklegen.datasets.stream import tensors
 from specklegen.models import baselines, evaluation
+from specklegen.models.apodisation import framed
 from specklegen.models.charts import contact_sheet, score_curves, training_curves
 from specklegen.models.phase_retrieval import Retrieval
 
@@ -32,7 +33,7 @@ def batch(recipe):
 @pytest.fixture(scope="module")
 def judged(recipe, batch):
     methods = {
-        "perfect": lambda b: torch.roll(b["object"], (3, 1), (-2, -1)).flip((-2, -1)) * 5 + 1,
+        "perfect": lambda b: framed(b["object"].flip((-2, -1)), 20).roll((3, 1), (-2, -1)) * 5 + 1,
         "blurred": lambda b: evaluation.targets_of(b)["diffraction-limited"],
         "mean image": baselines.mean_image(torch.rand(5, 12, 12)),
         "Katz": baselines.katz(QUICK),
@@ -44,6 +45,7 @@ def judged(recipe, batch):
 def test_methods_get_what_they_deserve(judged):
     found, _ = judged
     values = found.values
+    np.testing.assert_allclose(values["perfect"]["sharp"]["pearson"], 1, rtol=1e-5)  # whatever its brightness
     np.testing.assert_allclose(values["blurred"]["diffraction-limited"]["pearson"], 1, rtol=1e-5)
     assert (values["blurred"]["sharp"]["pearson"] < 0.999).all()
     assert found.interval("mean image").high < found.interval("blurred").low

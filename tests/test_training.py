@@ -10,7 +10,7 @@ from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
 from specklegen.datasets.generate import generate
 from specklegen.models.examples import Examples, examples, streamed
 from specklegen.models.metrics import align, pearson
-from specklegen.models.reconstructor import Reconstructor
+from specklegen.models.reconstructor import Reconstructor, centred
 from specklegen.models.training import Training, train
 
 TINY = {"material": {"kernel_paths": 1000, "kernel": "estimate"}, "camera": {"shape": [32, 32]},
@@ -163,3 +163,15 @@ def test_saved_model_is_the_model(tmp_path, whole):
     torch.save({"a": 1}, tmp_path / "other.pt")
     with pytest.raises(ValueError, match=r"Reconstructor\.save"):
         Reconstructor.load(tmp_path / "other.pt")
+
+
+def test_an_object_across_the_edge_is_put_together():
+    whole = torch.zeros(2, 12, 14)
+    whole[0, 4:9, 5:10] = 1
+    whole[1, 5:8, 2:11] = 1  # odd sides: their centroid is a pixel
+    expected = centred(whole)
+    for shift in ((3, 4), (6, -7), (-5, 1)):
+        assert torch.equal(centred(torch.roll(whole, shift, (-2, -1))), expected)
+    ends = expected[0].nonzero()
+    assert (ends.amax(0) - ends.amin(0)).tolist() == [4, 4]
+    assert torch.equal(expected.sum((-2, -1)), whole.sum((-2, -1)))
