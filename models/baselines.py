@@ -78,4 +78,3 @@ def katz(retrieval: Retrieval | None = None, recipe: HiddenObject | None = None,
         return torch.cat(made)
 
     return method
-

@@ -66,9 +66,7 @@ class UNet(nn.Module):
         self.stem = nn.Sequential(nn.PixelUnshuffle(self.fold), nn.Conv2d(channels * self.fold**2, width, 1))
         self.down = nn.ModuleList(_convolutions(widths[max(n - 1, 0)], widths[n]) for n in range(DEPTH + 1))
         bottom = widths[-1] * (self.inner // unit) ** 2
-        self.mix = nn.Sequential(
-            nn.Flatten(), nn.Linear(bottom, 8 * width), nn.SiLU(), nn.Linear(8 * width, bottom)
-        )
+        self.mix = nn.Sequential(nn.Flatten(), nn.Linear(bottom, 8 * width), nn.SiLU(), nn.Linear(8 * width, bottom))
         self.up = nn.ModuleList(_convolutions(widths[n] + widths[n + 1], widths[n]) for n in reversed(range(DEPTH)))
         self.head = nn.Sequential(nn.Conv2d(width, UNFOLD**2, 1), nn.PixelShuffle(UNFOLD))
 

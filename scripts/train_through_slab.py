@@ -141,8 +141,7 @@ def leakage(example: Example) -> None:
         store = example.store(name.replace(" ", "-"), recipe, "train", samples + held_out + example.images)
         every = examples(store, "camera")
         shown, chosen = (
-            Examples(*(field[part] for field in every))
-            for part in (slice(samples), slice(samples, samples + held_out))
+            Examples(*(field[part] for field in every)) for part in (slice(samples), slice(samples, samples + held_out))
         )
         folder = example.out / name.replace(" ", "-")
         model = train(NETWORKS["U-Net on the image"], shown, chosen, folder, seconds=example.seconds)
