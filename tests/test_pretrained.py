@@ -4,6 +4,7 @@ from importlib.resources import files
 
 import numpy as np
 import torch
+from zscore import limit
 
 from specklegen.datasets import load_recipe
 from specklegen.datasets.stream import tensors
@@ -11,7 +12,6 @@ from specklegen.models.baselines import mean_image
 from specklegen.models.evaluation import evaluate
 from specklegen.models.networks import parameter_count
 from specklegen.models.reconstructor import PRETRAINED, load_pretrained
-from zscore import limit
 
 MIB = 2**20
 FOLDER = files("specklegen.models") / "data"
