@@ -373,7 +373,10 @@ def test_one_path_one_view_one_tilt(paths):
 
 BAD = {
     "paths": ({"paths": 0}, "paths must be at least 1; got 0"),
-    "both budgets": ({"paths": 10, "rel_error": 0.1}, "paths must be left out where rel_error or seconds is given; got 10"),
+    "both budgets": (
+        {"paths": 10, "rel_error": 0.1},
+        "paths must be left out where rel_error or seconds is given; got 10",
+    ),
     "rel_error": ({"rel_error": 0.0}, "rel_error must be between 0 and 1; got 0.0"),
     "rel_error nan": ({"rel_error": float("nan")}, "rel_error must be between 0 and 1; got nan"),
     "field_tolerance": ({"field_tolerance": 2.0}, "field_tolerance must be between 0 and 1; got 2.0"),
