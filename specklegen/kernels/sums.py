@@ -17,7 +17,7 @@ import numpy as np
 from specklegen.kernels import inlined, kernel
 from specklegen.kernels.phase_functions import henyey_greenstein
 from specklegen.kernels.rng import uniforms
-from specklegen.kernels.trigonometry import sincos_turns
+from specklegen.kernels.trigonometry import TAU, sincos_turns
 from specklegen.kernels.walk import (
     ENTRY,
     ENTRY_DIRECTION,
@@ -69,6 +69,24 @@ def illumination_ends(records, single, g, sigma_t, footprint, radius, directions
             modulus = beam * math.sqrt(power) * math.exp(-0.5 * sigma_t * depth)
             sine, cosine = sincos_turns(ax * x + ay * y + az * z)
             out[t, m] = modulus * complex(cosine, sine) * factors[m]
+
+
+@kernel
+def grid_points(records, pitch, middle, factors, y, x, out):
+    """What a transform onto a grid of views needs of the exits.
+
+    pitch : grid pitch over the wavelength, turns per unit length
+    middle : float64[2]   (x, y) sines of the grid's mode 0 over the wavelength
+    y, x : float32/float64[M]   filled with 2 pi times the turns a step of the grid, within half a turn
+    out : complex128[M]   filled with factors_m times the phasor of mode 0
+    """
+    for m in range(records.shape[0]):
+        ex, ey = records[m, EXIT], records[m, EXIT + 1]
+        tx, ty = ex * pitch, ey * pitch
+        x[m] = TAU * (tx - np.rint(tx))
+        y[m] = TAU * (ty - np.rint(ty))
+        sine, cosine = sincos_turns(ex * middle[0] + ey * middle[1])
+        out[m] = factors[m] * complex(cosine, -sine)
 
 
 @inlined
