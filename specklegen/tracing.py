@@ -247,20 +247,18 @@ def trace(
         while True:
             records = np.empty((room, walk.RECORD))
             orders = np.empty(room, np.int32)
-            paths = np.empty(room, np.int64)
+            paths, ranks = np.empty(room, np.int64), np.empty(room, np.int64)
             found, events, unfinished, unfinished_weight = walk.trace_slab(
                 *key, sample, start, size,
                 medium.thickness, medium.extinction, medium.albedo, g, proposal.lobe,
                 *proposal.reference, proposal.footprint, proposal.extent, proposal.radius, probes,
-                int(proposal.reverse), proposal.threshold, proposal.max_order, records, orders, paths,
+                int(proposal.reverse), proposal.threshold, proposal.max_order, records, orders, paths, ranks,
             )  # fmt: skip
             if found <= room:
                 break
             room = found
-        return PathBank(
-            records[:found].copy(), orders[:found].copy(), paths[:found].copy(),
-            size, events, unfinished, unfinished_weight,
-        )  # fmt: skip
+        ranks = ranks[:found]
+        return PathBank(records[ranks], orders[ranks], paths[ranks], size, events, unfinished, unfinished_weight)
 
     return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads), threads)
 
