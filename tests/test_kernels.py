@@ -15,7 +15,7 @@ from zscore import FALSE_ALARM, assert_mean, assert_z
 
 from specklegen import kernels
 from specklegen.kernels import rng
-from specklegen.kernels.arithmetic import fma, minus_log, minus_log1m
+from specklegen.kernels.arithmetic import exponential, fma, minus_log, minus_log1m, power_minus_three_quarters
 from specklegen.kernels.geometry import deflect
 from specklegen.kernels.phase_functions import henyey_greenstein, sample_henyey_greenstein
 from specklegen.kernels.trigonometry import sincos_turns
@@ -49,6 +49,12 @@ def _deflected(directions, one_minus_cos, azimuth, out):
 def _logarithms(x, out):
     for n in range(x.size):
         out[n, 0], out[n, 1] = minus_log(x[n]), minus_log1m(x[n])
+
+
+@njit
+def _powers(x, out):
+    for n in range(x.size):
+        out[n, 0], out[n, 1] = exponential(-x[n]), power_minus_three_quarters(x[n])
 
 
 @njit
@@ -126,6 +132,24 @@ def test_logarithms_are_right_to_rounding():
     for found, expected in zip(out.T, (-np.log(exact), -np.log1p(-exact)), strict=True):
         # The second adds a quotient and a product to the rounding of the first.
         np.testing.assert_allclose(found, expected.astype(float), rtol=6e-16)
+
+
+def test_exponential_and_power_are_right_to_rounding():
+    x = np.exp(np.random.default_rng(0).uniform(np.log(1e-12), np.log(708), 200_000))
+    out = np.empty((x.size, 2))
+    _powers(x, out)
+    exact = x.astype(np.longdouble)
+    np.testing.assert_allclose(out[:, 0], np.exp(-exact).astype(float), rtol=4e-16)
+    # The root's error, two roundings or so, is tripled by y y y.
+    np.testing.assert_allclose(out[:, 1], (exact**-0.75).astype(float), rtol=2e-15)
+
+
+def test_exponential_is_zero_far_out():
+    out = np.empty((4, 2))
+    _powers(np.array([708.0, 709.0, 1e9, np.inf]), out)
+    assert (out[:, 0] == 0).all()
+    _powers(np.zeros(4), out)
+    assert (out[:, 0] == 1).all()
 
 
 def test_the_fused_multiply_add_rounds_once():
