@@ -257,8 +257,8 @@ def trace(
             if found <= room:
                 break
             room = found
-        ranks = ranks[:found]
-        return PathBank(records[ranks], orders[ranks], paths[ranks], size, events, unfinished, unfinished_weight)
+        records, orders, paths = (a.take(ranks[:found], axis=0) for a in (records, orders, paths))
+        return PathBank(records, orders, paths, size, events, unfinished, unfinished_weight)
 
     return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads), threads)
 

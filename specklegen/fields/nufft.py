@@ -25,6 +25,7 @@ from specklegen.tracing import PathBank
 
 MAX_RANK = 128
 TILTS_AT_ONCE = 2
+_SORT_FROM = 2**19  # bytes of a transform that no longer stays in the cache: finufft then sorts the points first
 _NODES = (3, 5, 9, 17, 25)
 _HELD_OUT_VIEWS = 48
 SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
@@ -111,6 +112,9 @@ def _decompose(
         values = factor(train.select(slice(0, size)), lattice.directions) * train_weight[:size]
         _, r, pivots = qr(values, mode="economic", pivoting=True)  # type: ignore[misc]
         tails = np.sqrt(np.cumsum(np.square(np.abs(r)).sum(axis=1)[::-1])[::-1])
+        # A finer lattice only asks for more; pivoting comes within a factor 2 of the least rank.
+        if (tails > tolerance * tails[0]).sum() > 2 * MAX_RANK:
+            return None
         # The tails bound the rank from above, generously; the held-out error decides.
         enough = int((tails > 0.2 * tolerance * tails[0]).sum())
         for rank in _ranks(enough, min(MAX_RANK, len(r), size // 2 + 1)):
@@ -212,7 +216,7 @@ class NufftEvaluator:
 def build_evaluator(bank: PathBank, optics: Optics, grid: FarFieldGrid, tolerance: float) -> NufftEvaluator | None:
     """Decompose a scene's view factors on a pilot bank; None where the field of view is too wide."""
     multiple = multiple_factor(bank.multiple, optics, grid, 0.7 * tolerance)
-    single = single_factor(optics, grid, 0.7 * tolerance)
+    single = None if multiple is None else single_factor(optics, grid, 0.7 * tolerance)
     return None if multiple is None or single is None else NufftEvaluator(grid, single, multiple, tolerance)
 
 
@@ -312,7 +316,7 @@ def _transform(load: _Load, r: int, tilts: slice, evaluator: NufftEvaluator) -> 
     ready = (load.strengths[tilts] * load.sensor[r]).astype(dtype)
     plan = finufft.Plan(
         1, evaluator.grid.shape, n_trans=len(ready), eps=0.3 * evaluator.tolerance, isign=-1, dtype=dtype.name,
-        nthreads=1,
+        nthreads=1, spread_sort=int(np.prod(evaluator.grid.shape) * dtype.itemsize > _SORT_FROM),
     )  # fmt: skip
     plan.setpts(*load.points)
     transform = plan.execute(ready).reshape(len(ready), *evaluator.grid.shape)
