@@ -204,7 +204,7 @@ def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
         for first in range(0, made.paths, CHUNK):
             count = min(CHUNK, made.paths - first)
             bank = trace(scene.slab, made.proposal, seed, count, first=first, sample=r, threads=threads)
-            phases = random_phases(bank, seed, r)
+            phases = random_phases(bank, seed, r, threads=threads)
             if made.nufft:
                 part = nufft_field(bank, optics, phases, made.nufft, threads=threads)
             else:
