@@ -6,12 +6,15 @@ A sum of outer products, so Hermitian and positive semidefinite by construction.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.budgets import checked_budget, paths_for
 from specklegen.gates import Reverse
+from specklegen.illumination import IncoherentObject
 from specklegen.kernels.rng import fill_normals
 from specklegen.parallel import map_blocks
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
@@ -20,12 +23,12 @@ from specklegen.pathspace.gates import scene_reversal
 from specklegen.pathspace.tracing import Tracer, VolumeBank, scene_tracer
 from specklegen.scene import Scene
 from specklegen.statistics import BATCHES
-from specklegen.streams import Seed, Stream, stream_key
+from specklegen.streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.values import available_memory, reject
 
 DEFAULT_PATHS = 100_000
 _ELEMENTS = 2**22  # of the amplitudes held at a time
-_ROWS = 256  # per block of parallel work
+_BLOCK_ROWS = 256  # per block of parallel work
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,8 @@ class Covariance:
         Paths traced.
     reverse : bool
         Whether reversed paths (coherent backscattering) took part.
+    rel_error : float
+        Largest standard error over sqrt(C_pp C_qq), which is what ``rel_error=`` asks for.
     unfinished : int
         Paths ended by the largest order allowed.
     """
@@ -55,6 +60,7 @@ class Covariance:
     multiple: np.ndarray
     paths: int
     reverse: bool
+    rel_error: float
     unfinished: int
 
     @property
@@ -84,6 +90,11 @@ class Covariance:
             field[...] = root @ (normals[:, 0] + 1j * normals[:, 1])
         return fields.reshape(realizations, t, v)
 
+    def reshaped(self, shape: tuple[int, ...]) -> "Covariance":
+        """Return the same entries in another shape."""
+        arrays = ("value", "standard_error", "single", "multiple")
+        return replace(self, **{name: getattr(self, name).reshape(shape) for name in arrays})
+
     def _require_all(self, name: str) -> None:
         if self.value.ndim != 4:
             reject(f"Covariance.{name}", "asked of a covariance of all pairs", f"one of shape {self.value.shape}")
@@ -92,7 +103,9 @@ class Covariance:
 def covariance(
     scene: Scene,
     *,
-    paths: int = DEFAULT_PATHS,
+    paths: int | None = None,
+    rel_error: float | None = None,
+    seconds: float | None = None,
     seed: Seed = 0,
     reverse: Reverse = "auto",
     pairs: ArrayLike | None = None,
@@ -104,9 +117,22 @@ def covariance(
     Parameters
     ----------
     scene
-        Any medium, lights and sensor. An incoherent object's lights are the beams of its lit pixels, at unit irradiance.
+<<<<<<< HEAD
+        Any medium, lights and sensor. An incoherent object's lights are its lit pixels' beams of unit irradiance.
     paths, seed
         Number of paths, and the seed of which (with the other arguments) the result is a function.
+=======
+        Any medium, coherent lights and sensor.
+    paths
+        Number of paths; 100 000 unless ``rel_error`` or ``seconds`` sets it.
+    rel_error
+        Instead: trace what a pilot says the largest standard error over sqrt(C_pp C_qq) takes to fall to this. The
+        count is fixed before the run, so the estimate stays unbiased; ``.rel_error`` says what was reached.
+    seconds
+        Instead, or as a limit to ``rel_error``: trace what this time allows on this machine.
+    seed
+        The result is a function of it, the number of paths and the other arguments.
+>>>>>>> main
     reverse
         Whether reversed paths (coherent backscattering) take part; "auto" drops them where they add less than
         ``tolerance`` at every light and view (physics.md 2).
@@ -122,37 +148,21 @@ def covariance(
     RuleError
         For an argument out of range, or a result that does not fit into memory.
     """
-    tracer, reversal = _prepare(scene, paths, reverse, tolerance)
+    checked_budget("covariance", paths, rel_error, seconds)
+    tracer, reversal = _prepare(scene, reverse, tolerance)
     t, v = len(tracer.lights.vectors), len(tracer.views.vectors)
-    if pairs is not None:
-        chosen = _checked_pairs(pairs, t, v)
-        left, right = chosen[:, 0] * v + chosen[:, 1], chosen[:, 2] * v + chosen[:, 3]
-
-        def entries(out: np.ndarray, a: np.ndarray) -> None:
-            out += np.einsum("pm,pm->p", a[left], a[right].conj())
-
-        return _estimate(tracer, paths, seed, reversal, (len(chosen),), entries, threads)
-
-    _require_memory(t, v, t * v)
-
-    def lower_triangle(out: np.ndarray, a: np.ndarray) -> None:
-        conjugate = a.conj().T
-
-        def rows(start: int) -> None:
-            stop = start + _ROWS
-            out[start:stop, :stop] += a[start:stop] @ conjugate[:, :stop]
-
-        map_blocks(rows, range(0, len(a), _ROWS), threads)
-
-    found = _estimate(tracer, paths, seed, reversal, (t * v, t * v), lower_triangle, threads)
-    for part in (found.value, found.single, found.multiple):
-        _mirror(part)
-    _mirror(found.standard_error)
-    shape = (t, v, t, v)
-    return Covariance(
-        found.value.reshape(shape), found.standard_error.reshape(shape), found.single.reshape(shape),
-        found.multiple.reshape(shape), paths, reversal, found.unfinished,
+    if pairs is None:
+        _require_memory(t, v, t * v)
+        entries = _all_pairs(t * v, threads)
+    else:
+        entries = _chosen_pairs(_checked_pairs(pairs, t, v), v)
+    run = partial(_estimate, tracer, reverse=reversal, entries=entries, threads=threads)
+    keyed = pilot_seed(scene.fingerprint())
+    count = paths_for(
+        DEFAULT_PATHS, paths, rel_error, seconds, lambda n: run(n, keyed, stream=Stream.PILOT).rel_error
     )  # fmt: skip
+    found = run(count, seed)
+    return found if pairs is not None else found.reshaped((t, v, t, v))
 
 
 def covariance_blocks(
@@ -179,26 +189,68 @@ def covariance_blocks(
     """
     if rows < 1:
         reject("covariance_blocks rows", "at least 1", rows)
-    tracer, reversal = _prepare(scene, paths, reverse, tolerance)
+    checked_budget("covariance_blocks", paths, None, None)
+    tracer, reversal = _prepare(scene, reverse, tolerance)
     t, v = len(tracer.lights.vectors), len(tracer.views.vectors)
     _require_memory(t, v, rows)
     for start in range(0, t * v, rows):
         part = slice(start, min(start + rows, t * v))
 
-        def block(out: np.ndarray, a: np.ndarray, part: slice = part) -> None:
-            out += a[part] @ a.conj().T
-
-        found = _estimate(tracer, paths, seed, reversal, (part.stop - part.start, t * v), block, threads)
-        shape = (part.stop - part.start, t, v)
-        yield part, Covariance(
-            found.value.reshape(shape), found.standard_error.reshape(shape), found.single.reshape(shape),
-            found.multiple.reshape(shape), paths, reversal, found.unfinished,
-        )  # fmt: skip
+        found = _estimate(tracer, paths, seed, reverse=reversal, entries=_rows(part, t * v), threads=threads)
+        yield part, found.reshaped((part.stop - part.start, t, v))
 
 
+<<<<<<< HEAD
 def _prepare(scene: Scene, paths: int, reverse: Reverse, tolerance: float) -> tuple[Tracer, bool]:
     if not isinstance(paths, int | np.integer) or paths < 1:
         reject("covariance paths", "a whole number of at least 1", paths)
+=======
+@dataclass(frozen=True)
+class _Entries:
+    """Which entries of C to estimate: their shape, how amplitudes [T * V, M] add to their sums, and their scale.
+
+    ``scale`` maps C_pp, float64[T * V], to sqrt(C_pp C_qq) of the entries.
+    """
+
+    shape: tuple[int, ...]
+    add: Callable[[np.ndarray, np.ndarray], None]
+    scale: Callable[[np.ndarray], np.ndarray]
+    symmetric: bool = False
+
+
+def _all_pairs(n: int, threads: int | None) -> _Entries:
+    def lower_triangle(out: np.ndarray, a: np.ndarray) -> None:
+        conjugate = a.conj().T
+
+        def rows(start: int) -> None:
+            stop = start + _BLOCK_ROWS
+            out[start:stop, :stop] += a[start:stop] @ conjugate[:, :stop]
+
+        map_blocks(rows, range(0, n, _BLOCK_ROWS), threads)
+
+    return _Entries((n, n), lower_triangle, lambda power: np.sqrt(np.outer(power, power)), symmetric=True)
+
+
+def _chosen_pairs(pairs: np.ndarray, v: int) -> _Entries:
+    left, right = pairs[:, 0] * v + pairs[:, 1], pairs[:, 2] * v + pairs[:, 3]
+
+    def entries(out: np.ndarray, a: np.ndarray) -> None:
+        out += np.einsum("pm,pm->p", a[left], a[right].conj())
+
+    return _Entries((len(pairs),), entries, lambda power: np.sqrt(power[left] * power[right]))
+
+
+def _rows(part: slice, n: int) -> _Entries:
+    def rows(out: np.ndarray, a: np.ndarray) -> None:
+        out += a[part] @ a.conj().T
+
+    return _Entries((part.stop - part.start, n), rows, lambda power: np.sqrt(np.outer(power[part], power)))
+
+
+def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, bool]:
+    if isinstance(scene.illumination, IncoherentObject):
+        reject("covariance scene.illumination", "coherent lights", "IncoherentObject", "Use its .beams.")
+>>>>>>> main
     if not 0 < tolerance < 1:
         reject("covariance tolerance", "between 0 and 1", tolerance)
     reversal = scene_reversal(scene, reverse, tolerance).needed
@@ -209,22 +261,29 @@ def _estimate(
     tracer: Tracer,
     paths: int,
     seed: Seed,
+    *,
     reverse: bool,
-    shape: tuple[int, ...],
-    add: Callable[[np.ndarray, np.ndarray], None],
+    entries: _Entries,
     threads: int | None,
+    stream: Stream = Stream.PATHS,
 ) -> Covariance:
-    """Sum ``add(sums, amplitudes)`` over batches of paths, and find the error from their scatter."""
-    total, single = np.zeros((2, *shape), np.complex128)
-    squares = np.zeros(shape)
+    """Sum the outer products of amplitudes over batches of paths, and find the error from their scatter."""
+    total, single = np.zeros((2, *entries.shape), np.complex128)
+    squares = np.zeros(entries.shape)
+    pairs = len(tracer.lights.vectors) * len(tracer.views.vectors)
+    power = np.zeros(pairs)
     unfinished = 0
     edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
-    n = len(edges) - 1
-    step = max(1, _ELEMENTS // max(len(tracer.lights.vectors) * len(tracer.views.vectors), 1))
+    step = max(1, _ELEMENTS // max(pairs, 1))
+
+    def add(batch: np.ndarray, amplitudes: np.ndarray) -> None:
+        entries.add(batch, amplitudes)
+        power[:] += np.einsum("pm,pm->p", amplitudes, amplitudes.conj()).real
+
     with one_blas_thread():
         for first, last in zip(edges[:-1], edges[1:], strict=True):
-            batch = np.zeros(shape, np.complex128)
-            bank = tracer.trace(seed, last - first, first=first, threads=threads)
+            batch = np.zeros(entries.shape, np.complex128)
+            bank = tracer.trace(seed, last - first, first=first, stream=stream, threads=threads)
             unfinished += bank.unfinished
             for part in _pieces(bank.single, step):
                 add(batch, single_amplitudes(tracer, part, threads))
@@ -235,9 +294,21 @@ def _estimate(
             squares += np.square(batch.real) + np.square(batch.imag)
     total /= paths
     single /= paths
-    variance = squares / paths**2 - (np.square(total.real) + np.square(total.imag)) / n
-    error = np.sqrt(np.clip(variance, 0, None) * n / (n - 1)) if n > 1 else np.full(shape, np.nan)
-    return Covariance(total, error, single, total - single, paths, reverse, unfinished)
+    error = _standard_error(squares / paths**2, total, len(edges) - 1)
+    if entries.symmetric:
+        for matrix in (total, single, error):
+            _mirror(matrix)
+    lit = entries.scale(power / paths)
+    relative = np.divide(error, lit, out=np.zeros_like(error), where=lit > 0).max(initial=0.0)
+    return Covariance(total, error, single, total - single, paths, reverse, float(relative), unfinished)
+
+
+def _standard_error(squares: np.ndarray, mean: np.ndarray, n: int) -> np.ndarray:
+    """Error of a mean from the sum of |what each of n batches adds to it|^2; NaN where n < 2."""
+    if n < 2:
+        return np.full(mean.shape, np.nan)
+    scatter = squares - (np.square(mean.real) + np.square(mean.imag)) / n
+    return np.sqrt(np.clip(scatter, 0, None) * n / (n - 1))
 
 
 def _pieces(bank: VolumeBank, step: int) -> Iterator[VolumeBank]:

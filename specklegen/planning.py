@@ -36,7 +36,6 @@ DEFAULT_PATHS = 100_000
 STATIONARY_TOLERANCE = 0.02
 
 
-
 @dataclass(frozen=True)
 class Plan:
     """What a render will do, what it leaves out and why, and what that costs.

@@ -7,10 +7,13 @@ Scene -> plan -> covariance -> eigenvectors -> fields                    ("covar
 Beams through a slab have an engine of their own; any other geometry goes through ``specklegen.pathspace``.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from specklegen.budgets import checked_budget, paths_for
 from specklegen.covariances import covariance
 from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import Optics, random_phases
@@ -23,7 +26,7 @@ from specklegen.pathspace.tracing import scene_tracer
 from specklegen.planning import Plan, plan
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
-from specklegen.streams import Seed
+from specklegen.streams import Seed, pilot_seed
 from specklegen.tracing import CHUNK, trace
 from specklegen.values import reject
 
@@ -95,6 +98,7 @@ def render(
     *,
     paths: int | None = None,
     rel_error: float | None = None,
+    seconds: float | None = None,
     seed: Seed = 0,
     realizations: int | None = None,
     sampler: Sampler = "auto",
@@ -112,6 +116,9 @@ def render(
     ----------
     scene, paths, rel_error, sampler, reverse, field_tolerance
         See :func:`specklegen.plan`.
+    seconds
+        Instead of ``paths``, or as a limit to ``rel_error``: as many paths as this time allows here, planning left
+        out. The count, which the report states, is fixed before the run and gives the same bits as ``paths=`` it.
     seed
         A whole number, or a sequence of them.
     realizations
@@ -135,14 +142,15 @@ def render(
         reject("realizations", "at least 1, or None for one without the axis", realizations)
     if mean and isinstance(scene.illumination, IncoherentObject):
         reject("mean", "False for an incoherent object", mean, "Its ballistic image is not modelled.")
-    made = plan(
-        scene, paths=paths, rel_error=rel_error, sampler=sampler, reverse=reverse, mean=mean,
-        field_tolerance=field_tolerance, threads=threads,
-    )  # fmt: skip
-    draw = {"stationary": _stationary, "covariance": _covariance, "paths": _paths}[made.sampler]
-    if made.sampler == "paths" and made.proposal is None:
-        draw = _volume_paths
-    images, connections, unfinished = draw(made, seed, realizations or 1, threads)
+    checked_budget("render", paths, rel_error, seconds)
+    choose = partial(
+        plan, scene, sampler=sampler, reverse=reverse, mean=mean, field_tolerance=field_tolerance, threads=threads
+    )
+    if seconds is not None:
+        paths = _paths_within(choose, rel_error, seconds / (realizations or 1), threads)
+        rel_error = None
+    made = choose(paths=paths, rel_error=rel_error)
+    images, connections, unfinished = _draw(made, seed, realizations or 1, threads)
     if mean:
         images = images + mean_field(scene).astype(np.complex64)
     if realizations is None:
@@ -162,6 +170,27 @@ def render(
     return SpeckleStack(images, None, report)
 
 
+def _draw(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
+    """Images of every realization, connections kept and paths unfinished, by the sampler that was planned."""
+    paths = _volume_paths if made.proposal is None else _paths
+    sampler = {"stationary": _stationary, "covariance": _covariance, "paths": paths}[made.sampler]
+    return sampler(made, seed, realizations, threads)
+
+
+def _paths_within(
+    choose: Callable[..., Plan], rel_error: float | None, seconds: float, threads: int | None
+) -> int:
+    """Paths that a time allows, or those of an error if they are fewer; pilots run under a seed of their own."""
+
+    def pilot(count: int) -> float:
+        made = choose(paths=count)
+        _draw(made, pilot_seed(made.scene.fingerprint()), 1, threads)
+        return made.expected_error
+
+    allowed = paths_for(0, None, None, seconds, pilot)
+    return allowed if rel_error is None else min(allowed, choose(rel_error=rel_error).paths)
+
+
 def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """Algorithm 2: fresh paths and phases for every realization, summed chunk by chunk in a fixed order."""
     scene = made.scene
@@ -175,7 +204,7 @@ def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
         for first in range(0, made.paths, CHUNK):
             count = min(CHUNK, made.paths - first)
             bank = trace(scene.slab, made.proposal, seed, count, first=first, sample=r, threads=threads)
-            phases = random_phases(bank, seed, r)
+            phases = random_phases(bank, seed, r, threads=threads)
             if made.nufft:
                 part = nufft_field(bank, optics, phases, made.nufft, threads=threads)
             else:

@@ -7,7 +7,6 @@ from volume_batches import BATCHES, assert_same, engine_batches
 
 import specklegen as sg
 
-pytest.importorskip("specklegen.mean_finite")  # plans judge the mean field of every geometry
 SCENE = flat_box([0.0, 4.0], views([0, 4, 180]), half=5.0, mean_free_path=5.0)
 BEAMS = sg.CollimatedBeams.tilts([0.0, 0.05], width=4.0, dimensions=2)
 POINTS = sg.PointSources(points=[[0.0, -9.0], [1.0, 1.0]])

@@ -8,7 +8,7 @@ from specklegen.illumination import PlaneWaves, PointSources, footprint_code
 from specklegen.kernels import sources as kernel
 from specklegen.kernels.sources import Sources
 from specklegen.kernels.volume import Volume
-from specklegen.kernels.walk import GAUSSIAN, SQUARE
+from specklegen.kernels.walk import GAUSSIAN, SQUARE, UNLIMITED
 from specklegen.media import Medium, Slab
 from specklegen.pathspace.volumes import materials, spatial, volume_of
 from specklegen.scatterers import Dimensions
@@ -37,6 +37,17 @@ def scene_sources(scene: Scene) -> Sources:
         evenly = min(_EVENLY, 1 / max(scene.medium.optical_depth, 1.0)) if rows else 1.0
         rows = [(weight * (1 - evenly), row) for weight, row in rows]
         rows.append((evenly, {"kind": kernel.UNIFORM}))
+    return _laid_out(rows, lobe)
+
+
+def plane_sources(medium: Slab) -> Sources:
+    """Paths of an unlimited plane wave along the axis of a slab, from one point: weights are per unit area."""
+    row = {"kind": kernel.BEAM, "vector": np.array([0.0, 0.0, 1.0]), "footprint": UNLIMITED}
+    return _laid_out([(1.0, row)], _mean_cosine(medium, 3))
+
+
+def _laid_out(rows: list[tuple[float, dict]], lobe: float) -> Sources:
+    """Sources of (share, description) as the kernels read them."""
     kinds = np.zeros((len(rows), 2), np.int64)
     table = np.zeros((len(rows), kernel.COLUMNS))
     for out, kind, (weight, row) in zip(table, kinds, rows, strict=True):

@@ -9,8 +9,9 @@ from specklegen.kernels import volume_walk, walk
 from specklegen.kernels.phase_table import PhaseTable
 from specklegen.kernels.sources import POINT, Sources
 from specklegen.kernels.volume import Volume
+from specklegen.media import Medium, Slab
 from specklegen.parallel import map_blocks
-from specklegen.pathspace.sources import scene_sources
+from specklegen.pathspace.sources import plane_sources, scene_sources
 from specklegen.pathspace.targets import Target, light_target, probes, view_target
 from specklegen.pathspace.volumes import materials, volume_of
 from specklegen.phase_tables import phase_table
@@ -89,6 +90,11 @@ class Tracer:
         """The same with only a few of the lights and views, which keep their beam profile."""
         return replace(self, lights=self.lights.few(), views=self.views.few())
 
+    def paired(self, n: int) -> "Tracer":
+        """The same with only light n and view n."""
+        one = slice(n, n + 1)
+        return replace(self.seen_from(one), lights=replace(self.lights, vectors=self.lights.vectors[one]))
+
     def trace(
         self,
         seed: Seed,
@@ -142,7 +148,6 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
     sources = scene_sources(scene)
     views = view_target(scene)
     two_way = reverse or starts_at_sensor(scene, sources)
-    optical = scene.medium.optical_depth
     tracer = Tracer(
         volume=volume,
         table=phase_table(materials(scene.medium), 2 if scene.dimension == 2 else 3),
@@ -151,11 +156,37 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
         views=views,
         two_way=two_way,
         threshold=0.0,
-        max_order=int(min(max(1000.0, 10 * optical**2), 2e9)),
+        max_order=_max_order(scene.medium),
     )
-    if views.near or not len(views.vectors) or not len(tracer.lights.vectors):
+    return tracer if views.near else _thinned(tracer, pilot_seed(scene.fingerprint()))
+
+
+def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool) -> Tracer:
+    """Tracer of unlimited plane waves float64[T, 3] on a slab, paths starting along the axis.
+
+    Weights are per unit area of the face.
+    """
+    tracer = Tracer(
+        volume=volume_of(medium, 3),
+        table=phase_table(materials(medium), 3),
+        sources=plane_sources(medium),
+        lights=Target(False, -lights, wavelength),
+        views=Target(False, views, wavelength),
+        two_way=reverse,
+        threshold=0.0,
+        max_order=_max_order(medium),
+    )
+    return _thinned(tracer, pilot_seed(medium.fingerprint()))
+
+
+def _max_order(medium: Medium) -> int:
+    return int(min(max(1000.0, 10 * medium.optical_depth**2), 2e9))
+
+
+def _thinned(tracer: Tracer, seed: int) -> Tracer:
+    """Set the threshold from a pilot, where a path has so many connections that judging them pays."""
+    if not len(tracer.views.vectors) or not len(tracer.lights.vectors):
         return tracer
-    seed = pilot_seed(scene.fingerprint())
     # Any positive threshold makes the walk judge connections; this one keeps them all but those of no weight.
     judging = replace(tracer, threshold=1e-300)
     bank = judging.trace(seed, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
