@@ -117,11 +117,6 @@ def covariance(
     Parameters
     ----------
     scene
-<<<<<<< HEAD
-        Any medium, lights and sensor. An incoherent object's lights are its lit pixels' beams of unit irradiance.
-    paths, seed
-        Number of paths, and the seed of which (with the other arguments) the result is a function.
-=======
         Any medium, coherent lights and sensor.
     paths
         Number of paths; 100 000 unless ``rel_error`` or ``seconds`` sets it.
@@ -132,7 +127,6 @@ def covariance(
         Instead, or as a limit to ``rel_error``: trace what this time allows on this machine.
     seed
         The result is a function of it, the number of paths and the other arguments.
->>>>>>> main
     reverse
         Whether reversed paths (coherent backscattering) take part; "auto" drops them where they add less than
         ``tolerance`` at every light and view (physics.md 2).
@@ -146,7 +140,7 @@ def covariance(
     Raises
     ------
     RuleError
-        For an argument out of range, or a result that does not fit into memory.
+        For an argument out of range, incoherent illumination, or a result that does not fit into memory.
     """
     checked_budget("covariance", paths, rel_error, seconds)
     tracer, reversal = _prepare(scene, reverse, tolerance)
@@ -200,11 +194,6 @@ def covariance_blocks(
         yield part, found.reshaped((part.stop - part.start, t, v))
 
 
-<<<<<<< HEAD
-def _prepare(scene: Scene, paths: int, reverse: Reverse, tolerance: float) -> tuple[Tracer, bool]:
-    if not isinstance(paths, int | np.integer) or paths < 1:
-        reject("covariance paths", "a whole number of at least 1", paths)
-=======
 @dataclass(frozen=True)
 class _Entries:
     """Which entries of C to estimate: their shape, how amplitudes [T * V, M] add to their sums, and their scale.
@@ -250,7 +239,6 @@ def _rows(part: slice, n: int) -> _Entries:
 def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, bool]:
     if isinstance(scene.illumination, IncoherentObject):
         reject("covariance scene.illumination", "coherent lights", "IncoherentObject", "Use its .beams.")
->>>>>>> main
     if not 0 < tolerance < 1:
         reject("covariance tolerance", "between 0 and 1", tolerance)
     reversal = scene_reversal(scene, reverse, tolerance).needed
