@@ -236,7 +236,10 @@ def _volume_paths(made: Plan, seed: Seed, realizations: int, threads: int | None
 
 def _covariance(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """Algorithms 1 and 3 once, then every realization from the eigenvectors."""
-    found = covariance(made.scene, paths=made.paths, seed=seed, reverse=made.reverse, threads=threads)
+    scene = made.scene
+    if isinstance(scene.illumination, IncoherentObject):
+        scene = scene.replace(illumination=scene.beams)  # whose intensities are added with their brightness
+    found = covariance(scene, paths=made.paths, seed=seed, reverse=made.reverse, threads=threads)
     return np.stack([_image(made.scene, field) for field in found.sample(realizations, seed)]), 0, found.unfinished
 
 

@@ -72,3 +72,16 @@ def test_chunks_of_paths_join(monkeypatch):
     monkeypatch.setattr(rendering, "CHUNK", 128)
     parts = sg.render(SCENE, paths=300, seed=8, reverse=True).field
     np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-6 * np.abs(whole).max())
+
+
+def test_an_incoherent_object_is_drawn_from_the_covariance_of_its_beams():
+    """Two bright pixels of three: an image without a field, never negative."""
+    scene = sg.Scene(
+        wavelength=1.0,
+        medium=sg.Slab(thickness=20.0, mean_free_path=10.0, scatterer=sg.Isotropic()),
+        illumination=sg.IncoherentObject(brightness=[[1.0, 0.0, 2.0]], pitch=0.01, width=20.0),
+        sensor=sg.FarField(directions=[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]),
+    )
+    stack = sg.render(scene, sampler="covariance", paths=64, seed=1)
+    assert stack.intensity.shape == (2,)
+    assert stack.intensity.min() > 0
