@@ -8,20 +8,28 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from specklegen.illumination import CollimatedBeams, IncoherentObject, PlaneWaves
+    from specklegen.covariances import Covariance, covariance, covariance_blocks
+    from specklegen.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
     from specklegen.mean import mean_field
-    from specklegen.media import Slab
+    from specklegen.media import Box, Slab, VoxelGrid
     from specklegen.memory_curve import MemoryEffect, memory_effect
     from specklegen.partially_coherent import render_partially_coherent
     from specklegen.planning import Plan, plan
     from specklegen.rendering import SpeckleStack, render
-    from specklegen.scatterers import HenyeyGreenstein, Isotropic
+    from specklegen.scatterers import HenyeyGreenstein, Isotropic, Mie, Mixture, Tabulated, VonMisesFisher
     from specklegen.scene import Scene
-    from specklegen.sensors import FarField, FarFieldGrid
+    from specklegen.sensors import FarField, FarFieldGrid, NearField
     from specklegen.transmission import transmission_matrix
     from specklegen.values import RuleError
 
 _HOME = {
+    "covariance_blocks": "covariances",
+    "covariance": "covariances",
+    "Covariance": "covariances",
+    "NearField": "sensors",
+    "PointSources": "illumination",
+    "VoxelGrid": "media",
+    "Box": "media",
     "CollimatedBeams": "illumination",
     "FarField": "sensors",
     "FarFieldGrid": "sensors",
@@ -29,12 +37,16 @@ _HOME = {
     "IncoherentObject": "illumination",
     "Isotropic": "scatterers",
     "MemoryEffect": "memory_curve",
+    "Mie": "scatterers",
+    "Mixture": "scatterers",
     "Plan": "planning",
     "PlaneWaves": "illumination",
     "RuleError": "values",
     "Scene": "scene",
     "Slab": "media",
     "SpeckleStack": "rendering",
+    "Tabulated": "scatterers",
+    "VonMisesFisher": "scatterers",
     "mean_field": "mean",
     "memory_effect": "memory_curve",
     "plan": "planning",
@@ -44,6 +56,13 @@ _HOME = {
 }
 
 __all__ = [
+    "covariance_blocks",
+    "covariance",
+    "Covariance",
+    "NearField",
+    "PointSources",
+    "VoxelGrid",
+    "Box",
     "CollimatedBeams",
     "FarField",
     "FarFieldGrid",
@@ -51,12 +70,16 @@ __all__ = [
     "IncoherentObject",
     "Isotropic",
     "MemoryEffect",
+    "Mie",
+    "Mixture",
     "Plan",
     "PlaneWaves",
     "RuleError",
     "Scene",
     "Slab",
     "SpeckleStack",
+    "Tabulated",
+    "VonMisesFisher",
     "mean_field",
     "memory_effect",
     "plan",

@@ -18,6 +18,9 @@ _TRANSFORM = 42.0  # spreading one strength, at a tolerance of 1e-3
 _VIEW = 14.0  # a connection at a view, summed directly
 _FFT_POINT = 12.0
 _NORMAL = 20.0  # a complex normal
+_VOLUME_EVENT = 150.0  # a scattering event in any geometry
+_VOLUME_END = 60.0  # one end of a connection there, at one light or view
+_PRODUCT = 0.25  # a complex multiplication and addition within a matrix product
 _FIXED = 64 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
 
 
@@ -75,3 +78,35 @@ def memory_bytes(work: Work, threads: int) -> int:
         field = tilts * views * per * (2 + work.nufft.rank + threads)
         return int(bank + connections * (16 * (tilts + work.nufft.rank) + per * tilts * threads) + field + _FIXED)
     return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + _FIXED)
+
+
+@dataclass(frozen=True)
+class VolumeWork:
+    """What there is to do in any geometry."""
+
+    scene: Scene
+    paths: int
+    events_per_path: float
+    connections_per_path: float
+    ways: int
+    covariance: bool
+
+
+def volume_seconds(work: VolumeWork, threads: int) -> float:
+    """Seconds for the first realization of a scene of any geometry."""
+    lights, views = len(work.scene.lights), len(work.scene.views)
+    connections = work.paths * work.connections_per_path * work.ways
+    pairs = float(lights * views)
+    products = pairs * (pairs / 2 if work.covariance else 1.0)
+    ends = connections * (lights + views) * _VOLUME_END
+    events = work.paths * work.events_per_path * _VOLUME_EVENT
+    return 1e-9 / threads * (events + ends + connections * products * _PRODUCT)
+
+
+def volume_memory_bytes(work: VolumeWork) -> int:
+    """Bytes by which the process grows at most."""
+    pairs = float(len(work.scene.lights) * len(work.scene.views))
+    paths = work.paths / 64 if work.covariance else min(work.paths, CHUNK)
+    bank = paths * work.connections_per_path * (14 * 8 + 20) * 2
+    matrices = pairs**2 * (16 * 6 + 8 * 3) if work.covariance else pairs * 16 * 3
+    return int(bank + matrices + 6 * 2**26 + _FIXED)

@@ -5,12 +5,11 @@ from typing import Literal
 
 import numpy as np
 
-from specklegen.media import Slab
 from specklegen.values import reject
 
 Reverse = bool | Literal["auto"]
-Sampler = Literal["auto", "paths", "stationary"]
-BACKSCATTER_WING = 0.65  # 3D, isotropic scatterers: the slow wing of the cone (physics.md 2)
+Sampler = Literal["auto", "paths", "covariance", "stationary"]
+BACKSCATTER_WING = {3: 0.65, 2: 0.43}  # isotropic scatterers: the slow wing of the cone (physics.md 2)
 
 
 @dataclass(frozen=True)
@@ -33,17 +32,17 @@ class Verdict:
 
 
 def reversal_verdict(
-    medium: Slab, wavelength: float, light: np.ndarray, views: np.ndarray, reverse: Reverse, tolerance: float
+    mean_free_path: float, wavelength: float, light: np.ndarray, views: np.ndarray, reverse: Reverse, tolerance: float
 ) -> Verdict:
     """Reversed paths (coherent backscattering): needed near v = -i.
 
-    Away from -i they add about 0.65 / (k l |i + v|) of the intensity (physics.md 2), with the mean free path
-    l and not the transport length, which is the safe side for forward scattering.
+    Away from -i they add about 0.65 / (k l |i + v|) of the intensity, 0.43 in flatland (physics.md 2), with the
+    mean free path l and not the transport length, which is the safe side for forward scattering.
 
     Parameters
     ----------
     light, views
-        float64[..., 3], all tilts and all views; every pair counts.
+        float64[..., d], all tilts and all views; every pair counts.
     reverse
         True or False decide, "auto" judges.
     tolerance
@@ -54,8 +53,9 @@ def reversal_verdict(
         return Verdict(part, reverse, "asked for" if reverse else "as asked")
     if reverse != "auto":
         reject("reverse", 'True, False or "auto"', reverse)
-    nearest = _nearest_sum(light.reshape(-1, 3), views.reshape(-1, 3))
-    wing = BACKSCATTER_WING * wavelength * medium.extinction / (2 * np.pi * max(nearest, 1e-300))
+    dimension = views.shape[-1]
+    nearest = _nearest_sum(light.reshape(-1, dimension), views.reshape(-1, dimension))
+    wing = BACKSCATTER_WING[dimension] * wavelength / (2 * np.pi * mean_free_path * max(nearest, 1e-300))
     if wing > tolerance:
         return Verdict(part, True, f"add up to {min(wing, 1):.2g} of the intensity near exact backscattering")
     return Verdict(part, False, f"add at most {wing:.2g} of the intensity this far from backscattering")
@@ -65,9 +65,9 @@ def _nearest_sum(light: np.ndarray, views: np.ndarray) -> float:
     """Smallest |i + v| over all pairs, from a tree (grids have a million views)."""
     if len(light) == 0 or len(views) == 0:
         return 2.0
-    if views[:, 2].min() > 0:
+    if views[:, -1].min() > 0 and light[:, -1].min() > 0:
         # Transmission: |i + v| >= i_z + v_z, tight enough and free.
-        return float(light[:, 2].min() + views[:, 2].min())
+        return float(light[:, -1].min() + views[:, -1].min())
     from scipy.spatial import KDTree
 
     distance, _ = KDTree(-light).query(views)

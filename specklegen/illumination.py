@@ -1,6 +1,6 @@
-"""Illumination: plane waves, collimated beams, and incoherent objects made of them.
+"""Illumination: plane waves, collimated beams, point sources, and incoherent objects made of beams.
 
-Directions are unit vectors of travel; the optical axis is the last one (z), and light enters at z = 0.
+Directions are unit vectors of travel; the optical axis is the last one (z).
 """
 
 from functools import cached_property
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from specklegen.kernels import walk
-from specklegen.values import Array, Positive, Value, reject, unit_vectors
+from specklegen.values import Array, Positive, Value, position_vectors, reject, unit_vectors
 
 Profile = Literal["square", "disc", "gaussian"]
 _FOOTPRINT = {"square": walk.SQUARE, "disc": walk.DISC, "gaussian": walk.GAUSSIAN}
@@ -20,18 +20,25 @@ _FOOTPRINT = {"square": walk.SQUARE, "disc": walk.DISC, "gaussian": walk.GAUSSIA
 def _light(field: str, directions: np.ndarray) -> np.ndarray:
     directions = unit_vectors(field, directions)
     if directions.ndim != 2:
-        reject(field, "an array of shape (T, 3)", directions.shape)
-    if directions.shape[-1] != 3:
-        reject(
-            field,
-            "vectors of three components",
-            directions.shape,
-            "Two-dimensional scenes are not built yet.",
-        )
-    if (directions[:, -1] <= 0).any():
-        worst = directions[directions[:, -1].argmin()]
-        reject(field, "directions that travel towards +z", worst, "Light enters a slab through its face z = 0.")
+        reject(field, "an array of shape (T, 3), or (T, 2) in flatland", directions.shape)
     return directions
+
+
+def _tilted(field: str, angles: ArrayLike, dimensions: int) -> np.ndarray:
+    """Unit vectors of tilts float[T] in the x-z plane or float[T, 2], radians below a right angle."""
+    angles = np.asarray(angles, dtype=np.float64)
+    if dimensions not in (2, 3):
+        reject(f"{field} dimensions", "2 or 3", dimensions)
+    if angles.ndim == 1:
+        angles = np.stack([angles, np.zeros_like(angles)], axis=-1)
+    elif dimensions == 2:
+        reject(f"{field} angles", "of shape (T,) in flatland", angles.shape)
+    if angles.ndim != 2 or angles.shape[-1] != 2:
+        reject(f"{field} angles", "of shape (T,) or (T, 2)", angles.shape)
+    if angles.size and not np.abs(angles).max() < np.pi / 2:
+        reject(f"{field} angles", "radians between -pi/2 and pi/2", angles, "Use np.deg2rad.")
+    directions = directions_of_sines(f"{field} angles", np.sin(angles))
+    return directions[:, [0, 2]] if dimensions == 2 else directions
 
 
 def directions_of_sines(field: str, sines: ArrayLike, sign: float = 1.0) -> np.ndarray:
@@ -49,7 +56,7 @@ class PlaneWaves(Value):
     Parameters
     ----------
     directions
-        float64[T, 3], unit vectors of travel.
+        float64[T, 3], or float64[T, 2] in flatland: unit vectors of travel.
     """
 
     type: Literal["PlaneWaves"] = "PlaneWaves"
@@ -60,6 +67,11 @@ class PlaneWaves(Value):
         object.__setattr__(self, "directions", _light("PlaneWaves.directions", self.directions))
         return self
 
+    @classmethod
+    def tilts(cls, angles: ArrayLike, dimensions: int = 3) -> Self:
+        """Plane waves tilted from the axis by ``angles`` in radians: see :meth:`CollimatedBeams.tilts`."""
+        return cls(directions=_tilted("PlaneWaves.tilts", angles, dimensions))
+
 
 class CollimatedBeams(Value):
     """Coherent collimated beams, one per tilt, all through one window of the entrance face.
@@ -67,10 +79,11 @@ class CollimatedBeams(Value):
     Parameters
     ----------
     directions
-        float64[T, 3], unit vectors of travel.
+        float64[T, 3], or float64[T, 2] in flatland: unit vectors of travel, towards +z.
     width
         Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian") of the window,
-        measured on the entrance face and centred at the origin for every tilt.
+        measured on the entrance face and centred at x = 0 (and y = 0) for every tilt. The entrance face is
+        the medium's face of smallest z.
     profile
         Shape of the window; the peak irradiance is 1 per area *of the face*, at every tilt.
     """
@@ -82,11 +95,18 @@ class CollimatedBeams(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        object.__setattr__(self, "directions", _light("CollimatedBeams.directions", self.directions))
+        directions = _light("CollimatedBeams.directions", self.directions)
+        if (directions[:, -1] <= 0).any():
+            worst = directions[directions[:, -1].argmin()]
+            reject(
+                "CollimatedBeams.directions", "directions that travel towards +z", worst,
+                "Beams enter through the medium's face of smallest z.",
+            )  # fmt: skip
+        object.__setattr__(self, "directions", directions)
         return self
 
     @classmethod
-    def tilts(cls, angles: ArrayLike, width: float, profile: Profile = "square") -> Self:
+    def tilts(cls, angles: ArrayLike, width: float, profile: Profile = "square", dimensions: int = 3) -> Self:
         """Beams tilted from the axis by ``angles`` in radians.
 
         Parameters
@@ -96,19 +116,32 @@ class CollimatedBeams(Value):
             direction sine along its axis.
         width, profile
             As for the class.
+        dimensions
+            3, or 2 for flatland.
         """
-        angles = np.asarray(angles, dtype=np.float64)
-        if angles.ndim == 1:
-            angles = np.stack([angles, np.zeros_like(angles)], axis=-1)
-        if angles.ndim != 2 or angles.shape[-1] != 2:
-            reject("CollimatedBeams.tilts angles", "of shape (T,) or (T, 2)", angles.shape)
-        if angles.size and not np.abs(angles).max() < np.pi / 2:
-            reject("CollimatedBeams.tilts angles", "radians between -pi/2 and pi/2", angles, "Use np.deg2rad.")
-        return cls(
-            directions=directions_of_sines("CollimatedBeams.tilts angles", np.sin(angles)),
-            width=width,
-            profile=profile,
-        )
+        return cls(directions=_tilted("CollimatedBeams.tilts", angles, dimensions), width=width, profile=profile)
+
+
+class PointSources(Value):
+    """Point sources of unit strength, e^(ikr) / r^((d-1)/2), inside or outside the medium.
+
+    |u|^2 is then relative to the irradiance at unit distance from a source.
+
+    Parameters
+    ----------
+    points
+        float64[T, 3], or float64[T, 2] in flatland: positions.
+    """
+
+    type: Literal["PointSources"] = "PointSources"
+    points: Array
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        object.__setattr__(self, "points", position_vectors("PointSources.points", self.points))
+        if self.points.ndim != 2:
+            reject("PointSources.points", "an array of shape (T, 3), or (T, 2) in flatland", self.points.shape)
+        return self
 
 
 class IncoherentObject(Value):
@@ -165,7 +198,9 @@ def object_sines(owner: str, shape: tuple[int, ...], pitch: float) -> np.ndarray
     return np.stack([x.ravel(), y.ravel()], axis=-1)
 
 
-Illumination = Annotated[PlaneWaves | CollimatedBeams | IncoherentObject, Field(discriminator="type")]
+Illumination = Annotated[
+    PlaneWaves | CollimatedBeams | PointSources | IncoherentObject, Field(discriminator="type")
+]
 
 
 def footprint_code(profile: Profile) -> int:

@@ -39,8 +39,8 @@ def mean_field(scene: Scene) -> np.ndarray:
     beams = scene.illumination
     if not isinstance(beams, CollimatedBeams):
         reject("mean_field scene.illumination", "CollimatedBeams", type(beams).__name__)
-    views = scene.sensor.directions
-    medium = scene.medium
+    views = scene.view_directions
+    medium = scene.slab
     field = np.empty((len(beams.directions), *scene.sensor.shape), np.complex128)
     forward = views[..., 2] > 0
     for tilt, direction in zip(field, beams.directions, strict=True):
@@ -60,4 +60,4 @@ def mean_field(scene: Scene) -> np.ndarray:
 def ballistic_fraction(scene: Scene) -> float:
     """e^(-OD), the share of the light that crosses the slab without a collision, at the steepest tilt."""
     steepest = scene.beams.directions[:, 2].max(initial=0.0) or 1.0
-    return float(np.exp(-scene.medium.optical_depth / steepest))
+    return float(np.exp(-scene.slab.optical_depth / steepest))

@@ -11,10 +11,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.budgets import checked_budget, paths_for
 from specklegen.fields import ends
 from specklegen.gates import Reverse, reversal_verdict
 from specklegen.illumination import directions_of_sines
 from specklegen.media import Slab
+from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
+from specklegen.pathspace.tracing import plane_tracer
+from specklegen.scatterers import is_henyey_greenstein
 from specklegen.stationary.kernel import AXIS, estimate_kernel, keep_threshold, plane_optics
 from specklegen.statistics import BATCHES, jackknife
 from specklegen.streams import Seed, pilot_seed
@@ -22,6 +26,7 @@ from specklegen.tracing import plane_proposal, trace
 from specklegen.values import reject
 
 Mode = Literal["transmission", "reflection"]
+DEFAULT_PATHS = 100_000
 _OFF_BACKSCATTER = np.deg2rad(5.0)
 
 
@@ -68,7 +73,9 @@ def memory_effect(
     wavelength: float,
     tilts: ArrayLike,
     mode: Mode = "transmission",
-    paths: int = 100_000,
+    paths: int | None = None,
+    rel_error: float | None = None,
+    seconds: float | None = None,
     seed: Seed = 0,
     view: ArrayLike | None = None,
     reverse: Reverse = "auto",
@@ -90,8 +97,15 @@ def memory_effect(
         float[T], radians, in the x-z plane.
     mode
         "transmission" looks along the axis; "reflection" back through the entrance face.
-    paths, seed
-        Number of paths, and the seed of which (with the other arguments) the result is a function.
+    paths
+        Number of paths; 100 000 unless ``rel_error`` or ``seconds`` sets it.
+    rel_error
+        Instead: trace what a pilot says the largest standard error of ``intensity`` takes to fall to this. The count
+        is fixed before the run, so the estimate stays unbiased; ``standard_error`` says what was reached.
+    seconds
+        Instead, or as a limit to ``rel_error``: trace what this time allows on this machine.
+    seed
+        The result is a function of it, the number of paths and the other arguments.
     view
         float[3], direction of the view at zero tilt. Default: the axis in transmission, and in reflection
         5 degrees off exact backscattering, away from its enhancement.
@@ -113,8 +127,7 @@ def memory_effect(
         reject("memory_effect tilts", "radians between -pi/2 and pi/2, of shape (T,)", tilts, "Use np.deg2rad.")
     if not (np.isfinite(wavelength) and wavelength > 0):
         reject("memory_effect wavelength", "greater than 0", wavelength)
-    if paths < 1:
-        reject("memory_effect paths", "at least 1", paths)
+    checked_budget("memory_effect", paths, rel_error, seconds)
     if mode not in ("transmission", "reflection"):
         reject("memory_effect mode", '"transmission" or "reflection"', mode)
     side = 1.0 if mode == "transmission" else -1.0
@@ -127,13 +140,20 @@ def memory_effect(
 
     light = directions_of_sines("memory_effect tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines("memory_effect view + tilts", view[:2] + light[:, :2], side)
-    reversal = reversal_verdict(medium, wavelength, light, views, reverse, tolerance)
+    reversal = reversal_verdict(medium.mean_free_path, wavelength, light, views, reverse, tolerance)
+    fast = is_henyey_greenstein(medium.scatterer)
     small = np.abs(tilts).max(initial=0.0) <= 0.02 * (1 - abs(medium.scatterer.g))
     symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
-    curve = _axial if symmetric else _exact
-    field, intensity, decorrelation, error, single = curve(
-        medium, wavelength, light, view, views, side, paths, seed, reversal.needed, threads
-    )
+    curve = (_axial if symmetric else _exact) if fast else _any_scatterer
+
+    def run(count: int, seed: Seed) -> tuple:
+        return curve(medium, wavelength, light, view, views, side, count, seed, reversal.needed, threads)
+
+    keyed = pilot_seed(medium.fingerprint())
+    count = paths_for(
+        DEFAULT_PATHS, paths, rel_error, seconds, lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0))
+    )  # fmt: skip
+    field, intensity, decorrelation, error, single = run(count, seed)
     return MemoryEffect(
         tilts=tilts,
         q=2 * np.pi / wavelength * np.sin(tilts) * medium.thickness,
@@ -142,7 +162,7 @@ def memory_effect(
         decorrelation=decorrelation,
         standard_error=error,
         single_share=single,
-        paths=paths,
+        paths=count,
         reverse=reversal.needed,
     )
 
@@ -165,28 +185,51 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
     if not reverse:
         threshold = keep_threshold(medium, proposal, pairs, AXIS, pilot_seed(medium.fingerprint()))
         proposal = replace(proposal, threshold=threshold)
+    s = np.diag(ends.single_amplitudes(pairs, views))[:, None]
+
+    def amplitudes(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        bank = trace(medium, proposal, seed, last - first, first=first, threads=threads)
+        ones, many = bank.single, bank.multiple
+        alone = _pair_amplitudes(ones, pairs, views, np.ones(len(ones)), single=True) * s
+        rest = _pair_amplitudes(many, pairs, views, np.ones(len(many)), single=False)
+        if reverse:
+            rest += _pair_amplitudes(bank.reversed(), pairs, views, ends.reversal_phases(bank, pairs), single=False)
+        return alone, rest
+
+    return _correlation(amplitudes, paths, len(light))
+
+
+def _any_scatterer(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
+    """The same by the engine of any geometry, which knows every scatterer."""
+    lights = np.concatenate([AXIS[None], light])
+    tracer = plane_tracer(medium, wavelength, lights, np.concatenate([view[None], views]), reverse)
+
+    def amplitudes(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        bank = tracer.trace(seed, last - first, first=first, threads=threads)
+        ones, many = bank.single, bank.multiple
+        matched = [tracer.paired(n) for n in range(len(lights))]
+        alone = np.concatenate([single_amplitudes(pair, ones) for pair in matched])
+        return alone, np.concatenate([multiple_amplitudes(pair, many, reverse) for pair in matched])
+
+    return _correlation(amplitudes, paths, len(light))
+
+
+def _correlation(amplitudes, paths, n):
+    """K_t, |K_t|^2, its loss, its error, the single share; amplitudes(first, last) are two complex128[1 + n, M]."""
     sums = []
     single = total = 0.0
     edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
     for first, last in zip(edges[:-1], edges[1:], strict=True):
-        bank = trace(medium, proposal, seed, last - first, first=first, threads=threads)
-        ones = bank.select(bank.orders == 1)
-        many = bank.select(bank.orders > 1)
-        s = np.diag(ends.single_amplitudes(pairs, views))
-        alone = _pair_amplitudes(ones, pairs, views, np.ones(len(ones)), single=True) * s[:, None]
-        rest = _pair_amplitudes(many, pairs, views, np.ones(len(many)), single=False)
-        if reverse:
-            rest += _pair_amplitudes(bank.reversed(), pairs, views, ends.reversal_phases(bank, pairs), single=False)
-        amplitudes = np.concatenate([alone, rest], axis=1)
-        power = np.square(np.abs(amplitudes)).sum(axis=1)
-        product = (amplitudes[0] * amplitudes[1:].conj()).sum(axis=1)
+        alone, rest = amplitudes(first, last)
+        both = np.concatenate([alone, rest], axis=1)
+        power = np.square(np.abs(both)).sum(axis=1)
+        product = (both[0] * both[1:].conj()).sum(axis=1)
         sums.append(np.concatenate([product, power[1:], power[:1]]))
         single += np.square(np.abs(alone[0])).sum()
         total += power[0]
     if total == 0:
-        return _dark(len(light))
+        return _dark(n)
     sums = np.array(sums)
-    n = len(light)
 
     def correlation(part: np.ndarray) -> np.ndarray:
         return np.square(np.abs(part[:n])) / (part[n : 2 * n].real * part[2 * n].real)

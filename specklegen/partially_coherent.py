@@ -238,8 +238,9 @@ def finite_path_excess(
         Paths from which the weights are known; keyed by the scene.
     """
     made = plan(scene, paths=paths, sampler="paths", reverse=False)
+    assert made.proposal is not None
     bank = trace(
-        scene.medium, made.proposal, pilot_seed(scene.fingerprint()), samples, stream=Stream.PILOT, threads=threads
+        scene.slab, made.proposal, pilot_seed(scene.fingerprint()), samples, stream=Stream.PILOT, threads=threads
     )
     each = full_weights(bank, Optics.of_scene(scene), made.proposal.reference, AXIS)
     path = np.bincount(bank.paths, each, samples)

@@ -34,7 +34,7 @@ class Pilot:
 @remembered(64)
 def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
     """Pilot of a scene, with or without reversed paths."""
-    medium = scene.medium
+    medium = scene.slab
     views = probe_views(scene)
     proposal = beam_proposal(medium, scene.beams, views, reverse=reverse)
     optics = Optics.of_scene(scene)
@@ -69,9 +69,9 @@ def probe_views(scene: Scene) -> np.ndarray:
     """Views that stand for all in weights and errors: centre and corners of a grid, at most nine others."""
     sensor = scene.sensor
     if not isinstance(sensor, FarFieldGrid):
-        flat = sensor.directions.reshape(-1, 3)
+        flat = scene.views
         return flat[np.unique(np.linspace(0, len(flat) - 1, 9).astype(int))] if len(flat) else flat
-    narrow = np.ptp(sensor.corner_directions, axis=0).max() < 0.05 * (1 - abs(scene.medium.scatterer.g))
+    narrow = np.ptp(sensor.corner_directions, axis=0).max() < 0.05 * (1 - abs(scene.slab.scatterer.g))
     return (
         sensor.center_direction[None]
         if narrow

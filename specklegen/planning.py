@@ -5,22 +5,32 @@ is a pure function of the scene and the arguments: pilots are keyed by the scene
 seconds may differ between machines, choices may not.
 """
 
-import os
 from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.costs import Work, memory_bytes, seconds
+from specklegen.costs import VolumeWork, Work, memory_bytes, seconds, volume_memory_bytes, volume_seconds
 from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
 from specklegen.gates import Reverse, Sampler, Verdict, reversal_verdict
+from specklegen.illumination import CollimatedBeams, IncoherentObject
 from specklegen.mean import ballistic_fraction
+from specklegen.media import Medium, VoxelGrid
 from specklegen.parallel import thread_count
+from specklegen.pathspace.gates import scene_reversal, slab_engine_obstacle
+from specklegen.pathspace.pilots import volume_pilot
+from specklegen.pathspace.tracing import scene_tracer
 from specklegen.pilots import scene_pilot
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid, require_resolved
 from specklegen.tracing import Proposal
-from specklegen.values import reject
-from specklegen.verdicts import evaluator_verdict, mean_verdict, stationary_verdict, validity_verdicts
+from specklegen.values import available_memory, reject
+from specklegen.verdicts import (
+    evaluator_verdict,
+    mean_verdict,
+    stationary_verdict,
+    validity_verdicts,
+    volume_mean_verdict,
+)
 
 DEFAULT_PATHS = 100_000
 STATIONARY_TOLERANCE = 0.02
@@ -37,13 +47,13 @@ class Plan:
     paths : int
         Paths to trace a realization ("paths"), or once for the memory-effect kernel ("stationary").
     sampler, evaluator : str
-        "paths" with "nufft" or "direct", or "stationary".
+        "paths" with "nufft" or "direct", "covariance" with "eigenvectors", or "stationary".
     reverse, mean : bool
         Whether reversed paths and the mean field take part.
     verdicts : tuple of Verdict
         Every gate, with its reason.
-    proposal : Proposal
-        How paths are drawn.
+    proposal : Proposal or None
+        How paths are drawn through a slab; None where the general engine serves (any geometry).
     nufft : NufftEvaluator or None
         The view factors, where the NUFFT is used.
     expected_error : float
@@ -64,7 +74,7 @@ class Plan:
     reverse: bool
     mean: bool
     verdicts: tuple[Verdict, ...]
-    proposal: Proposal
+    proposal: Proposal | None
     nufft: NufftEvaluator | None
     expected_error: float
     connections_per_path: float
@@ -79,20 +89,20 @@ class Plan:
 
     def explain(self) -> str:
         """Tell in words what will be done, what is left out and why, and what it will cost."""
-        medium = self.scene.medium
         shape = "x".join(str(n) for n in self.scene.sensor.shape)
         lines = [
-            f"Slab of optical depth {medium.optical_depth:.4g}, anisotropy {medium.scatterer.g:g}, albedo "
-            f"{medium.albedo:g}; {len(self.scene.beams.directions)} tilts, {shape} views.",
+            f"{_described(self.scene.medium)}; {len(self.scene.lights)} "
+            f"{_LIGHTS.get(type(self.scene.illumination).__name__, 'tilts')}, {shape} views.",
             f"Sampler: {self.sampler} ({self.evaluator}), {self.paths} paths.",
         ]
         lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.verdicts]
-        what = "false intensity correlation" if self.sampler == "paths" else "intensity scale"
+        what = "intensity scale" if self.sampler == "stationary" else "false intensity correlation"
         lines += [
             f"Expected error ({what}, relative): {self.expected_error:.2g}.",
             f"Cost: about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
-            f"Ballistic fraction: {ballistic_fraction(self.scene):.2g}.",
         ]
+        if isinstance(self.scene.illumination, CollimatedBeams | IncoherentObject):
+            lines.append(f"Ballistic fraction: {ballistic_fraction(self.scene):.2g}.")
         return "\n".join(lines)
 
 
@@ -122,7 +132,8 @@ def plan(
         entrance, add up to as much again (:func:`specklegen.partially_coherent.finite_path_excess`). Also
         the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
-        "auto", or one of "paths", "stationary".
+        "auto", or one of "paths", "covariance", "stationary". "covariance" (few lights and views) estimates
+        the covariance once and draws every realization from its eigenvectors.
     reverse
         Coherent backscattering: True, False or "auto".
     mean
@@ -146,18 +157,22 @@ def plan(
         reject("rel_error", "between 0 and 1", rel_error)
     if not 0 < field_tolerance < 1:
         reject("field_tolerance", "between 0 and 1", field_tolerance)
-    if sampler not in ("auto", "paths", "stationary"):
-        reject("sampler", 'one of "auto", "paths", "stationary"', sampler)
+    if sampler not in ("auto", "paths", "covariance", "stationary"):
+        reject("sampler", 'one of "auto", "paths", "covariance", "stationary"', sampler)
     tolerance = rel_error if rel_error is not None else STATIONARY_TOLERANCE
     grid = scene.sensor
-    if isinstance(grid, FarFieldGrid):
+    if isinstance(grid, FarFieldGrid) and isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
 
+    obstacle = slab_engine_obstacle(scene)
+    if obstacle or sampler == "covariance":
+        return _plan_volume(scene, obstacle, paths, rel_error, sampler, reverse, mean, tolerance, threads)
+
     # The stack and its views alone, before the gates below build an array of all views.
-    _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.beams.directions) + 48))
+    _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
     verdicts = list(validity_verdicts(scene))
     reversal = reversal_verdict(
-        scene.medium, scene.wavelength, scene.beams.directions, scene.sensor.directions, reverse, tolerance
+        scene.medium.mean_free_path, scene.wavelength, scene.lights, scene.views, reverse, tolerance
     )
     verdicts += [reversal, mean_verdict(scene, mean, tolerance)]
     pilot = scene_pilot(scene, reversal.needed)
@@ -201,12 +216,82 @@ def plan(
     )
 
 
+def _plan_volume(
+    scene: Scene,
+    obstacle: str | None,
+    paths: int | None,
+    rel_error: float | None,
+    sampler: Sampler,
+    reverse: Reverse,
+    mean: bool,
+    tolerance: float,
+    threads: int | None,
+) -> Plan:
+    """Plan for the general engine: paths summed directly, or a covariance."""
+    if sampler == "stationary":
+        reject("sampler", '"paths", "covariance" or "auto" for this scene', sampler, f"Here {obstacle}.")
+    reversal = scene_reversal(scene, reverse, tolerance)
+    pilot = volume_pilot(scene, reversal.needed)
+    if paths is None:
+        paths = DEFAULT_PATHS if rel_error is None else max(1, int(np.ceil(pilot.relative_variance / rel_error**2)))
+    use_covariance = sampler == "covariance"
+    work = VolumeWork(
+        scene=scene,
+        paths=paths,
+        events_per_path=pilot.events_per_path,
+        connections_per_path=pilot.connections_per_path,
+        ways=2 if scene_tracer(scene, reversal.needed).two_way else 1,
+        covariance=use_covariance,
+    )
+    needed = volume_memory_bytes(work)
+    _require_memory(scene, needed)
+    verdicts = [
+        *validity_verdicts(scene),
+        reversal,
+        volume_mean_verdict(scene, mean, tolerance, pilot.intensity),
+        Verdict("fast engine for beams through a slab", False, obstacle or "the covariance serves any geometry"),
+    ]
+    return Plan(
+        scene=scene,
+        paths=paths,
+        sampler="covariance" if use_covariance else "paths",
+        evaluator="eigenvectors" if use_covariance else "direct",
+        reverse=reversal.needed,
+        mean=mean,
+        verdicts=tuple(verdicts),
+        proposal=None,
+        nufft=None,
+        expected_error=float(np.sqrt(pilot.relative_variance / paths)),
+        connections_per_path=pilot.connections_per_path,
+        events_per_path=pilot.events_per_path,
+        seconds=volume_seconds(work, thread_count(threads)),
+        memory_bytes=needed,
+    )
+
+
+_LIGHTS = {"PlaneWaves": "plane waves", "PointSources": "point sources"}
+
+
+def _described(medium: Medium) -> str:
+    """One line about a medium."""
+    if isinstance(medium, VoxelGrid):
+        shape = "x".join(str(n) for n in medium.extinction.shape)
+        return (
+            f"Grid of {shape} voxels of {len(medium.scatterers)} materials, optical depth at most "
+            f"{medium.optical_depth:.4g}"
+        )  # fmt: skip
+    return (
+        f"{type(medium).__name__} of optical depth {medium.optical_depth:.4g}, anisotropy {medium.scatterer.g:.4g}, "
+        f"albedo {medium.albedo:g}"
+    )  # fmt: skip
+
+
 def _require_memory(scene: Scene, needed: int) -> None:
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    total = available_memory()
     if needed > 0.9 * total:
         reject(
             "Scene",
             f"renderable within {0.9 * total / 2**30:.1f} GiB",
-            f"{needed / 2**30:.1f} GiB for {len(scene.beams.directions)} tilts of {scene.sensor.shape} views",
+            f"{needed / 2**30:.1f} GiB for {len(scene.lights)} tilts of {scene.sensor.shape} views",
             "Render fewer tilts or fewer views at a time.",
         )

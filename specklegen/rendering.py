@@ -2,22 +2,31 @@
 
 Scene -> plan -> trace -> PathBank -> field sums -> fields           ("paths")
 Scene -> plan -> memory-effect kernel -> stationary sampler -> fields    ("stationary")
+Scene -> plan -> covariance -> eigenvectors -> fields                    ("covariance")
+
+Beams through a slab have an engine of their own; any other geometry goes through ``specklegen.pathspace``.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from specklegen.budgets import checked_budget, paths_for
+from specklegen.covariances import covariance
 from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import Optics, random_phases
 from specklegen.fields.nufft import nufft_field
 from specklegen.gates import Reverse, Sampler, Verdict
 from specklegen.illumination import IncoherentObject
 from specklegen.mean import mean_field
+from specklegen.pathspace.fields import volume_field
+from specklegen.pathspace.tracing import scene_tracer
 from specklegen.planning import Plan, plan
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
-from specklegen.streams import Seed
+from specklegen.streams import Seed, pilot_seed
 from specklegen.tracing import CHUNK, trace
 from specklegen.values import reject
 
@@ -89,6 +98,7 @@ def render(
     *,
     paths: int | None = None,
     rel_error: float | None = None,
+    seconds: float | None = None,
     seed: Seed = 0,
     realizations: int | None = None,
     sampler: Sampler = "auto",
@@ -106,6 +116,9 @@ def render(
     ----------
     scene, paths, rel_error, sampler, reverse, field_tolerance
         See :func:`specklegen.plan`.
+    seconds
+        Instead of ``paths``, or as a limit to ``rel_error``: as many paths as this time allows here, planning left
+        out. The count, which the report states, is fixed before the run and gives the same bits as ``paths=`` it.
     seed
         A whole number, or a sequence of them.
     realizations
@@ -129,12 +142,15 @@ def render(
         reject("realizations", "at least 1, or None for one without the axis", realizations)
     if mean and isinstance(scene.illumination, IncoherentObject):
         reject("mean", "False for an incoherent object", mean, "Its ballistic image is not modelled.")
-    made = plan(
-        scene, paths=paths, rel_error=rel_error, sampler=sampler, reverse=reverse, mean=mean,
-        field_tolerance=field_tolerance, threads=threads,
-    )  # fmt: skip
-    draw = _stationary if made.sampler == "stationary" else _paths
-    images, connections, unfinished = draw(made, seed, realizations or 1, threads)
+    checked_budget("render", paths, rel_error, seconds)
+    choose = partial(
+        plan, scene, sampler=sampler, reverse=reverse, mean=mean, field_tolerance=field_tolerance, threads=threads
+    )
+    if seconds is not None:
+        paths = _paths_within(choose, rel_error, seconds / (realizations or 1), threads)
+        rel_error = None
+    made = choose(paths=paths, rel_error=rel_error)
+    images, connections, unfinished = _draw(made, seed, realizations or 1, threads)
     if mean:
         images = images + mean_field(scene).astype(np.complex64)
     if realizations is None:
@@ -154,18 +170,40 @@ def render(
     return SpeckleStack(images, None, report)
 
 
+def _draw(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
+    """Images of every realization, connections kept and paths unfinished, by the sampler that was planned."""
+    paths = _volume_paths if made.proposal is None else _paths
+    sampler = {"stationary": _stationary, "covariance": _covariance, "paths": paths}[made.sampler]
+    return sampler(made, seed, realizations, threads)
+
+
+def _paths_within(
+    choose: Callable[..., Plan], rel_error: float | None, seconds: float, threads: int | None
+) -> int:
+    """Paths that a time allows, or those of an error if they are fewer; pilots run under a seed of their own."""
+
+    def pilot(count: int) -> float:
+        made = choose(paths=count)
+        _draw(made, pilot_seed(made.scene.fingerprint()), 1, threads)
+        return made.expected_error
+
+    allowed = paths_for(0, None, None, seconds, pilot)
+    return allowed if rel_error is None else min(allowed, choose(rel_error=rel_error).paths)
+
+
 def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """Algorithm 2: fresh paths and phases for every realization, summed chunk by chunk in a fixed order."""
     scene = made.scene
+    assert made.proposal is not None
     optics = Optics.of_scene(scene)
-    views = scene.sensor.directions.reshape(-1, 3)
+    views = scene.views
     shape = scene.sensor.shape
     images, connections, unfinished = [], 0, 0
     for r in range(realizations):
         field = np.zeros((len(optics.tilts), *shape), made.field_dtype)
         for first in range(0, made.paths, CHUNK):
             count = min(CHUNK, made.paths - first)
-            bank = trace(scene.medium, made.proposal, seed, count, first=first, sample=r, threads=threads)
+            bank = trace(scene.slab, made.proposal, seed, count, first=first, sample=r, threads=threads)
             phases = random_phases(bank, seed, r)
             if made.nufft:
                 part = nufft_field(bank, optics, phases, made.nufft, threads=threads)
@@ -174,13 +212,42 @@ def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
             field += (part * np.sqrt(count / made.paths)).reshape(field.shape)
             connections += len(bank)
             unfinished += bank.unfinished
-        if isinstance(scene.illumination, IncoherentObject):
-            brightness = scene.illumination.brightness
-            power = np.square(field.real) + np.square(field.imag)
-            images.append(np.tensordot(brightness[brightness > 0], power, axes=1).astype(np.float32))
-        else:
-            images.append(field.astype(np.complex64))
+        images.append(_image(scene, field))
     return np.stack(images), connections, unfinished
+
+
+def _volume_paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
+    """Algorithms 2 and 4 in any geometry, chunk by chunk in a fixed order."""
+    scene = made.scene
+    tracer = scene_tracer(scene, made.reverse)
+    images, connections, unfinished = [], 0, 0
+    for r in range(realizations):
+        field = np.zeros((len(scene.lights), len(scene.views)), np.complex128)
+        for first in range(0, made.paths, CHUNK):
+            count = min(CHUNK, made.paths - first)
+            bank = tracer.trace(seed, count, first=first, sample=r, threads=threads)
+            part = volume_field(tracer, bank, seed, r, reverse=made.reverse, threads=threads)
+            field += part * np.sqrt(count / made.paths)
+            connections += len(bank)
+            unfinished += bank.unfinished
+        images.append(_image(scene, field))
+    return np.stack(images), connections, unfinished
+
+
+def _covariance(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
+    """Algorithms 1 and 3 once, then every realization from the eigenvectors."""
+    found = covariance(made.scene, paths=made.paths, seed=seed, reverse=made.reverse, threads=threads)
+    return np.stack([_image(made.scene, field) for field in found.sample(realizations, seed)]), 0, found.unfinished
+
+
+def _image(scene: Scene, field: np.ndarray) -> np.ndarray:
+    """Field [T, ...] of one medium as complex64[T, *sensor], or the image float32[*sensor] of an incoherent object."""
+    field = field.reshape(len(field), *scene.sensor.shape)
+    if not isinstance(scene.illumination, IncoherentObject):
+        return field.astype(np.complex64)
+    brightness = scene.illumination.brightness
+    power = np.square(field.real) + np.square(field.imag)
+    return np.tensordot(brightness[brightness > 0], power, axes=1).astype(np.float32)
 
 
 def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
@@ -190,7 +257,7 @@ def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) 
     from specklegen.stationary.sampler import stack_sampler
 
     scene = made.scene
-    kernel = estimate_kernel(scene.medium, made.paths, seed, threads=threads)
+    kernel = estimate_kernel(scene.slab, made.paths, seed, threads=threads)
     beams = scene.illumination
     if isinstance(beams, IncoherentObject) and isinstance(scene.sensor, FarFieldGrid):
         objects = object_sampler(

@@ -5,9 +5,9 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
-from specklegen.illumination import CollimatedBeams, Illumination, IncoherentObject, PlaneWaves
-from specklegen.media import Medium
-from specklegen.sensors import Sensor
+from specklegen.illumination import CollimatedBeams, Illumination, IncoherentObject, PlaneWaves, PointSources
+from specklegen.media import Medium, Slab
+from specklegen.sensors import NearField, Sensor
 from specklegen.values import Positive, Value, reject
 
 
@@ -19,7 +19,9 @@ class Scene(Value):
     wavelength
         Inside the medium.
     medium, illumination, sensor
-        See :class:`Slab`, :class:`CollimatedBeams`, :class:`IncoherentObject`, :class:`FarField`.
+        See :class:`Slab`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`, :class:`CollimatedBeams`,
+        :class:`PointSources`, :class:`IncoherentObject`; :class:`FarField`, :class:`NearField`. All of them in space,
+        or all in flatland: the length of their vectors says which.
     """
 
     wavelength: Positive
@@ -29,7 +31,21 @@ class Scene(Value):
 
     @model_validator(mode="after")
     def _finite_power(self) -> Self:
-        if isinstance(self.illumination, PlaneWaves):
+        dimensions = {
+            "medium": None if isinstance(self.medium, Slab) else len(self.medium.lower),
+            "illumination": _light_vectors(self.illumination).shape[-1],
+            "sensor": _view_vectors(self.sensor).shape[-1],
+        }
+        known = {name: d for name, d in dimensions.items() if d is not None}
+        if len(set(known.values())) > 1:
+            reject(
+                "Scene",
+                "all in space or all in flatland",
+                ", ".join(f"{name} of {d} coordinates" for name, d in known.items()),
+                "Flatland vectors are (x, z), those of space (x, y, z).",
+            )
+        unlimited = isinstance(self.illumination, PlaneWaves) and isinstance(self.medium, Slab)
+        if unlimited and not isinstance(self.sensor, NearField):
             reject(
                 "Scene.illumination",
                 "limited sideways, for a slab seen from the far field",
@@ -37,6 +53,11 @@ class Scene(Value):
                 "An unlimited wave on an infinite slab scatters infinite power: use CollimatedBeams with a width.",
             )
         return self
+
+    @property
+    def dimension(self) -> int:
+        """3 in space, 2 in flatland."""
+        return _view_vectors(self.sensor).shape[-1]
 
     @property
     def wavenumber(self) -> float:
@@ -48,10 +69,49 @@ class Scene(Value):
         """The coherent beams that carry light: the illumination's own, or those of an object's lit pixels."""
         if isinstance(self.illumination, IncoherentObject):
             return self.illumination.beams
-        assert isinstance(self.illumination, CollimatedBeams)
+        if not isinstance(self.illumination, CollimatedBeams):
+            kind = type(self.illumination).__name__
+            reject("Scene.illumination", "CollimatedBeams or an IncoherentObject here", kind)
         return self.illumination
+
+    @property
+    def slab(self) -> Slab:
+        """The medium of a scene whose medium is a slab."""
+        if not isinstance(self.medium, Slab):
+            reject("Scene.medium", "a Slab here", type(self.medium).__name__)
+        return self.medium
+
+    @property
+    def view_directions(self) -> np.ndarray:
+        """float64[*sensor.shape, d], views of a far-field sensor."""
+        if isinstance(self.sensor, NearField):
+            reject("Scene.sensor", "a far-field sensor here", "NearField")
+        return self.sensor.directions
+
+    @property
+    def lights(self) -> np.ndarray:
+        """float64[T, d]: directions of travel of the coherent lights, or the points of point sources."""
+        if isinstance(self.illumination, PointSources):
+            return self.illumination.points
+        if isinstance(self.illumination, PlaneWaves):
+            return self.illumination.directions
+        return self.beams.directions
+
+    @property
+    def views(self) -> np.ndarray:
+        """float64[V, d]: the sensor's directions or points, flattened in C order."""
+        vectors = _view_vectors(self.sensor)
+        return vectors.reshape(-1, vectors.shape[-1])
 
     @property
     def speckle_size(self) -> float:
         """Direction sine over which far-field speckle changes: wavelength / window width."""
         return self.wavelength / self.beams.width
+
+
+def _light_vectors(illumination: Illumination) -> np.ndarray:
+    return illumination.points if isinstance(illumination, PointSources) else illumination.directions
+
+
+def _view_vectors(sensor: Sensor) -> np.ndarray:
+    return sensor.points if isinstance(sensor, NearField) else sensor.directions

@@ -1,19 +1,20 @@
-"""Sensors: views in the far field, at any directions or on a regular grid of direction sines."""
+"""Sensors: views in the far field, at any directions or on a regular grid of direction sines, and near-field points."""
 
 from functools import cached_property
 from typing import Annotated, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from specklegen.illumination import directions_of_sines
-from specklegen.values import Array, Finite, Positive, PositiveInt, Value, reject, unit_vectors
+from specklegen.values import Array, Finite, Positive, PositiveInt, Value, position_vectors, reject, unit_vectors
 
 Side = Literal["transmission", "reflection"]
 
 
 class FarField(Value):
-    """Views at arbitrary directions of travel, float64[..., 3] unit vectors."""
+    """Views at arbitrary directions of travel, unit vectors float64[..., 3], or float64[..., 2] in flatland."""
 
     type: Literal["FarField"] = "FarField"
     directions: Array
@@ -21,13 +22,6 @@ class FarField(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         directions = unit_vectors("FarField.directions", self.directions)
-        if directions.shape[-1] != 3:
-            reject(
-                "FarField.directions",
-                "vectors of three components",
-                directions.shape,
-                "Two-dimensional scenes are not built yet.",
-            )
         object.__setattr__(self, "directions", directions)
         return self
 
@@ -35,6 +29,12 @@ class FarField(Value):
     def shape(self) -> tuple[int, ...]:
         """Shape of an image: that of ``directions`` less its last axis."""
         return self.directions.shape[:-1]
+
+    @classmethod
+    def angles(cls, angles: ArrayLike) -> Self:
+        """Views in flatland at ``angles`` from the axis, radians, any shape: directions (sin, cos)."""
+        angles = np.asarray(angles, dtype=np.float64)
+        return cls(directions=np.stack([np.sin(angles), np.cos(angles)], axis=-1))
 
     @staticmethod
     def grid(
@@ -134,4 +134,24 @@ def require_resolved(field: str, wavelength: float, width: float, pitch: float) 
         )
 
 
-Sensor = Annotated[FarField | FarFieldGrid, Field(discriminator="type")]
+class NearField(Value):
+    """Points at which the field itself is measured, float64[..., 3] or float64[..., 2]; inside or outside the medium.
+
+    |u|^2 is an irradiance ratio.
+    """
+
+    type: Literal["NearField"] = "NearField"
+    points: Array
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        object.__setattr__(self, "points", position_vectors("NearField.points", self.points))
+        return self
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of an image: that of ``points`` less its last axis."""
+        return self.points.shape[:-1]
+
+
+Sensor = Annotated[FarField | FarFieldGrid | NearField, Field(discriminator="type")]

@@ -22,6 +22,7 @@ class Stream(IntEnum):
     PHASES = 2
     PILOT = 3
     STATIONARY = 4
+    EIGEN = 5
 
 
 def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:

@@ -14,6 +14,7 @@ from specklegen.illumination import CollimatedBeams, footprint_code, reference_d
 from specklegen.kernels import walk
 from specklegen.media import Slab
 from specklegen.parallel import map_blocks
+from specklegen.scatterers import anisotropy_alone
 from specklegen.streams import Seed, Stream, stream_key
 
 BLOCK = 4096
@@ -219,7 +220,13 @@ def trace(
 
     The bank is a pure function of the arguments but ``threads``; splitting a range of paths over several
     calls and joining the banks gives the same bank.
+
+    Raises
+    ------
+    RuleError
+        If the scatterer is neither isotropic nor Henyey-Greenstein.
     """
+    g = anisotropy_alone(medium.scatterer)
     if medium.albedo == 0 or medium.thickness == 0 or count == 0:
         return replace(concatenate([]), count=count)
     key = stream_key(seed, stream)
@@ -234,7 +241,7 @@ def trace(
             paths = np.empty(room, np.int64)
             found, events, unfinished, unfinished_weight = walk.trace_slab(
                 *key, sample, start, size,
-                medium.thickness, medium.extinction, medium.albedo, medium.scatterer.g, proposal.lobe,
+                medium.thickness, medium.extinction, medium.albedo, g, proposal.lobe,
                 *proposal.reference, proposal.footprint, proposal.extent, proposal.radius, probes,
                 int(proposal.reverse), proposal.threshold, proposal.max_order, records, orders, paths,
             )  # fmt: skip

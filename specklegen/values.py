@@ -9,6 +9,7 @@ An error reads ``Owner.field must be RULE; got VALUE.`` and then the remedy, if 
 
 import hashlib
 import json
+import os
 import tomllib
 from collections.abc import Callable
 from functools import cached_property, lru_cache
@@ -109,7 +110,7 @@ class Value(BaseModel):
 
     @cached_property
     def _canonical_json(self) -> str:
-        return json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+        return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True, separators=(",", ":"))
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of the canonical JSON, in hexadecimal."""
@@ -117,7 +118,7 @@ class Value(BaseModel):
 
     def to_toml(self) -> str:
         """Write the value as TOML."""
-        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
+        return tomli_w.dumps(self.model_dump(mode="json", by_alias=True, exclude_none=True))
 
     @classmethod
     def from_json(cls, text: str) -> Self:
@@ -131,7 +132,8 @@ class Value(BaseModel):
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with some fields changed, validated anew."""
-        return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
+        fields = type(self).model_fields.items()
+        return type(self)(**{field.alias or name: getattr(self, name) for name, field in fields} | changes)
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self._canonical_json == other._canonical_json  # type: ignore[attr-defined]
@@ -168,6 +170,44 @@ Array = Annotated[np.ndarray, BeforeValidator(_frozen_array), PlainSerializer(la
 """A read-only float64 array of any shape, finite everywhere, written to JSON as nested lists."""
 
 
+def _complex_array(value: Any) -> np.ndarray:
+    if isinstance(value, dict):
+        if set(value) != {"real", "imag"}:
+            raise ValueError("an array of numbers, or its parts real and imag")
+        real, imag = _frozen_array(value["real"]), _frozen_array(value["imag"])
+        if real.shape != imag.shape:
+            raise ValueError("of as many imaginary parts as real ones")
+        array = np.asarray(real + 1j * imag)
+    else:
+        try:
+            array = np.array(value, dtype=np.complex128)
+        except (TypeError, ValueError):
+            raise ValueError("an array of numbers") from None
+    if not np.isfinite(array).all():
+        raise ValueError("finite everywhere")
+    array.flags.writeable = False
+    return array
+
+
+def _parts(array: np.ndarray) -> dict[str, Any]:
+    return {"real": array.real.tolist(), "imag": array.imag.tolist()}
+
+
+ComplexArray = Annotated[np.ndarray, BeforeValidator(_complex_array), PlainSerializer(_parts)]
+"""A read-only complex128 array of any shape, finite everywhere, written to JSON as its real and imaginary parts."""
+
+
+def _complex_number(value: Any) -> complex:
+    array = _complex_array(value)
+    if array.shape:
+        raise ValueError("one number")
+    return complex(array)
+
+
+ComplexNumber = Annotated[complex, BeforeValidator(_complex_number), PlainSerializer(lambda z: _parts(np.array(z)))]
+"""A complex number, finite, written to JSON as its real and imaginary parts."""
+
+
 def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:
     """Check directions ``(..., d)``, d = 2 or 3, and return them normalised to the last bit.
 
@@ -188,3 +228,23 @@ def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:
     vectors = np.where(np.abs(lengths - 1)[..., None] > 1e-15, vectors / lengths[..., None], vectors)
     vectors.flags.writeable = False
     return vectors
+
+
+def position_vectors(field: str, points: np.ndarray) -> np.ndarray:
+    """Check positions ``(..., d)``, d = 2 or 3.
+
+    Raises
+    ------
+    RuleError
+        If the last axis is not 2 or 3 long.
+    """
+    if points.shape == (0,):
+        points = points.reshape(0, 3)
+    if points.ndim < 1 or points.shape[-1] not in (2, 3):
+        reject(field, "positions along the last axis, of length 2 or 3", points.shape)
+    return points
+
+
+def available_memory() -> int:
+    """Bytes of memory of this machine."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

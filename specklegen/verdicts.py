@@ -6,7 +6,7 @@ from scipy.spatial import KDTree
 from specklegen.costs import direct_nanoseconds, nufft_nanoseconds
 from specklegen.fields.nufft import NufftEvaluator
 from specklegen.gates import Sampler, Verdict
-from specklegen.illumination import IncoherentObject
+from specklegen.illumination import CollimatedBeams, IncoherentObject, PointSources
 from specklegen.mean import ballistic_fraction, mean_field
 from specklegen.pilots import Pilot, scene_evaluator, scene_pilot, scene_stationary_error
 from specklegen.scene import Scene
@@ -18,7 +18,8 @@ def validity_verdicts(scene: Scene) -> list[Verdict]:
     """What the physics itself assumes of a scene, where it is doubtful."""
     found = []
     medium, wavelength = scene.medium, scene.wavelength
-    width = scene.beams.width
+    limited = isinstance(scene.illumination, CollimatedBeams | IncoherentObject)
+    width = scene.beams.width if limited else np.inf
     if medium.mean_free_path < wavelength:
         found.append(
             Verdict(
@@ -62,6 +63,33 @@ def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
     )  # fmt: skip
 
 
+def volume_mean_verdict(scene: Scene, mean: bool, tolerance: float, speckle: float) -> Verdict:
+    """The mean field in any geometry, judged at every view for at most eight of the lights."""
+    part = "mean (ballistic) field"
+    if mean:
+        return Verdict(part, True, "asked for")
+    if isinstance(scene.illumination, IncoherentObject) or not len(scene.lights) or not scene.views.size:
+        return Verdict(part, False, "not asked for")
+    strongest = float(np.square(np.abs(mean_field(few_lights(scene, 8)))).max(initial=0.0))
+    ratio = strongest / max(speckle, 1e-300)
+    if ratio <= tolerance:
+        return Verdict(part, False, f"at most {ratio:.2g} of the speckle's intensity at any view")
+    return Verdict(
+        part, False,
+        f"not asked for (mean=True adds it), though it reaches {ratio:.2g} times the speckle's intensity at some view",
+    )  # fmt: skip
+
+
+def few_lights(scene: Scene, count: int) -> Scene:
+    """The scene with at most ``count`` of its lights, spread over all."""
+    light = scene.illumination
+    chosen = np.unique(np.linspace(0, len(scene.lights) - 1, count).astype(int))
+    if isinstance(light, PointSources):
+        return scene.replace(illumination=light.replace(points=light.points[chosen]))
+    assert not isinstance(light, IncoherentObject)
+    return scene.replace(illumination=light.replace(directions=light.directions[chosen]))
+
+
 def _nearest_tilt(scene: Scene) -> np.ndarray:
     """float64[3], the tilt that comes nearest to any view, where its mean field is strongest; ties to the axis."""
     directions, sensor = scene.beams.directions, scene.sensor
@@ -70,7 +98,7 @@ def _nearest_tilt(scene: Scene) -> np.ndarray:
         inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
         gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
     else:
-        gap, _ = KDTree(sensor.directions.reshape(-1, 3)).query(directions)
+        gap, _ = KDTree(scene.views).query(directions)
     return directions[np.lexsort((-directions[:, 2], gap))[0]]
 
 
@@ -84,7 +112,7 @@ def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance:
         obstacle = "serves transmission only"
     elif reverse:
         obstacle = "has no reversed paths"
-    elif scene.medium.albedo == 0 or scene.medium.thickness == 0:
+    elif scene.slab.albedo == 0 or scene.slab.thickness == 0:
         obstacle = "has nothing to do: nothing scatters"
     if obstacle:
         if sampler == "stationary":

@@ -311,7 +311,7 @@ def test_reversed_paths_take_part_only_near_backscattering():
 
     def needed(sines, sign=-1.0, tolerance=0.02):
         return reversal_verdict(
-            medium, WAVELENGTH, light, directions_of_sines("v", sines, sign), "auto", tolerance
+            medium.mean_free_path, WAVELENGTH, light, directions_of_sines("v", sines, sign), "auto", tolerance
         ).needed
 
     # 0.65/(k l |i + v|) = 0.02 at |i + v| = 0.129.
@@ -325,7 +325,7 @@ def test_reversed_paths_take_part_only_near_backscattering():
     assert not needed([[0.0, 0.0]], sign=1.0)
     for asked in (True, False):
         views = directions_of_sines("v", [[0.0, 0.0]], -1.0)
-        assert reversal_verdict(medium, WAVELENGTH, light, views, asked, 0.02).needed is asked
+        assert reversal_verdict(medium.mean_free_path, WAVELENGTH, light, views, asked, 0.02).needed is asked
 
 
 def test_doubtful_assumptions_are_said():
@@ -373,7 +373,7 @@ def test_one_path_one_view_one_tilt(paths):
 
 BAD = {
     "paths": ({"paths": 0}, "paths must be at least 1; got 0"),
-    "both budgets": ({"paths": 10, "rel_error": 0.1}, "paths must be left out where rel_error is given; got 10"),
+    "both budgets": ({"paths": 10, "rel_error": 0.1}, "paths must be left out where rel_error or seconds is given; got 10"),
     "rel_error": ({"rel_error": 0.0}, "rel_error must be between 0 and 1; got 0.0"),
     "rel_error nan": ({"rel_error": float("nan")}, "rel_error must be between 0 and 1; got nan"),
     "field_tolerance": ({"field_tolerance": 2.0}, "field_tolerance must be between 0 and 1; got 2.0"),

@@ -28,6 +28,11 @@ def slab(**changes) -> sg.Slab:
     return sg.Slab(**({"thickness": 10.0, "mean_free_path": 1.0, "scatterer": sg.Isotropic()} | changes))
 
 
+def voxels(**changes) -> sg.VoxelGrid:
+    grid = {"lower": [0, 0], "upper": [2, 1], "extinction": [[1.0, 0.0]], "scatterers": (sg.Isotropic(),)}
+    return sg.VoxelGrid(**(grid | changes))
+
+
 AXIS = [0.0, 0.0, 1.0]
 NAN, INF = float("nan"), float("inf")
 
@@ -74,18 +79,48 @@ REFUSED = {
         lambda: sg.CollimatedBeams(directions=AXIS, width=1.0),
         ["CollimatedBeams.directions", "(T, 3)", "(3,)"],
     ),
-    "directions in 2D": (
-        lambda: sg.PlaneWaves(directions=[[0.0, 1.0]]),
-        ["PlaneWaves.directions", "three components", "(1, 2)"],
+    "flatland and space": (
+        lambda: scene(illumination=sg.CollimatedBeams.tilts([0.0], width=10.0, dimensions=2)),
+        ["Scene", "all in space or all in flatland", "illumination of 2 coordinates", "sensor of 3 coordinates"],
     ),
-    "light from behind": (
-        lambda: sg.PlaneWaves(directions=[[0.0, 0.0, -1.0]]),
-        ["PlaneWaves.directions", "towards +z", "-1.", "z = 0"],
+    "beam from behind": (
+        lambda: sg.CollimatedBeams(directions=[[0.0, 0.0, -1.0]], width=1.0),
+        ["CollimatedBeams.directions", "towards +z", "-1.", "smallest z"],
     ),
-    "light along the face": (
-        lambda: sg.PlaneWaves(directions=[[1.0, 0.0, 0.0]]),
-        ["PlaneWaves.directions", "towards +z"],
+    "beam along the face": (
+        lambda: sg.CollimatedBeams(directions=[[1.0, 0.0, 0.0]], width=1.0),
+        ["CollimatedBeams.directions", "towards +z"],
     ),
+    "point of one coordinate": (
+        lambda: sg.PointSources(points=[[1.0]]),
+        ["PointSources.points", "length 2 or 3", "(1, 1)"],
+    ),
+    "near point nan": (lambda: sg.NearField(points=[[NAN, 0.0]]), ["NearField.points", "finite", "nan"]),
+    "box inside out": (
+        lambda: sg.Box(lower=[0, 1], upper=[1, 1], mean_free_path=1.0, scatterer=sg.Isotropic()),
+        ["Box.upper", "above lower", "every axis"],
+    ),
+    "box of two dimensions and three": (
+        lambda: sg.Box(lower=[0, 0], upper=[1, 1, 1], mean_free_path=1.0, scatterer=sg.Isotropic()),
+        ["Box.upper", "as many coordinates as lower"],
+    ),
+    "voxels of negative density": (
+        lambda: voxels(extinction=[[1.0, -1.0]]),
+        ["VoxelGrid.extinction", "at least 0", "-1.0"],
+    ),
+    "voxels of too many axes": (
+        lambda: voxels(extinction=[[[1.0]]]),
+        ["VoxelGrid.extinction", "2 axes", "(1, 1, 1)"],
+    ),
+    "voxels of an unknown material": (
+        lambda: voxels(material=[[0.0, 2.0]]),
+        ["VoxelGrid.material", "from 0 to 0", "2.0"],
+    ),
+    "albedo of another shape": (
+        lambda: voxels(albedo=[1.0, 1.0]),
+        ["VoxelGrid.albedo", "extinction's shape (1, 2)", "(2,)"],
+    ),
+    "no materials": (lambda: voxels(scatterers=()), ["VoxelGrid.scatterers", "at least one"]),
     "tilt of 90 degrees": (
         lambda: sg.CollimatedBeams.tilts([0.0, 90.0], width=1.0),
         ["CollimatedBeams.tilts angles", "-pi/2 and pi/2", "90", "np.deg2rad"],
@@ -143,7 +178,6 @@ REFUSED = {
         ["FarFieldGrid.side", "'transmission' or 'reflection'", "'behind'"],
     ),
     "view not unit": (lambda: sg.FarField(directions=[[0, 0, 2.0]]), ["FarField.directions", "unit vectors", "2."]),
-    "view in 2D": (lambda: sg.FarField(directions=[[0, 1.0]]), ["FarField.directions", "three components"]),
     "view of four": (lambda: sg.FarField(directions=[[0, 0, 0, 1.0]]), ["FarField.directions", "length 2 or 3"]),
     "view a number": (lambda: sg.FarField(directions=1.0), ["FarField.directions", "unit vectors"]),
 }

@@ -67,3 +67,12 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a small helper that LLVM folds into the kernels that call it."""
     return njit(nogil=True, inline="never", error_model="numpy", fastmath={"contract"})(function)
+
+
+def spliced(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Copy a small helper into its callers before they are compiled: for helpers that take a tuple of arrays.
+
+    A call counts a reference to each array, which LLVM removes from a body but not from a call: 450 ns a draw
+    against 5 ns.
+    """
+    return njit(nogil=True, inline="always", error_model="numpy", fastmath={"contract"})(function)

@@ -109,7 +109,7 @@ class _Bank:
     def __init__(self, scene: Scene, proposal: Proposal, seed: int, paths: int) -> None:
         self.scene, self.light = scene, proposal.reference
         self.optics = Optics.of_scene(scene)
-        self.bank = trace(scene.medium, proposal, seed, paths, stream=Stream.PILOT)
+        self.bank = trace(scene.slab, proposal, seed, paths, stream=Stream.PILOT)
         self.lateral = self.bank.exit[:, :2] - self.bank.entry[:, :2]
         self._batch = np.minimum(self.bank.paths * BATCHES // paths, BATCHES - 1)
         self._weights: dict[bytes, np.ndarray] = {}
@@ -125,7 +125,7 @@ class _Bank:
         """Phase of the exact correlation of (light, view) with (light - tilt, other), less that of the window."""
         one, two = (directions_of_sines("view", sines) for sines in (view, other))
         light = directions_of_sines("tilt", self.light[:2] - tilt)
-        depth = self.bank.exit[:, 2] - self.scene.medium.thickness
+        depth = self.bank.exit[:, 2] - self.scene.slab.thickness
         along = (self.light[2] - light[2]) * self.bank.entry[:, 2] - (one[2] - two[2]) * depth
         return self.scene.wavenumber * (along - self.lateral @ (view - other))
 

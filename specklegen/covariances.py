@@ -1,0 +1,330 @@
+"""Covariance of speckle between lights and views: Algorithms 1 and 3 of [Bar19].
+
+    C_pq = E[ W a_p a_q* ],    p, q = (light, view)
+
+A sum of outer products, so Hermitian and positive semidefinite by construction. The mean m is never part of it.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from specklegen.budgets import checked_budget, paths_for
+from specklegen.gates import Reverse
+from specklegen.illumination import IncoherentObject
+from specklegen.kernels.rng import fill_normals
+from specklegen.parallel import map_blocks
+from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
+from specklegen.pathspace.blas import one_blas_thread
+from specklegen.pathspace.gates import scene_reversal
+from specklegen.pathspace.tracing import Tracer, VolumeBank, scene_tracer
+from specklegen.scene import Scene
+from specklegen.statistics import BATCHES
+from specklegen.streams import Seed, Stream, pilot_seed, stream_key
+from specklegen.values import available_memory, reject
+
+DEFAULT_PATHS = 100_000
+_ELEMENTS = 2**22  # of the amplitudes held at a time
+_BLOCK_ROWS = 256  # per block of parallel work
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Covariance of the field between every two of (light, view), or some of them.
+
+    Attributes
+    ----------
+    value : complex128[T, V, T, V]
+        C, in the units of |u|^2; views in C order of the sensor. complex128[P] for chosen pairs, and
+        complex128[n, T, V] for a block of rows.
+    standard_error : float64, of the same shape
+        sqrt(E|error|^2) from independent batches; NaN where there are fewer than two.
+    single, multiple : complex128, of the same shape
+        The parts of single scattering and of more; they add up to ``value``.
+    paths : int
+        Paths traced.
+    reverse : bool
+        Whether reversed paths (coherent backscattering) took part.
+    rel_error : float
+        Largest standard error over sqrt(C_pp C_qq), which is what ``rel_error=`` asks for.
+    unfinished : int
+        Paths ended by the largest order allowed.
+    """
+
+    value: np.ndarray
+    standard_error: np.ndarray
+    single: np.ndarray
+    multiple: np.ndarray
+    paths: int
+    reverse: bool
+    rel_error: float
+    unfinished: int
+
+    @property
+    def intensity(self) -> np.ndarray:
+        """float64[T, V], E|u - m|^2 of every light and view."""
+        self._require_all("intensity")
+        t, v = self.value.shape[:2]
+        return self.value.reshape(t * v, t * v).diagonal().real.reshape(t, v).copy()
+
+    def sample(self, realizations: int, seed: Seed = 0) -> np.ndarray:
+        """Draw zero-mean circular Gaussian fields of this covariance, complex128[R, T, V].
+
+        Through its eigenvectors; what noise makes negative among the eigenvalues (at most rounding) is 0, and
+        duplicated lights or views come out equal. Field r of a seed does not depend on ``realizations``.
+        """
+        self._require_all("sample")
+        if realizations < 1:
+            reject("Covariance.sample realizations", "at least 1", realizations)
+        t, v = self.value.shape[:2]
+        values, vectors = np.linalg.eigh(self.value.reshape(t * v, t * v))
+        root = vectors * np.sqrt(np.clip(values, 0, None) / 2)
+        key = stream_key(seed, Stream.EIGEN)
+        fields = np.empty((realizations, t * v), np.complex128)
+        normals = np.empty((t * v, 2))
+        for r, field in enumerate(fields):
+            fill_normals(*key, r, normals)
+            field[...] = root @ (normals[:, 0] + 1j * normals[:, 1])
+        return fields.reshape(realizations, t, v)
+
+    def reshaped(self, shape: tuple[int, ...]) -> "Covariance":
+        """Return the same entries in another shape."""
+        arrays = ("value", "standard_error", "single", "multiple")
+        return replace(self, **{name: getattr(self, name).reshape(shape) for name in arrays})
+
+    def _require_all(self, name: str) -> None:
+        if self.value.ndim != 4:
+            reject(f"Covariance.{name}", "asked of a covariance of all pairs", f"one of shape {self.value.shape}")
+
+
+def covariance(
+    scene: Scene,
+    *,
+    paths: int | None = None,
+    rel_error: float | None = None,
+    seconds: float | None = None,
+    seed: Seed = 0,
+    reverse: Reverse = "auto",
+    pairs: ArrayLike | None = None,
+    tolerance: float = 0.02,
+    threads: int | None = None,
+) -> Covariance:
+    """Estimate the covariance of the speckle field of a scene; the memory it takes does not grow with ``paths``.
+
+    Parameters
+    ----------
+    scene
+        Any medium, coherent lights and sensor.
+    paths
+        Number of paths; 100 000 unless ``rel_error`` or ``seconds`` sets it.
+    rel_error
+        Instead: trace what a pilot says the largest standard error over sqrt(C_pp C_qq) takes to fall to this. The
+        count is fixed before the run, so the estimate stays unbiased; ``.rel_error`` says what was reached.
+    seconds
+        Instead, or as a limit to ``rel_error``: trace what this time allows on this machine.
+    seed
+        The result is a function of it, the number of paths and the other arguments.
+    reverse
+        Whether reversed paths (coherent backscattering) take part; "auto" drops them where they add less than
+        ``tolerance`` at every light and view (physics.md 2).
+    pairs
+        int[P, 4], rows (light, view, light, view): only these entries. Default: all of them.
+    tolerance
+        Relative intensity below which "auto" drops a part.
+    threads
+        Threads; the result does not depend on it.
+
+    Raises
+    ------
+    RuleError
+        For an argument out of range, incoherent illumination, or a result that does not fit into memory.
+    """
+    checked_budget("covariance", paths, rel_error, seconds)
+    tracer, reversal = _prepare(scene, reverse, tolerance)
+    t, v = len(tracer.lights.vectors), len(tracer.views.vectors)
+    if pairs is None:
+        _require_memory(t, v, t * v)
+        entries = _all_pairs(t * v, threads)
+    else:
+        entries = _chosen_pairs(_checked_pairs(pairs, t, v), v)
+    run = partial(_estimate, tracer, reverse=reversal, entries=entries, threads=threads)
+    keyed = pilot_seed(scene.fingerprint())
+    count = paths_for(
+        DEFAULT_PATHS, paths, rel_error, seconds, lambda n: run(n, keyed, stream=Stream.PILOT).rel_error
+    )  # fmt: skip
+    found = run(count, seed)
+    return found if pairs is not None else found.reshaped((t, v, t, v))
+
+
+def covariance_blocks(
+    scene: Scene,
+    *,
+    rows: int,
+    paths: int = DEFAULT_PATHS,
+    seed: Seed = 0,
+    reverse: Reverse = "auto",
+    tolerance: float = 0.02,
+    threads: int | None = None,
+) -> Iterator[tuple[slice, Covariance]]:
+    """Yield the covariance by blocks of rows, for what does not fit into memory at once.
+
+    Each item is (slice of rows, :class:`Covariance` with arrays [n, T, V]); row number = light * V + view. The same
+    paths are traced anew for every block, so the blocks fit together, equal to rounding to the whole.
+
+    Parameters
+    ----------
+    rows
+        Rows at a time.
+    scene, paths, seed, reverse, tolerance, threads
+        As for :func:`covariance`.
+    """
+    if rows < 1:
+        reject("covariance_blocks rows", "at least 1", rows)
+    checked_budget("covariance_blocks", paths, None, None)
+    tracer, reversal = _prepare(scene, reverse, tolerance)
+    t, v = len(tracer.lights.vectors), len(tracer.views.vectors)
+    _require_memory(t, v, rows)
+    for start in range(0, t * v, rows):
+        part = slice(start, min(start + rows, t * v))
+
+        found = _estimate(tracer, paths, seed, reverse=reversal, entries=_rows(part, t * v), threads=threads)
+        yield part, found.reshaped((part.stop - part.start, t, v))
+
+
+@dataclass(frozen=True)
+class _Entries:
+    """Which entries of C to estimate: their shape, how amplitudes [T * V, M] add to their sums, and their scale.
+
+    ``scale`` maps C_pp, float64[T * V], to sqrt(C_pp C_qq) of the entries.
+    """
+
+    shape: tuple[int, ...]
+    add: Callable[[np.ndarray, np.ndarray], None]
+    scale: Callable[[np.ndarray], np.ndarray]
+    symmetric: bool = False
+
+
+def _all_pairs(n: int, threads: int | None) -> _Entries:
+    def lower_triangle(out: np.ndarray, a: np.ndarray) -> None:
+        conjugate = a.conj().T
+
+        def rows(start: int) -> None:
+            stop = start + _BLOCK_ROWS
+            out[start:stop, :stop] += a[start:stop] @ conjugate[:, :stop]
+
+        map_blocks(rows, range(0, n, _BLOCK_ROWS), threads)
+
+    return _Entries((n, n), lower_triangle, lambda power: np.sqrt(np.outer(power, power)), symmetric=True)
+
+
+def _chosen_pairs(pairs: np.ndarray, v: int) -> _Entries:
+    left, right = pairs[:, 0] * v + pairs[:, 1], pairs[:, 2] * v + pairs[:, 3]
+
+    def entries(out: np.ndarray, a: np.ndarray) -> None:
+        out += np.einsum("pm,pm->p", a[left], a[right].conj())
+
+    return _Entries((len(pairs),), entries, lambda power: np.sqrt(power[left] * power[right]))
+
+
+def _rows(part: slice, n: int) -> _Entries:
+    def rows(out: np.ndarray, a: np.ndarray) -> None:
+        out += a[part] @ a.conj().T
+
+    return _Entries((part.stop - part.start, n), rows, lambda power: np.sqrt(np.outer(power[part], power)))
+
+
+def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, bool]:
+    if isinstance(scene.illumination, IncoherentObject):
+        reject("covariance scene.illumination", "coherent lights", "IncoherentObject", "Use its .beams.")
+    if not 0 < tolerance < 1:
+        reject("covariance tolerance", "between 0 and 1", tolerance)
+    reversal = scene_reversal(scene, reverse, tolerance).needed
+    return scene_tracer(scene, reversal), reversal
+
+
+def _estimate(
+    tracer: Tracer,
+    paths: int,
+    seed: Seed,
+    *,
+    reverse: bool,
+    entries: _Entries,
+    threads: int | None,
+    stream: Stream = Stream.PATHS,
+) -> Covariance:
+    """Sum the outer products of amplitudes over batches of paths, and find the error from their scatter."""
+    total, single = np.zeros((2, *entries.shape), np.complex128)
+    squares = np.zeros(entries.shape)
+    pairs = len(tracer.lights.vectors) * len(tracer.views.vectors)
+    power = np.zeros(pairs)
+    unfinished = 0
+    edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
+    step = max(1, _ELEMENTS // max(pairs, 1))
+
+    def add(batch: np.ndarray, amplitudes: np.ndarray) -> None:
+        entries.add(batch, amplitudes)
+        power[:] += np.einsum("pm,pm->p", amplitudes, amplitudes.conj()).real
+
+    with one_blas_thread():
+        for first, last in zip(edges[:-1], edges[1:], strict=True):
+            batch = np.zeros(entries.shape, np.complex128)
+            bank = tracer.trace(seed, last - first, first=first, stream=stream, threads=threads)
+            unfinished += bank.unfinished
+            for part in _pieces(bank.single, step):
+                add(batch, single_amplitudes(tracer, part, threads))
+            single += batch
+            for part in _pieces(bank.multiple, step):
+                add(batch, multiple_amplitudes(tracer, part, reverse, threads))
+            total += batch
+            squares += np.square(batch.real) + np.square(batch.imag)
+    total /= paths
+    single /= paths
+    error = _standard_error(squares / paths**2, total, len(edges) - 1)
+    if entries.symmetric:
+        for matrix in (total, single, error):
+            _mirror(matrix)
+    lit = entries.scale(power / paths)
+    relative = np.divide(error, lit, out=np.zeros_like(error), where=lit > 0).max(initial=0.0)
+    return Covariance(total, error, single, total - single, paths, reverse, float(relative), unfinished)
+
+
+def _standard_error(squares: np.ndarray, mean: np.ndarray, n: int) -> np.ndarray:
+    """Error of a mean from the sum of |what each of n batches adds to it|^2; NaN where n < 2."""
+    if n < 2:
+        return np.full(mean.shape, np.nan)
+    scatter = squares - (np.square(mean.real) + np.square(mean.imag)) / n
+    return np.sqrt(np.clip(scatter, 0, None) * n / (n - 1))
+
+
+def _pieces(bank: VolumeBank, step: int) -> Iterator[VolumeBank]:
+    return (bank.select(slice(start, start + step)) for start in range(0, len(bank), step))
+
+
+def _mirror(matrix: np.ndarray) -> None:
+    """Fill the upper triangle from the lower one."""
+    for row in range(len(matrix)):
+        matrix[row, row + 1 :] = matrix[row + 1 :, row].conj()
+        matrix[row, row] = matrix[row, row].real
+
+
+def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:
+    chosen = np.asarray(pairs)
+    if chosen.ndim != 2 or chosen.shape[1] != 4 or not np.issubdtype(chosen.dtype, np.integer):
+        reject("covariance pairs", "whole numbers of shape (P, 4): light, view, light, view", chosen)
+    if (chosen < 0).any() or (chosen >= np.array([t, v, t, v])).any():
+        reject("covariance pairs", f"below {t} for lights and below {v} for views, and at least 0", chosen)
+    return chosen
+
+
+def _require_memory(t: int, v: int, rows: int) -> None:
+    needed = rows * t * v * (16 * 5 + 8 * 3)
+    if needed > 0.5 * available_memory():
+        reject(
+            "covariance",
+            f"held within {0.5 * available_memory() / 2**30:.1f} GiB",
+            f"{needed / 2**30:.1f} GiB for {rows} rows of {t} lights x {v} views",
+            "Choose entries with pairs=, or stream rows with covariance_blocks.",
+        )

@@ -1,0 +1,240 @@
+"""Geometry of a scattering volume: an axis-parallel box, some sides of which may lie at infinity.
+
+A slab is a box without sides, a flatland box one without y faces: vectors always have three components
+here, and in flatland every y is 0. The box is homogeneous, or divided into equal voxels.
+
+Optical depths are exact (voxel traversal after Amanatides and Woo, *A fast voxel traversal algorithm*,
+Eurographics 1987); free flights through voxels are delta tracking under the majorants of blocks of voxels
+(Woodcock et al. 1965), so that a dense corner slows nobody elsewhere.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from specklegen.kernels import inlined
+from specklegen.kernels.rng import uniforms
+
+_ONE = np.uint64(1)
+
+
+# Rows of ``cells``.
+VOXELS, BLOCKS, EXTRA = 0, 1, 2
+
+
+class Volume(NamedTuple):
+    """A medium as the kernels know it.
+
+    Helpers take single arrays of it: passing the tuple on would count a reference to each, at every call.
+
+    Attributes
+    ----------
+    bounds : float64[2, 3]
+        Lower and upper corner; infinite where the medium has no side, and in y in flatland.
+    cells : int64[3, 3]
+        VOXELS: number along x, y, z, where (1, 1, 1) is homogeneous; BLOCKS: number of blocks of one majorant along
+        x, y, z; EXTRA: dimension (2 or 3), voxels along the side of a block, 0.
+    extinction, albedo, material : float64[n], float64[n], int64[n]
+        Of each voxel, x fastest, z slowest.
+    majorant : float64[m]
+        Largest extinction in each block.
+    """
+
+    bounds: np.ndarray
+    cells: np.ndarray
+    extinction: np.ndarray
+    albedo: np.ndarray
+    material: np.ndarray
+    majorant: np.ndarray
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return int(self.cells[EXTRA, 0])
+
+
+@inlined
+def _axis_exit(position, direction, lower, upper):
+    if direction > 0.0:
+        return (upper - position) / direction
+    if direction < 0.0:
+        return (lower - position) / direction
+    return math.inf
+
+
+@inlined
+def exit_distance(bounds, x, y, z, dx, dy, dz):
+    """Distance from a point inside the volume to its surface along a direction; 0 on the way out, never negative."""
+    t = min(
+        _axis_exit(x, dx, bounds[0, 0], bounds[1, 0]),
+        _axis_exit(y, dy, bounds[0, 1], bounds[1, 1]),
+        _axis_exit(z, dz, bounds[0, 2], bounds[1, 2]),
+    )
+    return max(t, 0.0)
+
+
+@inlined
+def _axis_chord(position, direction, lower, upper):
+    if direction == 0.0:
+        return (-math.inf, math.inf) if lower <= position <= upper else (math.inf, -math.inf)
+    a = (lower - position) / direction
+    b = (upper - position) / direction
+    return min(a, b), max(a, b)
+
+
+@inlined
+def chord(bounds, x, y, z, dx, dy, dz):
+    """Distances (near, far) between which the ray ahead of a point is inside; near >= far where it misses."""
+    x0, x1 = _axis_chord(x, dx, bounds[0, 0], bounds[1, 0])
+    y0, y1 = _axis_chord(y, dy, bounds[0, 1], bounds[1, 1])
+    z0, z1 = _axis_chord(z, dz, bounds[0, 2], bounds[1, 2])
+    return max(0.0, x0, y0, z0), min(x1, y1, z1)
+
+
+@inlined
+def inside(bounds, x, y, z):
+    """Whether a point lies in the closed volume."""
+    return (
+        bounds[0, 0] <= x <= bounds[1, 0]
+        and bounds[0, 1] <= y <= bounds[1, 1]
+        and bounds[0, 2] <= z <= bounds[1, 2]
+    )
+
+
+@inlined
+def _cell(bounds, axis, position, count):
+    """Cell number along an axis, and the cell's width; one infinite cell where the axis has no sides."""
+    if count == 1:
+        return 0, bounds[1, axis] - bounds[0, axis]
+    width = (bounds[1, axis] - bounds[0, axis]) / count
+    return min(max(int((position - bounds[0, axis]) / width), 0), count - 1), width
+
+
+@inlined
+def voxel(bounds, cells, x, y, z):
+    """Number of the voxel that holds a point."""
+    nx, ny, nz = cells[VOXELS, 0], cells[VOXELS, 1], cells[VOXELS, 2]
+    if nx * ny * nz == 1:
+        return 0
+    i, _ = _cell(bounds, 0, x, nx)
+    j, _ = _cell(bounds, 1, y, ny)
+    k, _ = _cell(bounds, 2, z, nz)
+    return (k * ny + j) * nx + i
+
+
+@inlined
+def _first_crossing(bounds, axis, position, direction, number, count, width):
+    """Distance to the next cell face along an axis, the distance between faces, and the step."""
+    if count == 1 or direction == 0.0:
+        return math.inf, math.inf, 0
+    if direction > 0.0:
+        return (bounds[0, axis] + (number + 1) * width - position) / direction, width / direction, 1
+    return (bounds[0, axis] + number * width - position) / direction, -width / direction, -1
+
+
+@inlined
+def march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, target):
+    """Walk from distance ``near`` to ``far`` until the optical depth reaches ``target``; (depth, distance) there.
+
+    The part of the ray between the two must be inside.
+    """
+    nx, ny, nz = cells[VOXELS, 0], cells[VOXELS, 1], cells[VOXELS, 2]
+    if far <= near:
+        return 0.0, near
+    if nx * ny * nz == 1:
+        sigma = extinction[0]
+        depth = sigma * (far - near)
+        return (depth, far) if depth < target else (target, near + target / sigma)
+    i, wx = _cell(bounds, 0, x + near * dx, nx)
+    j, wy = _cell(bounds, 1, y + near * dy, ny)
+    k, wz = _cell(bounds, 2, z + near * dz, nz)
+    tx, sx, ax = _first_crossing(bounds, 0, x, dx, i, nx, wx)
+    ty, sy, ay = _first_crossing(bounds, 1, y, dy, j, ny, wy)
+    tz, sz, az = _first_crossing(bounds, 2, z, dz, k, nz, wz)
+    depth = 0.0
+    t = near
+    while True:
+        end = min(tx, ty, tz, far)
+        sigma = extinction[(k * ny + j) * nx + i]
+        step = sigma * max(end - t, 0.0)
+        if depth + step >= target:
+            return target, t + (target - depth) / sigma
+        depth += step
+        t = max(end, t)
+        if t >= far:
+            return depth, far
+        if tx <= ty and tx <= tz:
+            i += ax
+            tx += sx
+            if i < 0 or i >= nx:
+                return depth, far
+        elif ty <= tz:
+            j += ay
+            ty += sy
+            if j < 0 or j >= ny:
+                return depth, far
+        else:
+            k += az
+            tz += sz
+            if k < 0 or k >= nz:
+                return depth, far
+
+
+@inlined
+def optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far):
+    """Optical depth of the part of a ray between two distances, all of it inside; infinite to infinity."""
+    depth, _ = march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, math.inf)
+    return depth
+
+
+@inlined
+def free_flight(bounds, cells, extinction, majorants, x, y, z, dx, dy, dz, k0, k1, sample, path, dimension):
+    """Distance to the next collision (infinite where the path leaves), and the next unused random dimension."""
+    far = exit_distance(bounds, x, y, z, dx, dy, dz)
+    if cells[VOXELS, 0] * cells[VOXELS, 1] * cells[VOXELS, 2] == 1:
+        _, _, _, d = uniforms(k0, k1, sample, path, dimension)
+        t = -math.log(d) / extinction[0]
+        return (t if t < far else math.inf), dimension + _ONE
+    nx, ny, nz = cells[BLOCKS, 0], cells[BLOCKS, 1], cells[BLOCKS, 2]
+    # Blocks tile the grid from its lower corner; the last one along an axis may be cut.
+    wx = (bounds[1, 0] - bounds[0, 0]) / cells[VOXELS, 0] * cells[EXTRA, 1]
+    wy = (bounds[1, 1] - bounds[0, 1]) / cells[VOXELS, 1] * cells[EXTRA, 1]
+    wz = (bounds[1, 2] - bounds[0, 2]) / cells[VOXELS, 2] * cells[EXTRA, 1]
+    i = 0 if nx == 1 else min(max(int((x - bounds[0, 0]) / wx), 0), nx - 1)
+    j = 0 if ny == 1 else min(max(int((y - bounds[0, 1]) / wy), 0), ny - 1)
+    k = 0 if nz == 1 else min(max(int((z - bounds[0, 2]) / wz), 0), nz - 1)
+    tx, sx, ax = _first_crossing(bounds, 0, x, dx, i, nx, wx)
+    ty, sy, ay = _first_crossing(bounds, 1, y, dy, j, ny, wy)
+    tz, sz, az = _first_crossing(bounds, 2, z, dz, k, nz, wz)
+    t = 0.0
+    while True:
+        end = min(tx, ty, tz, far)
+        majorant = majorants[(k * ny + j) * nx + i]
+        while majorant > 0.0:
+            a, b, _, _ = uniforms(k0, k1, sample, path, dimension)
+            dimension += _ONE
+            t -= math.log(a) / majorant
+            if t >= end:
+                break
+            sigma = extinction[voxel(bounds, cells, x + t * dx, y + t * dy, z + t * dz)]
+            if b * majorant < sigma:
+                return t, dimension
+        t = end
+        if t >= far:
+            return math.inf, dimension
+        if tx <= ty and tx <= tz:
+            i += ax
+            tx += sx
+            if i < 0 or i >= nx:
+                return math.inf, dimension
+        elif ty <= tz:
+            j += ay
+            ty += sy
+            if j < 0 or j >= ny:
+                return math.inf, dimension
+        else:
+            k += az
+            tz += sz
+            if k < 0 or k >= nz:
+                return math.inf, dimension

@@ -1,0 +1,208 @@
+"""Tracing in any geometry: (scene, sources, seed) -> VolumeBank."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from specklegen.illumination import PointSources
+from specklegen.kernels import volume_walk, walk
+from specklegen.kernels.phase_table import PhaseTable
+from specklegen.kernels.sources import POINT, Sources
+from specklegen.kernels.volume import Volume
+from specklegen.media import Medium, Slab
+from specklegen.parallel import map_blocks
+from specklegen.pathspace.sources import plane_sources, scene_sources
+from specklegen.pathspace.targets import Target, light_target, probes, view_target
+from specklegen.pathspace.volumes import materials, volume_of
+from specklegen.phase_tables import phase_table
+from specklegen.scene import Scene
+from specklegen.streams import Seed, Stream, pilot_seed, stream_key
+from specklegen.tracing import BLOCK, PathBank, concatenate
+from specklegen.values import remembered
+
+PILOT_PATHS = 4096
+
+
+@dataclass(frozen=True)
+class VolumeBank(PathBank):
+    """Connections as in :class:`PathBank`, with the particle types at their ends.
+
+    Attributes
+    ----------
+    types : int32[M, 2]
+        Type of the first and of the last particle.
+    """
+
+    types: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int32))
+
+    @property
+    def single(self) -> "VolumeBank":
+        """The connections of single scattering."""
+        return self.select(self.orders == 1)
+
+    @property
+    def multiple(self) -> "VolumeBank":
+        """The connections of two and more scatterings."""
+        return self.select(self.orders > 1)
+
+    def select(self, mask: np.ndarray | slice) -> "VolumeBank":
+        """Return the connections chosen by a mask or a slice."""
+        return replace(
+            self, records=self.records[mask], orders=self.orders[mask], paths=self.paths[mask], types=self.types[mask]
+        )
+
+
+@dataclass(frozen=True)
+class Tracer:
+    """What tracing needs of a scene, laid out for the kernels once.
+
+    Attributes
+    ----------
+    volume, table, sources
+        The medium, its particles, and where paths start.
+    lights, views : Target
+        The two ends of every connection.
+    two_way : bool
+        Whether a path is weighed, and must be evaluated, in both directions: for coherent backscattering,
+        and wherever paths may start from the sensor's side.
+    threshold : float
+        Full weight from which a connection is always kept; 0 keeps all.
+    max_order : int
+        Vertices after which a path is ended.
+    """
+
+    volume: Volume
+    table: PhaseTable
+    sources: Sources
+    lights: Target
+    views: Target
+    two_way: bool
+    threshold: float
+    max_order: int
+
+    def seen_from(self, part: slice) -> "Tracer":
+        """The same with only some of the views."""
+        return replace(self, views=replace(self.views, vectors=self.views.vectors[part]))
+
+    def probed(self) -> "Tracer":
+        """The same with only a few of the lights and views, which keep their beam profile."""
+        return replace(self, lights=self.lights.few(), views=self.views.few())
+
+    def paired(self, n: int) -> "Tracer":
+        """The same with only light n and view n."""
+        one = slice(n, n + 1)
+        return replace(self.seen_from(one), lights=replace(self.lights, vectors=self.lights.vectors[one]))
+
+    def trace(
+        self,
+        seed: Seed,
+        count: int,
+        *,
+        first: int = 0,
+        sample: int = 0,
+        stream: Stream = Stream.PATHS,
+        threads: int | None = None,
+    ) -> VolumeBank:
+        """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; see :func:`specklegen.trace`."""
+        key = stream_key(seed, stream)
+        light_kinds, lights = probes(self.lights)
+        view_kinds, views = probes(self.views)
+
+        def block(start: int) -> VolumeBank:
+            size = min(BLOCK, first + count - start)
+            room = 8 * size
+            while True:
+                records = np.empty((room, walk.RECORD))
+                orders = np.empty(room, np.int32)
+                paths = np.empty(room, np.int64)
+                types = np.empty((room, 2), np.int32)
+                found, events, unfinished, unfinished_weight = volume_walk.trace_volume(
+                    *key, sample, start, size, self.volume, self.table, self.sources, self.two_way,
+                    light_kinds, lights, view_kinds, views, self.threshold, self.max_order,
+                    records, orders, paths, types,
+                )  # fmt: skip
+                if found <= room:
+                    break
+                room = found
+            return VolumeBank(
+                records[:found].copy(), orders[:found].copy(), paths[:found].copy(),
+                size, events, unfinished, unfinished_weight, types[:found].copy(),
+            )  # fmt: skip
+
+        banks = map_blocks(block, range(first, first + count, BLOCK), threads)
+        types = np.concatenate([bank.types for bank in banks]) if banks else np.empty((0, 2), np.int32)
+        joined = concatenate(list(banks))
+        return VolumeBank(**{**vars(joined), "count": count, "types": types})
+
+
+@remembered(32)
+def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
+    """Tracer of a scene, thinned by a pilot keyed by the scene's fingerprint.
+
+    Connections are not thinned where sensor points lie close: what is bright there is not known from a few
+    of them.
+    """
+    volume = volume_of(scene.medium, scene.dimension)
+    sources = scene_sources(scene)
+    views = view_target(scene)
+    two_way = reverse or starts_at_sensor(scene, sources)
+    tracer = Tracer(
+        volume=volume,
+        table=phase_table(materials(scene.medium), 2 if scene.dimension == 2 else 3),
+        sources=sources,
+        lights=light_target(scene),
+        views=views,
+        two_way=two_way,
+        threshold=0.0,
+        max_order=_max_order(scene.medium),
+    )
+    return tracer if views.near else _thinned(tracer, pilot_seed(scene.fingerprint()))
+
+
+def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool) -> Tracer:
+    """Tracer of unlimited plane waves float64[T, 3] on a slab, paths starting along the axis.
+
+    Weights are per unit area of the face.
+    """
+    tracer = Tracer(
+        volume=volume_of(medium, 3),
+        table=phase_table(materials(medium), 3),
+        sources=plane_sources(medium),
+        lights=Target(False, -lights, wavelength),
+        views=Target(False, views, wavelength),
+        two_way=reverse,
+        threshold=0.0,
+        max_order=_max_order(medium),
+    )
+    return _thinned(tracer, pilot_seed(medium.fingerprint()))
+
+
+def _max_order(medium: Medium) -> int:
+    return int(min(max(1000.0, 10 * medium.optical_depth**2), 2e9))
+
+
+def _thinned(tracer: Tracer, seed: int) -> Tracer:
+    """Set the threshold from a pilot, where a path has so many connections that judging them pays."""
+    if not len(tracer.views.vectors) or not len(tracer.lights.vectors):
+        return tracer
+    # Any positive threshold makes the walk judge connections; this one keeps them all but those of no weight.
+    bank = replace(tracer, threshold=1e-300).trace(seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
+    if len(bank) < 4 * PILOT_PATHS:
+        return tracer
+    judged = bank.weight * _judged_power(tracer, bank)
+    return replace(tracer, threshold=10 * float(judged.mean()))
+
+
+def starts_at_sensor(scene: Scene, sources: Sources) -> bool:
+    """Whether paths start at sensor points."""
+    points = int((sources.kinds[:, 0] == POINT).sum())
+    return points > (len(scene.lights) if isinstance(scene.illumination, PointSources) else 0)
+
+
+def _judged_power(tracer: Tracer, bank: VolumeBank) -> np.ndarray:
+    """float64[M], |A|^2 |B|^2 at the brightest probes: the scale on which the walk thins."""
+    from specklegen.pathspace.amplitudes import end_amplitudes
+
+    few = replace(tracer, lights=tracer.lights.probed(), views=tracer.views.probed())
+    light = np.square(np.abs(end_amplitudes(few, bank, few.lights, "entry"))).max(axis=0)
+    return light * np.square(np.abs(end_amplitudes(few, bank, few.views, "exit"))).max(axis=0)
