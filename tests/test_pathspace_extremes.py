@@ -163,7 +163,7 @@ def test_sensor_beside_a_source():
 def test_a_sensor_on_a_source_is_refused():
     point = np.array([[0.0, 1.0]])
     source = SCENE.replace(illumination=sg.PointSources(points=point))
-    with pytest.raises(sg.RuleError, match="apart from every source inside the medium"):
+    with pytest.raises(sg.RuleError, match="wavelengths from every source inside the medium"):
         source.replace(sensor=sg.NearField(points=point))
     outside = 10 * point
     scene = SCENE.replace(illumination=sg.PointSources(points=outside), sensor=sg.NearField(points=outside))

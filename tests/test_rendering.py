@@ -372,7 +372,7 @@ def test_one_path_one_view_one_tilt(paths):
 # ---- Errors --------------------------------------------------------------------------------------------
 
 BAD = {
-    "paths": ({"paths": 0}, "paths must be a whole number of at least 1; got 0"),
+    "paths": ({"paths": 0}, "paths must be at least 1; got 0"),
     "both budgets": (
         {"paths": 10, "rel_error": 0.1},
         "paths must be left out where rel_error or seconds is given; got 10",
