@@ -19,6 +19,7 @@ from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import Optics, random_phases
 from specklegen.fields.nufft import nufft_field
 from specklegen.gates import Reverse, Sampler, Verdict
+from specklegen.gaussianity import Gaussianity
 from specklegen.illumination import IncoherentObject
 from specklegen.mean import mean_field
 from specklegen.pathspace.fields import volume_field
@@ -47,6 +48,8 @@ class Report:
         Paths ended by ``max_order`` instead of leaving the medium; not 0 only in extreme media.
     expected_error : float
         As in the plan.
+    gaussianity : Gaussianity
+        Whether the stack used enough paths to be Gaussian speckle, as in the plan.
     mean_added : bool
         Whether the mean field is part of ``field``.
     verdicts : tuple of Verdict
@@ -59,6 +62,7 @@ class Report:
     connections: int
     unfinished: int
     expected_error: float
+    gaussianity: Gaussianity
     mean_added: bool
     verdicts: tuple[Verdict, ...]
 
@@ -162,6 +166,7 @@ def render(
         connections,
         unfinished,
         made.expected_error,
+        made.gaussianity,
         mean,
         made.verdicts,
     )

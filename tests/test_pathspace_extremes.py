@@ -18,7 +18,7 @@ def with_medium(**change):
 
 
 def estimate(scene, paths=640, **more):
-    return sg.covariance(scene, paths=paths, seed=1, threads=1, **more)
+    return sg.covariance(scene, paths=paths, seed=1, threads=1, **{"orders": "all"} | more)
 
 
 def test_single_scattering_is_equation_41():

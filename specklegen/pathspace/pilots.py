@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.gaussianity import PathMoments
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
 from specklegen.pathspace.tracing import VolumeBank, scene_tracer
 from specklegen.scene import Scene
@@ -20,8 +21,8 @@ class VolumePilot:
     Attributes
     ----------
     events_per_path, connections_per_path : float
-    relative_variance : float
-        Var w / (E w)^2 of the full weight of a path, at the worst of a few lights and views.
+    moments : PathMoments
+        Of a path's weights, at the worst of a few lights and views.
     intensity : float
         Largest mean intensity among these.
     multiple_share : float
@@ -30,7 +31,7 @@ class VolumePilot:
 
     events_per_path: float
     connections_per_path: float
-    relative_variance: float
+    moments: PathMoments
     intensity: float
     multiple_share: float
 
@@ -42,24 +43,29 @@ def volume_pilot(scene: Scene, reverse: bool) -> VolumePilot:
     bank = tracer.trace(pilot_seed(scene.fingerprint()), PILOT_PATHS, stream=Stream.PILOT, threads=1)
     few = tracer.probed()
     once, more = bank.single, bank.multiple
-    single = _path_powers(once, single_amplitudes(few, once))
-    multiple = _path_powers(more, multiple_amplitudes(few, more, reverse))
-    power = single + multiple
-    mean = power.mean(axis=1)
-    lit = mean > 0
-    variance = power[lit].var(axis=1) / mean[lit] ** 2
-    most = multiple[lit].mean(axis=1) + 3 * multiple[lit].std(axis=1) / np.sqrt(PILOT_PATHS)
+    powers = [
+        _columns(once, np.square(np.abs(single_amplitudes(few, once)))),
+        _columns(more, np.square(np.abs(multiple_amplitudes(few, more, reverse)))),
+    ]
+    paths = np.concatenate([owner for owner, _ in powers])
+    moments, intensity, share = PathMoments(0.0, 0.0), 0.0, 0.0
+    for single, multiple in zip(*(weights for _, weights in powers), strict=True):
+        found = PathMoments.of(np.concatenate([single, multiple]), paths, PILOT_PATHS)
+        moments = max(moments, found, key=lambda m: m.relative_variance)
+        mean = (single.sum() + multiple.sum()) / PILOT_PATHS
+        intensity = max(intensity, mean)
+        rest = np.bincount(powers[1][0], multiple, PILOT_PATHS)
+        if mean > 0:
+            share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(PILOT_PATHS)) / mean)
     return VolumePilot(
         events_per_path=bank.events / PILOT_PATHS,
         connections_per_path=len(bank) / PILOT_PATHS,
-        relative_variance=float(variance.max(initial=0.0)),
-        intensity=float(mean.max(initial=0.0)),
-        multiple_share=float((most / mean[lit]).max(initial=0.0)),
+        moments=moments,
+        intensity=float(intensity),
+        multiple_share=float(share),
     )
 
 
-def _path_powers(bank: VolumeBank, amplitudes: np.ndarray) -> np.ndarray:
-    """float64[pairs, PILOT_PATHS], what each path adds to the intensity of each pair of light and view."""
-    ways = amplitudes.shape[1] // max(len(bank), 1)
-    each = np.square(np.abs(amplitudes)).reshape(len(amplitudes), ways, len(bank)).sum(axis=1)
-    return np.array([np.bincount(bank.paths, weights, PILOT_PATHS) for weights in each]).reshape(-1, PILOT_PATHS)
+def _columns(bank: VolumeBank, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Path int64[n] that each column of ``powers`` float64[pairs, n] belongs to, and the powers."""
+    return np.tile(bank.paths, powers.shape[1] // max(len(bank), 1)), powers

@@ -34,7 +34,7 @@ def single_verdict(scene: Scene, orders: Orders, entries: int, tolerance: float,
                 "The closed form is for a Box, PlaneWaves and a far-field sensor; .single estimates that of others.",
             )  # fmt: skip
         return Verdict(part, False, "as asked")
-    if not closed:
+    if not closed or not entries:
         return Verdict(part, True, "no closed form of single scattering serves this scene")
     if entries > _MOST_ENTRIES[scene.dimension]:
         return Verdict(part, True, f"{entries} entries are dearer in closed form than by Monte Carlo")
