@@ -21,7 +21,8 @@ def names() -> list[str]:
 
 def load(name: str) -> ModuleType:
     """Import scripts/figures/NAME.py, which may import the ``_`` modules beside it."""
-    sys.path.insert(0, str(FIGURES))
+    if str(FIGURES) not in sys.path:
+        sys.path.insert(0, str(FIGURES))
     spec = importlib.util.spec_from_file_location(name, FIGURES / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

@@ -53,7 +53,8 @@ def clock():
 def report(rows: Iterable[Row], script: str) -> None:
     """Print rows as Markdown."""
     for row in rows:
-        cells = (*row[:-1], f"{row.seconds:.1f}", f"`scripts/figures/{script}.py`")
+        texts = (cell.replace("|", r"\|") for cell in row[:-1])
+        cells = (*texts, f"{row.seconds:.1f}", f"`scripts/figures/{script}.py`")
         print("| " + " | ".join(cells) + " |", flush=True)
 
 
@@ -86,10 +87,10 @@ def relative(part: np.ndarray, whole: float) -> np.ndarray:
 
 
 def save(figure: plt.Figure, path: Path, dpi: int = 80) -> None:
-    """Write a figure in 128 colours, small enough for a repository, and close it."""
+    """Write a figure in 256 colours, small enough for a repository, and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.set_dpi(dpi)
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())  # pyright: ignore[reportAttributeAccessIssue]
-    Image.fromarray(pixels).convert("RGB").quantize(128).save(path, optimize=True)
+    Image.fromarray(pixels).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
     plt.close(figure)

@@ -106,7 +106,7 @@ def draw_cube(out: Path, paths: int) -> list[Row]:
 def main(out: Path, quick: bool) -> None:
     """Draw, and print rows; ``quick`` takes few paths."""
     cube_batches(cube_scene(turned(np.zeros(1)), turned(np.zeros(1))), np.zeros((1, 4), int), 64)  # compiles
-    report(draw_cube(out, 3_200 if quick else 480_000), "bar19_cube")
+    report(draw_cube(out, 3_200 if quick else 640_000), "bar19_cube")
 
 
 if __name__ == "__main__":

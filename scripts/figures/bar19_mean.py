@@ -76,7 +76,7 @@ def draw_box(axis: plt.Axes) -> list[Row]:
         Row("A20", "box, v = i over (k/2π)^½ A (1 − e^(−OD/2)) − 1", f"{abs(forward[0, 0]) / law - 1:.1e}", "0",
             "rounding", spent.seconds),
         Row("A20", "box, |mean| at λ/W over that at 0", f"{abs(forward[0, 1] / forward[0, 0]):.4f}",
-            "first zero of the sinc, filled a little by the tilt", "", spent.seconds),
+            "first zero of the sinc, filled a little: τ(x, v) varies", "", spent.seconds),
     ]  # fmt: skip
 
 
@@ -102,7 +102,7 @@ def draw_slab(axis: plt.Axes) -> list[Row]:
 def main(out: Path, quick: bool) -> None:
     """Draw, and print rows; ``quick`` takes few placements."""
     figure, axes = plt.subplots(1, 4, figsize=(16, 4), layout="constrained")
-    rows = draw_inside(axes[0], axes[1], 64 if quick else 320)
+    rows = draw_inside(axes[0], axes[1], 128 if quick else 256)
     rows += draw_box(axes[2]) + draw_slab(axes[3])
     save(figure, out / "bar19-figure-4.png", 66)
     report(rows, "bar19_mean")

@@ -18,7 +18,7 @@ from specklegen.oracles.box_media import box, henyey_greenstein
 from specklegen.oracles.path_permutations import permutation_covariance
 
 AXIS = np.array([0.0, 1.0])
-VIEWS = np.concatenate([np.arange(0.0, 166.0, 15.0), np.arange(170.0, 180.1, 0.5)])
+VIEWS = np.concatenate([np.arange(0.0, 166.0, 15.0), np.arange(170.0, 180.1)])
 NAMES = ["→".join(str(n + 1) for n in order) for order in permutations(range(3))]
 SQUARE = box((-10.0, -10.0), (10.0, 10.0), extinction=0.1, particles=(henyey_greenstein(0.0, 2),))
 BATCHES = 64
@@ -44,7 +44,7 @@ def main(out: Path, quick: bool) -> None:
     chosen = {0.0: "nodes anywhere in the box", 2.0: "nodes at least 2 λ apart"}
     for n, (apart, name) in enumerate(chosen.items()):
         with clock() as spent:
-            share, error = shares(32_000 if quick else 512_000, apart)
+            share, error = shares(32_000 if quick else 384_000, apart)
         for order, label in enumerate(NAMES):
             style = {"lw": 2, "color": "k"} if order == 0 else {"lw": 2, "color": "C3"} if order == 5 else {"lw": 1}
             axes[n].plot(VIEWS, share[order], label=label, **style)
