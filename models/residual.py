@@ -1,0 +1,266 @@
+"""How wrong the autocorrelation that a camera measures is, before any retrieval: from the scene alone, nothing fitted.
+
+The autocorrelation of one image comes from a camera of N x N pixels; only the lags under a window g are kept. Its
+transform at frequency f averages N^2 / sum g^2 independent cells of a periodogram, whose relative spread is 1 each, so
+
+    rms error of the power  =  S(f) sqrt(sum_l g(l)^2 / (F N^2)),       S = speckle + camera noise
+
+for F frames. The *noise* is half of its norm over that of the power that is used: half, because the modulus is the
+root of the power. For a square window of side W, g = 1 and no camera noise it is W / (2N). Division by C_I makes g
+larger where C_I is small, which is its price. Without it C_I bends the autocorrelation instead, and so do an envelope
+of the light that is left in or divided out with a mean over too short a distance, and saturated pixels: *distortion*
+is the sine of the angle between the modulus and the object's.
+
+Lengths are in grains (wavelength / window width); computed on a grid of three points a grain.
+Sources: Katz et al., Nature Photonics 8, 784 (2014); Bar et al. 2019, section 6; Priestley, *Spectral Analysis and
+Time Series* (1981), section 6.2 (the spread of a smoothed periodogram).
+"""
+
+from typing import Annotated, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+from scipy import stats
+from scipy.special import eval_genlaguerre, gammaln
+from skimage.transform import resize
+
+from specklegen.illumination import Profile
+from specklegen.models.apodisation import transfer_function
+from specklegen.models.autocorrelation import FLOOR, distances, ring, taper
+from specklegen.values import Array, NonNegative, Positive, UnitInterval, Value, reject
+
+GRID = 3
+"""Points a grain."""
+REACH = 1.2
+"""Longest lag kept, in sides of the object's frame: between the side and the diagonal."""
+_ORDERS = 12  # of Laguerre polynomials: what is left of a clipped intensity is in the first few
+_NODES = 4000
+_ABOVE = Annotated[float, Field(gt=0)]  # infinity allowed
+
+
+class Conditions(Value):
+    """What decides whether objects can be retrieved. Lengths in grains, intensities over their mean.
+
+    Parameters
+    ----------
+    objects
+        Examples of the objects, brightness float[n, h, w].
+    object_pitch
+        Grains between object pixels.
+    memory_effect
+        C_I at distances of 0, 1, 2, ... object pixels, float[m]; beyond, the last value.
+    camera
+        Side of the camera (of a square of its area).
+    frames
+        Images of the object through as many independent states of the medium.
+    contrast
+        What polarisation and bandwidth leave of the contrast of one point's speckle.
+    electrons
+        Photo-electrons a grain; background, dark and read noise reduce them to the electrons of equal noise.
+    saturation
+        Intensity at which a pixel saturates.
+    beam
+        Sigma of a Gaussian envelope over the camera, in camera sides.
+    removal
+        Sigma of the mean that the envelope is divided out with, in camera sides; 0 where it is left in.
+    compensation
+        Whether the autocorrelation is divided by C_I.
+    profile
+        Shape of the window.
+    """
+
+    objects: Array
+    object_pitch: Positive
+    memory_effect: Array
+    camera: Positive
+    frames: Annotated[float, Field(ge=1)] = 1.0
+    contrast: Annotated[UnitInterval, Field(gt=0)] = 1.0
+    electrons: _ABOVE = float("inf")
+    saturation: _ABOVE = float("inf")
+    beam: _ABOVE = float("inf")
+    removal: NonNegative = 0.0
+    compensation: bool = True
+    profile: Profile = "square"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        shape = self.objects.shape
+        if len(shape) != 3 or not self.objects.size or (self.objects < 0).any() or not self.objects.any((1, 2)).all():
+            reject("Conditions.objects", "of shape [n, h, w], at least 0, none of them dark", shape)
+        c_i = self.memory_effect
+        if c_i.ndim != 1 or not c_i.size or c_i[0] != 1 or (c_i < 0).any() or (c_i > 1).any():
+            reject("Conditions.memory_effect", "of shape [m], from 0 to 1, first 1", c_i)
+        return self
+
+    @property
+    def side(self) -> float:
+        """Longer side of the objects' frame, grains."""
+        return self.object_pitch * max(self.objects.shape[1:])
+
+
+class Residual(NamedTuple):
+    """Relative errors, means over the objects, and how much there is to retrieve.
+
+    Attributes
+    ----------
+    noise : float
+        Of the modulus, from the few grains and the few photons.
+    distortion : float
+        From what bends the autocorrelation: sine of the angle between the modulus and the object's.
+    complexity : float
+        Bright grains of the diffraction-limited object: (sum t)^2 / sum t^2, over that of one point.
+    window_over_camera : float
+        W / (2N), W the side of a square as large as the kept lags, before any division: the noise to expect of plain
+        autocorrelation with all the photons one could wish for.
+    """
+
+    noise: float
+    distortion: float
+    complexity: float
+    window_over_camera: float
+
+
+class _Light(NamedTuple):
+    """What the light of a scene does on the grid.
+
+    Attributes
+    ----------
+    objects : float[n, h, w]
+    passed : float[W, W]
+        The window's transfer function.
+    c_i : float[W, W]
+        C_I at every lag.
+    wanted, seen : float[n, W, W]
+        Power spectrum of the object through the window; autocovariance of its image over the squared mean.
+    """
+
+    objects: np.ndarray
+    passed: np.ndarray
+    c_i: np.ndarray
+    wanted: np.ndarray
+    seen: np.ndarray
+
+
+def _light(conditions: Conditions) -> _Light:
+    objects = _on_grid(conditions)
+    window = lag_window(max(objects.shape[1:]))
+    steps = conditions.object_pitch * GRID * np.arange(len(conditions.memory_effect))
+    c_i = np.interp(distances(window), steps, conditions.memory_effect)
+    passed = transfer_function(window, GRID, conditions.profile).numpy()
+    spectrum = np.abs(np.fft.fft2(objects / objects.sum((1, 2), keepdims=True), (window, window))) ** 2
+    peak = passed.mean()  # of P at lag 0, where its transform is 1 at frequency 0
+    seen = np.fft.ifft2(np.fft.fft2(np.fft.ifft2(spectrum).real * c_i) * passed).real / peak
+    return _Light(objects, passed, c_i, spectrum * passed / peak, conditions.contrast**2 * seen)
+
+
+def lag_window(side: int) -> int:
+    """Side of the window of lags, in pixels, for objects of so many pixels a side at three pixels a grain."""
+    return 2 * int(np.ceil(REACH * side + 2 * GRID))
+
+
+def speckle_contrast(conditions: Conditions) -> np.ndarray:
+    """Contrast of the image of each object, float[n]; of the light alone, without camera and envelope."""
+    return np.sqrt(_light(conditions).seen[:, 0, 0])
+
+
+def residual(conditions: Conditions) -> Residual:
+    """Predict the error of the modulus from the scene alone: nothing is fitted here."""
+    objects, passed, c_i, ideal, seen = _light(conditions)
+    side, window = max(objects.shape[1:]), len(passed)
+    kept = taper(window, 0.85 * REACH * side, 1.2 * REACH * side).numpy()
+    measured, noise = _saturated(seen, GRID**2 / conditions.electrons, conditions.saturation)
+    total = np.abs(np.fft.fft2(measured)) + noise[:, None, None]
+    measured, lit = _enveloped(measured, conditions)
+    weights = kept / np.maximum(c_i, FLOOR) if conditions.compensation else kept
+
+    wanted = np.fft.fft2(np.fft.ifft2(ideal).real * kept).real.clip(0) * passed
+    power = np.fft.fft2(measured * weights).real.clip(0) * passed
+    pixels = lit * conditions.frames * (GRID * conditions.camera) ** 2
+    error = total * passed * np.sqrt(np.square(weights).sum() / pixels)
+    for each in (wanted, power, error):
+        each[:, 0, 0] = 0.0  # an even brightness scores nothing
+    noisy = np.square(error).sum((1, 2)) / np.maximum(np.square(power).sum((1, 2)), 1e-300)
+    overlap = np.square(np.sqrt(wanted * power).sum((1, 2)))
+    overlap /= np.maximum(wanted.sum((1, 2)) * power.sum((1, 2)), 1e-300)
+    return Residual(
+        noise=float(np.sqrt(np.minimum(noisy, 1e4)).mean() / 2),
+        distortion=float(np.sqrt((1 - overlap).clip(0, 1)).mean()),
+        complexity=float(np.exp(np.log(_bright_grains(objects, passed)).mean())),
+        window_over_camera=float(np.sqrt(np.square(kept).sum() / pixels) / 2),
+    )
+
+
+def _on_grid(conditions: Conditions) -> np.ndarray:
+    """Objects on the grid, float[n, h', w']."""
+    objects, scale = conditions.objects, conditions.object_pitch * GRID
+    shape = [max(1, round(scale * n)) for n in objects.shape[1:]]
+    if tuple(shape) == objects.shape[1:]:
+        return objects
+    moved = np.stack([resize(each, shape, order=1, mode="constant", anti_aliasing=scale < 1) for each in objects])
+    # A lone pixel may fall between two points of a coarser grid; then there is light somewhere all the same.
+    return moved + np.where(moved.any((1, 2), keepdims=True), 0.0, 1.0)
+
+
+def _bright_grains(objects: np.ndarray, passed: np.ndarray) -> np.ndarray:
+    window = len(passed)
+    shown = np.fft.ifft2(np.fft.fft2(objects, (window, window)) * passed).real
+    spread = np.fft.ifft2(passed).real
+    return np.square(shown.sum((1, 2))) / np.square(shown).sum((1, 2)) * np.square(spread).sum() / spread.sum() ** 2
+
+
+def _saturated(seen: np.ndarray, noise: float, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Autocovariance over the squared mean, and the noise's, of intensities that are cut off at ``level``.
+
+    The intensity of n uncorrelated patterns has a gamma distribution of shape n = 1 / contrast^2. In Laguerre
+    polynomials a function of two such intensities of correlation rho has the covariance sum_k c_k^2 rho^k (Lancaster):
+    the term k = 1 is the autocorrelation, the others are distortion.
+    """
+    if np.isinf(level):
+        return seen, np.full(len(seen), noise)
+    out, left = np.empty_like(seen), np.empty(len(seen))
+    for n, each in enumerate(seen):
+        shape = 1 / max(each[0, 0], 1e-9)
+        law = stats.gamma(shape, scale=1 / shape)
+        x = law.ppf((np.arange(_NODES) + 0.5) / _NODES)
+        cut = np.minimum(x, level)
+        correlation = each / each[0, 0]
+        out[n] = 0
+        for k in range(1, _ORDERS):
+            norm = np.exp(gammaln(k + shape) - gammaln(k + 1) - gammaln(shape))
+            c = (cut * eval_genlaguerre(k, shape - 1, shape * x)).mean() / np.sqrt(norm)
+            out[n] += c**2 * correlation**k
+        out[n] /= cut.mean() ** 2
+        left[n] = noise * law.cdf(level) / cut.mean() ** 2  # a full well has no noise
+    return out, left
+
+
+def _enveloped(measured: np.ndarray, conditions: Conditions) -> tuple[np.ndarray, float]:
+    """Autocovariance under the beam's envelope less the background of the ring, and the share of the camera in use.
+
+    Divided by its mean over sigma s, a Gaussian of sigma b leaves one of b sqrt(b^2 + s^2) / s.
+    """
+    beam, removal = conditions.beam, conditions.removal
+    if np.isinf(beam) and not removal:
+        return measured, 1.0
+    window = measured.shape[-1]
+    inner, outer = ring(window)
+    steps = np.fft.fftfreq(2 * window, 1 / (2 * window)).round().astype(int)
+    reach = np.maximum(np.abs(steps)[:, None], np.abs(steps))
+    wide = np.zeros((len(measured), 2 * window, 2 * window))
+    inside = np.fft.fftfreq(window, 1 / window).round().astype(int)
+    wide[:, inside[:, None], inside] = measured
+    side = max(2, round(GRID * conditions.camera))
+    if removal:
+        f = np.fft.fftfreq(2 * window) * removal * side
+        slow = np.exp(-2 * np.pi**2 * np.square(f))
+        wide = np.fft.ifft2(np.fft.fft2(wide) * np.square(1 - slow[:, None] * slow)).real
+        beam = np.sqrt(beam**2 + removal**2) * (beam / removal) if np.isfinite(beam) else beam
+    x = (np.arange(side) - (side - 1) / 2) / side
+    light = np.exp(-0.5 * np.square(x / beam))
+    lags = np.minimum(np.arange(window + 1), side - 1)
+    one = np.array([(light[: side - n] * light[n:]).mean() for n in lags]) / light.mean() ** 2
+    slow = one[np.abs(steps)]
+    wide = slow[:, None] * slow * (1 + wide)
+    wide -= wide[:, (reach >= inner) & (reach <= outer)].mean(1)[:, None, None]
+    share = np.square(np.square(light).mean()) / np.mean(light**4)
+    return wide[:, inside[:, None], inside], float(share**2)
