@@ -26,7 +26,7 @@ from skimage.transform import resize
 
 from specklegen.illumination import Profile
 from specklegen.models.apodisation import transfer_function
-from specklegen.models.autocorrelation import FLOOR, distances, ring, taper
+from specklegen.models.autocorrelation import FLOOR, distances, lags, ring, taper
 from specklegen.values import Array, NonNegative, Positive, UnitInterval, Value, reject
 
 GRID = 3
@@ -35,6 +35,7 @@ REACH = 1.2
 """Longest lag kept, in sides of the object's frame: between the side and the diagonal."""
 _ORDERS = 12  # of Laguerre polynomials: what is left of a clipped intensity is in the first few
 _NODES = 4000
+_STEPS = 256  # along the camera, for its envelope
 _ABOVE = Annotated[float, Field(gt=0)]  # infinity allowed
 
 
@@ -56,7 +57,8 @@ class Conditions(Value):
     contrast
         What polarisation and bandwidth leave of the contrast of one point's speckle.
     electrons
-        Photo-electrons a grain; background, dark and read noise reduce them to the electrons of equal noise.
+        Photo-electrons a grain, where the beam is brightest; background, dark and read noise reduce them to the
+        electrons of equal noise.
     saturation
         Intensity at which a pixel saturates.
     beam
@@ -169,13 +171,15 @@ def residual(conditions: Conditions) -> Residual:
     side, window = max(objects.shape[1:]), len(passed)
     kept = taper(window, 0.85 * REACH * side, 1.2 * REACH * side).numpy()
     measured, noise = _saturated(seen, GRID**2 / conditions.electrons, conditions.saturation)
-    total = np.abs(np.fft.fft2(measured)) + noise[:, None, None]
-    measured, lit = _enveloped(measured, conditions)
+    left = _envelope(conditions)
+    total = np.abs(np.fft.fft2(measured)) + noise[:, None, None] * left.noise**2
+    measured = _enveloped(measured, left.light, conditions)
     weights = kept / np.maximum(c_i, FLOOR) if conditions.compensation else kept
 
     wanted = np.fft.fft2(np.fft.ifft2(ideal).real * kept).real.clip(0) * passed
     power = np.fft.fft2(measured * weights).real.clip(0) * passed
-    pixels = lit * conditions.frames * (GRID * conditions.camera) ** 2
+    in_use = np.square(np.square(left.light).mean()) / np.mean(left.light**4)
+    pixels = in_use**2 * conditions.frames * (GRID * conditions.camera) ** 2
     error = total * passed * np.sqrt(np.square(weights).sum() / pixels)
     for each in (wanted, power, error):
         each[:, 0, 0] = 0.0  # an even brightness scores nothing
@@ -234,33 +238,48 @@ def _saturated(seen: np.ndarray, noise: float, level: float) -> tuple[np.ndarray
     return out, left
 
 
-def _enveloped(measured: np.ndarray, conditions: Conditions) -> tuple[np.ndarray, float]:
-    """Autocovariance under the beam's envelope less the background of the ring, and the share of the camera in use.
+class _Envelope(NamedTuple):
+    """What is left of the beam along one axis of the camera, which is separable.
 
-    Divided by its mean over sigma s, a Gaussian of sigma b leaves one of b sqrt(b^2 + s^2) / s.
+    Attributes
+    ----------
+    light : float[n]
+        Beam over the mean that it is divided by.
+    noise : float
+        Variance of the shot noise over that of an even beam.
     """
-    beam, removal = conditions.beam, conditions.removal
-    if np.isinf(beam) and not removal:
-        return measured, 1.0
+
+    light: np.ndarray
+    noise: float
+
+
+def _envelope(conditions: Conditions) -> _Envelope:
+    x = (np.arange(_STEPS) + 0.5) / _STEPS - 0.5
+    beam = np.exp(-0.5 * np.square(x / conditions.beam))
+    if conditions.removal:
+        blur = np.exp(-0.5 * np.square((x[:, None] - x) / conditions.removal))
+        slow = blur @ beam / blur.sum(1)
+    else:
+        slow = np.full(_STEPS, beam.mean())
+    return _Envelope(beam / slow, float((beam / slow**2).mean()))
+
+
+def _enveloped(measured: np.ndarray, light: np.ndarray, conditions: Conditions) -> np.ndarray:
+    """Autocovariance float[n, W, W] under an envelope, less what its removal takes and the background of the ring."""
+    if np.isinf(conditions.beam) and not conditions.removal:
+        return measured
     window = measured.shape[-1]
     inner, outer = ring(window)
-    steps = np.fft.fftfreq(2 * window, 1 / (2 * window)).round().astype(int)
-    reach = np.maximum(np.abs(steps)[:, None], np.abs(steps))
+    steps, inside = lags(2 * window), lags(window)
     wide = np.zeros((len(measured), 2 * window, 2 * window))
-    inside = np.fft.fftfreq(window, 1 / window).round().astype(int)
     wide[:, inside[:, None], inside] = measured
-    side = max(2, round(GRID * conditions.camera))
-    if removal:
-        f = np.fft.fftfreq(2 * window) * removal * side
-        slow = np.exp(-2 * np.pi**2 * np.square(f))
-        wide = np.fft.ifft2(np.fft.fft2(wide) * np.square(1 - slow[:, None] * slow)).real
-        beam = np.sqrt(beam**2 + removal**2) * (beam / removal) if np.isfinite(beam) else beam
-    x = (np.arange(side) - (side - 1) / 2) / side
-    light = np.exp(-0.5 * np.square(x / beam))
-    lags = np.minimum(np.arange(window + 1), side - 1)
-    one = np.array([(light[: side - n] * light[n:]).mean() for n in lags]) / light.mean() ** 2
-    slow = one[np.abs(steps)]
+    side = GRID * conditions.camera
+    if conditions.removal:
+        taken = np.exp(-2 * np.square(np.pi * np.fft.fftfreq(2 * window) * conditions.removal * side))
+        wide = np.fft.ifft2(np.fft.fft2(wide) * np.square(1 - taken[:, None] * taken)).real
+    pairs = np.array([(light[: _STEPS - n] * light[n:]).mean() for n in range(_STEPS)]) / light.mean() ** 2
+    slow = np.interp(np.abs(steps) * (_STEPS / side), np.arange(_STEPS), pairs)
     wide = slow[:, None] * slow * (1 + wide)
+    reach = np.maximum(np.abs(steps)[:, None], np.abs(steps))
     wide -= wide[:, (reach >= inner) & (reach <= outer)].mean(1)[:, None, None]
-    share = np.square(np.square(light).mean()) / np.mean(light**4)
-    return wide[:, inside[:, None], inside], float(share**2)
+    return wide[:, inside[:, None], inside]
