@@ -22,7 +22,6 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy import stats
 from scipy.special import eval_genlaguerre, gammaln
-from skimage.transform import resize
 
 from specklegen.illumination import Profile
 from specklegen.models.apodisation import transfer_function
@@ -34,7 +33,7 @@ GRID = 3
 REACH = 1.2
 """Longest lag kept, in sides of the object's frame: between the side and the diagonal."""
 _ORDERS = 12  # of Laguerre polynomials: what is left of a clipped intensity is in the first few
-_NODES = 4000
+_NODES = 1000
 _STEPS = 256  # along the camera, for its envelope
 _ABOVE = Annotated[float, Field(gt=0)]  # infinity allowed
 
@@ -195,14 +194,12 @@ def residual(conditions: Conditions) -> Residual:
 
 
 def _on_grid(conditions: Conditions) -> np.ndarray:
-    """Objects on the grid, float[n, h', w']."""
-    objects, scale = conditions.objects, conditions.object_pitch * GRID
-    shape = [max(1, round(scale * n)) for n in objects.shape[1:]]
-    if tuple(shape) == objects.shape[1:]:
-        return objects
-    moved = np.stack([resize(each, shape, order=1, mode="constant", anti_aliasing=scale < 1) for each in objects])
-    # A lone pixel may fall between two points of a coarser grid; then there is light somewhere all the same.
-    return moved + np.where(moved.any((1, 2), keepdims=True), 0.0, 1.0)
+    """Objects on the grid, float[n, h', w']: pixels shine as points, each at the grid point next to it."""
+    scale = conditions.object_pitch * GRID
+    rows, columns = (np.rint(scale * np.arange(n)).astype(int) for n in conditions.objects.shape[1:])
+    grid = np.zeros((len(conditions.objects), rows[-1] + 1, columns[-1] + 1))
+    np.add.at(grid, (slice(None), rows[:, None], columns), conditions.objects)
+    return grid
 
 
 def _bright_grains(objects: np.ndarray, passed: np.ndarray) -> np.ndarray:
@@ -277,9 +274,13 @@ def _enveloped(measured: np.ndarray, light: np.ndarray, conditions: Conditions) 
     if conditions.removal:
         taken = np.exp(-2 * np.square(np.pi * np.fft.fftfreq(2 * window) * conditions.removal * side))
         wide = np.fft.ifft2(np.fft.fft2(wide) * np.square(1 - taken[:, None] * taken)).real
-    pairs = np.array([(light[: _STEPS - n] * light[n:]).mean() for n in range(_STEPS)]) / light.mean() ** 2
-    slow = np.interp(np.abs(steps) * (_STEPS / side), np.arange(_STEPS), pairs)
-    wide = slow[:, None] * slow * (1 + wide)
+    relative = light / light.mean()
+    pairs = np.array([(relative[: _STEPS - n] * relative[n:]).mean() for n in range(_STEPS)])
+    paired = np.array([relative[: _STEPS - n].mean() for n in range(_STEPS)])
+    both, one = (np.interp(np.abs(steps) * (_STEPS / side), np.arange(_STEPS), x) for x in (pairs, paired))
+    both, one = both[:, None] * both, one[:, None] * one
+    # The mean that is taken off is that of the whole camera, not of the pixels that have a partner at that lag.
+    wide = both * (1 + wide) - 2 * one + 1
     reach = np.maximum(np.abs(steps)[:, None], np.abs(steps))
     wide -= wide[:, (reach >= inner) & (reach <= outer)].mean(1)[:, None, None]
     return wide[:, inside[:, None], inside]

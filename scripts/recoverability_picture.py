@@ -23,7 +23,7 @@ SCENES = {
     "as it should be": GOOD,
     "small camera": GOOD._replace(camera=72),
     "2.5 ranges wide,\nno division by C_I": GOOD._replace(extent=2.5, compensation=False),
-    "2.5 ranges wide,\ndivided by C_I": GOOD._replace(extent=2.5),
+    "1.2 ranges wide,\ndivided by C_I": GOOD._replace(extent=1.2),
     "overexposed": GOOD._replace(saturation=0.4),
     "beam left in": GOOD._replace(beam=0.2),
     "dim": GOOD._replace(photons=0.03),
@@ -49,7 +49,7 @@ def column(panels, title: str, scene: CellScene) -> Verdict:
     panels[0].set_title(title, fontsize=9)
     panels[2].set_xlabel(
         f"correlation {pearson(found, target)[0]:.2f}\npredicted: {word}, p = {verdict.probability:.2f}\n"
-        f"{reason.replace("memory-effect range", "range")}",
+        f"{reason.replace('memory-effect range', 'range')}",
         fontsize=8,
     )
     return verdict
