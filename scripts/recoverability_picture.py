@@ -1,4 +1,4 @@
-"""The picture of docs/recoverability.md: one letter, one scene that works, and every way to fail; the verdicts checked.
+"""The picture of docs/recoverability.md: one scene that works, and every way to fail; the verdicts checked.
 
 python scripts/recoverability_picture.py --out docs/images/recoverability.png
 """
@@ -19,11 +19,12 @@ from specklegen.models.recoverability import COEFFICIENTS, Verdict, judge
 
 TABLE = Path(__file__).parent.parent / "tests/data/recoverability.csv"
 GOOD = CellScene("glyphs", 28, 420, 0.3, True, True)
+POINTS = CellScene("6 points", 18, 420, 2.0, True, True)
 SCENES = {
     "as it should be": GOOD,
     "small camera": GOOD._replace(camera=72),
-    "2.5 ranges wide,\nno division by C_I": GOOD._replace(extent=2.5, compensation=False),
-    "1.2 ranges wide,\ndivided by C_I": GOOD._replace(extent=1.2),
+    "two ranges wide,\nno division by C_I": POINTS._replace(compensation=False),
+    "two ranges wide,\ndivided by C_I": POINTS,
     "overexposed": GOOD._replace(saturation=0.4),
     "beam left in": GOOD._replace(beam=0.2),
     "dim": GOOD._replace(photons=0.03),
@@ -48,9 +49,9 @@ def column(panels, title: str, scene: CellScene) -> Verdict:
     word = "works" if verdict.works else "fails"
     panels[0].set_title(title, fontsize=9)
     panels[2].set_xlabel(
-        f"correlation {pearson(found, target)[0]:.2f}\npredicted: {word}, p = {verdict.probability:.2f}\n"
+        f"correlation {pearson(found, target)[0]:.2f}\npredicted: {word},\np = {verdict.probability:.2f}\n"
         f"{reason.replace('memory-effect range', 'range')}",
-        fontsize=8,
+        fontsize=7.5,
     )
     return verdict
 
