@@ -52,7 +52,24 @@ class Scene(Value):
                 "PlaneWaves",
                 "An unlimited wave on an infinite slab scatters infinite power: use CollimatedBeams with a width.",
             )
+        if isinstance(self.illumination, PointSources) and isinstance(self.sensor, NearField):
+            self._require_apart(self.illumination.points, self.views)
         return self
+
+    def _require_apart(self, sources: np.ndarray, sensors: np.ndarray) -> None:
+        """Refuse a sensor point on a source inside the medium: single scattering there diverges."""
+        shared = sources[(sources[:, None] == sensors).all(axis=-1).any(axis=1)]
+        if isinstance(self.medium, Slab):
+            within = (shared[:, -1] >= 0) & (shared[:, -1] <= self.medium.thickness)
+        else:
+            within = ((shared >= self.medium.lower) & (shared <= self.medium.upper)).all(axis=1)
+        if within.any():
+            reject(
+                "Scene.sensor",
+                "apart from every source inside the medium",
+                shared[within][0],
+                "A source lights a sensor at its own place infinitely brightly.",
+            )
 
     @property
     def dimension(self) -> int:

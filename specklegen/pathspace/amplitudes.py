@@ -57,7 +57,7 @@ def single_amplitudes(tracer: Tracer, bank: VolumeBank, threads: int | None = 1)
     lights = end_amplitudes(tracer, bank, tracer.lights, "entry", threads) * np.sqrt(bank.weight)
     views = end_amplitudes(tracer, bank, tracer.views, "exit", threads)
     pairs = _pairs(lights, views)
-    return pairs * single_factors(tracer, bank).reshape(len(pairs), -1) if len(bank) else pairs
+    return pairs * single_factors(tracer, bank).reshape(len(pairs), -1) if pairs.size else pairs
 
 
 def multiple_amplitudes(tracer: Tracer, bank: VolumeBank, reverse: bool, threads: int | None = 1) -> np.ndarray:
@@ -81,4 +81,4 @@ def multiple_amplitudes(tracer: Tracer, bank: VolumeBank, reverse: bool, threads
 
 
 def _pairs(lights: np.ndarray, views: np.ndarray) -> np.ndarray:
-    return (lights[:, None] * views).reshape(len(lights) * len(views), -1)
+    return (lights[:, None] * views).reshape(len(lights) * len(views), lights.shape[1])

@@ -16,7 +16,8 @@ from specklegen.scene import Scene
 from specklegen.sensors import NearField
 
 _REFERENCES = 8  # lights that paths start from at most; others are covered by their neighbours
-_EVENLY = 0.1  # share of paths that start anywhere in a finite medium: bounds every weight
+_EVENLY = 0.1  # share of paths that start anywhere in a finite medium: bounds every weight; at most one mean free
+# path over the thickness, since a path from the middle of a thick medium scatters OD^2 times, not OD times
 
 
 def scene_sources(scene: Scene) -> Sources:
@@ -33,8 +34,9 @@ def scene_sources(scene: Scene) -> Sources:
     rows = [(share / len(rows), row) for row in rows]
     rows += [(share / len(points), _point_row(volume, point)) for point in points]
     if np.isfinite(np.diff(volume.bounds, axis=0)[0, [0, 2]]).all():
-        rows = [(weight * (1 - _EVENLY), row) for weight, row in rows]
-        rows.append((_EVENLY if len(rows) else 1.0, {"kind": kernel.UNIFORM}))
+        evenly = min(_EVENLY, 1 / max(scene.medium.optical_depth, 1.0)) if rows else 1.0
+        rows = [(weight * (1 - evenly), row) for weight, row in rows]
+        rows.append((evenly, {"kind": kernel.UNIFORM}))
     return _laid_out(rows, lobe)
 
 

@@ -21,6 +21,8 @@ from specklegen.tracing import BLOCK, PathBank, concatenate
 from specklegen.values import remembered
 
 PILOT_PATHS = 4096
+_FIRST_PATHS = 64  # of the pilot, which tell how many more its memory allows
+_PILOT_CONNECTIONS = 2**20
 
 
 @dataclass(frozen=True)
@@ -186,8 +188,12 @@ def _thinned(tracer: Tracer, seed: int) -> Tracer:
     if not len(tracer.views.vectors) or not len(tracer.lights.vectors):
         return tracer
     # Any positive threshold makes the walk judge connections; this one keeps them all but those of no weight.
-    bank = replace(tracer, threshold=1e-300).trace(seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
-    if len(bank) < 4 * PILOT_PATHS:
+    judging = replace(tracer, threshold=1e-300)
+    bank = judging.trace(seed, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
+    count = min(PILOT_PATHS, _FIRST_PATHS * max(1, _PILOT_CONNECTIONS // max(len(bank), 1)))
+    if count > _FIRST_PATHS:
+        bank = judging.trace(seed, count, stream=Stream.PILOT, threads=1)
+    if len(bank) < 4 * count:
         return tracer
     judged = bank.weight * _judged_power(tracer, bank)
     return replace(tracer, threshold=10 * float(judged.mean()))
