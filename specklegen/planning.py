@@ -151,8 +151,8 @@ def plan(
     """
     if paths is not None and rel_error is not None:
         reject("plan paths", "left out where rel_error is given", paths)
-    if paths is not None and paths < 1:
-        reject("paths", "at least 1", paths)
+    if paths is not None and (not isinstance(paths, int | np.integer) or paths < 1):
+        reject("paths", "a whole number of at least 1", paths)
     if rel_error is not None and not 0 < rel_error < 1:
         reject("rel_error", "between 0 and 1", rel_error)
     if not 0 < field_tolerance < 1:
