@@ -38,6 +38,16 @@ def strict():
         yield
 
 
+def result_or_refusal(word: str, call):
+    """What a call returns, or None where it is refused for a reason that holds a word."""
+    try:
+        return call()
+    except RuleError as refused:
+        if word not in str(refused):
+            raise
+        return None
+
+
 def assert_sensible(scene: sg.Scene, found: sg.Covariance) -> None:
     t, v = len(scene.lights), len(scene.views)
     assert found.value.shape == found.standard_error.shape == (t, v, t, v)
@@ -82,11 +92,9 @@ def test_the_mean_field_is_finite_or_refused(count):
     @given(scene=scenes())
     def check(scene):
         with strict():
-            try:
-                mean = sg.mean_field(scene)
-            except RuleError as refused:
-                assert "mean_field" in str(refused)
-                return
+            mean = result_or_refusal("mean_field", lambda: sg.mean_field(scene))
+        if mean is None:
+            return
         assert mean.shape == (len(scene.lights), *scene.sensor.shape)
         assert np.isfinite(mean).all()
 
@@ -177,13 +185,14 @@ def test_memory_effect_of_any_slab(count):
     def check(case, mode, paths):
         wavelength, medium, tilts = case
         with strict():
-            try:
-                found = sg.memory_effect(
+            found = result_or_refusal(
+                "view + tilts",  # beyond grazing
+                lambda: sg.memory_effect(
                     medium, wavelength=wavelength, tilts=[0.0, *tilts, *tilts[:1]], mode=mode, paths=paths
-                )
-            except RuleError as refused:
-                assert "view + tilts" in str(refused)  # beyond grazing
-                return
+                ),
+            )
+        if found is None:
+            return
         dark = np.isnan(found.intensity)
         assert dark.all() or not dark.any()
         assert dark.any() or found.intensity[0] == pytest.approx(1, abs=1e-9)

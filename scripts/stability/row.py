@@ -69,7 +69,8 @@ def measured(
     worst = int(z.argmax())
     return Row(
         case, _number(right_.flat[worst]), source, f"{_number(ours_.flat[worst])} ± {error.flat[worst]:.2g}",
-        f"{z.flat[worst]:.2f} standard errors, limit {bound:.2f}", bool(np.isfinite(error).all() and np.isfinite(z).all() and z.max() < bound),
+        f"{z.flat[worst]:.2f} standard errors, limit {bound:.2f}",
+        bool(np.isfinite(error).all() and np.isfinite(z).all() and z.max() < bound),
     )  # fmt: skip
 
 

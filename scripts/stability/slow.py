@@ -10,9 +10,9 @@ from specklegen.correlation_transfer import quadruple
 from specklegen.theory import slab_transmission
 from specklegen.tracing import plane_proposal, trace
 
-from .geometry import sideways
 from .row import Row, holds, measured, within
 from .scenes import ACCEPTANCE, AXIS, scene, slab, views
+from .sizes import sideways
 
 
 def thick_transmission() -> Row:
