@@ -1,1 +1,47 @@
-"""Reconstruction: phase retrieval, networks, and their evaluation."""
+"""Reconstruction: phase retrieval, networks, and their evaluation.
+
+Names load when they are first used.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from specklegen.models.evaluation import evaluate
+    from specklegen.models.metrics import align, bootstrap, scores
+    from specklegen.models.phase_retrieval import Retrieval, retrieve
+    from specklegen.models.reconstructor import Reconstructor, load_pretrained
+    from specklegen.models.training import Training, train
+
+_HOME = {
+    "Reconstructor": "reconstructor",
+    "Retrieval": "phase_retrieval",
+    "Training": "training",
+    "align": "metrics",
+    "bootstrap": "metrics",
+    "evaluate": "evaluation",
+    "load_pretrained": "reconstructor",
+    "retrieve": "phase_retrieval",
+    "scores": "metrics",
+    "train": "training",
+}
+__all__ = [
+    "Reconstructor",
+    "Retrieval",
+    "Training",
+    "align",
+    "bootstrap",
+    "evaluate",
+    "load_pretrained",
+    "retrieve",
+    "scores",
+    "train",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value

@@ -7,6 +7,7 @@ A name is that of a file in scripts/figures/ with a function ``main(out, quick)`
 
 import argparse
 import importlib.util
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -19,7 +20,9 @@ def names() -> list[str]:
 
 
 def load(name: str) -> ModuleType:
-    """Import scripts/figures/NAME.py."""
+    """Import scripts/figures/NAME.py, which may import the ``_`` modules beside it."""
+    if str(FIGURES) not in sys.path:
+        sys.path.insert(0, str(FIGURES))
     spec = importlib.util.spec_from_file_location(name, FIGURES / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

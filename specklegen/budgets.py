@@ -26,8 +26,10 @@ def checked_budget(owner: str, paths: int | None, rel_error: float | None, secon
     """
     if paths is not None and (rel_error is not None or seconds is not None):
         reject(f"{owner} paths", "left out where rel_error or seconds is given", paths)
-    if paths is not None and (not isinstance(paths, int | np.integer) or paths < 1):
-        reject(f"{owner} paths", "a whole number of at least 1", paths)
+    if paths is not None and not isinstance(paths, int | np.integer):
+        reject(f"{owner} paths", "a whole number", paths)
+    if paths is not None and paths < 1:
+        reject(f"{owner} paths", "at least 1", paths)
     if rel_error is not None and not 0 < rel_error < 1:
         reject(f"{owner} rel_error", "between 0 and 1", rel_error)
     if seconds is not None and not seconds > 0:

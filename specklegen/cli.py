@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
+from specklegen.models import cli as learning
 from specklegen.values import RuleError, reject
 
 app = typer.Typer(
@@ -328,6 +329,10 @@ def export(
 
     written = write(folder, out, format, None if samples is None else range(samples))  # type: ignore[arg-type]
     typer.echo(f"{len(written)} files in {out}")
+
+
+app.command()(learning.train)
+app.command()(learning.evaluate)
 
 
 class Progress:

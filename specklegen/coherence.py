@@ -27,9 +27,7 @@ _ROUNDING = 1e-10  # of the trace: what an estimated or rounded W may have of ne
 _COPULA_TOLERANCE = 0.02  # |mu| of the copula against W0; 0.0023 at phase_turns=1 for a Gaussian Schell model
 
 
-def gaussian_schell_model(
-    x: np.ndarray, coherence_length: float, amplitude: np.ndarray | None = None
-) -> np.ndarray:
+def gaussian_schell_model(x: np.ndarray, coherence_length: float, amplitude: np.ndarray | None = None) -> np.ndarray:
     """Return the cross-spectral density of a Gaussian Schell-model line source.
 
     W0[1, 2] = A1 A2* exp{-(x1 - x2)^2 / (2 coherence_length^2)}.
@@ -79,9 +77,7 @@ def gaussian_schell_model(
     return amplitude[:, None] * degree * amplitude.conj()
 
 
-def coherent_modes(
-    W0: np.ndarray, n_modes: int | None = None, energy: float = 0.99
-) -> tuple[np.ndarray, np.ndarray]:
+def coherent_modes(W0: np.ndarray, n_modes: int | None = None, energy: float = 0.99) -> tuple[np.ndarray, np.ndarray]:
     """Return the strongest coherent modes of a source (Karhunen-Loeve, Mercer).
 
     Parameters
@@ -272,9 +268,7 @@ def sample_fields(
         return (weights * np.sqrt(eigenvalues)) @ modes.T
     if method != "copula":
         reject("sample_fields method", "'kl' or 'copula'", method)
-    return _copula_fields(_copula_angles(W0, phase_turns), n, phase_turns, random) * np.sqrt(
-        spectral_density(W0)
-    )
+    return _copula_fields(_copula_angles(W0, phase_turns), n, phase_turns, random) * np.sqrt(spectral_density(W0))
 
 
 def _copula_angles(W0: np.ndarray, turns: float) -> np.ndarray:

@@ -12,10 +12,10 @@ from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
 from specklegen.scene import Scene
 from specklegen.tracing import CHUNK
 
-_EVENT = 32.0  # a scattering event
-_END = 30.0  # one end of a connection at one tilt or view
+_EVENT = 12.5  # a scattering event
+_END = 10.0  # one end of a connection at one tilt or view
 _TRANSFORM = 42.0  # spreading one strength, at a tolerance of 1e-3
-_VIEW = 14.0  # a connection at a view, summed directly
+_VIEW = 3.4  # a connection at a view, summed directly
 _FFT_POINT = 12.0
 _NORMAL = 20.0  # a complex normal
 _VOLUME_EVENT = 150.0  # a scattering event in any geometry

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.budgets import checked_budget, paths_for
-from specklegen.gates import Reverse, warn_of_dependence
-from specklegen.illumination import IncoherentObject
+from specklegen.gates import Reverse, Verdict, warn_of_dependence
 from specklegen.kernels.rng import fill_normals
 from specklegen.parallel import map_blocks
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
 from specklegen.pathspace.blas import one_blas_thread
 from specklegen.pathspace.gates import scene_reversal
+from specklegen.pathspace.pilots import volume_pilot
+from specklegen.pathspace.single import Orders, all_quadruples, single_covariance, single_verdict
 from specklegen.pathspace.tracing import Tracer, VolumeBank, scene_tracer
 from specklegen.scene import Scene
 from specklegen.statistics import BATCHES
@@ -52,6 +53,8 @@ class Covariance:
         Largest standard error over sqrt(C_pp C_qq), which is what ``rel_error=`` asks for.
     unfinished : int
         Paths ended by the largest order allowed.
+    verdicts : tuple of Verdict
+        What took part, what was left out, and why.
     """
 
     value: np.ndarray
@@ -62,6 +65,7 @@ class Covariance:
     reverse: bool
     rel_error: float
     unfinished: int
+    verdicts: tuple[Verdict, ...] = ()
 
     @property
     def intensity(self) -> np.ndarray:
@@ -109,6 +113,7 @@ def covariance(
     seed: Seed = 0,
     reverse: Reverse = "auto",
     pairs: ArrayLike | None = None,
+    orders: Orders = "auto",
     tolerance: float = 0.02,
     threads: int | None = None,
 ) -> Covariance:
@@ -117,7 +122,7 @@ def covariance(
     Parameters
     ----------
     scene
-        Any medium, coherent lights and sensor.
+        Any medium, lights and sensor. An incoherent object's lights are its lit pixels' beams of unit irradiance.
     paths
         Number of paths; 100 000 unless ``rel_error`` or ``seconds`` sets it.
     rel_error
@@ -132,6 +137,10 @@ def covariance(
         ``tolerance`` at every light and view (physics.md 2).
     pairs
         int[P, 4], rows (light, view, light, view): only these entries. Default: all of them.
+    orders
+        "all", "single", or "auto": single scattering alone, in closed form (Eq. 41) instead of by Monte Carlo, where
+        a pilot finds the rest below ``tolerance`` and the closed form cheaper. ``rel_error`` then is the share of the
+        intensity left out, and ``standard_error`` is 0. For a homogeneous box, plane waves and far views.
     tolerance
         Relative intensity below which "auto" drops a part.
     threads
@@ -140,7 +149,7 @@ def covariance(
     Raises
     ------
     RuleError
-        For an argument out of range, incoherent illumination, or a result that does not fit into memory.
+        For an argument out of range, a closed form that does not exist, or a result that does not fit into memory.
 
     Warns
     -----
@@ -154,15 +163,24 @@ def covariance(
         _require_memory(t, v, t * v)  # before the pilot, whose time would be lost
     tracer, reversal = _prepare(scene, reverse, tolerance)
     if pairs is None:
-        entries = _all_pairs(t * v, threads)
+        chosen, entries = None, _all_pairs(t * v, threads)
     else:
-        entries = _chosen_pairs(_checked_pairs(pairs, t, v), v)
+        chosen = _checked_pairs(pairs, t, v)
+        entries = _chosen_pairs(chosen, v)
+    alone = single_verdict(scene, orders, len(chosen) if chosen is not None else (t * v) ** 2, tolerance, reversal)
+    verdicts = (scene_reversal(scene, reverse, tolerance), alone)
+    if not alone.needed:
+        value = single_covariance(scene, all_quadruples(t, v) if chosen is None else chosen)
+        value = value if chosen is not None else value.reshape(t, v, t, v)
+        left_out = volume_pilot(scene, reversal).multiple_share
+        zeros = np.zeros(value.shape)
+        return Covariance(value, zeros, value, zeros.astype(np.complex128), 0, reversal, left_out, 0, verdicts)
     run = partial(_estimate, tracer, reverse=reversal, entries=entries, threads=threads)
     keyed = pilot_seed(scene.fingerprint())
     count = paths_for(
         DEFAULT_PATHS, paths, rel_error, seconds, lambda n: run(n, keyed, stream=Stream.PILOT).rel_error
     )  # fmt: skip
-    found = run(count, seed)
+    found = replace(run(count, seed), verdicts=verdicts)
     return found if pairs is not None else found.reshaped((t, v, t, v))
 
 
@@ -245,8 +263,6 @@ def _rows(part: slice, n: int) -> _Entries:
 
 
 def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, bool]:
-    if isinstance(scene.illumination, IncoherentObject):
-        reject("covariance scene.illumination", "coherent lights", "IncoherentObject", "Use its .beams.")
     if not 0 < tolerance < 1:
         reject("covariance tolerance", "between 0 and 1", tolerance)
     reversal = scene_reversal(scene, reverse, tolerance).needed

@@ -10,7 +10,7 @@ from specklegen.values import reject
 
 Reverse = bool | Literal["auto"]
 Sampler = Literal["auto", "paths", "covariance", "stationary"]
-BACKSCATTER_WING = {3: 0.65, 2: 0.43}  # isotropic scatterers: the slow wing of the cone (physics.md 2)
+BACKSCATTER_WING = {3: 0.65, 2: 0.56}  # isotropic scatterers: the slow wing of the cone (physics.md 2)
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def reversal_verdict(
 ) -> Verdict:
     """Reversed paths (coherent backscattering): needed near v = -i.
 
-    Away from -i they add about 0.65 / (k l |i + v|) of the intensity, 0.43 in flatland (physics.md 2), with the
+    Away from -i they add about 0.65 / (k l |i + v|) of the intensity, 0.56 in flatland (physics.md 2), with the
     mean free path l and not the transport length, which is the safe side for forward scattering.
 
     Parameters

@@ -201,9 +201,7 @@ class LabSetup(Value):
     @property
     def phase_errors(self) -> dict[str, float]:
         """Largest phase errors phi_1, phi_3, phi_4 of the far-field mapping, radians."""
-        return {
-            name: factor * self.aperture**power for name, (factor, power) in self._phase_factors().items()
-        }
+        return {name: factor * self.aperture**power for name, (factor, power) in self._phase_factors().items()}
 
     @property
     def largest_aperture(self) -> float:
@@ -295,9 +293,7 @@ class LabSetup(Value):
             If the view shape is no multiple of the oversampling, or the laboratory breaks a rule.
         """
         if view_shape[0] % oversampling or view_shape[1] % oversampling:
-            reject(
-                "LabSetup.of_scene view_shape", f"a multiple of the oversampling {oversampling}", view_shape
-            )
+            reject("LabSetup.of_scene view_shape", f"a multiple of the oversampling {oversampling}", view_shape)
         distance = laboratory.get("camera_distance") or laboratory.get("focal_length") or math.nan
         return cls(
             wavelength=medium_wavelength * refractive_index,

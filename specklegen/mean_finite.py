@@ -24,7 +24,7 @@ from specklegen.scatterers import Scatterer, components
 from specklegen.scene import Scene
 from specklegen.values import reject
 
-TOLERANCE = 1e-4  # of a numerical integral, relative to what it would be if all the medium scattered in phase
+TOLERANCE = 1e-3  # of a numerical integral, relative to what it would be if all the medium scattered in phase
 _VIEWS_AT_ONCE = 32
 
 

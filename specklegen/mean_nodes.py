@@ -16,7 +16,7 @@ from specklegen.scene import Scene
 
 _X, _W = np.polynomial.legendre.leggauss(4)
 _X, _W = (_X + 1) / 2, _W / 2
-_RADIANS = 6.0  # a panel at level 0; half of it at level 1, where four nodes are good to 1e-5
+_RADIANS = 8.0  # a panel at level 0; half of it at level 1, where four nodes are good to 4e-5
 _MOST_HELD = 4_000_000  # nodes held at a time, 40 bytes each
 _FAINT = 6.0  # radii at which a Gaussian window is cut: e^-36
 

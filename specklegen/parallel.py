@@ -41,6 +41,11 @@ def thread_count(threads: int | None = None) -> int:
     return threads
 
 
+def slices(count: int, size: int) -> list[slice]:
+    """Cut ``count`` things into blocks of ``size``, the last one shorter."""
+    return [slice(first, min(first + size, count)) for first in range(0, count, size)]
+
+
 def map_blocks(function: Callable[[A], B], blocks: Iterable[A], threads: int | None = None) -> list[B]:
     """Apply ``function`` to every block on ``threads`` threads; results in the order of the blocks."""
     blocks = list(blocks)

@@ -10,6 +10,7 @@ import numpy as np
 
 from specklegen.fields.ends import Optics, full_weights
 from specklegen.fields.nufft import NufftEvaluator, build_evaluator
+from specklegen.gaussianity import PathMoments
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
 from specklegen.stationary.criterion import StationaryError, stationary_error
@@ -27,7 +28,7 @@ class Pilot:
 
     proposal: Proposal
     bank: PathBank
-    relative_variance: float
+    moments: PathMoments
     intensity: float
 
 
@@ -43,13 +44,13 @@ def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
         threshold = keep_threshold(medium, proposal, optics, proposal.reference, seed)
         proposal = replace(proposal, threshold=threshold)
     bank = trace(medium, proposal, seed, PILOT_PATHS, stream=Stream.PILOT)
-    worst = intensity = 0.0
+    moments, intensity = PathMoments(0.0, 0.0), 0.0
     for view in views:
-        w = np.bincount(bank.paths, full_weights(bank, optics, proposal.reference, view), bank.count)
-        if w.any():
-            worst = max(worst, float(w.var() / w.mean() ** 2))
-            intensity = max(intensity, float(w.mean()))
-    return Pilot(proposal, bank, worst, intensity)
+        weights = full_weights(bank, optics, proposal.reference, view)
+        found = PathMoments.of(weights, bank.paths, bank.count)
+        moments = max(moments, found, key=lambda m: m.relative_variance)
+        intensity = max(intensity, float(weights.sum() / bank.count))
+    return Pilot(proposal, bank, moments, intensity)
 
 
 @remembered(64)

@@ -12,6 +12,7 @@ import numpy as np
 from specklegen.costs import VolumeWork, Work, memory_bytes, seconds, volume_memory_bytes, volume_seconds
 from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
 from specklegen.gates import Reverse, Sampler, Verdict, reversal_verdict
+from specklegen.gaussianity import EXACT, Gaussianity
 from specklegen.illumination import CollimatedBeams, IncoherentObject
 from specklegen.mean import ballistic_fraction
 from specklegen.media import Medium, VoxelGrid
@@ -36,7 +37,6 @@ DEFAULT_PATHS = 100_000
 STATIONARY_TOLERANCE = 0.02
 
 
-
 @dataclass(frozen=True)
 class Plan:
     """What a render will do, what it leaves out and why, and what that costs.
@@ -59,6 +59,8 @@ class Plan:
     expected_error : float
         Root of the excess correlation of intensities from a finite number of paths, at the worst view
         ("paths"); relative standard error of the intensity scale ("stationary").
+    gaussianity : Gaussianity
+        Whether so many paths make Gaussian speckle.
     connections_per_path, events_per_path : float
         From the pilot.
     seconds : float
@@ -77,6 +79,7 @@ class Plan:
     proposal: Proposal | None
     nufft: NufftEvaluator | None
     expected_error: float
+    gaussianity: Gaussianity
     connections_per_path: float
     events_per_path: float
     seconds: float
@@ -99,6 +102,7 @@ class Plan:
         what = "intensity scale" if self.sampler == "stationary" else "false intensity correlation"
         lines += [
             f"Expected error ({what}, relative): {self.expected_error:.2g}.",
+            f"Speckle: {self.gaussianity}",
             f"Cost: about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
         ]
         if isinstance(self.scene.illumination, CollimatedBeams | IncoherentObject):
@@ -151,8 +155,10 @@ def plan(
     """
     if paths is not None and rel_error is not None:
         reject("plan paths", "left out where rel_error is given", paths)
-    if paths is not None and (not isinstance(paths, int | np.integer) or paths < 1):
-        reject("paths", "a whole number of at least 1", paths)
+    if paths is not None and not isinstance(paths, int | np.integer):
+        reject("paths", "a whole number", paths)
+    if paths is not None and paths < 1:
+        reject("paths", "at least 1", paths)
     if rel_error is not None and not 0 < rel_error < 1:
         reject("rel_error", "between 0 and 1", rel_error)
     if not 0 < field_tolerance < 1:
@@ -177,7 +183,7 @@ def plan(
     verdicts += [reversal, mean_verdict(scene, mean, tolerance)]
     pilot = scene_pilot(scene, reversal.needed)
     if paths is None:
-        paths = DEFAULT_PATHS if rel_error is None else max(1, int(np.ceil(pilot.relative_variance / rel_error**2)))
+        paths = DEFAULT_PATHS if rel_error is None else pilot.moments.paths_for(rel_error)
     stationary = stationary_verdict(scene, reversal.needed, sampler, tolerance)
     verdicts.append(stationary)
 
@@ -208,7 +214,8 @@ def plan(
         verdicts=tuple(verdicts),
         proposal=pilot.proposal,
         nufft=nufft,
-        expected_error=float(np.sqrt(pilot.relative_variance / paths)),
+        expected_error=float(np.sqrt(pilot.moments.relative_variance / paths)),
+        gaussianity=EXACT if stationary.needed else pilot.moments.gaussianity(paths),
         connections_per_path=work.connections_per_path,
         events_per_path=work.events_per_path,
         seconds=seconds(work, thread_count(threads)),
@@ -233,7 +240,7 @@ def _plan_volume(
     reversal = scene_reversal(scene, reverse, tolerance)
     pilot = volume_pilot(scene, reversal.needed)
     if paths is None:
-        paths = DEFAULT_PATHS if rel_error is None else max(1, int(np.ceil(pilot.relative_variance / rel_error**2)))
+        paths = DEFAULT_PATHS if rel_error is None else pilot.moments.paths_for(rel_error)
     use_covariance = sampler == "covariance"
     work = VolumeWork(
         scene=scene,
@@ -261,7 +268,8 @@ def _plan_volume(
         verdicts=tuple(verdicts),
         proposal=None,
         nufft=None,
-        expected_error=float(np.sqrt(pilot.relative_variance / paths)),
+        expected_error=float(np.sqrt(pilot.moments.relative_variance / paths)),
+        gaussianity=EXACT if use_covariance else pilot.moments.gaussianity(paths),
         connections_per_path=pilot.connections_per_path,
         events_per_path=pilot.events_per_path,
         seconds=volume_seconds(work, thread_count(threads)),

@@ -19,6 +19,7 @@ from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import Optics, random_phases
 from specklegen.fields.nufft import nufft_field
 from specklegen.gates import Reverse, Sampler, Verdict
+from specklegen.gaussianity import Gaussianity
 from specklegen.illumination import IncoherentObject
 from specklegen.mean import mean_field
 from specklegen.pathspace.fields import volume_field
@@ -47,6 +48,8 @@ class Report:
         Paths ended by ``max_order`` instead of leaving the medium; not 0 only in extreme media.
     expected_error : float
         As in the plan.
+    gaussianity : Gaussianity
+        Whether the stack used enough paths to be Gaussian speckle, as in the plan.
     mean_added : bool
         Whether the mean field is part of ``field``.
     verdicts : tuple of Verdict
@@ -59,6 +62,7 @@ class Report:
     connections: int
     unfinished: int
     expected_error: float
+    gaussianity: Gaussianity
     mean_added: bool
     verdicts: tuple[Verdict, ...]
 
@@ -162,6 +166,7 @@ def render(
         connections,
         unfinished,
         made.expected_error,
+        made.gaussianity,
         mean,
         made.verdicts,
     )
@@ -204,7 +209,7 @@ def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
         for first in range(0, made.paths, CHUNK):
             count = min(CHUNK, made.paths - first)
             bank = trace(scene.slab, made.proposal, seed, count, first=first, sample=r, threads=threads)
-            phases = random_phases(bank, seed, r)
+            phases = random_phases(bank, seed, r, threads=threads)
             if made.nufft:
                 part = nufft_field(bank, optics, phases, made.nufft, threads=threads)
             else:
@@ -236,7 +241,10 @@ def _volume_paths(made: Plan, seed: Seed, realizations: int, threads: int | None
 
 def _covariance(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """Algorithms 1 and 3 once, then every realization from the eigenvectors."""
-    found = covariance(made.scene, paths=made.paths, seed=seed, reverse=made.reverse, threads=threads)
+    scene = made.scene
+    if isinstance(scene.illumination, IncoherentObject):
+        scene = scene.replace(illumination=scene.beams)  # whose intensities are added with their brightness
+    found = covariance(scene, paths=made.paths, seed=seed, reverse=made.reverse, threads=threads)
     return np.stack([_image(made.scene, field) for field in found.sample(realizations, seed)]), 0, found.unfinished
 
 

@@ -6,9 +6,14 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.illumination import CollimatedBeams, Illumination, IncoherentObject, PlaneWaves, PointSources
-from specklegen.media import Medium, Slab
+from specklegen.media import Medium, Slab, VoxelGrid
+from specklegen.mie import Mie
+from specklegen.scatterers import components
 from specklegen.sensors import NearField, Sensor
 from specklegen.values import Positive, Value, reject
+
+NEAREST = 0.01
+"""Wavelengths between a sensor point and a source inside the medium, at least."""
 
 
 class Scene(Value):
@@ -54,22 +59,35 @@ class Scene(Value):
             )
         if isinstance(self.illumination, PointSources) and isinstance(self.sensor, NearField):
             self._require_apart(self.illumination.points, self.views)
+        self._require_wavelength()
         return self
 
     def _require_apart(self, sources: np.ndarray, sensors: np.ndarray) -> None:
-        """Refuse a sensor point on a source inside the medium: single scattering there diverges."""
-        shared = sources[(sources[:, None] == sensors).all(axis=-1).any(axis=1)]
+        """Refuse a sensor point beside a source inside the medium: single scattering there diverges with 1/distance."""
+        gaps = np.linalg.norm(sources[:, None] - sensors, axis=-1).min(axis=1, initial=np.inf)
         if isinstance(self.medium, Slab):
-            within = (shared[:, -1] >= 0) & (shared[:, -1] <= self.medium.thickness)
+            within = (sources[:, -1] >= 0) & (sources[:, -1] <= self.medium.thickness)
         else:
-            within = ((shared >= self.medium.lower) & (shared <= self.medium.upper)).all(axis=1)
-        if within.any():
+            within = ((sources >= self.medium.lower) & (sources <= self.medium.upper)).all(axis=1)
+        close = within & (gaps < NEAREST * self.wavelength)
+        if close.any():
             reject(
                 "Scene.sensor",
-                "apart from every source inside the medium",
-                shared[within][0],
-                "A source lights a sensor at its own place infinitely brightly.",
+                f"at least {NEAREST:g} wavelengths from every source inside the medium",
+                sources[close][0],
+                "Nearer by, what the few scatterers between them do dominates, and no number of paths resolves it.",
             )
+
+    def _require_wavelength(self) -> None:
+        """Refuse Mie spheres made for another wavelength."""
+        medium = self.medium
+        scatterers = medium.scatterers if isinstance(medium, VoxelGrid) else (medium.scatterer,)
+        for particle in (p for scatterer in scatterers for p in components(scatterer)[0]):
+            if isinstance(particle, Mie) and abs(particle.wavelength / self.wavelength - 1) > 1e-9:
+                reject(
+                    "Mie.wavelength", f"that of the scene, {self.wavelength:g}", particle.wavelength,
+                    "Both are the wavelength inside the medium.",
+                )  # fmt: skip
 
     @property
     def dimension(self) -> int:

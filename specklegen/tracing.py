@@ -153,12 +153,21 @@ class PathBank:
         return replace(self, records=records)
 
 
-def concatenate(banks: list[PathBank]) -> PathBank:
+def concatenate(banks: list[PathBank], threads: int | None = 1) -> PathBank:
     """Join banks in the order given."""
+    ends = np.cumsum([0, *map(len, banks)])
+    total = ends[-1]
+    records, orders, paths = np.empty((total, walk.RECORD)), np.empty(total, np.int32), np.empty(total, np.int64)
+
+    def copy(n: int) -> None:
+        to = slice(ends[n], ends[n + 1])
+        records[to], orders[to], paths[to] = banks[n].records, banks[n].orders, banks[n].paths
+
+    map_blocks(copy, range(len(banks)), threads)
     return PathBank(
-        records=np.concatenate([b.records for b in banks]) if banks else np.empty((0, walk.RECORD)),
-        orders=np.concatenate([b.orders for b in banks]) if banks else np.empty(0, np.int32),
-        paths=np.concatenate([b.paths for b in banks]) if banks else np.empty(0, np.int64),
+        records=records,
+        orders=orders,
+        paths=paths,
         count=sum(b.count for b in banks),
         events=sum(b.events for b in banks),
         unfinished=sum(b.unfinished for b in banks),
@@ -238,22 +247,20 @@ def trace(
         while True:
             records = np.empty((room, walk.RECORD))
             orders = np.empty(room, np.int32)
-            paths = np.empty(room, np.int64)
+            paths, ranks = np.empty(room, np.int64), np.empty(room, np.int64)
             found, events, unfinished, unfinished_weight = walk.trace_slab(
                 *key, sample, start, size,
                 medium.thickness, medium.extinction, medium.albedo, g, proposal.lobe,
                 *proposal.reference, proposal.footprint, proposal.extent, proposal.radius, probes,
-                int(proposal.reverse), proposal.threshold, proposal.max_order, records, orders, paths,
+                int(proposal.reverse), proposal.threshold, proposal.max_order, records, orders, paths, ranks,
             )  # fmt: skip
             if found <= room:
                 break
             room = found
-        return PathBank(
-            records[:found].copy(), orders[:found].copy(), paths[:found].copy(),
-            size, events, unfinished, unfinished_weight,
-        )  # fmt: skip
+        records, orders, paths = (a.take(ranks[:found], axis=0) for a in (records, orders, paths))
+        return PathBank(records, orders, paths, size, events, unfinished, unfinished_weight)
 
-    return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads))
+    return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads), threads)
 
 
 def _with_escape(views: np.ndarray, medium: Slab) -> np.ndarray:

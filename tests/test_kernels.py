@@ -15,6 +15,7 @@ from zscore import FALSE_ALARM, assert_mean, assert_z
 
 from specklegen import kernels
 from specklegen.kernels import rng
+from specklegen.kernels.arithmetic import exponential, fma, minus_log, minus_log1m, power_minus_three_quarters
 from specklegen.kernels.geometry import deflect
 from specklegen.kernels.phase_functions import henyey_greenstein, sample_henyey_greenstein
 from specklegen.kernels.trigonometry import sincos_turns
@@ -42,6 +43,24 @@ def _deflected(directions, one_minus_cos, azimuth, out):
         sine, cosine = sincos_turns(azimuth[n])
         x, y, z = directions[n]
         out[n, 0], out[n, 1], out[n, 2] = deflect(x, y, z, one_minus_cos[n], cosine, sine)
+
+
+@njit
+def _logarithms(x, out):
+    for n in range(x.size):
+        out[n, 0], out[n, 1] = minus_log(x[n]), minus_log1m(x[n])
+
+
+@njit
+def _powers(x, out):
+    for n in range(x.size):
+        out[n, 0], out[n, 1] = exponential(-x[n]), power_minus_three_quarters(x[n])
+
+
+@njit
+def _square_error(x, out):
+    for n in range(x.size):
+        out[n] = fma(x[n], x[n], -(x[n] * x[n]))
 
 
 def lobe(g: float, seed: int = 1) -> np.ndarray:
@@ -98,6 +117,48 @@ def test_normals_of_other_samples_are_others():
     rng.fill_normals(1, 2, 3, again)
     assert (first == again).all()
     assert not (first == second).any()
+
+
+# ---- Arithmetic ----------------------------------------------------------------------------------------
+
+
+def test_logarithms_are_right_to_rounding():
+    random = np.random.default_rng(0).random((3, 50_000))
+    edges = [2.0**-33, 1 - 2.0**-33, 0.5, np.sqrt(0.5), np.nextafter(np.sqrt(0.5), 0), 1e-300, 1e-17, 1 - 2.0**-53]
+    x = np.concatenate([random[0], 2.0 ** (-50 * random[1]), 1 - 2.0 ** (-50 * random[2]), edges])
+    out = np.empty((x.size, 2))
+    _logarithms(x, out)
+    exact = x.astype(np.longdouble)
+    for found, expected in zip(out.T, (-np.log(exact), -np.log1p(-exact)), strict=True):
+        # The second adds a quotient and a product to the rounding of the first.
+        np.testing.assert_allclose(found, expected.astype(float), rtol=6e-16)
+
+
+def test_exponential_and_power_are_right_to_rounding():
+    x = np.exp(np.random.default_rng(0).uniform(np.log(1e-12), np.log(708), 200_000))
+    out = np.empty((x.size, 2))
+    _powers(x, out)
+    exact = x.astype(np.longdouble)
+    np.testing.assert_allclose(out[:, 0], np.exp(-exact).astype(float), rtol=4e-16)
+    # The root's error, two roundings or so, is tripled by y y y.
+    np.testing.assert_allclose(out[:, 1], (exact**-0.75).astype(float), rtol=2e-15)
+
+
+def test_exponential_is_zero_far_out():
+    out = np.empty((4, 2))
+    _powers(np.array([708.0, 709.0, 1e9, np.inf]), out)
+    assert (out[:, 0] == 0).all()
+    _powers(np.zeros(4), out)
+    assert (out[:, 0] == 1).all()
+
+
+def test_the_fused_multiply_add_rounds_once():
+    x = np.random.default_rng(0).random(1000)
+    out = np.empty(1000)
+    _square_error(x, out)
+    error = np.square(x.astype(np.longdouble)) - np.square(x)  # 11 bits of it survive in long double
+    assert (out != 0).mean() > 0.9
+    np.testing.assert_allclose(out, error.astype(float), rtol=0, atol=2.0**-63)
 
 
 # ---- Trigonometry --------------------------------------------------------------------------------------

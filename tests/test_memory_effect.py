@@ -382,7 +382,7 @@ BAD = {
     "tilts of two axes": ({"tilts": [[0.0, 0.1]]}, r"memory_effect tilts must be.*shape \(T,\)"),
     "wavelength": ({"wavelength": -0.5}, "memory_effect wavelength must be greater than 0; got -0.5"),
     "wavelength nan": ({"wavelength": np.nan}, "memory_effect wavelength must be greater than 0; got nan"),
-    "paths": ({"paths": 0}, "memory_effect paths must be a whole number of at least 1; got 0"),
+    "paths": ({"paths": 0}, "memory_effect paths must be at least 1; got 0"),
     "mode": ({"mode": "sideways"}, "memory_effect mode must be .*got 'sideways'"),
     "view not unit": ({"view": [0.0, 0.0, 2.0]}, "memory_effect view must be a unit vector"),
     "view behind": ({"view": [0.0, 0.0, -1.0]}, "memory_effect view must be .*side of transmission"),

@@ -42,7 +42,7 @@ def test_wheel_holds_code_and_data(wheel):
     names = set(wheel.namelist())
     wanted = {"specklegen/py.typed"}
     for top, name in TREES.items():
-        for pattern in ("*.py", "recipes/*.toml", "data/*.npz"):
+        for pattern in ("*.py", "recipes/*.toml", "data/*.npz", "data/*.pt", "data/*.md"):
             for file in (ROOT / top).rglob(pattern):
                 parts = file.relative_to(ROOT / top).parts
                 if top == "specklegen" and parts[0] in ("datasets", "models"):

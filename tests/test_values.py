@@ -362,3 +362,11 @@ def test_derived_lengths():
     assert medium.transport_length == pytest.approx(1000.0)
     assert scene().speckle_size == pytest.approx(1e-5)
     assert scene().wavenumber == pytest.approx(4 * np.pi)
+
+
+def test_spheres_must_be_made_for_the_wavelength_of_the_scene():
+    pytest.importorskip("miepython")
+    sphere = sg.Mie(radius=0.3, wavelength=0.5, refractive_index=1.2)
+    scene(medium=slab(scatterer=sphere))
+    with pytest.raises(RuleError, match=r"Mie\.wavelength must be that of the scene, 0\.6"):
+        scene(wavelength=0.6, medium=slab(scatterer=sphere))

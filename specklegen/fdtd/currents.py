@@ -103,9 +103,7 @@ def single_delay(p: np.ndarray, omega: np.ndarray, weight: np.ndarray, longest: 
     return SingleDelay(alpha, delay, error)
 
 
-def mean_polarization(
-    moments: Moments, theta: np.ndarray, order: int, p: np.ndarray | None = None
-) -> np.ndarray:
+def mean_polarization(moments: Moments, theta: np.ndarray, order: int, p: np.ndarray | None = None) -> np.ndarray:
     """Mean of kappa E over the incident field, cell by cell, to Born order ``order``: complex128[F, N].
 
     ``p`` replaces the out-of-phase sums (a single delay). Order 1 is <kappa_m>; order 2 adds g q_m.

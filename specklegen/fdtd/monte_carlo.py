@@ -102,10 +102,7 @@ def _sums(
         check_courant(incidence.courant, kappa)
         sides = scattering(kappa, incidence)
         blocks.append([(x.sum(axis=0), x.T @ x if products else (x**2).sum(axis=0)) for x in sides])
-    return [
-        tuple(np.sum(parts, axis=0) for parts in zip(*side, strict=True))
-        for side in zip(*blocks, strict=True)
-    ]
+    return [tuple(np.sum(parts, axis=0) for parts in zip(*side, strict=True)) for side in zip(*blocks, strict=True)]
 
 
 def _mean_and_error(

@@ -115,9 +115,7 @@ def _moments(layer: RandomLayer, covariance: str, kappa: np.ndarray | None, cour
     if covariance != "sample":
         reject("single_realization.covariance", "one of 'stationary', 'sample'", covariance)
     if kappa is None:
-        reject(
-            "single_realization.kappa", "given for a sample covariance", None, "Use layer.sample(n, seed)."
-        )
+        reject("single_realization.kappa", "given for a sample covariance", None, "Use layer.sample(n, seed).")
     kappa = np.atleast_2d(check_kappa(kappa))
     if kappa.shape[1] != layer.n_points:
         reject("single_realization.kappa", f"of shape [R, {layer.n_points}]", kappa.shape)

@@ -12,9 +12,7 @@ from specklegen.fdtd.incidence import phase_per_cell
 from specklegen.kernels.fdtd import grid_scattering
 
 
-def transfer_matrix(
-    kappa: np.ndarray, omega: np.ndarray, courant: float = 1.0
-) -> tuple[np.ndarray, np.ndarray]:
+def transfer_matrix(kappa: np.ndarray, omega: np.ndarray, courant: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Reflect and transmit plane waves by the layers ``kappa`` on the grid.
 
     Parameters

@@ -64,8 +64,7 @@ def _left_out_by_first_order(layer: RandomLayer, incidence: Incidence) -> tuple[
     both = radiated(mean_polarization(moments, theta, 2), theta)
     weight = np.abs(incidence.spectrum)
     back, forward = (
-        np.linalg.norm(weight * (b - a)) / np.linalg.norm(weight * b)
-        for a, b in zip(first, both, strict=True)
+        np.linalg.norm(weight * (b - a)) / np.linalg.norm(weight * b) for a, b in zip(first, both, strict=True)
     )
     return float(back), float(forward)
 

@@ -12,10 +12,13 @@ import numpy as np
 from specklegen.illumination import CollimatedBeams, footprint_code
 from specklegen.kernels import sums
 from specklegen.media import Slab
-from specklegen.parallel import map_blocks
+from specklegen.parallel import map_blocks, slices
 from specklegen.scene import Scene
 from specklegen.streams import Seed, Stream, stream_key
 from specklegen.tracing import PathBank
+
+BLOCK = 4096
+"""Connections whose ends are found at a time; each end stands alone, so the size changes no bit."""
 
 AXIS = np.array([0.0, 0.0, 1.0])
 
@@ -67,10 +70,14 @@ def offsets(directions: np.ndarray, reference: np.ndarray, wavelength: float) ->
     return difference / wavelength
 
 
-def random_phases(bank: PathBank, seed: Seed, sample: int = 0) -> np.ndarray:
+def random_phases(bank: PathBank, seed: Seed, sample: int = 0, *, threads: int | None = 1) -> np.ndarray:
     """complex128[M], one unit phasor z per (path, order), the same for every tilt and view."""
     z = np.empty(len(bank), np.complex128)
-    sums.random_phases(*stream_key(seed, Stream.PHASES), sample, bank.orders, bank.paths, z)
+    key = stream_key(seed, Stream.PHASES)
+    map_blocks(
+        lambda part: sums.random_phases(*key, sample, bank.orders[part], bank.paths[part], z[part]),
+        slices(len(bank), BLOCK), threads,
+    )  # fmt: skip
     return z
 
 
@@ -85,20 +92,13 @@ def reversal_phases(bank: PathBank, optics: Optics) -> np.ndarray:
     return np.exp(2j * np.pi * (turns - np.rint(turns)))
 
 
-def illumination_ends(
-    bank: PathBank, optics: Optics, factors: np.ndarray, *, single: bool, threads: int | None = 1
-) -> np.ndarray:
+def illumination_ends(bank: PathBank, optics: Optics, factors: np.ndarray, *, single: bool) -> np.ndarray:
     """complex128[T, M], factor_m sqrt(W_m) A_t(m); ``single`` leaves out s, for a bank of single scattering."""
     out = np.empty((len(optics.tilts), len(bank)), np.complex128)
-    turns = offsets(optics.tilts, optics.tilt_reference, optics.wavelength)
-
-    def tilt(t: int) -> None:
-        sums.illumination_ends(
-            bank.records, int(single), optics.medium.scatterer.g, optics.medium.extinction,
-            optics.footprint, optics.radius, optics.tilts[t : t + 1], turns[t : t + 1], factors, out[t : t + 1],
-        )  # fmt: skip
-
-    map_blocks(tilt, range(len(out)), threads)
+    sums.illumination_ends(
+        bank.records, int(single), optics.medium.scatterer.g, optics.medium.extinction, optics.footprint,
+        optics.radius, optics.tilts, offsets(optics.tilts, optics.tilt_reference, optics.wavelength), factors, out,
+    )  # fmt: skip
     return out
 
 
@@ -118,8 +118,8 @@ def sensor_ends(
 
 
 def single_amplitudes(optics: Optics, views: np.ndarray) -> np.ndarray:
-    """float64[T, V], s(i . v), the factor that single scattering leaves to the end."""
-    return optics.medium.scatterer.amplitude(optics.tilts @ views.T)
+    """float64[T, ...], s(i . v) at views float64[..., 3], the factor that single scattering leaves to the end."""
+    return optics.medium.scatterer.amplitude(np.einsum("tc,...c->t...", optics.tilts, views))
 
 
 def full_weights(bank: PathBank, optics: Optics, tilt: np.ndarray, view: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ at Chebyshev nodes in v, from which P_r is interpolated to the grid, and judged 
 views of its own: the rank grows until that error is below what was asked, or the evaluator is refused.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import finufft
 import numpy as np
@@ -18,13 +18,14 @@ from scipy.linalg import qr, solve_triangular
 from specklegen.fields import ends
 from specklegen.fields.ends import AXIS, Optics
 from specklegen.illumination import directions_of_sines
-from specklegen.kernels import walk
-from specklegen.parallel import map_blocks
+from specklegen.kernels import sums, walk
+from specklegen.parallel import map_blocks, slices
 from specklegen.sensors import FarFieldGrid
 from specklegen.tracing import PathBank
 
 MAX_RANK = 128
 TILTS_AT_ONCE = 2
+_SORT_FROM = 2**19  # bytes of a transform that no longer stays in the cache: finufft then sorts the points first
 _NODES = (3, 5, 9, 17, 25)
 _HELD_OUT_VIEWS = 48
 SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
@@ -111,6 +112,9 @@ def _decompose(
         values = factor(train.select(slice(0, size)), lattice.directions) * train_weight[:size]
         _, r, pivots = qr(values, mode="economic", pivoting=True)  # type: ignore[misc]
         tails = np.sqrt(np.cumsum(np.square(np.abs(r)).sum(axis=1)[::-1])[::-1])
+        # A finer lattice only asks for more; pivoting comes within a factor 2 of the least rank.
+        if (tails > tolerance * tails[0]).sum() > 2 * MAX_RANK:
+            return None
         # The tails bound the rank from above, generously; the held-out error decides.
         enough = int((tails > 0.2 * tolerance * tails[0]).sum())
         for rank in _ranks(enough, min(MAX_RANK, len(r), size // 2 + 1)):
@@ -212,7 +216,7 @@ class NufftEvaluator:
 def build_evaluator(bank: PathBank, optics: Optics, grid: FarFieldGrid, tolerance: float) -> NufftEvaluator | None:
     """Decompose a scene's view factors on a pilot bank; None where the field of view is too wide."""
     multiple = multiple_factor(bank.multiple, optics, grid, 0.7 * tolerance)
-    single = single_factor(optics, grid, 0.7 * tolerance)
+    single = None if multiple is None else single_factor(optics, grid, 0.7 * tolerance)
     return None if multiple is None or single is None else NufftEvaluator(grid, single, multiple, tolerance)
 
 
@@ -229,19 +233,30 @@ def nufft_field(
     complex64 for tolerances of 1e-4 and above, complex128 below. Every transform runs on one thread
     (finufft with more is not reproducible); transforms of different skeleton views run side by side.
     """
-    grid = evaluator.grid
-    is_single = bank.orders == 1
-    field = _transform(
-        bank.select(~is_single), optics, phases[~is_single], evaluator, evaluator.multiple, False, threads
-    )
-    alone = _transform(bank.select(is_single), optics, phases[is_single], evaluator, evaluator.single, True, threads)
-    if alone is not None:
-        s = ends.single_amplitudes(optics, grid.directions.reshape(-1, 3)).reshape(-1, *grid.shape)
-        alone = alone * s.astype(alone.real.dtype)
-        field = alone if field is None else field + alone
-    if field is None:
-        return np.zeros((len(optics.tilts), *grid.shape), _dtype(evaluator))
-    field *= 1 / np.sqrt(bank.count)
+    loads = [_load(bank, optics, phases, evaluator, single, threads) for single in (False, True)]
+    # A fixed number of tilts a transform, whatever the number of threads: the bits must not depend on it.
+    groups = slices(len(optics.tilts), TILTS_AT_ONCE)
+    parts = [
+        (load, r, group) for load in loads if load.strengths.size for r in range(load.factor.rank) for group in groups
+    ]
+    transforms = map_blocks(lambda part: _transform(*part, evaluator), parts, threads)
+    field = np.zeros((len(optics.tilts), *evaluator.grid.shape), _dtype(evaluator))
+
+    def gather(group: slice) -> None:
+        for load in loads:
+            mine = [t for part, t in zip(parts, transforms, strict=True) if part[0] is load and part[2] == group]
+            if not mine:
+                continue
+            total = mine[0]
+            for transform in mine[1:]:
+                total += transform
+            if load.single:
+                s = ends.single_amplitudes(replace(optics, tilts=optics.tilts[group]), evaluator.grid.directions)
+                total *= s.astype(total.real.dtype)
+            field[group] += total
+        field[group] *= 1 / np.sqrt(max(bank.count, 1))
+
+    map_blocks(gather, groups, threads)
     return field
 
 
@@ -249,43 +264,61 @@ def _dtype(evaluator: NufftEvaluator) -> type:
     return np.complex64 if evaluator.tolerance >= SINGLE_PRECISION_FROM else np.complex128
 
 
-def _transform(
-    bank: PathBank, optics: Optics, phases: np.ndarray, evaluator: NufftEvaluator, factor: ViewFactor, single: bool,
-    threads: int | None,
-) -> np.ndarray | None:  # fmt: skip
-    if len(bank) == 0 or len(optics.tilts) == 0:
-        return None
+@dataclass(frozen=True)
+class _Load:
+    """Single or multiple scattering, ready to be transformed: M connections, T tilts, R skeleton views.
+
+    Attributes
+    ----------
+    points : float[2, M]
+        Phases a step of the grid along (y, x).
+    strengths : complex128[T, M]
+        Illumination ends, with all that is common to the views.
+    sensor : complex128[R, M]
+        Sensor ends at the skeleton views.
+    """
+
+    single: bool
+    factor: ViewFactor
+    points: np.ndarray
+    strengths: np.ndarray
+    sensor: np.ndarray
+
+
+def _load(
+    bank: PathBank, optics: Optics, phases: np.ndarray, evaluator: NufftEvaluator, single: bool, threads: int | None
+) -> _Load:
     grid = evaluator.grid
-    dtype = _dtype(evaluator)
-    real = np.float32 if dtype is np.complex64 else np.float64
-    pitch = grid.pitch / optics.wavelength
-    points, shift = [], np.zeros(len(bank))
-    for axis, middle, size in ((1, grid.center[1], grid.shape[0]), (0, grid.center[0], grid.shape[1])):
-        position = bank.exit[:, axis]
-        turns = position * pitch
-        points.append((2 * np.pi * (turns - np.rint(turns))).astype(real))
-        # finufft's modes are whole numbers; an even grid is centred between two.
-        shift += position * ((middle + (0 if size % 2 else grid.pitch / 2)) / optics.wavelength)
-    common = phases * np.exp(-2j * np.pi * (shift - np.rint(shift)))
-    strengths = ends.illumination_ends(bank, optics, common, single=single, threads=threads)
-    sensor = ends.sensor_ends(bank, optics, factor.views, single=single, axial_only=True)
+    factor = evaluator.single if single else evaluator.multiple
+    chosen = np.flatnonzero((bank.orders == 1) == single)
+    points = np.empty((2, len(chosen)), _dtype(evaluator)().real.dtype)
+    strengths = np.empty((len(optics.tilts), len(chosen)), np.complex128)
+    sensor = np.empty((factor.rank, len(chosen)), np.complex128)
+    # finufft's modes are whole numbers; an even grid is centred between two.
+    middle = [c + (0 if n % 2 else grid.pitch / 2) for c, n in zip(grid.center, reversed(grid.shape), strict=True)]
 
-    def term(part: tuple[int, slice]) -> np.ndarray:
-        r, tilts = part
-        ready = (strengths[tilts] * sensor[r]).astype(dtype)
-        plan = finufft.Plan(
-            1, grid.shape, n_trans=len(ready), eps=0.3 * evaluator.tolerance, isign=-1,
-            dtype=np.dtype(dtype).name, nthreads=1,
+    def fill(part: slice) -> None:
+        some, common = bank.select(chosen[part]), np.empty(part.stop - part.start, np.complex128)
+        sums.grid_points(
+            some.records, grid.pitch / optics.wavelength, np.array(middle) / optics.wavelength, phases[chosen[part]],
+            points[0, part], points[1, part], common,
         )  # fmt: skip
-        plan.setpts(*points)
-        transform = plan.execute(ready).reshape(len(ready), *grid.shape)
-        transform *= factor.pattern(r).astype(dtype)
-        return transform
+        strengths[:, part] = ends.illumination_ends(some, optics, common, single=single)
+        sensor[:, part] = ends.sensor_ends(some, optics, factor.views, single=single, axial_only=True)
 
-    # A fixed number of tilts a transform, whatever the number of threads: the bits must not depend on it.
-    groups = [slice(t, t + TILTS_AT_ONCE) for t in range(0, len(strengths), TILTS_AT_ONCE)]
-    parts = [(r, group) for group in groups for r in range(factor.rank)]
-    total = np.zeros((len(strengths), *grid.shape), dtype)
-    for (_, group), transform in zip(parts, map_blocks(term, parts, threads), strict=True):
-        total[group] += transform
-    return total
+    map_blocks(fill, slices(len(chosen), ends.BLOCK), threads)
+    return _Load(single, factor, points, strengths, sensor)
+
+
+def _transform(load: _Load, r: int, tilts: slice, evaluator: NufftEvaluator) -> np.ndarray:
+    """Term r of the field of some tilts, complex[tilts, H, W]."""
+    dtype = np.dtype(_dtype(evaluator))
+    ready = (load.strengths[tilts] * load.sensor[r]).astype(dtype)
+    plan = finufft.Plan(
+        1, evaluator.grid.shape, n_trans=len(ready), eps=0.3 * evaluator.tolerance, isign=-1, dtype=dtype.name,
+        nthreads=1, spread_sort=int(np.prod(evaluator.grid.shape) * dtype.itemsize > _SORT_FROM),
+    )  # fmt: skip
+    plan.setpts(*load.points)
+    transform = plan.execute(ready).reshape(len(ready), *evaluator.grid.shape)
+    transform *= load.factor.pattern(r).astype(dtype)
+    return transform

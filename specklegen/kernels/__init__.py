@@ -65,8 +65,12 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a small helper that LLVM folds into the kernels that call it."""
-    return njit(nogil=True, inline="never", error_model="numpy", fastmath={"contract"})(function)
+    """Compile a helper that LLVM folds into the kernels that call it, always: a loop with a call is no vector loop.
+
+    Its arithmetic is strict (no contraction but by :func:`specklegen.kernels.arithmetic.fma`), so that a value has
+    the same bits in every lane of a vector loop and in the scalar loop that finishes it.
+    """
+    return njit(nogil=True, forceinline=True, error_model="numpy", fastmath=False)(function)
 
 
 def spliced(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -3,6 +3,7 @@
 import math
 
 from specklegen.kernels import inlined
+from specklegen.kernels.arithmetic import fma
 
 
 @inlined
@@ -21,7 +22,7 @@ def deflect(x, y, z, one_minus_cos, cos_azimuth, sin_azimuth):
     s = sin_polar * cos_azimuth
     t = sin_polar * sin_azimuth
     return (
-        s * (1.0 + sign * x * x * a) + t * b + cos_polar * x,
-        s * sign * b + t * (sign + y * y * a) + cos_polar * y,
-        -s * sign * x - t * y + cos_polar * z,
+        fma(s, fma(sign * x * x, a, 1.0), fma(t, b, cos_polar * x)),
+        fma(s * sign, b, fma(t, fma(y * y, a, sign), cos_polar * y)),
+        fma(-s * sign, x, fma(-t, y, cos_polar * z)),
     )

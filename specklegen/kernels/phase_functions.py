@@ -7,6 +7,7 @@ rho(cos) = (1 - g^2) / (2 pi (1 + g^2 - 2 g cos))          in flatland; g is the
 import math
 
 from specklegen.kernels import inlined
+from specklegen.kernels.arithmetic import fma, power_minus_three_quarters
 
 _FOUR_PI = 4.0 * math.pi
 _TWO_PI = 2.0 * math.pi
@@ -25,6 +26,13 @@ def henyey_greenstein(g, cos):
     """Phase function per steradian at the cosine of the scattering angle, g in (-1, 1)."""
     base = _base(g, cos)
     return (1.0 - g * g) / (_FOUR_PI * base * math.sqrt(base))
+
+
+@inlined
+def amplitude(g, cos):
+    """Root of :func:`henyey_greenstein`, of arithmetic that vectorises."""
+    base = fma(2.0 * g, 1.0 - cos, (1.0 - g) * (1.0 - g))
+    return math.sqrt((1.0 - g * g) / _FOUR_PI) * power_minus_three_quarters(base)
 
 
 @inlined

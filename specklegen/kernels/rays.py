@@ -65,9 +65,7 @@ def uniform_rays(key0, key1, element, start, width, n_rays, lower, upper, focal_
 
 
 @kernel
-def stratified_rays(
-    key0, key1, element, start, width, n_rays, lower, upper, z, focal_length, k, total, square
-):
+def stratified_rays(key0, key1, element, start, width, n_rays, lower, upper, z, focal_length, k, total, square):
     """Trace ``n_rays[i]`` to each pixel [lower[i], upper[i]] of the plane ``focal_length + z[i]``.
 
     Other arguments as in `uniform_rays`; here the range of angles is that of the pixel.
@@ -75,9 +73,7 @@ def stratified_rays(
     for pixel in range(lower.size):
         distance = focal_length + z[pixel]
         for ray in range(n_rays[pixel]):
-            u, v, _, _ = uniforms(
-                key0, key1, np.uint64(element), np.uint64(ray), np.uint64(pixel) + np.uint64(1)
-            )
+            u, v, _, _ = uniforms(key0, key1, np.uint64(element), np.uint64(ray), np.uint64(pixel) + np.uint64(1))
             xs = start + width * u
             x, span = landing(xs, lower[pixel], upper[pixel], distance, v)
             phase = k * path_difference(x, xs, focal_length, z[pixel])

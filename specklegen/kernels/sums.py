@@ -15,9 +15,10 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
-from specklegen.kernels.phase_functions import henyey_greenstein
+from specklegen.kernels.arithmetic import exponential, fma
+from specklegen.kernels.phase_functions import amplitude, henyey_greenstein
 from specklegen.kernels.rng import uniforms
-from specklegen.kernels.trigonometry import sincos_turns
+from specklegen.kernels.trigonometry import TAU, sincos_turns
 from specklegen.kernels.walk import (
     ENTRY,
     ENTRY_DIRECTION,
@@ -27,6 +28,8 @@ from specklegen.kernels.walk import (
     escape_distance,
     profile,
 )
+
+ROOM = 128  # connections or views side by side; what they need stays in the first-level cache
 
 
 @kernel
@@ -40,6 +43,14 @@ def random_phases(key0, key1, sample, orders, paths, out):
         out[m] = complex(cosine, sine)
 
 
+@inlined
+def gather(records, first, count, column, width, out, start):
+    """Copy ``width`` columns of some records to ``out``, one behind the other, ROOM values each."""
+    for m in range(count):
+        for c in range(width):
+            out[start + c * ROOM + m] = records[first + m, column + c]
+
+
 @kernel
 def illumination_ends(records, single, g, sigma_t, footprint, radius, directions, offsets, factors, out):
     """Fill ``out`` complex128[T, M] with factor_m sqrt(W_m) A_t(m).
@@ -48,27 +59,50 @@ def illumination_ends(records, single, g, sigma_t, footprint, radius, directions
     offsets : float64[T, 3]      (i_t - i_ref) / wavelength, turns per unit length
     factors : complex128[M]      z_m, and whatever else belongs to the connection
     """
-    for t in range(directions.shape[0]):
-        ix, iy, iz = directions[t, 0], directions[t, 1], directions[t, 2]
-        ax, ay, az = offsets[t, 0], offsets[t, 1], offsets[t, 2]
-        face = 1.0 / iz  # unit irradiance per area of the face, not across the beam
-        for m in range(records.shape[0]):
-            row = records[m]
-            x, y, z = row[ENTRY], row[ENTRY + 1], row[ENTRY + 2]
-            depth = z * face
-            beam = profile(footprint, radius, x - depth * ix, y - depth * iy)
-            if beam == 0.0:
-                out[t, m] = 0.0
-                continue
-            power = row[WEIGHT] * face
-            if not single:
-                power *= henyey_greenstein(
-                    g,
-                    ix * row[ENTRY_DIRECTION] + iy * row[ENTRY_DIRECTION + 1] + iz * row[ENTRY_DIRECTION + 2],
-                )
-            modulus = beam * math.sqrt(power) * math.exp(-0.5 * sigma_t * depth)
-            sine, cosine = sincos_turns(ax * x + ay * y + az * z)
-            out[t, m] = modulus * complex(cosine, sine) * factors[m]
+    ends = np.empty(11 * ROOM)
+    for first in range(0, records.shape[0], ROOM):
+        count = min(ROOM, records.shape[0] - first)
+        gather(records, first, count, ENTRY, 6, ends, 0)
+        for m in range(count):
+            root = math.sqrt(records[first + m, WEIGHT])
+            ends[6 * ROOM + m] = root * factors[first + m].real
+            ends[7 * ROOM + m] = root * factors[first + m].imag
+        for t in range(directions.shape[0]):
+            ix, iy, iz = directions[t, 0], directions[t, 1], directions[t, 2]
+            ax, ay, az = offsets[t, 0], offsets[t, 1], offsets[t, 2]
+            face = 1.0 / iz  # unit irradiance per area of the face, not across the beam
+            for m in range(count):
+                x, y, depth = ends[m], ends[ROOM + m], ends[2 * ROOM + m] * face
+                ends[8 * ROOM + m] = profile(footprint, radius, x - depth * ix, y - depth * iy)
+            for m in range(count):
+                x, y, z = ends[m], ends[ROOM + m], ends[2 * ROOM + m]
+                modulus = ends[8 * ROOM + m] * math.sqrt(face) * exponential(-0.5 * sigma_t * face * z)
+                if not single:
+                    wx, wy, wz = ends[3 * ROOM + m], ends[4 * ROOM + m], ends[5 * ROOM + m]
+                    modulus *= amplitude(g, fma(ix, wx, fma(iy, wy, iz * wz)))
+                sine, cosine = sincos_turns(fma(ax, x, fma(ay, y, az * z)))
+                re, im = modulus * ends[6 * ROOM + m], modulus * ends[7 * ROOM + m]
+                ends[9 * ROOM + m], ends[10 * ROOM + m] = re * cosine - im * sine, re * sine + im * cosine
+            for m in range(count):
+                out[t, first + m] = complex(ends[9 * ROOM + m], ends[10 * ROOM + m])
+
+
+@kernel
+def grid_points(records, pitch, middle, factors, y, x, out):
+    """What a transform onto a grid of views needs of the exits.
+
+    pitch : grid pitch over the wavelength, turns per unit length
+    middle : float64[2]   (x, y) sines of the grid's mode 0 over the wavelength
+    y, x : float32/float64[M]   filled with 2 pi times the turns a step of the grid, within half a turn
+    out : complex128[M]   filled with factors_m times the phasor of mode 0
+    """
+    for m in range(records.shape[0]):
+        ex, ey = records[m, EXIT], records[m, EXIT + 1]
+        tx, ty = ex * pitch, ey * pitch
+        x[m] = TAU * (tx - np.rint(tx))
+        y[m] = TAU * (ty - np.rint(ty))
+        sine, cosine = sincos_turns(ex * middle[0] + ey * middle[1])
+        out[m] = factors[m] * complex(cosine, -sine)
 
 
 @inlined
@@ -85,6 +119,24 @@ def sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz):
     return modulus
 
 
+@inlined
+def way_out(vz, thickness, sigma_t):
+    """(z of the face that vz leads to, d log|B| per length of depth from there); grazing light leaves nothing."""
+    if vz == 0.0:
+        return thickness, -math.inf
+    return thickness if vz > 0.0 else 0.0, -0.5 * sigma_t / vz
+
+
+@inlined
+def sensor_end(single, g, x, y, z, wx, wy, wz, vx, vy, vz, ax, ay, az, face, decay):
+    """B_v of one connection, real and imaginary part: attenuation, scattering into v, phase."""
+    modulus = exponential((face - z) * decay)
+    if not single:
+        modulus *= amplitude(g, fma(wx, vx, fma(wy, vy, wz * vz)))
+    sine, cosine = sincos_turns(fma(ax, x, fma(ay, y, az * z)))
+    return modulus * cosine, -modulus * sine
+
+
 @kernel
 def sensor_ends(records, single, g, sigma_t, thickness, directions, offsets, out):
     """Fill ``out`` complex128[R, M] with B_v(m), phases relative to the reference view.
@@ -92,36 +144,67 @@ def sensor_ends(records, single, g, sigma_t, thickness, directions, offsets, out
     directions : float64[R, 3]   views v
     offsets : float64[R, 3]      (v - v_ref) / wavelength, turns per unit length
     """
-    for r in range(directions.shape[0]):
-        vx, vy, vz = directions[r, 0], directions[r, 1], directions[r, 2]
-        ax, ay, az = offsets[r, 0], offsets[r, 1], offsets[r, 2]
-        for m in range(records.shape[0]):
-            row = records[m]
-            modulus = sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz)
-            sine, cosine = sincos_turns(-(ax * row[EXIT] + ay * row[EXIT + 1] + az * row[EXIT + 2]))
-            out[r, m] = modulus * complex(cosine, sine)
+    e = np.empty(8 * ROOM)
+    for first in range(0, records.shape[0], ROOM):
+        count = min(ROOM, records.shape[0] - first)
+        gather(records, first, count, EXIT, 6, e, 0)
+        for r in range(directions.shape[0]):
+            vx, vy, vz = directions[r, 0], directions[r, 1], directions[r, 2]
+            ax, ay, az = offsets[r, 0], offsets[r, 1], offsets[r, 2]
+            face, decay = way_out(vz, thickness, sigma_t)
+            for m in range(count):
+                e[6 * ROOM + m], e[7 * ROOM + m] = sensor_end(
+                    single, g, e[m], e[ROOM + m], e[2 * ROOM + m], e[3 * ROOM + m], e[4 * ROOM + m], e[5 * ROOM + m],
+                    vx, vy, vz, ax, ay, az, face, decay,
+                )  # fmt: skip
+            for m in range(count):
+                out[r, first + m] = complex(e[6 * ROOM + m], e[7 * ROOM + m])
 
 
 @kernel
 def direct_sum(records, single, g, sigma_t, thickness, ends, directions, offsets, out):
     """Add sum_m ends[t, m] B_v(m) to ``out`` complex128[V, T], in the order of the connections.
 
+    The inner loops run over ROOM views at a time, side by side.
+
     ends : complex128[M, T]      factor sqrt(W) A, connection by connection
     directions, offsets : float64[V, 3]   as for :func:`sensor_ends`
     """
     tilts = ends.shape[1]
-    for v in range(directions.shape[0]):
-        vx, vy, vz = directions[v, 0], directions[v, 1], directions[v, 2]
-        ax, ay, az = offsets[v, 0], offsets[v, 1], offsets[v, 2]
+    views = np.empty(8 * ROOM)
+    end = np.empty(2 * ROOM)
+    sums = np.empty(2 * ROOM * tilts)
+    for first in range(0, directions.shape[0], ROOM):
+        count = min(ROOM, directions.shape[0] - first)
+        gather(directions, first, count, 0, 3, views, 0)
+        gather(offsets, first, count, 0, 3, views, 3 * ROOM)
+        for v in range(count):
+            views[6 * ROOM + v], views[7 * ROOM + v] = way_out(views[2 * ROOM + v], thickness, sigma_t)
+        sums[:] = 0.0
         for m in range(records.shape[0]):
             row = records[m]
-            modulus = sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz)
-            if modulus == 0.0:
-                continue
-            sine, cosine = sincos_turns(-(ax * row[EXIT] + ay * row[EXIT + 1] + az * row[EXIT + 2]))
-            end = modulus * complex(cosine, sine)
+            x, y, z = row[EXIT], row[EXIT + 1], row[EXIT + 2]
+            wx, wy, wz = row[EXIT_DIRECTION], row[EXIT_DIRECTION + 1], row[EXIT_DIRECTION + 2]
+            for v in range(count):
+                end[v], end[ROOM + v] = sensor_end(
+                    single, g, x, y, z, wx, wy, wz, views[v], views[ROOM + v], views[2 * ROOM + v],
+                    views[3 * ROOM + v], views[4 * ROOM + v], views[5 * ROOM + v],
+                    views[6 * ROOM + v], views[7 * ROOM + v],
+                )  # fmt: skip
             for t in range(tilts):
-                out[v, t] += ends[m, t] * end
+                add_product(ends[m, t].real, ends[m, t].imag, end, sums, 2 * ROOM * t, count)
+        for v in range(count):
+            for t in range(tilts):
+                out[first + v, t] += complex(sums[2 * ROOM * t + v], sums[2 * ROOM * t + ROOM + v])
+
+
+@inlined
+def add_product(re, im, end, sums, start, count):
+    """Add (re + i im) times every end to the sums that begin at ``start``."""
+    for v in range(count):
+        a, b = end[v], end[ROOM + v]
+        sums[start + v] = fma(re, a, fma(-im, b, sums[start + v]))
+        sums[start + ROOM + v] = fma(re, b, fma(im, a, sums[start + ROOM + v]))
 
 
 @kernel

@@ -8,9 +8,10 @@ that the compiler cannot turn into a select. Absolute error below 2e-15 (tests/t
 import numpy as np
 
 from specklegen.kernels import inlined
+from specklegen.kernels.arithmetic import fma
 
 # Taylor coefficients in (2 pi x)^2 for |x| <= 1/8 turn; the first term left out is below 1e-16.
-_TAU = 6.283185307179586
+TAU = 6.283185307179586
 _S = (-1.0 / 6, 1.0 / 120, -1.0 / 5040, 1.0 / 362880, -1.0 / 39916800, 1.0 / 6227020800, -1.0 / 1307674368000)
 _C = (-0.5, 1.0 / 24, -1.0 / 720, 1.0 / 40320, -1.0 / 3628800, 1.0 / 479001600, -1.0 / 87178291200)
 _S0, _S1, _S2, _S3, _S4, _S5, _S6 = _S
@@ -21,10 +22,12 @@ _C0, _C1, _C2, _C3, _C4, _C5, _C6 = _C
 def sincos_turns(turns):
     """Return (sin, cos) of 2 pi ``turns``, for |turns| < 2^52."""
     quarter = np.rint(4.0 * turns)
-    x = (turns - 0.25 * quarter) * _TAU
+    x = (turns - 0.25 * quarter) * TAU
     y = x * x
-    sine = x + x * y * (_S0 + y * (_S1 + y * (_S2 + y * (_S3 + y * (_S4 + y * (_S5 + y * _S6))))))
-    cosine = 1.0 + y * (_C0 + y * (_C1 + y * (_C2 + y * (_C3 + y * (_C4 + y * (_C5 + y * _C6))))))
+    odd = fma(y, fma(y, fma(y, fma(y, fma(y, fma(y, _S6, _S5), _S4), _S3), _S2), _S1), _S0)
+    even = fma(y, fma(y, fma(y, fma(y, fma(y, fma(y, _C6, _C5), _C4), _C3), _C2), _C1), _C0)
+    sine = fma(x * y, odd, x)
+    cosine = fma(y, even, 1.0)
     q = int(quarter) & 3
     a = cosine if q & 1 else sine
     b = sine if q & 1 else cosine

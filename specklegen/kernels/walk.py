@@ -5,9 +5,10 @@ One call traces the paths ``first`` ... ``first + count - 1``. Every random numb
 
 A path (physics.md 2): the first vertex lies exponentially deep along the reference direction behind a
 point of the illuminated face, the first direction comes from a Henyey-Greenstein lobe about the
-reference direction, then free flights and scatterings as in radiative transfer. At every vertex the
-full weight w of the connection to the sensor is found, and the connection is kept with probability
-min(1, w / threshold); its amplitude weight grows by the inverse probability.
+reference direction, then free flights and scatterings as in radiative transfer, many paths in lock step
+(`specklegen.kernels.lanes`). At every vertex the full weight w of the connection to the sensor is found,
+and the connection is kept with probability min(1, w / threshold); its amplitude weight grows by the
+inverse probability.
 
 A record is one kept connection, a row of float64[RECORD]:
 """
@@ -17,9 +18,45 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
-from specklegen.kernels.geometry import deflect
+from specklegen.kernels.arithmetic import minus_log1m
+from specklegen.kernels.lanes import (
+    ADDRESS,
+    AMOUNT,
+    AZIMUTH,
+    CANDIDATE,
+    COIN,
+    DENSITY,
+    FLIGHT,
+    FLOWN,
+    KEEP,
+    LANES,
+    ORDER,
+    OX,
+    OY,
+    OZ,
+    PATH,
+    POLAR,
+    POWER,
+    STATE,
+    WX,
+    WY,
+    WZ,
+    X1,
+    Y1,
+    Z1,
+    X,
+    Y,
+    Z,
+    adopt,
+    draw,
+    draw_coin,
+    drop_ended,
+    fly,
+    mark_candidates,
+    scatter,
+    sort_by_path,
+)
 from specklegen.kernels.phase_functions import henyey_greenstein, sample_henyey_greenstein
-from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
 
 ENTRY = 0  # x1, first vertex
@@ -117,20 +154,13 @@ def write_record(row, x1, y1, z1, ox, oy, oz, x, y, z, wx, wy, wz, weight, lengt
 
 
 @inlined
-def forward_full_weight(power, least, g, z, wx, wy, wz, probes):
-    """Largest full weight over the views of a vertex that light of ``power`` reaches; 0 where it is below ``least``.
-
-    e^t >= 1 + t + t^2/2 + t^3/6 rejects most vertices without an exponential; squared and multiplied out, the
-    Henyey-Greenstein power then needs neither a root nor a division.
-    """
-    most = power * (1.0 - g * g) / (4.0 * math.pi)
+def forward_full_weight(power, g, z, wx, wy, wz, probes):
+    """Largest full weight over the views of a vertex that light of ``power`` reaches."""
     best = 0.0
     for n in range(probes.shape[0]):
         t = probes[n, 3] + probes[n, 4] * z
-        cos = wx * probes[n, 0] + wy * probes[n, 1] + wz * probes[n, 2]
-        base = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - cos)
-        bound = least * (1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0))))
-        if most * most > bound * bound * (base * base * base) and t < 700.0:
+        if t < 700.0:
+            cos = wx * probes[n, 0] + wy * probes[n, 1] + wz * probes[n, 2]
             best = max(best, power * henyey_greenstein(g, cos) * math.exp(-t))
     return best
 
@@ -145,12 +175,90 @@ def reversed_full_weight(power, g, ox, oy, oz, z1, thickness, sigma_t, probes):
     return best
 
 
+@inlined
+def start(
+    key0, key1, sample, first, count, thickness, sigma_t, albedo, ix, iy, iz, footprint, extent, radius, state, address
+):  # fmt: skip
+    """Put the first vertices of paths ``first`` ... into the lanes, light arriving along the reference direction."""
+    chance = -math.expm1(-sigma_t * thickness / iz)  # to collide at all
+    for i in range(count):
+        address[PATH + i], address[ORDER + i] = np.uint64(first + i), np.uint64(0)
+    draw(key0, key1, sample, np.uint64(0), address, state, count)
+    for i in range(count):
+        # Two words a coordinate: 32 bits alone would put wide beams on a lattice.
+        u = state[KEEP + i] + (state[POLAR + i] - 0.5) * 2.0**-32
+        v = state[AZIMUTH + i] + (state[FLIGHT + i] - 0.5) * 2.0**-32
+        fx, fy, area = sample_footprint(footprint, extent, u, v)
+        # Points that only other tilts light are judged as if this one did, else they would never be kept.
+        beam = profile(footprint, radius, fx, fy) if footprint == GAUSSIAN else 1.0
+        state[X1 + i], state[Y1 + i] = fx, fy
+        state[AMOUNT + i], state[POWER + i] = albedo * area * iz * chance, beam * beam / iz
+    draw(key0, key1, sample, _ONE, address, state, count)
+    for i in range(count):
+        collided = state[KEEP + i] * chance
+        depth = minus_log1m(collided) / sigma_t
+        state[X1 + i] += depth * ix
+        state[Y1 + i] += depth * iy
+        state[Z1 + i] = min(depth * iz, thickness)
+        # sigma_s / p1, where p1 = (1/area) sigma_t e^(-sigma_t depth) / chance / iz per volume.
+        state[AMOUNT + i] /= 1.0 - collided
+        state[POWER + i] *= 1.0 - collided
+        state[X + i], state[Y + i], state[Z + i] = state[X1 + i], state[Y1 + i], state[Z1 + i]
+        state[WX + i], state[WY + i], state[WZ + i] = ix, iy, iz
+        state[KEEP + i] = state[FLIGHT + i]
+        state[FLOWN + i] = state[COIN + i] = 0.0
+        address[ORDER + i] = _ONE
+
+
+@inlined
+def leave(key0, key1, sample, g, lobe, mean_free_path, state, address, count):
+    """Send the paths of :func:`start` off, their first directions drawn from the lobe."""
+    scatter(lobe, state, count)
+    for i in range(count):
+        cos = 1.0 - sample_henyey_greenstein(lobe, state[POLAR + i])
+        density = henyey_greenstein(lobe, cos)
+        state[OX + i], state[OY + i], state[OZ + i] = state[WX + i], state[WY + i], state[WZ + i]
+        state[DENSITY + i] = density / state[AMOUNT + i]  # p1 p_omega / sigma_s
+        state[AMOUNT + i] /= density
+        state[POWER + i] *= henyey_greenstein(g, cos)
+    draw(key0, key1, sample, _ONE, address, state, count)
+    fly(mean_free_path, state, count)
+
+
+@inlined
+def kept_weight(weight, w, threshold, u):
+    """``weight`` over the probability min(1, w / threshold) of keeping a connection of full weight w; 0 if not kept."""
+    if w <= 0.0 or (w < threshold and u * threshold >= w):
+        return 0.0
+    return weight if w >= threshold else weight * threshold / w
+
+
+@inlined
+def weigh_both_ways(
+    state, i, thickness, sigma_t, albedo, chance, g, lobe, ix, iy, iz, footprint, extent, radius, probes
+):
+    """W of the path in lane i drawn either way (balance heuristic), and its largest full weight of both directions."""
+    x, y, z, wx, wy, wz = state[X + i], state[Y + i], state[Z + i], state[WX + i], state[WY + i], state[WZ + i]
+    depth = z / iz
+    fx, fy = x - depth * ix, y - depth * iy
+    back = -(wx * ix + wy * iy + wz * iz)
+    passed = math.exp(-sigma_t * depth) / iz
+    # p1 p_omega / sigma_s of the path walked backwards: the balance heuristic adds both densities.
+    density = footprint_density(footprint, extent, fx, fy) * passed / (albedo * chance)
+    weight = 1.0 / (state[DENSITY + i] + density * henyey_greenstein(lobe, back))
+    beam = profile(footprint, radius, fx, fy)
+    power = weight * beam * beam * passed * henyey_greenstein(g, back)
+    ox, oy, oz, z1 = state[OX + i], state[OY + i], state[OZ + i], state[Z1 + i]
+    forward = forward_full_weight(weight * state[POWER + i], g, z, wx, wy, wz, probes)
+    return weight, max(forward, reversed_full_weight(power, g, ox, oy, oz, z1, thickness, sigma_t, probes))
+
+
 @kernel
 def trace_slab(
     key0, key1, sample, first, count, thickness, sigma_t, albedo, g, lobe, ix, iy, iz,
-    footprint, extent, radius, probes, reverse, threshold, max_order, records, orders, paths,
+    footprint, extent, radius, probes, reverse, threshold, max_order, records, orders, paths, ranks,
 ):  # fmt: skip
-    """Trace paths and write the kept connections in path order.
+    """Trace paths and write the kept connections.
 
     thickness, sigma_t, albedo, g : the slab (length, 1/length, -, -)
     lobe : anisotropy of the first direction's lobe about the reference direction (ix, iy, iz), iz > 0
@@ -160,110 +268,89 @@ def trace_slab(
     reverse : 1 to weigh each path together with its reversal (balance heuristic), else 0
     threshold : full weight from which a connection is always kept; 0 keeps all
     max_order : vertices after which a path is ended
-    records, orders, paths : float64[cap, RECORD], int32[cap], int64[cap]   output
+    records, orders, paths : float64[cap, RECORD], int32[cap], int64[cap]   output, as the walk finds them
+    ranks : int64[cap]         output: where the first, second, ... connection in path order was written
 
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written: call again with more room.
     """
     capacity = records.shape[0]
-    found = 0
-    events = 0
-    unfinished = 0
+    found = events = unfinished = 0
     unfinished_weight = 0.0
-    full_depth = -math.expm1(-sigma_t * thickness / iz)  # chance to collide at all
+    chance = -math.expm1(-sigma_t * thickness / iz)
     mean_free_path = 1.0 / sigma_t
-    sample64 = np.uint64(sample)
-    k0 = np.uint64(key0)
-    k1 = np.uint64(key1)
-    for p in range(first, first + count):
-        path = np.uint64(p)
-        a, b, c, d = uniforms(k0, k1, sample64, path, np.uint64(0))
-        # Two words a coordinate: 32 bits alone would put wide beams on a lattice.
-        fx, fy, area = sample_footprint(footprint, extent, a + (b - 0.5) * 2.0**-32, c + (d - 0.5) * 2.0**-32)
-        a, b, c, d = uniforms(k0, k1, sample64, path, _ONE)
-        depth = -math.log1p(-a * full_depth) / sigma_t
-        z1 = min(depth * iz, thickness)
-        x1 = fx + depth * ix
-        y1 = fy + depth * iy
-        # sigma_s / p1, where p1 = (1/area) sigma_t e^(-sigma_t depth) / full_depth / iz per volume.
-        first_weight = albedo * area * iz * full_depth * math.exp(sigma_t * depth)
-        # Points that only other tilts light are judged as if this one did, else they would never be kept.
-        entry_beam = profile(footprint, radius, fx, fy) if footprint == GAUSSIAN else 1.0
-        entry_power = entry_beam * entry_beam / iz * math.exp(-sigma_t * depth)
+    k0, k1, sample64 = np.uint64(key0), np.uint64(key1), np.uint64(sample)
+    last_order = np.uint64(max_order)
+    state, address = np.empty(STATE), np.empty(ADDRESS, np.uint64)
+    fresh, fresh_address = np.empty(STATE), np.empty(ADDRESS, np.uint64)
+    flying = waiting = started = 0
+    while True:
+        flying, cut, cut_weight = drop_ended(state, address, flying, thickness, albedo, last_order)
+        unfinished += cut
+        unfinished_weight += cut_weight
+        while flying < LANES and (waiting > 0 or started < count):
+            if waiting > 0:
+                waiting -= 1
+                adopt(state, address, flying, fresh, fresh_address, waiting)
+                flying += 1
+                continue
+            waiting = min(LANES, count - started)
+            start(
+                k0, k1, sample64, first + started, waiting, thickness, sigma_t, albedo, ix, iy, iz,
+                footprint, extent, radius, fresh, fresh_address,
+            )  # fmt: skip
+            started += waiting
+            events += waiting
+            mark_candidates(g, threshold, probes, fresh, waiting)
+            for i in range(waiting):
+                if fresh[CANDIDATE + i] == 0.0:
+                    continue
+                # Single scattering is its own reverse and is never doubled.
+                x, y, z, weight = fresh[X + i], fresh[Y + i], fresh[Z + i], fresh[AMOUNT + i]
+                w = forward_full_weight(weight * fresh[POWER + i], g, z, ix, iy, iz, probes)
+                kept = kept_weight(weight, w, threshold, fresh[KEEP + i])
+                if kept > 0.0:
+                    if found < capacity:
+                        write_record(records[found], x, y, z, 0.0, 0.0, 0.0, x, y, z, 0.0, 0.0, 0.0, kept, 0.0)
+                        orders[found], paths[found] = 1, fresh_address[PATH + i]
+                    found += 1
+            leave(k0, k1, sample64, g, lobe, mean_free_path, fresh, fresh_address, waiting)
+            waiting, cut, cut_weight = drop_ended(fresh, fresh_address, waiting, thickness, albedo, last_order)
+            unfinished += cut
+            unfinished_weight += cut_weight
+        if flying == 0:
+            break
 
-        # Single scattering is its own reverse and is never doubled.
-        best = 0.0
-        for n in range(probes.shape[0]):
-            best = max(
-                best,
-                end_intensity(g, ix, iy, iz, z1, thickness, sigma_t, probes[n, 0], probes[n, 1], probes[n, 2]),
-            )
-        w = first_weight * entry_power * best
-        events += 1
-        if w > 0.0 and (w >= threshold or d * threshold < w):
-            if found < capacity:
-                kept = first_weight * (1.0 if w >= threshold else threshold / w)
-                write_record(records[found], x1, y1, z1, 0.0, 0.0, 0.0, x1, y1, z1, 0.0, 0.0, 0.0, kept, 0.0)
-                orders[found] = 1
-                paths[found] = p
-            found += 1
-
-        sine, cosine = sincos_turns(c)
-        one_minus_cos = sample_henyey_greenstein(lobe, b)
-        ox, oy, oz = deflect(ix, iy, iz, one_minus_cos, cosine, sine)
-        lobe_density = henyey_greenstein(lobe, 1.0 - one_minus_cos)
-        forward_weight = first_weight / lobe_density
-        entry_power *= henyey_greenstein(g, 1.0 - one_minus_cos)
-        forward_density = lobe_density / first_weight  # p1 p_omega / sigma_s
-        x, y, z = x1, y1, z1
-        wx, wy, wz = ox, oy, oz
-        length = 0.0
-        a, b, c, d = uniforms(k0, k1, sample64, path, np.uint64(2))
-        order = 1
-        while True:
-            flight = -math.log(d) * mean_free_path
-            z += wz * flight
-            if z <= 0.0 or z >= thickness:
-                break
-            x += wx * flight
-            y += wy * flight
-            length += flight
-            if order == max_order:
-                unfinished += 1
-                unfinished_weight += forward_weight
-                break
-            order += 1
-            events += 1
-            a, b, c, d = uniforms(k0, k1, sample64, path, np.uint64(order + 1))
-            if albedo < 1.0:
-                # Absorption as a coin: the weight stays, the work goes. Its dimensions lie apart.
-                e, _, _, _ = uniforms(k0, k1, sample64, path, np.uint64(order) + np.uint64(0x80000000))
-                if e >= albedo:
-                    break
-
-            weight = forward_weight
+        for i in range(flying):
+            address[ORDER + i] += _ONE
+        events += flying
+        draw(k0, k1, sample64, _ONE, address, state, flying)
+        if albedo < 1.0:
+            # Absorption as a coin: the weight stays, the work goes. Its dimensions lie apart.
+            draw_coin(k0, k1, sample64, np.uint64(0x80000000), address, state, flying)
+        mark_candidates(g, 0.0 if reverse else threshold, probes, state, flying)
+        for i in range(flying):
+            if state[CANDIDATE + i] == 0.0 or state[COIN + i] >= albedo:
+                continue
+            x, y, z = state[X + i], state[Y + i], state[Z + i]
+            wx, wy, wz = state[WX + i], state[WY + i], state[WZ + i]
             if reverse:
-                depth_end = z / iz
-                fx, fy = x - depth_end * ix, y - depth_end * iy
-                back = -(wx * ix + wy * iy + wz * iz)
-                passed = math.exp(-sigma_t * depth_end) / iz
-                # p1 p_omega / sigma_s of the path walked backwards: the balance heuristic adds both densities.
-                density = footprint_density(footprint, extent, fx, fy) * passed / (albedo * full_depth)
-                weight = 1.0 / (forward_density + density * henyey_greenstein(lobe, back))
-                w = forward_full_weight(weight * entry_power, 0.0, g, z, wx, wy, wz, probes)
-                beam = profile(footprint, radius, fx, fy)
-                power = weight * beam * beam * passed * henyey_greenstein(g, back)
-                w = max(w, reversed_full_weight(power, g, ox, oy, oz, z1, thickness, sigma_t, probes))
+                weight, w = weigh_both_ways(
+                    state, i, thickness, sigma_t, albedo, chance, g, lobe, ix, iy, iz, footprint, extent, radius, probes
+                )
             else:
-                w = forward_full_weight(weight * entry_power, a * threshold, g, z, wx, wy, wz, probes)
-            if w > 0.0 and (w >= threshold or a * threshold < w):
+                weight = state[AMOUNT + i]
+                w = forward_full_weight(weight * state[POWER + i], g, z, wx, wy, wz, probes)
+            kept = kept_weight(weight, w, threshold, state[KEEP + i])
+            if kept > 0.0:
                 if found < capacity:
-                    kept = weight * (1.0 if w >= threshold else threshold / w)
-                    write_record(records[found], x1, y1, z1, ox, oy, oz, x, y, z, wx, wy, wz, kept, length)
-                    orders[found] = order
-                    paths[found] = p
+                    write_record(
+                        records[found], state[X1 + i], state[Y1 + i], state[Z1 + i],
+                        state[OX + i], state[OY + i], state[OZ + i], x, y, z, wx, wy, wz, kept, state[FLOWN + i],
+                    )  # fmt: skip
+                    orders[found], paths[found] = address[ORDER + i], address[PATH + i]
                 found += 1
-
-            sine, cosine = sincos_turns(c)
-            wx, wy, wz = deflect(wx, wy, wz, sample_henyey_greenstein(g, b), cosine, sine)
+        scatter(g, state, flying)
+        fly(mean_free_path, state, flying)
+    sort_by_path(paths, first, count, min(found, capacity), ranks)
     return found, events, unfinished, unfinished_weight

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.gaussianity import PathMoments
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
-from specklegen.pathspace.tracing import scene_tracer
+from specklegen.pathspace.tracing import VolumeBank, scene_tracer
 from specklegen.scene import Scene
 from specklegen.streams import Stream, pilot_seed
 from specklegen.values import remembered
@@ -20,16 +21,19 @@ class VolumePilot:
     Attributes
     ----------
     events_per_path, connections_per_path : float
-    relative_variance : float
-        Var w / (E w)^2 of the full weight of a path, at the worst of a few lights and views.
+    moments : PathMoments
+        Of a path's weights, at the worst of a few lights and views.
     intensity : float
         Largest mean intensity among these.
+    multiple_share : float
+        Largest share of multiple scattering in the intensity among these, three standard errors included.
     """
 
     events_per_path: float
     connections_per_path: float
-    relative_variance: float
+    moments: PathMoments
     intensity: float
+    multiple_share: float
 
 
 @remembered(64)
@@ -38,19 +42,30 @@ def volume_pilot(scene: Scene, reverse: bool) -> VolumePilot:
     tracer = scene_tracer(scene, reverse)
     bank = tracer.trace(pilot_seed(scene.fingerprint()), PILOT_PATHS, stream=Stream.PILOT, threads=1)
     few = tracer.probed()
-    power = np.zeros((len(few.lights.vectors) * len(few.views.vectors), PILOT_PATHS))
     once, more = bank.single, bank.multiple
-    for part, amplitudes in ((once, single_amplitudes(few, once)), (more, multiple_amplitudes(few, more, reverse))):
-        ways = amplitudes.shape[1] // max(len(part), 1)
-        each = np.square(np.abs(amplitudes)).reshape(len(power), ways, len(part)).sum(axis=1)
-        for row, weights in zip(power, each, strict=True):
-            row += np.bincount(part.paths, weights, PILOT_PATHS)
-    mean = power.mean(axis=1)
-    lit = mean > 0
-    variance = power[lit].var(axis=1) / mean[lit] ** 2
+    powers = [
+        _columns(once, np.square(np.abs(single_amplitudes(few, once)))),
+        _columns(more, np.square(np.abs(multiple_amplitudes(few, more, reverse)))),
+    ]
+    paths = np.concatenate([owner for owner, _ in powers])
+    moments, intensity, share = PathMoments(0.0, 0.0), 0.0, 0.0
+    for single, multiple in zip(*(weights for _, weights in powers), strict=True):
+        found = PathMoments.of(np.concatenate([single, multiple]), paths, PILOT_PATHS)
+        moments = max(moments, found, key=lambda m: m.relative_variance)
+        mean = (single.sum() + multiple.sum()) / PILOT_PATHS
+        intensity = max(intensity, mean)
+        rest = np.bincount(powers[1][0], multiple, PILOT_PATHS)
+        if mean > 0:
+            share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(PILOT_PATHS)) / mean)
     return VolumePilot(
         events_per_path=bank.events / PILOT_PATHS,
         connections_per_path=len(bank) / PILOT_PATHS,
-        relative_variance=float(variance.max(initial=0.0)),
-        intensity=float(mean.max(initial=0.0)),
+        moments=moments,
+        intensity=float(intensity),
+        multiple_share=float(share),
     )
+
+
+def _columns(bank: VolumeBank, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Path int64[n] that each column of ``powers`` float64[pairs, n] belongs to, and the powers."""
+    return np.tile(bank.paths, powers.shape[1] // max(len(bank), 1)), powers

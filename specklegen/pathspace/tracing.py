@@ -194,7 +194,7 @@ def _thinned(tracer: Tracer, seed: int) -> Tracer:
     if count > _FIRST_PATHS:
         bank = judging.trace(seed, count, stream=Stream.PILOT, threads=1)
     if len(bank) < 4 * count:
-        return tracer
+        return tracer  # few connections a path: judging them costs more than it saves
     judged = bank.weight * _judged_power(tracer, bank)
     return replace(tracer, threshold=10 * float(judged.mean()))
 

@@ -1,0 +1,143 @@
+"""Networks that look through fog: a small U-Net, its variant for stacks, and a dense net to measure them by.
+
+All take float[B, 2, H, W] (:mod:`specklegen.models.inputs`) and return logits float[B, h, w]; the brightness is their
+sigmoid. The U-Net first folds blocks of pixels into channels, so that its convolutions run on half the object's
+resolution (few, wide ones suit a processor better than many narrow ones), and unfolds them at the end. At its bottom
+are two dense layers: every lag bears on every pixel of the object, which convolutions alone would learn only slowly.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from specklegen.values import reject
+
+DEPTH = 2
+"""Times that the U-Net halves its picture."""
+UNFOLD = 2
+"""Object pixels a pixel of the U-Net's top level, either way."""
+
+
+def parameter_count(network: nn.Module) -> int:
+    """Numbers that training changes."""
+    return sum(p.numel() for p in network.parameters() if p.requires_grad)
+
+
+def _convolutions(inward: int, outward: int) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for channels in (inward, outward):
+        layers += [nn.Conv2d(channels, outward, 3, padding=1, bias=False), nn.GroupNorm(4, outward), nn.SiLU()]
+    return nn.Sequential(*layers)
+
+
+class UNet(nn.Module):
+    """U-Net of Ronneberger et al. (2015), small, with a dense bottom.
+
+    Parameters
+    ----------
+    side
+        Side of the input, at least that of the object.
+    shape
+        (rows, columns) of the object.
+    width
+        Channels at the top, a multiple of 4; twice as many after each halving.
+    channels
+        Channels of the input.
+
+    Raises
+    ------
+    RuleError
+        If the object is larger than the input, or the width is no multiple of 4.
+    """
+
+    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 32, channels: int = 2) -> None:
+        super().__init__()
+        if side < max(shape):
+            reject("UNet.side", f"at least that of the object, {max(shape)}", side)
+        if width < 4 or width % 4:
+            reject("UNet.width", "a multiple of 4", width)
+        self.shape = shape
+        unit = 2**DEPTH
+        needed = unit * -(-max(shape) // (unit * UNFOLD))  # the smallest side that can be halved and holds the object
+        self.fold = max(1, side // needed)
+        self.inner = unit * -(-side // (unit * self.fold))
+        widths = [width * 2**level for level in range(DEPTH + 1)]
+        self.stem = nn.Sequential(nn.PixelUnshuffle(self.fold), nn.Conv2d(channels * self.fold**2, width, 1))
+        self.down = nn.ModuleList(_convolutions(widths[max(n - 1, 0)], widths[n]) for n in range(DEPTH + 1))
+        bottom = widths[-1] * (self.inner // unit) ** 2
+        self.mix = nn.Sequential(nn.Flatten(), nn.Linear(bottom, 8 * width), nn.SiLU(), nn.Linear(8 * width, bottom))
+        self.up = nn.ModuleList(_convolutions(widths[n] + widths[n + 1], widths[n]) for n in reversed(range(DEPTH)))
+        self.head = nn.Sequential(nn.Conv2d(width, UNFOLD**2, 1), nn.PixelShuffle(UNFOLD))
+
+    def features(self, pictures: Tensor) -> Tensor:
+        """Fold float[B, C, H, W] into channels, padded with zeros: float[B, width, s, s]."""
+        missing = [self.inner * self.fold - n for n in pictures.shape[-2:]]
+        return self.stem(nn.functional.pad(pictures, (0, missing[1], 0, missing[0])))
+
+    def reconstruct(self, x: Tensor) -> Tensor:
+        """Turn features into logits float[B, h, w]."""
+        kept = []
+        for level, block in enumerate(self.down):
+            x = block(nn.functional.avg_pool2d(x, 2) if level else x)
+            kept.append(x)
+        x = x + self.mix(kept.pop()).reshape(x.shape)
+        for block in self.up:
+            x = block(torch.cat([nn.functional.interpolate(x, scale_factor=2.0), kept.pop()], dim=1))
+        top, left = ((UNFOLD * self.inner - n) // 2 for n in self.shape)
+        return self.head(x)[:, 0, top : top + self.shape[0], left : left + self.shape[1]]
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """Return logits float[B, h, w] of pictures float[B, C, H, W]."""
+        return self.reconstruct(self.features(pictures))
+
+
+class StackUNet(UNet):
+    """U-Net for several images of one object: each is folded alone, then their features are averaged.
+
+    The order of the images does not matter, and a stack may have any number of them.
+    """
+
+    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 16, channels: int = 2) -> None:
+        super().__init__(side, shape, width, channels)
+        self.each = _convolutions(width, width)
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """Return logits float[B, h, w] of stacks float[B, T, C, H, W]."""
+        each = self.each(self.features(pictures.flatten(0, 1)))
+        return self.reconstruct(each.unflatten(0, pictures.shape[:2]).mean(1))
+
+
+class DenseNet(nn.Module):
+    """One hidden layer of 16 * ``width`` units: the least that can be called a network."""
+
+    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 16, channels: int = 2) -> None:
+        super().__init__()
+        self.shape = shape
+        hidden = 16 * width
+        self.layers = nn.Sequential(
+            nn.Flatten(), nn.Linear(channels * side**2, hidden), nn.ReLU(), nn.Linear(hidden, shape[0] * shape[1])
+        )
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """Return logits float[B, h, w] of pictures float[B, C, H, W]."""
+        return self.layers(pictures).reshape(-1, *self.shape)
+
+
+NETWORKS: dict[str, Callable[..., nn.Module]] = {"unet": UNet, "stack-unet": StackUNet, "dense": DenseNet}
+"""Name to network of (side, shape, width, channels)."""
+
+
+def build(name: str, side: int, shape: tuple[int, int], width: int, seed: int) -> nn.Module:
+    """Make a network whose first weights are a function of the seed; the global generator is left as it was.
+
+    Raises
+    ------
+    RuleError
+        If there is no network of that name.
+    """
+    if name not in NETWORKS:
+        reject("network", f"one of {', '.join(NETWORKS)}", name)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return NETWORKS[name](side=side, shape=tuple(shape), width=width)

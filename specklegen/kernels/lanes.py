@@ -1,0 +1,143 @@
+"""Many paths in lock step: loops over lanes, which the compiler turns into vector instructions.
+
+A path in flight occupies a lane. The lanes' state is one flat array, quantity after quantity (LANES values each),
+so that constant distances tell the compiler that writing one quantity leaves the others alone. The arithmetic is
+strict (`specklegen.kernels.inlined`): a path has the same bits in any lane and in any company.
+"""
+
+import math
+
+import numpy as np
+
+from specklegen.kernels import inlined
+from specklegen.kernels.arithmetic import fma, minus_log
+from specklegen.kernels.geometry import deflect
+from specklegen.kernels.phase_functions import sample_henyey_greenstein
+from specklegen.kernels.rng import uniforms
+from specklegen.kernels.trigonometry import sincos_turns
+
+LANES = 128  # the state of all lanes stays in the first-level cache
+
+# Where each quantity starts in float64[STATE]. The last vertex, the direction arriving there, the way to it.
+X, Y, Z, WX, WY, WZ, FLOWN = (LANES * n for n in range(7))
+# The first vertex, the direction leaving it; the path's weight W, its power there, the density it was drawn with.
+X1, Y1, Z1, OX, OY, OZ, AMOUNT, POWER, DENSITY = (LANES * n for n in range(7, 16))
+# The coin of absorption; uniforms of the present step, and whether its connection may be kept.
+COIN, KEEP, POLAR, AZIMUTH, FLIGHT, CANDIDATE = (LANES * n for n in range(16, 22))
+STATE = 22 * LANES
+
+# uint64[ADDRESS]: number of the path, and vertices so far.
+PATH, ORDER = 0, LANES
+ADDRESS = 2 * LANES
+
+_ONE = np.uint64(1)
+
+
+@inlined
+def draw(key0, key1, sample, dimension, address, state, count):
+    """Draw the four uniforms of every lane: for the vertex ``ORDER`` at the dimension ``ORDER + dimension``."""
+    for i in range(count):
+        a, b, c, d = uniforms(key0, key1, sample, address[PATH + i], address[ORDER + i] + dimension)
+        state[KEEP + i], state[POLAR + i], state[AZIMUTH + i], state[FLIGHT + i] = a, b, c, d
+
+
+@inlined
+def draw_coin(key0, key1, sample, dimension, address, state, count):
+    """Draw one more uniform of every lane."""
+    for i in range(count):
+        state[COIN + i] = uniforms(key0, key1, sample, address[PATH + i], address[ORDER + i] + dimension)[0]
+
+
+@inlined
+def propose(g, least, vx, vy, vz, depth, slope, state, count):
+    """Mark the lanes whose full weight along v has an upper bound above ``least`` KEEP.
+
+    ``depth + slope z`` is the optical depth t to the outside along v. e^t >= 1 + t + t^2/2 + t^3/6 bounds without an
+    exponential; squared and multiplied out, the Henyey-Greenstein power then needs neither a root nor a division.
+    """
+    scale = (1.0 - g * g) / (4.0 * math.pi) / least  # relative to the least, whose square may underflow
+    for i in range(count):
+        most = state[AMOUNT + i] * state[POWER + i] * scale
+        t = fma(slope, state[Z + i], depth)
+        cos = fma(state[WX + i], vx, fma(state[WY + i], vy, state[WZ + i] * vz))
+        base = fma(2.0 * g, 1.0 - cos, (1.0 - g) * (1.0 - g))
+        bound = state[KEEP + i] * fma(t, fma(t, fma(t, 1.0 / 6.0, 0.5), 1.0), 1.0)
+        kept = (most * most > bound * bound * (base * base * base)) & (t < 700.0)
+        state[CANDIDATE + i] = max(state[CANDIDATE + i], 1.0 if kept else 0.0)
+
+
+@inlined
+def mark_candidates(g, least, probes, state, count):
+    """Mark the lanes whose connection may have a full weight above ``least`` KEEP at any of the views."""
+    for i in range(count):
+        state[CANDIDATE + i] = 0.0 if least > 0.0 else 1.0
+    if least > 0.0:
+        for n in range(probes.shape[0]):
+            vx, vy, vz, depth, slope = probes[n, 0], probes[n, 1], probes[n, 2], probes[n, 3], probes[n, 4]
+            propose(g, least, vx, vy, vz, depth, slope, state, count)
+
+
+@inlined
+def scatter(g, state, count):
+    """Turn every lane's direction by a Henyey-Greenstein angle."""
+    for i in range(count):
+        sine, cosine = sincos_turns(state[AZIMUTH + i])
+        one_minus_cos = sample_henyey_greenstein(g, state[POLAR + i])
+        x, y, z = deflect(state[WX + i], state[WY + i], state[WZ + i], one_minus_cos, cosine, sine)
+        state[WX + i], state[WY + i], state[WZ + i] = x, y, z
+
+
+@inlined
+def fly(mean_free_path, state, count):
+    """Move every lane by a free flight along its direction."""
+    for i in range(count):
+        flight = minus_log(state[FLIGHT + i]) * mean_free_path
+        state[X + i] = fma(state[WX + i], flight, state[X + i])
+        state[Y + i] = fma(state[WY + i], flight, state[Y + i])
+        state[Z + i] = fma(state[WZ + i], flight, state[Z + i])
+        state[FLOWN + i] += flight
+
+
+@inlined
+def adopt(state, address, lane, other_state, other_address, other):
+    """Put the path of another lane, here or elsewhere, into ``lane``; uniforms of the step stay behind."""
+    for quantity in range(0, KEEP, LANES):
+        state[quantity + lane] = other_state[quantity + other]
+    address[PATH + lane] = other_address[PATH + other]
+    address[ORDER + lane] = other_address[ORDER + other]
+
+
+@inlined
+def drop_ended(state, address, count, thickness, albedo, last_order):
+    """Fill the lanes of paths that left, were absorbed or are too long with the last ones.
+
+    Returns (lanes still in use, paths that were too long, sum of their W).
+    """
+    unfinished = 0
+    weight = 0.0
+    lane = 0
+    while lane < count:
+        z = state[Z + lane]
+        if z > 0.0 and z < thickness and state[COIN + lane] < albedo:
+            if address[ORDER + lane] < last_order:
+                lane += 1
+                continue
+            unfinished += 1
+            weight += state[AMOUNT + lane]
+        count -= 1
+        adopt(state, address, lane, state, address, count)
+    return count, unfinished, weight
+
+
+@inlined
+def sort_by_path(paths, first, count, found, ranks):
+    """Fill ``ranks`` with the places of ``found`` connections in path order, those of one path as they were found."""
+    begin = np.zeros(count + 1, np.int64)
+    for n in range(found):
+        begin[paths[n] - first + 1] += 1
+    for p in range(count):
+        begin[p + 1] += begin[p]
+    for n in range(found):
+        p = paths[n] - first
+        ranks[begin[p]] = n
+        begin[p] += 1

@@ -1,0 +1,61 @@
+"""Single scattering in closed form instead of Monte Carlo: on both sides of the gate, against the full computation."""
+
+import numpy as np
+import pytest
+from zscore import assert_z
+
+import specklegen as sg
+
+
+def thin(mean_free_path: float, **changes) -> sg.Scene:
+    return sg.Scene(
+        wavelength=1.0,
+        medium=sg.Box(
+            lower=[-5.0, -4.0], upper=[5.0, 4.0], mean_free_path=mean_free_path, albedo=0.8,
+            scatterer=sg.Mixture(types=(sg.Isotropic(), sg.HenyeyGreenstein(g=0.5)), fractions=(0.4, 0.6)),
+        ),
+        illumination=sg.PlaneWaves.tilts([0.0, 0.05], dimensions=2),
+        sensor=sg.FarField.angles([0.3, 0.35, 2.0]),
+    ).replace(**changes)  # fmt: skip
+
+
+def test_thin_media_are_closed_form_and_equal_to_monte_carlo():
+    scene = thin(2000.0)
+    closed = sg.covariance(scene)
+    full = sg.covariance(scene, orders="all", paths=40_000, seed=1)
+    assert closed.paths == 0
+    assert not closed.verdicts[1].needed
+    assert "closed form" in closed.verdicts[1].reason
+    scale = np.sqrt(np.multiply.outer(full.intensity, full.intensity))
+    # What was left out is allowed for, and named.
+    assert closed.rel_error < 0.02
+    assert_z(closed.value / scale, full.value / scale, full.standard_error / scale, degrees=63, slack=closed.rel_error)
+    assert_z(closed.value, full.single, full.standard_error, degrees=63)
+
+
+def test_thick_media_are_not():
+    scene = thin(10.0)
+    found = sg.covariance(scene, paths=64)
+    assert found.paths == 64
+    assert found.verdicts[1].needed
+    single = sg.covariance(scene, orders="single")
+    full = sg.covariance(scene, orders="all", paths=40_000, seed=1)
+    assert_z(single.value, full.single, full.standard_error, degrees=63)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(single.value, full.value, full.standard_error, degrees=63)
+
+
+def test_pairs_are_entries_of_the_whole():
+    scene = thin(2000.0)
+    rows = np.array([[0, 1, 1, 2], [1, 0, 0, 0]])
+    some = sg.covariance(scene, pairs=rows)
+    np.testing.assert_allclose(some.value, sg.covariance(scene).value[tuple(rows.T)], rtol=1e-12)
+
+
+def test_scenes_without_a_closed_form_say_so():
+    near = thin(2000.0, sensor=sg.NearField(points=[[0.0, 9.0]]))
+    assert "no closed form" in sg.covariance(near, paths=64).verdicts[1].reason
+    with pytest.raises(sg.RuleError, match="covariance orders must be .*far-field sensor"):
+        sg.covariance(near, orders="single")
+    with pytest.raises(sg.RuleError, match="covariance orders must be"):
+        sg.covariance(near, orders="double")
