@@ -83,7 +83,7 @@ def shared_point() -> Row:
     return refused(
         "a sensor on a source inside the medium", "single scattering diverges there",
         [(lambda: scene(cube(50.0, 25.0), sg.PointSources(points=point), sg.NearField(points=point)),
-          ["Scene.sensor", "apart"])],
+          ["Scene.sensor", "from every source"])],
     )  # fmt: skip
 
 
