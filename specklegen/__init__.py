@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from specklegen.covariances import Covariance, covariance, covariance_blocks
+    from specklegen.gates import DoubtWarning
     from specklegen.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
     from specklegen.mean import mean_field
     from specklegen.media import Box, Slab, VoxelGrid
@@ -31,6 +32,7 @@ _HOME = {
     "VoxelGrid": "media",
     "Box": "media",
     "CollimatedBeams": "illumination",
+    "DoubtWarning": "gates",
     "FarField": "sensors",
     "FarFieldGrid": "sensors",
     "HenyeyGreenstein": "scatterers",
@@ -64,6 +66,7 @@ __all__ = [
     "VoxelGrid",
     "Box",
     "CollimatedBeams",
+    "DoubtWarning",
     "FarField",
     "FarFieldGrid",
     "HenyeyGreenstein",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.budgets import checked_budget, paths_for
-from specklegen.gates import Reverse, Verdict
+from specklegen.gates import Reverse, Verdict, warn_of_dependence
 from specklegen.kernels.rng import fill_normals
 from specklegen.parallel import map_blocks
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
@@ -150,12 +150,19 @@ def covariance(
     ------
     RuleError
         For an argument out of range, a closed form that does not exist, or a result that does not fit into memory.
+
+    Warns
+    -----
+    DoubtWarning
+        Where the mean free path is below the wavelength: independent scattering is then doubtful.
     """
+    warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
     checked_budget("covariance", paths, rel_error, seconds)
-    tracer, reversal = _prepare(scene, reverse, tolerance)
-    t, v = len(tracer.lights.vectors), len(tracer.views.vectors)
+    t, v = len(scene.lights), len(scene.views)
     if pairs is None:
-        _require_memory(t, v, t * v)
+        _require_memory(t, v, t * v)  # before the pilot, whose time would be lost
+    tracer, reversal = _prepare(scene, reverse, tolerance)
+    if pairs is None:
         chosen, entries = None, _all_pairs(t * v, threads)
     else:
         chosen = _checked_pairs(pairs, t, v)
@@ -201,6 +208,7 @@ def covariance_blocks(
     """
     if rows < 1:
         reject("covariance_blocks rows", "at least 1", rows)
+    warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
     checked_budget("covariance_blocks", paths, None, None)
     tracer, reversal = _prepare(scene, reverse, tolerance)
     t, v = len(tracer.lights.vectors), len(tracer.views.vectors)

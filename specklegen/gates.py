@@ -1,5 +1,6 @@
 """Verdicts: what a scene needs, and why. The planner folds them; pipelines obey them."""
 
+import warnings
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,6 +30,24 @@ class Verdict:
     part: str
     needed: bool
     reason: str
+
+
+class DoubtWarning(UserWarning):
+    """The model is applied where what it assumes is doubtful; results are finite, but may not be physical."""
+
+
+def independence_doubt(mean_free_path: float, wavelength: float) -> str | None:
+    """Why the particles' independence, which every estimate assumes, is doubtful; None where it is not."""
+    if mean_free_path >= wavelength:
+        return None
+    return f"the mean free path {mean_free_path:g} is below the wavelength {wavelength:g}"
+
+
+def warn_of_dependence(mean_free_path: float, wavelength: float) -> None:
+    """Issue a :class:`DoubtWarning` where independent scattering is doubtful, for results that have no verdicts."""
+    doubt = independence_doubt(mean_free_path, wavelength)
+    if doubt:
+        warnings.warn(f"independent scattering is assumed, but doubtful: {doubt}", DoubtWarning, stacklevel=3)
 
 
 def reversal_verdict(

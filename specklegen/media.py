@@ -30,6 +30,11 @@ class Slab(Value):
     albedo: UnitInterval = 1.0
     scatterer: Scatterer
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _require_density("Slab", self.mean_free_path)
+        return self
+
     @property
     def optical_depth(self) -> float:
         """OD = thickness / mean_free_path: mean number of collisions straight through."""
@@ -67,6 +72,7 @@ class Box(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         _require_corners("Box", self.lower, self.upper)
+        _require_density("Box", self.mean_free_path)
         return self
 
     @property
@@ -150,6 +156,11 @@ class VoxelGrid(Value):
         """1 / sigma_t of the densest voxel; infinite where all are empty."""
         densest = float(self.extinction.max())
         return 1 / densest if densest > 0 else np.inf
+
+
+def _require_density(owner: str, mean_free_path: float) -> None:
+    if mean_free_path < 1 / np.finfo(np.float64).max:
+        reject(f"{owner}.mean_free_path", "large enough that its inverse is finite", mean_free_path)
 
 
 def _require_corners(owner: str, lower: np.ndarray, upper: np.ndarray) -> None:

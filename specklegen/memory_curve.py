@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from specklegen.budgets import checked_budget, paths_for
 from specklegen.fields import ends
-from specklegen.gates import Reverse, reversal_verdict
+from specklegen.gates import Reverse, reversal_verdict, warn_of_dependence
 from specklegen.illumination import directions_of_sines
 from specklegen.media import Slab
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
@@ -121,12 +121,18 @@ def memory_effect(
     ------
     RuleError
         For a field out of its range.
+
+    Warns
+    -----
+    DoubtWarning
+        Where the mean free path is below the wavelength: independent scattering is then doubtful.
     """
     tilts = np.atleast_1d(np.asarray(tilts, dtype=np.float64))
     if tilts.ndim != 1 or not np.isfinite(tilts).all() or (tilts.size and np.abs(tilts).max() >= np.pi / 2):
         reject("memory_effect tilts", "radians between -pi/2 and pi/2, of shape (T,)", tilts, "Use np.deg2rad.")
     if not (np.isfinite(wavelength) and wavelength > 0):
         reject("memory_effect wavelength", "greater than 0", wavelength)
+    warn_of_dependence(medium.mean_free_path, wavelength)
     checked_budget("memory_effect", paths, rel_error, seconds)
     if mode not in ("transmission", "reflection"):
         reject("memory_effect mode", '"transmission" or "reflection"', mode)
@@ -231,13 +237,15 @@ def _correlation(amplitudes, paths, n):
         return _dark(n)
     sums = np.array(sums)
 
+    def normalised(part: np.ndarray) -> np.ndarray:
+        # By one root after the other: the product of two faint intensities underflows.
+        return part[:n] / np.sqrt(part[n : 2 * n].real) / np.sqrt(part[2 * n].real)
+
     def correlation(part: np.ndarray) -> np.ndarray:
-        return np.square(np.abs(part[:n])) / (part[n : 2 * n].real * part[2 * n].real)
+        return np.square(np.abs(normalised(part)))
 
     intensity, error = jackknife(sums, correlation)
-    mean = sums.sum(axis=0)
-    field = mean[:n] / np.sqrt(mean[n : 2 * n].real * mean[2 * n].real)
-    return field, intensity, 1 - intensity, error, float(single / total)
+    return normalised(sums.sum(axis=0)), intensity, 1 - intensity, error, float(single / total)
 
 
 def _pair_amplitudes(bank, pairs, views, factors, *, single):

@@ -155,6 +155,8 @@ def plan(
     """
     if paths is not None and rel_error is not None:
         reject("plan paths", "left out where rel_error is given", paths)
+    if paths is not None and not isinstance(paths, int | np.integer):
+        reject("paths", "a whole number", paths)
     if paths is not None and paths < 1:
         reject("paths", "at least 1", paths)
     if rel_error is not None and not 0 < rel_error < 1:

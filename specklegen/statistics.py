@@ -24,17 +24,24 @@ def jackknife(batches: np.ndarray, function: Callable[[np.ndarray], np.ndarray])
     Returns
     -------
     value, standard_error
-        The bias-corrected value, and sqrt(E|error|^2); NaN standard error where n < 2.
+        The bias-corrected value, and sqrt(E|error|^2). Where one batch holds all there is, or n < 2, the value is
+        left as it is and the standard error is NaN.
     """
     n = len(batches)
     total = batches.sum(axis=0)
     value = function(total)
     if n < 2:
         return value, np.full(np.shape(value), np.nan)
-    left = np.array([function(total - batch) for batch in batches])
-    mean = left.mean(axis=0)
-    variance = (n - 1) / n * np.square(np.abs(left - mean)).sum(axis=0)
-    return n * value - (n - 1) * mean, np.sqrt(variance)
+    # Sums of the others, not the total less one batch: that would leave rounding where a batch holds nearly all.
+    none = np.zeros_like(batches[:1])
+    before = np.cumsum(np.concatenate([none, batches[:-1]]), axis=0)
+    after = np.cumsum(np.concatenate([none, batches[:0:-1]]), axis=0)[::-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = np.array([function(others) for others in before + after])
+        mean = left.mean(axis=0)
+        variance = (n - 1) / n * np.square(np.abs(left - mean)).sum(axis=0)
+        known = np.isfinite(variance)
+        return np.where(known, n * value - (n - 1) * mean, value), np.where(known, np.sqrt(variance), np.nan)
 
 
 def autocorrelation(image: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from scipy.spatial import KDTree
 
 from specklegen.costs import direct_nanoseconds, nufft_nanoseconds
 from specklegen.fields.nufft import NufftEvaluator
-from specklegen.gates import Sampler, Verdict
+from specklegen.gates import Sampler, Verdict, independence_doubt
 from specklegen.illumination import CollimatedBeams, IncoherentObject, PointSources
 from specklegen.mean import ballistic_fraction, mean_field
 from specklegen.pilots import Pilot, scene_evaluator, scene_pilot, scene_stationary_error
@@ -22,14 +22,9 @@ def validity_verdicts(scene: Scene) -> list[Verdict]:
     medium, wavelength = scene.medium, scene.wavelength
     limited = isinstance(scene.illumination, CollimatedBeams | IncoherentObject)
     width = scene.beams.width if limited else np.inf
-    if medium.mean_free_path < wavelength:
-        found.append(
-            Verdict(
-                "independent scattering",
-                True,
-                f"assumed, but doubtful: the mean free path {medium.mean_free_path:g} is below the wavelength",
-            )  # fmt: skip
-        )
+    doubt = independence_doubt(medium.mean_free_path, wavelength)
+    if doubt:
+        found.append(Verdict("independent scattering", True, f"assumed, but doubtful: {doubt}"))
     if width**2 < 10 * wavelength * medium.thickness:
         found.append(
             Verdict(

@@ -271,6 +271,35 @@ def test_jackknife_of_one_batch_has_no_error():
     assert np.isnan(error).all()
 
 
+def test_jackknife_of_one_lit_batch_has_no_error():
+    """Without that batch nothing is left to divide by: the ratio stands, its error is unknown."""
+    batches = np.zeros((64, 2))
+    batches[5] = 3.0, 4.0
+    value, error = jackknife(batches, lambda total: total[0] / total[1])
+    assert value == 0.75
+    assert np.isnan(error)
+
+
+def test_jackknife_keeps_a_faint_batch_beside_a_bright_one():
+    """What the bright batch leaves is the faint one's own ratio, not the rounding of a difference."""
+    batches = np.zeros((3, 2))
+    batches[0], batches[2] = (1e20, 1e20), (0.3, 0.4)
+    value, error = jackknife(batches, lambda total: total[0] / total[1])
+    # Ratios without each batch: 0.75, 1, 1; the mean 11/12, so 3 - 2 * 11/12 and sqrt(2/3 (1/36 + 2/144)).
+    assert value == pytest.approx(7 / 6, rel=1e-12)
+    assert error == pytest.approx(1 / 6, rel=1e-12)
+
+
+def test_the_faintest_light_has_its_correlation():
+    """At an albedo of 1e-250 the product of two intensities underflows; their roots do not."""
+    found, right = (
+        sg.memory_effect(slab(1.0, albedo=a), wavelength=WAVELENGTH, tilts=[0.0, 1e-3], paths=640, mode="reflection")
+        for a in (1e-250, 1e-50)
+    )
+    assert found.intensity[0] == pytest.approx(1, abs=1e-12)
+    np.testing.assert_allclose(found.intensity, right.intensity, rtol=1e-9)
+
+
 @pytest.mark.parametrize("options", [{}, {"mode": "reflection"}])
 def test_standard_errors_are_calibrated(options):
     """z of independent seeds about their common mean has variance 1: chi-square within its limits."""

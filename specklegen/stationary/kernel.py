@@ -195,7 +195,8 @@ def _told_apart(medium: Slab) -> tuple[float, float]:
     far less than a transport length.
     """
     drop = min(1.0, 1 - medium.scatterer.g)
-    return 1e-3 * drop * medium.thickness, 1e3 * (medium.thickness + medium.mean_free_path)
+    thickness = medium.thickness or 1.0  # without depth there is no light, and any bins will do
+    return 1e-3 * drop * thickness, 1e3 * (thickness + medium.mean_free_path)
 
 
 def lateral_distance(bank: PathBank) -> np.ndarray:

@@ -1,0 +1,250 @@
+"""Random scenes, valid and not: no crash, no NaN, no warning, no silent nonsense; a refusal names the field."""
+
+import warnings
+from contextlib import contextmanager
+from unittest import mock
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from random_scenes import directions, powers, scenes, slabs, wavelengths
+from zscore import limit
+
+import specklegen as sg
+from specklegen.pathspace import tracing
+from specklegen.values import RuleError
+
+
+def examples(count: int):
+    """Settings of a property: the same examples at every run."""
+    return settings(
+        max_examples=count, derandomize=True, deadline=None, database=None,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    )  # fmt: skip
+
+
+def few_and_many(few: int, many: int):
+    """Parametrise a test's number of examples: few by default, many under ``slow``."""
+    return pytest.mark.parametrize("count", [few, pytest.param(many, marks=pytest.mark.slow)])
+
+
+@contextmanager
+def strict():
+    """Every warning is an error, but that the mean free path may be below the wavelength."""
+    with warnings.catch_warnings(), np.errstate(divide="raise", over="raise", invalid="raise"):
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", sg.DoubtWarning)
+        yield
+
+
+def result_or_refusal(word: str, call):
+    """What a call returns, or None where it is refused for a reason that holds a word."""
+    try:
+        return call()
+    except RuleError as refused:
+        if word not in str(refused):
+            raise
+        return None
+
+
+def assert_sensible(scene: sg.Scene, found: sg.Covariance) -> None:
+    t, v = len(scene.lights), len(scene.views)
+    assert found.value.shape == found.standard_error.shape == (t, v, t, v)
+    for array in (found.value, found.single, found.multiple, found.standard_error):
+        assert np.isfinite(array).all()
+    matrix = found.value.reshape(t * v, t * v)
+    assert np.array_equal(matrix, matrix.conj().T)
+    assert (matrix.diagonal().real >= 0).all()
+    assert (found.standard_error >= 0).all()
+    if matrix.size:
+        # Rounding of a sum of outer products: far below the largest eigenvalue, at most the trace.
+        assert np.linalg.eigvalsh(matrix).min() >= -1e-12 * max(matrix.trace().real, 1e-300)
+
+
+# ---- Valid scenes --------------------------------------------------------------------------------------
+
+
+@few_and_many(40, 1000)
+def test_any_scene_has_a_covariance_a_plan_and_an_image(count):
+    @examples(count)
+    @given(scene=scenes(), seed=st.integers(0, 2**32), reverse=st.sampled_from([True, False, "auto"]))
+    def check(scene, seed, reverse):
+        with strict():
+            found = sg.covariance(scene, paths=64, seed=seed, reverse=reverse)
+            assert_sensible(scene, found)
+            plan = sg.plan(scene, paths=16, reverse=reverse)
+            assert np.isfinite([plan.seconds, plan.expected_error, plan.memory_bytes]).all()
+            assert plan.explain()
+            doubtful = scene.medium.mean_free_path < scene.wavelength
+            assert ("below the wavelength" in plan.explain()) == doubtful
+            stack = sg.render(scene, paths=16, seed=seed, reverse=reverse)
+        assert stack.field.shape == (len(scene.lights), *scene.sensor.shape)
+        assert np.isfinite(stack.field).all()
+        assert (stack.intensity >= 0).all()
+
+    check()
+
+
+@few_and_many(30, 500)
+def test_the_mean_field_is_finite_or_refused(count):
+    @examples(count)
+    @given(scene=scenes())
+    def check(scene):
+        with strict():
+            mean = result_or_refusal("mean_field", lambda: sg.mean_field(scene))
+        if mean is None:
+            return
+        assert mean.shape == (len(scene.lights), *scene.sensor.shape)
+        assert np.isfinite(mean).all()
+
+    check()
+
+
+@few_and_many(20, 300)
+def test_any_unit_of_length_gives_the_same_light(count):
+    """All lengths times a power of two: the same paths, to rounding; C is an area, a ratio, or one over an area."""
+
+    @examples(count)
+    @given(scene=scenes(), power=st.integers(-20, 20), seed=st.integers(0, 99))
+    def check(scene, power, seed):
+        s = 2.0**power
+        medium = scene.medium
+        if isinstance(medium, sg.Slab):
+            scaled = medium.replace(thickness=s * medium.thickness, mean_free_path=s * medium.mean_free_path)
+        else:
+            scaled = medium.replace(lower=s * medium.lower, upper=s * medium.upper)
+            if isinstance(medium, sg.Box):
+                scaled = scaled.replace(mean_free_path=s * medium.mean_free_path)
+            else:
+                scaled = scaled.replace(extinction=medium.extinction / s)
+        light, sensor, order = scene.illumination, scene.sensor, 0
+        if isinstance(light, sg.PointSources):
+            light, order = light.replace(points=s * light.points), -1
+        elif isinstance(light, sg.CollimatedBeams):
+            light = light.replace(width=s * light.width)
+        if isinstance(sensor, sg.NearField):
+            sensor = sensor.replace(points=s * sensor.points)
+        else:
+            order += 1
+        other = sg.Scene(wavelength=s * scene.wavelength, medium=scaled, illumination=light, sensor=sensor)
+        # Pilots are keyed by the scene's content and would thin the two differently.
+        with strict(), mock.patch.object(tracing, "_thinned", lambda tracer, seed: tracer):
+            tracing.scene_tracer.cache_clear()
+            one, two = (sg.covariance(each, paths=16, seed=seed, reverse=False).value for each in (scene, other))
+        tracing.scene_tracer.cache_clear()
+        two = two / s ** (order * (scene.dimension - 1))
+        # Phases of up to 1e9 turns (a beam of 1e4 wavelengths at 1e-3 of grazing in a slab of 1e7) carry 1e-7.
+        assert np.abs(two - one).max(initial=0.0) <= 1e-6 * np.abs(one).max(initial=0.0)
+
+    check()
+
+
+@few_and_many(10, 200)
+def test_no_more_light_leaves_than_enters(count):
+    """Forward paths only: the integral of I over all directions is at most what meets the medium."""
+
+    @examples(count)
+    @given(
+        depth=powers(-3, 1), albedo=st.floats(0, 1), g=st.floats(-0.5, 0.5), aspect=powers(-1, 1),
+        light=directions(3, 1, forward=True), seed=st.integers(0, 99),
+    )  # fmt: skip
+    def check(depth, albedo, g, aspect, light, seed):
+        box = sg.Box(
+            lower=[0, 0, 0], upper=[10 * depth * aspect, 10 * depth, 10 * depth], mean_free_path=10.0, albedo=albedo,
+            scatterer=sg.HenyeyGreenstein(g=g),
+        )  # fmt: skip
+        # Even over the sphere: Fibonacci's spiral; its quadrature of so smooth a light is good to 1e-2.
+        n = np.arange(64)
+        z, turn = 1 - (2 * n + 1) / 64, np.pi * (1 + np.sqrt(5)) * n
+        views = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], 1)
+        made = sg.Scene(
+            wavelength=1.0, medium=box, illumination=sg.PlaneWaves(directions=light),
+            sensor=sg.FarField(directions=views),
+        )  # fmt: skip
+        with strict():
+            found = sg.covariance(made, paths=640, seed=seed, reverse=False)
+        scattered = 4 * np.pi * found.intensity[0].mean()
+        error = 4 * np.pi * np.einsum("tvtv->tv", found.standard_error)[0].mean()
+        sides = box.upper - box.lower
+        incident = np.abs(light[0]) @ (np.prod(sides) / sides)
+        assert scattered <= 1.01 * incident + limit(degrees=63) * error
+
+    check()
+
+
+@few_and_many(25, 500)
+def test_memory_effect_of_any_slab(count):
+    @st.composite
+    def cases(draw):
+        wavelength = draw(wavelengths)
+        return wavelength, draw(slabs(wavelength)), draw(st.lists(powers(-9, -0.3), max_size=3))
+
+    @examples(count)
+    @given(case=cases(), mode=st.sampled_from(["transmission", "reflection"]), paths=st.sampled_from([1, 2, 64, 640]))
+    def check(case, mode, paths):
+        wavelength, medium, tilts = case
+        with strict():
+            found = result_or_refusal(
+                "view + tilts",  # beyond grazing
+                lambda: sg.memory_effect(
+                    medium, wavelength=wavelength, tilts=[0.0, *tilts, *tilts[:1]], mode=mode, paths=paths
+                ),
+            )
+        if found is None:
+            return
+        dark = np.isnan(found.intensity)
+        assert dark.all() or not dark.any()
+        assert dark.any() or found.intensity[0] == pytest.approx(1, abs=1e-9)
+        assert (dark == np.isnan(found.field)).all()
+        # Free of bias, so noise may take it out of [0, 1]; the field itself is a correlation.
+        assert dark.any() or np.abs(found.field).max() <= 1 + 1e-9
+        if paths == 1:
+            assert np.isnan(found.standard_error).all()
+
+    check()
+
+
+# ---- Values that are none ------------------------------------------------------------------------------
+
+NUMBERS = st.one_of(st.just(float("nan")), st.just(float("inf")), st.just(-1.0), st.text(max_size=3), st.none())
+NO_VECTORS = st.one_of(
+    st.just("up"), st.just([[0.0, 0.0, 2.0]]), st.just([[float("nan"), 0.0, 1.0]]), st.just([[1.0]]), st.just([[]]),
+    st.just([[[0.0, 1.0]], [[1.0]]]),
+)  # fmt: skip
+SLAB = {"thickness": 10.0, "mean_free_path": 1.0, "scatterer": sg.Isotropic()}
+BOX = {"lower": [0, 0, 0], "upper": [1, 1, 1], "mean_free_path": 1.0, "scatterer": sg.Isotropic()}
+BEAMS = {"directions": [[0.0, 0.0, 1.0]], "width": 1.0}
+VOXELS = {"lower": [0, 0], "upper": [1, 1], "extinction": [[1.0]], "scatterers": (sg.Isotropic(),)}
+BREAKS = [
+    *[(sg.Slab, SLAB, field, NUMBERS) for field in ("thickness", "mean_free_path", "albedo")],
+    *[(sg.Box, BOX, field, NUMBERS) for field in ("mean_free_path", "albedo", "scatterer", "lower", "upper")],
+    *[(sg.VoxelGrid, VOXELS, field, NUMBERS) for field in ("extinction", "albedo", "material", "scatterers")],
+    (sg.CollimatedBeams, BEAMS, "width", st.one_of(NUMBERS, st.just(0.0))),
+    (sg.CollimatedBeams, BEAMS, "profile", NUMBERS),
+    (sg.CollimatedBeams, BEAMS, "directions", NO_VECTORS),
+    (sg.PlaneWaves, {}, "directions", NO_VECTORS),
+    (sg.FarField, {}, "directions", NO_VECTORS),
+    (sg.NearField, {}, "points", st.one_of(st.just("here"), st.just([[float("inf"), 0.0]]), st.just([[1.0]]))),
+    (sg.PointSources, {}, "points", st.one_of(st.just("here"), st.just([[float("nan"), 0.0]]), st.just([1.0, 2.0]))),
+    (sg.HenyeyGreenstein, {}, "g", st.one_of(NUMBERS, st.sampled_from([1.0, 1.5]), st.floats(max_value=-1))),
+    (sg.VonMisesFisher, {}, "concentration", NUMBERS),
+    (sg.FarFieldGrid, {"shape": (3, 3), "pitch": 1e-3}, "pitch", st.one_of(NUMBERS, st.just(0.0), st.just(10.0))),
+    (sg.FarFieldGrid, {"shape": (3, 3), "pitch": 1e-3}, "shape", st.sampled_from([(0, 1), (1,), (2.5, 1), "x", None])),
+]
+
+
+@few_and_many(150, 2000)
+def test_a_broken_field_is_named(count):
+    @examples(count)
+    @given(data=st.data(), choice=st.sampled_from(BREAKS))
+    def check(data, choice):
+        owner, fields, name, bad = choice
+        with strict(), pytest.raises(RuleError) as caught:
+            owner(**(fields | {name: data.draw(bad)}))
+        message = str(caught.value)
+        assert f"{owner.__name__}.{name}" in message, message
+        assert " must be " in message
+        assert "; got " in message
+
+    check()

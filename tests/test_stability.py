@@ -1,0 +1,48 @@
+"""Every row of the stability report passes, or is refused with its reason: docs/stability.md and these tests agree."""
+
+import numpy as np
+import pytest
+
+from scripts.stability import FAST, SLOW
+from scripts.stability.row import Row, holds, measured, refused, within
+from specklegen.values import reject
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("row", [*FAST, *(pytest.param(row, marks=pytest.mark.slow) for row in SLOW)],
+                         ids=lambda row: row.__name__)  # fmt: skip
+def test_row(row):
+    found = row()
+    assert found.passed, f"{found.case}: {found.right} expected, {found.ours} found; error {found.error}"
+
+
+def test_rows_have_names_and_cases_of_their_own():
+    names = [row.__name__ for row in (*FAST, *SLOW)]
+    assert len(set(names)) == len(names)
+
+
+# ---- A row that should fail does -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        within("", "", 1.0, 1.0 + 2e-9, 1e-9),
+        within("", "", 1.0, np.nan, 1e-9),
+        measured("", "", 1.0, 1.2, 0.03),
+        measured("", "", 1.0, np.nan, 0.03),
+        measured("", "", [1.0, 2.0], [1.0, 2.1], 0.0),
+        measured("", "", 1.0, 1.0, np.nan),
+        holds("", "", "", {"yes": True, "no": False}),
+        refused("", "", [(lambda: None, ["field"])]),
+        refused("", "", [(lambda: reject("Owner.name", "right", 0), ["Owner.field"])]),
+    ],
+)
+def test_a_wrong_answer_fails(row: Row):
+    assert not row.passed
+    assert row.verdict == "**FAIL**"
+
+
+def test_a_refusal_shows_its_message():
+    row = refused("", "", [(lambda: reject("Owner.field", "right", 0), ["Owner.field"])])
+    assert row.verdict == "refused: Owner.field must be right; got 0."
