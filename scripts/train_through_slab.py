@@ -166,14 +166,15 @@ def leakage(example: Example) -> None:
     print(f"\nleakage, {samples} images\n\n| trained through | those media | new media |\n|---|---|---|")
     for name, media in (("one medium", 1), ("many media", samples // 8)):
         recipe = load_recipe("through-slab", {"media": media})
-        store = example.store(name.replace(" ", "-"), recipe, "train", samples + held_out + example.images)
-        every = examples(store, "camera")
+        total = samples + held_out + example.images
+        store = example.store(name.replace(" ", "-"), recipe, "train", total)
+        every = examples(store, "camera", samples + held_out)
         shown, chosen = (
             Examples(*(field[part] for field in every)) for part in (slice(samples), slice(samples, samples + held_out))
         )
         folder = example.out / name.replace(" ", "-")
         model = train(BY_HEART, shown, chosen, folder, seconds=example.seconds)
-        same = [store.batch(range(samples + held_out, len(store)))]
+        same = [store.batch(range(samples + held_out, total))]
         fresh = batches_of(load_recipe("through-slab"), example.images, seed=1, split="train")
         found = [evaluate({name: model.reconstruct}, batches)[0].values[name] for batches in (same, fresh)]
         scores = " | ".join(f"{each['sharp']['pearson'].mean():.3f}" for each in found)
