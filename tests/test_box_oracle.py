@@ -55,6 +55,7 @@ def test_energy_in_two_dimensions():
         assert_mean(total, 1.1 * 10 * (1 - np.exp(-2)))
 
 
+@pytest.mark.slow
 def test_energy_in_three_dimensions():
     """Views drawn anew for every batch, uniform over the sphere."""
     rng = np.random.default_rng(2)
@@ -74,6 +75,7 @@ def test_single_scattering_of_the_reference_cube():
     assert_mean(batches(intensity, setup, 200)[:, 0], np.array([26.809, 397.87]), slack=0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reverse", [False, True])
 def test_fields_have_the_covariance(reverse):
     """Mixtures too: field mode draws particles, covariance mode adds them up (A17)."""
@@ -102,6 +104,7 @@ def tilted_amplitude(cos):
     return np.exp(2j * cos) * np.sqrt((1 + 0.8 * cos) / (2 * np.pi))
 
 
+@pytest.mark.slow
 def test_electric_field_monte_carlo_has_intensities_and_no_correlation():
     """A04."""
     setup = plane_wave_box((0, 3), (0, 3))
@@ -143,6 +146,7 @@ LAYERS = Medium(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reverse", [False, True])
 def test_layers_are_reciprocal(reverse):
     """A18. Forward paths are so by their densities alone: x1 and x_B lie in layers of other extinction and albedo."""
@@ -166,6 +170,7 @@ def test_a_path_and_its_reverse_have_one_balance_weight():
     np.testing.assert_allclose(np.unique(weights.round(9)), np.unique(expected.round(9)), rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reverse", [False, True])
 def test_equal_cells_with_a_void_are_one_box_with_a_void(reverse):
     """A18: 2 x 1 cells of one density, given as one cell or two, beside vacuum."""
@@ -186,6 +191,7 @@ def test_equal_cells_with_a_void_are_one_box_with_a_void(reverse):
     )
 
 
+@pytest.mark.slow
 def test_backscattering_is_s_plus_2m_over_s_plus_m():
     """And for a narrow beam, (S + M + M_in)/(S + M): with the region narrow or wide, the same."""
     setup = plane_wave_box(views=(180,))

@@ -32,6 +32,7 @@ def test_memory_effect_reaches_the_error_asked_for():
     assert 0.7 * 0.02 < curve.standard_error.max() < 1.3 * 0.02
 
 
+@pytest.mark.slow
 def test_the_count_comes_from_the_scene_alone_so_stopping_cannot_bias():
     """Every seed runs as many paths: what is averaged never decides when to stop. And the mean over seeds is right."""
     runs = [sg.covariance(SCENE, rel_error=0.3, seed=seed) for seed in range(36)]

@@ -45,6 +45,7 @@ def test_reflection_has_the_published_figures(albedo, forward, both):
     assert found == pytest.approx(both, abs=1e-3)  # three digits are given, of a Monte Carlo
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("optical_depth", "error"), [(10, 1e-3), (20, 2e-4), (40, 6e-5)])
 def test_thick_slabs_have_the_closed_form(optical_depth, error):
     """Diffusion with exponential depths: its measured errors, far below the 0.003 that physics.md gives it."""
@@ -98,6 +99,7 @@ def test_the_kernel_is_the_exponential_integral_and_decays_sideways():
         assert total == pytest.approx(np.arctan(kappa) / kappa, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_answer_does_not_depend_on_the_panels(monkeypatch):
     coarse = field_correlation(Q, 5)
     monkeypatch.setattr(correlation_transfer, "_GRID", np.polynomial.legendre.leggauss(12))
@@ -132,6 +134,7 @@ def test_single_scattering_is_that_of_eq_41(side):
     assert found.single * 10 * 0.1 * 0.9 / (4 * np.pi) == pytest.approx(column * irradiance / width**2, rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_algorithm_1_solves_the_same_equation(side):
     """A slab of unlimited plane waves per unit area, tilts of 0.02 at mean free paths of 10 wavelengths."""

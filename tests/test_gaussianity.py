@@ -21,6 +21,7 @@ BOX = sg.Scene(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "paths"), [(SLAB, 4), (BOX, 1)])
 def test_the_kurtosis_predicted_is_the_kurtosis_rendered(scene, paths):
     stack = sg.render(scene, paths=paths, sampler="paths", reverse=False, realizations=8192, seed=5)

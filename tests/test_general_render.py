@@ -47,6 +47,7 @@ def test_plans_tell_what_is_done(name):
     assert "nan" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["paths", "covariance"])
 def test_images_have_the_covariance(sampler):
     stack = sg.render(

@@ -55,12 +55,14 @@ def test_forward_paths_are_those_of_the_monte_carlo():
         assert_z(forward.mean(axis=0), 1.1 * third.mean(axis=0), error, degrees=63)
 
 
+@pytest.mark.slow
 def test_other_orders_vanish_for_nodes_apart():
     """Within 1e-2 of forward away from backscattering, with nodes two wavelengths apart."""
     found, _ = shares(20, 6000, apart=2.0)
     assert_mean(found[:, OTHERS, :2].real, 0.0, slack=1e-2)
 
 
+@pytest.mark.slow
 def test_other_orders_come_from_nodes_within_a_wavelength():
     """Without that, exchanged neighbours add some 4 % in transmission, and half as much in a box twice as large."""
     small, large = (shares(side, 12_000)[0][:, [1, 2], 0].real.mean(axis=1) for side in (20, 40))

@@ -99,6 +99,7 @@ def test_the_matrix_over_lights_and_views_is_hermitian_positive_and_reciprocal()
     assert np.linalg.eigvalsh(c).min() > -1e-12 * c.real.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_algorithm_1_has_this_single_scattering(dimension):
     """A01: 20 quadruples of the 10-wavelength box, complex, from 64 batches."""
