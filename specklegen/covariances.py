@@ -171,7 +171,10 @@ def covariance(
     verdicts = (scene_reversal(scene, reverse, tolerance), alone)
     if not alone.needed:
         value = single_covariance(scene, all_quadruples(t, v) if chosen is None else chosen)
-        value = value if chosen is not None else value.reshape(t, v, t, v)
+        if chosen is None:
+            value = value.reshape(t * v, t * v)
+            _mirror(value)  # each half has a rounding of its own
+            value = value.reshape(t, v, t, v)
         left_out = volume_pilot(scene, reversal).multiple_share
         zeros = np.zeros(value.shape)
         return Covariance(value, zeros, value, zeros.astype(np.complex128), 0, reversal, left_out, 0, verdicts)

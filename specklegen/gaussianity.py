@@ -71,7 +71,8 @@ class PathMoments:
         mean = whole.mean()
         if not mean > 0:
             return cls(0.0, 0.0)
-        return cls(float(whole.var() / mean**2), float(np.square(weights).sum() / count / mean**2))
+        # Over the mean before they are squared: the square of faint light underflows.
+        return cls(float((whole / mean).var()), float(np.square(weights / mean).sum() / count))
 
     def paths_for(self, rel_error: float) -> int:
         """Return the paths that leave sqrt(Var w / (N (E w)^2)) at ``rel_error``."""

@@ -159,7 +159,8 @@ def _integrate_boxes(size: np.ndarray, extinction: float, away: np.ndarray, wave
             corners, owner = _cut(corners, owner, level, 1e-13 * float(size.max()))
     gap = np.abs(face[owner, None] - corners[:, :, None])  # [n, corner, ray, axis]
     moving = np.broadcast_to(speed[owner, None] > 0, gap.shape)
-    distance = np.divide(gap, speed[owner, None], out=np.full(gap.shape, np.inf), where=moving).min(axis=-1)
+    with np.errstate(over="ignore"):  # along a face but for a denormal: as far as along it
+        distance = np.divide(gap, speed[owner, None], out=np.full(gap.shape, np.inf), where=moving).min(axis=-1)
     exponent = 1j * (corners * wave[owner, None]).sum(axis=-1) - 0.5 * extinction * distance.sum(axis=-1)
     volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))  # d! times that of the simplex
     pieces = volume * _divided_exp(exponent)

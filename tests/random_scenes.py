@@ -4,6 +4,7 @@ Lengths other than the wavelength are drawn in wavelengths, so that all decades 
 """
 
 import numpy as np
+from hypothesis import assume
 from hypothesis import strategies as st
 
 import specklegen as sg
@@ -139,4 +140,6 @@ def scenes(draw) -> sg.Scene:
         if near
         else sg.FarField(directions=draw(directions(dimension, views)))
     )
+    if near and source is sg.PointSources and lights and views:  # a sensor on a source is refused
+        assume(np.linalg.norm(light.points[:, None] - sensor.points, axis=-1).min() > 0.1 * wavelength)
     return sg.Scene(wavelength=wavelength, medium=medium, illumination=light, sensor=sensor)
