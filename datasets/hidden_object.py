@@ -124,6 +124,12 @@ class HiddenObject(Recipe):
     def _field_number(self) -> Draw:
         return (self.field.pitch or self.field.extent_over_range or 0.0) if self.field is not None else 0.0
 
+    @property
+    def field_varies(self) -> bool:
+        """Whether two media may show objects of different extent."""
+        low, high = ends(self._field_number)
+        return low < high
+
     def plans(self) -> list[Plan]:
         """Plans for a full object, as large as it can be, at the ends of every range of the material."""
         return [plan(self.scene(slab), paths=self.material.kernel_paths) for slab in self.material.extremes()]

@@ -11,16 +11,19 @@ if TYPE_CHECKING:
     from specklegen.models.metrics import align, bootstrap, scores
     from specklegen.models.phase_retrieval import Retrieval, retrieve
     from specklegen.models.reconstructor import Reconstructor, load_pretrained
+    from specklegen.models.recoverability import Verdict, recoverable
     from specklegen.models.training import Training, train
 
 _HOME = {
     "Reconstructor": "reconstructor",
     "Retrieval": "phase_retrieval",
     "Training": "training",
+    "Verdict": "recoverability",
     "align": "metrics",
     "bootstrap": "metrics",
     "evaluate": "evaluation",
     "load_pretrained": "reconstructor",
+    "recoverable": "recoverability",
     "retrieve": "phase_retrieval",
     "scores": "metrics",
     "train": "training",
@@ -29,10 +32,12 @@ __all__ = [
     "Reconstructor",
     "Retrieval",
     "Training",
+    "Verdict",
     "align",
     "bootstrap",
     "evaluate",
     "load_pretrained",
+    "recoverable",
     "retrieve",
     "scores",
     "train",

@@ -97,11 +97,11 @@ def evaluate(
         methods |= {"Katz": baselines.katz(settings, seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
     named = {path.parent.name or str(path): Reconstructor.load(path) for path in models or []}
-    for name, model in (named or {"packaged U-Net": load_pretrained()}).items():
-        methods[name] = model.reconstruct
+    named = named or {"packaged U-Net": load_pretrained()}
+    methods |= {name: model.reconstruct for name, model in named.items()}
     found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.geometry.profile)
     found.write(out)
-    shown = evaluation.best_median_worst(cases, list(methods)[-1])
+    shown = evaluation.best_median_worst(cases, next(iter(named)))
     contact_sheet(shown, out / "cases.png")
     typer.echo(found.markdown())
     typer.echo(f"{out / 'summary.md'}, {out / 'summary.csv'}, {out / 'images.csv'}, {out / 'cases.png'}")

@@ -10,7 +10,7 @@ any font; slabs and media are new in every split.
 """
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import torch
@@ -30,10 +30,12 @@ from specklegen.models.training import Training, train
 CLASSES = {"objects": {"disjoint": "character"}}
 GROUPED = CLASSES | {"media_group": 8}
 """Eight training objects share a medium: preparing one costs more than an image. Nothing that is tested does."""
+HALF_TURNS = "9M"
+"""Training characters that are one of the test split (6, W) upside down, which an autocorrelation cannot tell."""
 NETWORKS = {
-    "U-Net": Training(input="autocorrelation", epochs=40),
-    "dense net": Training(input="autocorrelation", network="dense", width=32, learning_rate=2e-3, epochs=40),
-    "U-Net on the image": Training(input="camera", epochs=40),
+    "U-Net": Training(weight_decay=0.05, epochs=60),
+    "dense net": Training(network="dense", width=32, learning_rate=2e-3, weight_decay=0.05, epochs=60),
+    "U-Net on the image": Training(input="camera", weight_decay=0.05, epochs=60),
 }
 BY_HEART = Training(
     input="camera", network="dense", width=8, loss="pearson", learning_rate=1e-3, batch_size=32, epochs=60
@@ -43,11 +45,20 @@ RANGES = (0.5, 1.0, 2.0, 3.0)
 PARTS = ("networks", "unseen", "families", "ranges", "leakage")
 
 
+def without_half_turns(recipe, seed: int, split: str, samples: int) -> list[int]:
+    """Samples of a split that show no held-out character upside down."""
+    source = recipe.objects.source
+    return [n for n in range(samples) if split != "train" or source(seed, split, n)[-1] not in HALF_TURNS]
+
+
 class Example:
     """The folder of the example, and what is in it."""
 
-    def __init__(self, out: Path, seconds: float, samples: int, images: int, retrieval: Retrieval) -> None:
-        self.out, self.seconds, self.samples, self.images, self.retrieval = out, seconds, samples, images, retrieval
+    def __init__(
+        self, out: Path, seconds: float, samples: int, images: int, retrieval: Retrieval, networks: Sequence[str]
+    ) -> None:
+        self.out, self.seconds, self.samples, self.images = out, seconds, samples, images
+        self.retrieval, self.networks = retrieval, networks
 
     def store(self, name: str, recipe, split: str, samples: int, seed: int = 0) -> SpeckleCache:
         """Store of a name, filled up."""
@@ -56,12 +67,24 @@ class Example:
             generate(recipe, seed, split, samples=samples, folder=folder, progress=progress)
         return SpeckleCache(folder)
 
-    def network(self, name: str, training: Training, data: SpeckleCache, held_out: SpeckleCache) -> Reconstructor:
+    def shown(self, kind: str) -> Examples:
+        """What the networks of the main table learn from: two stores, less the characters that tests turn over."""
+        parts = []
+        for name, changes, seed, samples in (
+            ("train", GROUPED, 2, self.samples), ("train-apart", CLASSES, 0, self.samples // 5),
+        ):  # fmt: skip
+            recipe = load_recipe("unknown-slab", changes)
+            store = self.store(name, recipe, "train", samples, seed)
+            kept = torch.tensor(without_half_turns(recipe, seed, "train", samples))
+            parts.append(Examples(*(field[kept] for field in examples(store, kind, samples))))
+        return Examples(*(torch.cat(fields) for fields in zip(*parts, strict=True)))
+
+    def network(self, name: str, training: Training, data: Callable[[str], Examples], held_out: SpeckleCache):
         """Train a network, or take up what is there."""
         folder = self.out / name.replace(" ", "-").lower()
         if (folder / "best.pt").exists() and torch.load(folder / "checkpoint.pt", weights_only=True)["finished"]:
             return Reconstructor.load(folder / "best.pt")
-        shown, tested = (examples(each, training.input) for each in (data, held_out))
+        shown, tested = data(training.input), examples(held_out, training.input)
         rows: list[Mapping[str, float]] = []
 
         def progress(row: Mapping[str, float]) -> None:
@@ -74,16 +97,18 @@ class Example:
 
     def trained(self) -> dict[str, Reconstructor]:
         """All networks of the main table."""
-        data = self.store("train", load_recipe("unknown-slab", GROUPED), "train", self.samples)
-        held_out = self.store("validation", load_recipe("unknown-slab", CLASSES), "validation", min(512, self.samples))
-        models = {name: self.network(name, training, data, held_out) for name, training in NETWORKS.items()}
+        held_out = self.store("validation", load_recipe("unknown-slab", CLASSES), "validation", min(384, self.samples))
+        models = {
+            name: self.network(name, training, self.shown, held_out)
+            for name, training in NETWORKS.items() if name in self.networks
+        }  # fmt: skip
         for name, model in models.items():
             print(f"{name}: {parameter_count(model.network)} parameters")
-        models["U-Net"].save(self.out / "unknown-slab.pt", half=True)
+            model.save(self.out / f"{name.replace(' ', '-').lower()}.pt", half=True)
         return models
 
     def judge(self, title: str, recipe, models: Mapping[str, Reconstructor], split: str = "test", seed: int = 0):
-        """Table and contact sheet of all methods on fresh samples of a recipe."""
+        """Table and contact sheet of all methods on fresh samples of a recipe, which are kept in a store."""
         objects = torch.stack([torch.from_numpy(recipe.objects.image(0, "train", n)) for n in range(256)])
         methods: dict[str, baselines.Method] = {
             "mean image": baselines.mean_image(objects),
@@ -91,7 +116,9 @@ class Example:
             "Katz, C_I": baselines.katz(self.retrieval, recipe=recipe),
         }
         methods |= {name: model.reconstruct for name, model in models.items()}
-        batches = batches_of(recipe, self.images, seed, split)
+        store = self.store(title, recipe, split, self.images, seed)
+        chosen = without_half_turns(recipe, seed, split, self.images)
+        batches = (store.batch(chosen[first : first + 64]) for first in range(0, len(chosen), 64))
         found, cases = evaluate(methods, batches, recipe.geometry.profile)
         found.write(self.out / title)
         print(f"\n{title}\n\n{found.markdown()}", flush=True)
@@ -118,16 +145,12 @@ def families(example: Example) -> None:
 
 
 def ranges(example: Example) -> None:
-    """Objects half to three memory-effect ranges wide, and a network trained on them."""
-    whole = load_recipe("beyond-memory-effect", GROUPED | {"media": "new"})
-    data = example.store("beyond", whole, "train", example.samples)
-    recipe = load_recipe("beyond-memory-effect", CLASSES)
-    held_out = example.store("beyond-validation", recipe, "validation", min(256, example.samples))
-    model = example.network("beyond", NETWORKS["U-Net"], data, held_out)
+    """Objects half to three memory-effect ranges wide, each behind its own medium; networks trained at half one."""
+    models = example.trained()
     curves: dict[str, dict] = {}
     for extent in RANGES:
-        changes = CLASSES | {"field": {"extent_over_range": extent}}
-        found = example.judge(f"range-{extent:g}", load_recipe("beyond-memory-effect", changes), {"U-Net": model})
+        changes = CLASSES | {"media": "new", "field": {"extent_over_range": extent}}
+        found = example.judge(f"range-{extent:g}", load_recipe("beyond-memory-effect", changes), models)
         for method in found.values:
             curves.setdefault(method, {})[extent] = found.interval(method)
     score_curves(curves, "extent of the object / memory-effect range", example.out / "ranges.png")
@@ -143,14 +166,15 @@ def leakage(example: Example) -> None:
     print(f"\nleakage, {samples} images\n\n| trained through | those media | new media |\n|---|---|---|")
     for name, media in (("one medium", 1), ("many media", samples // 8)):
         recipe = load_recipe("through-slab", {"media": media})
-        store = example.store(name.replace(" ", "-"), recipe, "train", samples + held_out + example.images)
-        every = examples(store, "camera")
+        total = samples + held_out + example.images
+        store = example.store(name.replace(" ", "-"), recipe, "train", total)
+        every = examples(store, "camera", samples + held_out)
         shown, chosen = (
             Examples(*(field[part] for field in every)) for part in (slice(samples), slice(samples, samples + held_out))
         )
         folder = example.out / name.replace(" ", "-")
         model = train(BY_HEART, shown, chosen, folder, seconds=example.seconds)
-        same = [store.batch(range(samples + held_out, len(store)))]
+        same = [store.batch(range(samples + held_out, total))]
         fresh = batches_of(load_recipe("through-slab"), example.images, seed=1, split="train")
         found = [evaluate({name: model.reconstruct}, batches)[0].values[name] for batches in (same, fresh)]
         scores = " | ".join(f"{each['sharp']['pearson'].mean():.3f}" for each in found)
@@ -167,14 +191,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("runs/through-slab"))
     parser.add_argument("--minutes", type=float, default=15.0, help="of two cores, for each network")
-    parser.add_argument("--samples", type=int, default=24576, help="training images")
+    parser.add_argument("--samples", type=int, default=28160, help="training images; a fifth more have a medium each")
     parser.add_argument("--images", type=int, default=128, help="images of each test")
     parser.add_argument("--restarts", type=int, default=20, help="of phase retrieval")
+    parser.add_argument("--network", choices=NETWORKS, action="append", help="of the main table (default: all)")
+    parser.add_argument("--threads", type=int, default=2, help="of torch")
     parser.add_argument("--only", choices=PARTS, action="append", help="parts to run (default: all)")
     chosen = parser.parse_args()
-    example = Example(
-        chosen.out, 120 * chosen.minutes, chosen.samples, chosen.images, Retrieval(restarts=chosen.restarts)
-    )
+    torch.set_num_threads(chosen.threads)
+    retrieval, networks = Retrieval(restarts=chosen.restarts), chosen.network or tuple(NETWORKS)
+    example = Example(chosen.out, 120 * chosen.minutes, chosen.samples, chosen.images, retrieval, networks)
     for part in chosen.only or PARTS:
         WORK[part](example)
 

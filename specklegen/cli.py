@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from specklegen.models import cli as learning
+from specklegen.models import recoverable_cli
 from specklegen.values import RuleError, reject
 
 app = typer.Typer(
@@ -333,6 +334,7 @@ def export(
 
 app.command()(learning.train)
 app.command()(learning.evaluate)
+app.command()(recoverable_cli.recoverable)
 
 
 class Progress:

@@ -109,4 +109,4 @@ def volume_memory_bytes(work: VolumeWork) -> int:
     paths = work.paths / 64 if work.covariance else min(work.paths, CHUNK)
     bank = paths * work.connections_per_path * (14 * 8 + 20) * 2
     matrices = pairs**2 * (16 * 6 + 8 * 3) if work.covariance else pairs * 16 * 3
-    return int(bank + matrices + 6 * 2**26 + _FIXED)
+    return int(bank + matrices + 2**26 + _FIXED)

@@ -1,0 +1,327 @@
+"""When phase retrieval works: simulate a table of cells, fit the verdict on half of them, judge it on the other half.
+
+    python scripts/fit_recoverability.py simulate --out tests/data/recoverability.csv [--cells 200] [--media 6]
+    python scripts/fit_recoverability.py predict tests/data/recoverability.csv    (the predicted columns anew)
+    python scripts/fit_recoverability.py fit tests/data/recoverability.csv
+
+A cell is a scene drawn at random (objects and their size, camera, extent over the memory-effect range, photons,
+saturation, envelope, polarisation, division by C_I or not); its success rate is the share of media behind which an
+object of the test split comes back with a Pearson correlation above 0.8 to the diffraction-limited object. Predictions
+see objects of the train split only. Even cells are fitted, odd cells judge: which is which was set before any was run.
+"""
+
+import argparse
+import csv
+import sys
+import time
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import torch
+from scipy.optimize import minimize
+from scipy.stats import binomtest
+from torch import Tensor
+
+from specklegen.camera import Camera, NoiseStreams, expose
+from specklegen.datasets import load_recipe
+from specklegen.datasets.hidden_object import HiddenObject
+from specklegen.models.apodisation import diffraction_limited, transfer_function
+from specklegen.models.autocorrelation import autocorrelation, memory_effect_at_lags
+from specklegen.models.metrics import align, pearson
+from specklegen.models.phase_retrieval import Retrieval, retrieve
+from specklegen.models.recoverability import COEFFICIENTS, conditions_of, total
+from specklegen.models.residual import GRID, REACH, Conditions, Residual, lag_window, residual
+from specklegen.parallel import one_torch_thread
+from specklegen.values import RuleError
+
+SUCCESS = 0.8
+SEED = 6
+RESTARTS = 4
+SCENE = ("objects", "side", "camera", "extent", "polarised", "compensation", "photons", "saturation", "beam", "removal")
+FOUND = Residual._fields
+HEAD = ("cell", *SCENE, *FOUND, "media", "successes", "mean_pearson")
+FAMILIES: dict[str, dict[str, Any]] = {
+    **{f"{count} points": {"type": "Points", "count": count} for count in (3, 6, 12, 24)},
+    "glyphs": {"type": "Glyphs"},
+    "bars": {"type": "Bars"},
+}
+
+
+class CellScene(NamedTuple):
+    """One line of the table: side and camera in pixels (3 a grain), the rest as in :class:`Conditions`.
+
+    ``photons`` and ``saturation`` are a pixel's, in electrons and over the mean.
+    """
+
+    objects: str
+    side: int
+    camera: int
+    extent: float
+    polarised: bool
+    compensation: bool
+    photons: float = float("inf")
+    saturation: float = float("inf")
+    beam: float = float("inf")
+    removal: float = 0.0
+
+    def recipe(self) -> HiddenObject:
+        """Scene with object and camera of one pitch."""
+        base = load_recipe("through-slab")
+        slab = base.material.extremes()[0]
+        pitch = self.extent * base.material.known(slab).range_sine(0.5) / self.side
+        changes = {
+            "media": 10_000,
+            "window": {"width": 0.5 / (GRID * pitch)},
+            "camera": {"shape": [self.camera, self.camera], "pixels_per_grain": float(GRID)},
+            "field": {"extent_over_range": self.extent},
+            "light": {"polarised": self.polarised},
+            "objects": {**FAMILIES[self.objects], "shape": [self.side, self.side]},
+        }
+        return cast(HiddenObject, load_recipe("through-slab", changes))
+
+    def conditions(self) -> Conditions:
+        """What the prediction knows of it."""
+        found = conditions_of(self.recipe(), compensation=self.compensation, beam=self.beam, removal=self.removal)
+        return found.replace(electrons=self.photons * GRID**2, saturation=self.saturation)
+
+
+def drawn(number: int) -> CellScene:
+    """Scene of a cell, a pure function of its number."""
+    rng = np.random.default_rng(np.random.SeedSequence([SEED, number]))
+
+    def hazard(share: float, low: float, high: float, none: float = float("inf")) -> float:
+        value = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+        return value if rng.random() < share else none
+
+    side = int(rng.choice([12, 18, 28]))
+    beam = hazard(0.25, 0.15, 0.6)
+    kept = rng.random() < 0.5
+    return CellScene(
+        objects=str(rng.choice(list(FAMILIES))),
+        side=side,
+        camera=2 * round(hazard(1, 96, 480) / 2),
+        extent=round(hazard(0.6, 0.3, 3.0, 0.1), 3),
+        polarised=bool(rng.random() < 0.7),
+        compensation=bool(rng.random() < 0.6),
+        photons=round(hazard(0.2, 0.02, 3.0), 4),
+        saturation=round(hazard(0.2, 0.1, 1.5), 3),
+        beam=round(beam, 3),
+        removal=0.0 if np.isinf(beam) or kept else 0.125,
+    )
+
+
+def exposed(image: np.ndarray, scene: CellScene, medium: int) -> np.ndarray:
+    """What the camera makes of an expected intensity of mean 1: the beam, the photons, the full well."""
+    x = (np.arange(scene.camera) - (scene.camera - 1) / 2) / (scene.beam * scene.camera)
+    image = np.clip(image, 0, None) * np.exp(-0.5 * (x[:, None] ** 2 + x**2))
+    if np.isinf(scene.photons):
+        return np.minimum(image, scene.saturation)
+    well = None if np.isinf(scene.saturation) else scene.saturation * scene.photons
+    camera = Camera(photons=scene.photons, full_well=well, bit_depth=None)
+    return expose(camera, image, NoiseStreams.of([SEED, medium])) / scene.photons
+
+
+def observed(scene: CellScene, media: int) -> tuple[Tensor, Tensor, np.ndarray]:
+    """Autocorrelations [B, n, n], objects [B, h, w] and the first camera image."""
+    recipe, found, objects, first = scene.recipe(), [], [], None
+    window = lag_window(scene.side)
+    for medium in range(media):
+        brightness = recipe.objects.image(0, "test", medium)
+        image = exposed(recipe.prepare(0, "test", medium).images(brightness)[0], scene, medium)
+        first = image if first is None else first
+        sigma = scene.removal * scene.camera or None
+        with one_torch_thread():
+            lags = autocorrelation(torch.from_numpy(image)[None], window, sigma=sigma, electrons=scene.photons)
+        found.append(lags)
+        objects.append(torch.from_numpy(brightness))
+    assert first is not None
+    return torch.stack(found), torch.stack(objects), first
+
+
+def retrieved(scene: CellScene, lags: Tensor, objects: Tensor, restarts: int = RESTARTS) -> tuple[Tensor, Tensor]:
+    """Images aligned with their targets, and the targets, float[B, n, n]."""
+    recipe, window = scene.recipe(), lags.shape[-1]
+    transfer = transfer_function(window, GRID)
+    c_i = None
+    if scene.compensation:
+        kernel = recipe.material.known(recipe.material.extremes()[0]).kernel
+        c_i = memory_effect_at_lags(kernel, 0.5, recipe.geometry.grid.pitch, window)
+    options = Retrieval(restarts=restarts, extent=REACH * scene.side)
+    found = retrieve(lags, options, memory_effect=c_i, transfer=transfer, threads=1)
+    with one_torch_thread():
+        target = diffraction_limited(objects, transfer).to(found.image)
+        return align(found.image, target), target
+
+
+def scores(scene: CellScene, media: int) -> Tensor:
+    """Pearson correlations of a cell's media; 0 where noise leaves nothing to retrieve from."""
+    lags, objects, _ = observed(scene, media)
+    result = torch.zeros(media)
+    for n in range(media):
+        try:
+            result[n] = pearson(*retrieved(scene, lags[n : n + 1], objects[n : n + 1]))[0]
+        except RuleError:  # no frequency has power above the noise
+            continue
+    return result
+
+
+def simulate(out: Path, cells: int, media: int) -> None:
+    """Write the table, a line as soon as it is there; a table that was begun is gone on with."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    done = len(out.read_text().splitlines()) - 1 if out.exists() else -1
+    begin = time.process_time()
+    with out.open("a", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if done < 0:
+            writer.writerow(HEAD)
+        for number in range(max(done, 0), cells):
+            scene = drawn(number)
+            predicted, found = residual(scene.conditions()), scores(scene, media)
+            good = int((found > SUCCESS).sum())
+            features = [f"{value:.6g}" for value in predicted]
+            row = [value if isinstance(value, str) else f"{float(value):g}" for value in scene]
+            writer.writerow([number, *row, *features, media, good, f"{found.mean():.4f}"])
+            file.flush()
+            print(f"{number}: {scene} {good}/{media}, {time.process_time() - begin:.0f} CPU s", file=sys.stderr)
+
+
+def predict_again(path: Path) -> None:
+    """Replace the predicted columns of a table: they follow from the scenes, which are drawn by number."""
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, HEAD, lineterminator="\n", extrasaction="ignore")
+        writer.writeheader()
+        for row in rows:
+            predicted = residual(drawn(int(row["cell"])).conditions())
+            writer.writerow(row | {name: f"{value:.6g}" for name, value in predicted._asdict().items()})
+
+
+class Table(NamedTuple):
+    """Columns of the CSV that the fit uses, float64[cells] each."""
+
+    cell: np.ndarray
+    noise: np.ndarray
+    distortion: np.ndarray
+    complexity: np.ndarray
+    media: np.ndarray
+    successes: np.ndarray
+
+    def chosen(self, which: np.ndarray) -> "Table":
+        """Some of the cells."""
+        return Table(*(column[which] for column in self))
+
+    def half(self, odd: bool) -> "Table":
+        """Cells of odd numbers, or of even ones."""
+        return self.chosen(self.cell % 2 == odd)
+
+    def logit(self, coefficients: np.ndarray) -> np.ndarray:
+        """Logarithm of the odds of success."""
+        constant, slope, per_grain, weight = coefficients
+        return (
+            constant + slope * np.log(total(self.noise, self.distortion, weight)) + per_grain * np.log(self.complexity)
+        )
+
+
+def read(path: Path) -> Table:
+    """Read the CSV."""
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    return Table(*(np.array([float(row[name]) for row in rows]) for name in Table._fields))
+
+
+def fitted(table: Table) -> np.ndarray:
+    """Coefficients of the greatest likelihood of the successes, float64[4]; a weak prior keeps them finite."""
+
+    def loss(c: np.ndarray) -> float:
+        z = table.logit(c)
+        likelihood = table.successes * np.logaddexp(0, -z) + (table.media - table.successes) * np.logaddexp(0, z)
+        return float(likelihood.sum() + 1e-3 * np.square(c).sum())
+
+    return minimize(loss, [0.0, -1.0, -1.0, 1.0], method="BFGS", options={"gtol": 1e-6}).x
+
+
+class Confusion(NamedTuple):
+    """Verdicts on cells whose measured rate lies outside 0.3 to 0.7."""
+
+    works_right: int
+    works_wrong: int
+    fails_right: int
+    fails_wrong: int
+
+    @property
+    def right(self) -> int:
+        """Verdicts that were right."""
+        return self.works_right + self.fails_right
+
+    @property
+    def n(self) -> int:
+        """Verdicts."""
+        return sum(self)
+
+
+def confusion(table: Table, coefficients: np.ndarray) -> Confusion:
+    """Count verdicts: works where the predicted probability is at least a half."""
+    rate = table.successes / table.media
+    clear = (rate < 0.3) | (rate > 0.7)
+    works, worked = (table.logit(coefficients) >= 0)[clear], (rate > 0.5)[clear]
+    pairs = ((works & worked), (works & ~worked), (~works & ~worked), (~works & worked))
+    return Confusion(*(int(x.sum()) for x in pairs))
+
+
+def wilson(successes: int, n: int) -> str:
+    """Share in percent with Wilson's 95 % interval."""
+    low, high = binomtest(successes, n).proportion_ci(0.95, method="wilson")
+    return f"{successes} of {n}, {100 * successes / n:.0f} % ({100 * low:.0f}-{100 * high:.0f})"
+
+
+def spans(table: Table, coefficients: np.ndarray) -> dict[str, tuple[float, float]]:
+    """Smallest and largest residual and complexity."""
+    residuals = total(table.noise, table.distortion, coefficients[3])
+    columns = {"residual": residuals, "complexity": table.complexity}
+    return {name: (float(x.min()), float(x.max())) for name, x in columns.items()}
+
+
+def report(table: Table) -> str:
+    """Coefficients from the even cells, and the confusion tables."""
+    even = table.half(odd=False)
+    coefficients = fitted(even)
+    named = {name: round(float(c), 4) for name, c in zip(COEFFICIENTS, coefficients, strict=True)}
+    ranges = {name: tuple(round(x, 4) for x in ends) for name, ends in spans(even, coefficients).items()}
+    lines = [f"COEFFICIENTS = {named}", f"FITTED = {ranges}"]
+    for name, odd in (("fitted", False), ("held out", True)):
+        half = table.half(odd)
+        found = confusion(half, coefficients)
+        rate, z = half.successes / half.media, half.logit(coefficients)
+        spread = np.sqrt(np.mean(np.square(rate - 1 / (1 + np.exp(-z)))))
+        lines += [
+            f"{name}: {len(half.cell)} cells, {found.n} outside 0.3 to 0.7; right {wilson(found.right, found.n)}; "
+            f"rms error of the probability {spread:.3f}",
+            f"  says works: {found.works_right} worked, {found.works_wrong} failed; "
+            f"says fails: {found.fails_right} failed, {found.fails_wrong} worked",
+        ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    commands = parser.add_subparsers(required=True, dest="command")
+    simulating = commands.add_parser("simulate")
+    simulating.add_argument("--out", type=Path, required=True)
+    simulating.add_argument("--cells", type=int, default=200)
+    simulating.add_argument("--media", type=int, default=6)
+    for name in ("predict", "fit"):
+        commands.add_parser(name).add_argument("table", type=Path)
+    chosen = parser.parse_args()
+    if chosen.command == "simulate":
+        simulate(chosen.out, chosen.cells, chosen.media)
+    elif chosen.command == "predict":
+        predict_again(chosen.table)
+    else:
+        print(report(read(chosen.table)))
+
+
+if __name__ == "__main__":
+    main()

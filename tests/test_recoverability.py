@@ -1,0 +1,218 @@
+"""When phase retrieval works: the residual's physics, the fit derived again, reasons, and the command."""
+
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from specklegen import cli
+from specklegen.datasets import load_recipe
+from specklegen.models import recoverable
+from specklegen.models.recoverability import COEFFICIENTS, COMPLEX, FITTED, REPAIRS, conditions_of, judge
+from specklegen.models.residual import Conditions, residual, speckle_contrast
+from specklegen.values import RuleError
+
+ROOT = Path(__file__).parent.parent
+TABLE = ROOT / "tests/data/recoverability.csv"
+
+
+def _script():
+    spec = importlib.util.spec_from_file_location("fit_recoverability", ROOT / "scripts/fit_recoverability.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+fit = _script()
+
+
+def objects(count=6, side=18, seed=0):
+    image = np.zeros((4, side * side))
+    rng = np.random.default_rng(seed)
+    for row in image:
+        row[rng.choice(side * side, count, replace=False)] = 1
+    return image.reshape(4, side, side)
+
+
+def scene(**changes):
+    """Six points, 6 grains wide, on a camera of 120 grains: works."""
+    fields = {"objects": objects(), "object_pitch": 1 / 3, "memory_effect": [1.0], "camera": 120.0}
+    return Conditions(**fields | changes)
+
+
+def falling(width):
+    return np.exp(-np.square(np.arange(40) / width))
+
+
+FAILURES = {
+    "too few grains": {"camera": 15.0},
+    "beyond the memory-effect range": {"memory_effect": falling(6), "compensation": False},
+    "saturation": {"saturation": 0.2},
+    "no envelope removal": {"beam": 0.2},
+    "envelope removed over too short a distance": {"beam": 5.0, "removal": 0.01},
+    "too few photons": {"electrons": 0.2},
+    "too low contrast": {"contrast": 0.05, "electrons": 40.0},
+}
+
+
+def test_the_scene_works():
+    verdict = judge(scene())
+    assert verdict.works
+    assert verdict.reasons == ()
+    assert not verdict.extrapolates
+
+
+@pytest.mark.parametrize("name", FAILURES)
+def test_each_failure_is_named_first(name):
+    verdict = judge(scene(**FAILURES[name]))
+    assert not verdict.works
+    assert verdict.reasons[0].name == name
+    assert verdict.reasons[0].remedy
+    assert name in verdict.explain()
+
+
+def test_every_failure_mode_has_its_scene():
+    assert FAILURES.keys() == REPAIRS.keys()
+
+
+def test_a_complex_object_is_named_when_nothing_else_is_wrong():
+    crowd = scene(objects=np.random.default_rng(1).random((2, 60, 60)), camera=60.0)
+    assert judge(crowd).reasons[-1].name == COMPLEX
+
+
+@pytest.mark.parametrize(
+    ("field", "worsening"),
+    [
+        ("camera", [200.0, 100.0, 50.0, 25.0]),
+        ("frames", [9.0, 4.0, 1.0]),
+        ("electrons", [float("inf"), 100.0, 10.0, 1.0, 0.1]),
+        ("saturation", [float("inf"), 1.5, 0.8, 0.4]),
+        ("beam", [float("inf"), 0.4, 0.2, 0.1]),
+    ],
+)
+def test_worse_conditions_are_never_better(field, worsening):
+    found = [judge(scene(**{field: value})).probability for value in worsening]
+    assert (np.diff(found) < 0).all()
+
+
+@pytest.mark.parametrize("compensation", [True, False])
+def test_more_ranges_are_never_better(compensation):
+    found = [
+        judge(scene(memory_effect=falling(width), compensation=compensation)).probability
+        for width in (40, 20, 12, 8, 6)
+    ]
+    assert (np.diff(found) < 0).all()
+
+
+def test_less_contrast_needs_more_photons():
+    dim = [judge(scene(contrast=c, electrons=20.0)).probability for c in (1.0, 0.5, 0.25)]
+    assert (np.diff(dim) < 0).all()
+    assert judge(scene(contrast=0.5)).probability == pytest.approx(judge(scene()).probability)
+
+
+def test_more_points_are_more_complex():
+    found = [residual(scene(objects=objects(count))).complexity for count in (2, 6, 20)]
+    assert (np.diff(found) > 0).all()
+    one = np.zeros((1, 18, 18))
+    one[0, 9, 9] = 1
+    assert residual(scene(objects=one)).complexity == pytest.approx(1)
+
+
+def test_noise_is_window_over_two_cameras():
+    """Without camera noise and C_I, all that is left is W / (2N), but for what the taper smooths: 0.2 % here."""
+    found = residual(scene(compensation=False))
+    assert found.noise == pytest.approx(found.window_over_camera, rel=5e-3)
+    assert residual(scene(camera=240.0)).noise == pytest.approx(found.noise / 2)
+    assert residual(scene(frames=4.0)).noise == pytest.approx(found.noise / 2)
+
+
+def test_ideal_scene_is_not_distorted():
+    """What is left is the taper's: the autocorrelation as measured and as wanted are tapered alike."""
+    assert residual(scene()).distortion < 1e-6
+
+
+@pytest.mark.parametrize("polarised", [True, False])
+def test_contrast_agrees_with_the_sampler(polarised):
+    """Two computations of one contrast; the sampler's modes leave out up to 1 % of the light."""
+    recipe = load_recipe(
+        "through-slab",
+        {"light": {"polarised": polarised}, "objects": {"type": "Points"}, "material": {"kernel_paths": 20_000}},
+    )
+    found = conditions_of(recipe)
+    assert found.contrast == pytest.approx(1.0 if polarised else 0.5**0.5, rel=0.01)
+    seen = recipe.prepare(0, "train", 0).expected_contrast(found.objects[0])
+    assert speckle_contrast(found)[0] == pytest.approx(seen, rel=0.03)  # points fall between points of the grid
+
+
+def test_coefficients_follow_from_the_table():
+    table = fit.read(TABLE)
+    even = table.half(odd=False)
+    found = fit.fitted(even)
+    # Rounded to 4 digits in the source; the optimiser stops at a gradient of 1e-6.
+    assert found == pytest.approx(list(COEFFICIENTS.values()), abs=2e-3)
+    for name, ends in fit.spans(even, found).items():
+        assert FITTED[name] == pytest.approx(ends, rel=2e-3)
+
+
+def test_predictions_of_the_table_follow_from_its_scenes():
+    """Three cells of each half, by number; 6 digits are written, and kernels are estimated anew alike."""
+    table = fit.read(TABLE)
+    for number in (0, 3, 20, 41, 66, 93):
+        found = residual(fit.drawn(number).conditions())
+        kept = [table.noise[number], table.distortion[number], table.complexity[number]]
+        assert kept == pytest.approx(list(found[:3]), rel=1e-4, abs=1e-6)
+
+
+def test_held_out_verdicts():
+    """The issue's bound, 85 % right on cells that were not fitted, recomputed; and better than always saying no."""
+    table = fit.read(TABLE).half(odd=True)
+    found = fit.confusion(table, np.array(list(COEFFICIENTS.values())))
+    assert found.n >= 80
+    assert found.right / found.n >= 0.85
+    assert found.right > found.fails_right + found.works_wrong + 10
+
+
+def test_the_table_has_power():
+    """Coefficients of the wrong sign judge worse than a coin."""
+    table = fit.read(TABLE).half(odd=True)
+    found = fit.confusion(table, np.array(list(COEFFICIENTS.values())) * [-1, -1, -1, 1])
+    assert found.right < found.n / 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"objects": np.zeros((1, 4, 4))}, "Conditions.objects must be"),
+        ({"memory_effect": [0.9]}, "Conditions.memory_effect must be"),
+        ({"camera": 0.0}, "Conditions.camera must be"),
+        ({"contrast": 1.5}, "Conditions.contrast must be"),
+        ({"electrons": 0.0}, "Conditions.electrons must be"),
+    ],
+)
+def test_errors(changes, message):
+    with pytest.raises(RuleError, match=message):
+        scene(**changes)
+
+
+def test_recipes_without_hidden_objects_are_refused():
+    with pytest.raises(RuleError, match="one with hidden objects"):
+        recoverable("tilt-stack")
+    with pytest.raises(RuleError, match="at least 1"):
+        recoverable("through-slab", media=0)
+
+
+def test_command():
+    words = ["recoverable", "through-slab", "--set", "material.kernel_paths=20000"]
+    told = CliRunner().invoke(cli.app, words)
+    assert told.exit_code == 0, told.output
+    assert "too few grains" in told.output
+    assert "remedy" in told.output
+    read = json.loads(CliRunner().invoke(cli.app, [*words, "--json"]).output)
+    assert not read["works"]
+    assert read["numbers"]["electrons_a_grain"] is None
+    assert read["reasons"][0]["name"] == "too few grains"
