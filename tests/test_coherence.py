@@ -136,6 +136,7 @@ def test_mode_table(sigma):
     assert number_of_modes(1 / sigma) == math.ceil(1.64 / sigma) + 1
 
 
+@pytest.mark.slow
 def test_the_closed_form_count_is_never_too_small():
     for a_over_sigma in np.geomspace(0.01, 50, 40):
         x, weight = np.polynomial.legendre.leggauss(int(6 * a_over_sigma) + 60)
