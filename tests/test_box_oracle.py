@@ -8,6 +8,8 @@ from specklegen.oracles.box_algorithms import Beams, Far, Near, Setup, contribut
 from specklegen.oracles.box_media import Medium, box, deflect, henyey_greenstein, particle_by_rejection
 from specklegen.oracles.electric_field import electric_field
 
+pytestmark = pytest.mark.slow  # the oracle's own checks
+
 BATCHES = 64
 ISOTROPIC = {dimension: henyey_greenstein(0.0, dimension) for dimension in (2, 3)}
 

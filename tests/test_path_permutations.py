@@ -8,6 +8,8 @@ from specklegen.oracles.box_algorithms import Far, Setup, contributions
 from specklegen.oracles.box_media import box, henyey_greenstein
 from specklegen.oracles.path_permutations import permutation_covariance
 
+pytestmark = pytest.mark.slow  # the oracle's own checks
+
 AXIS = np.array([0.0, 1.0])
 ANGLES = np.deg2rad([0.0, 90.0, 180.0])
 VIEWS = np.stack([np.sin(ANGLES), np.cos(ANGLES)], axis=-1)
