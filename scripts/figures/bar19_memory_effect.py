@@ -97,7 +97,7 @@ def draw_slabs(out: Path, paths: int) -> list[Row]:
     reflection.set_title(f"reflection, OD 10, {spent.seconds:.0f} s CPU; band: 2019 code, OD 5, albedo 1", fontsize=10)
 
     with clock() as spent:
-        found = [curve(Q, 20 * n, length=n * LENGTH, paths=2 * n * paths) for n in (1, 2, 4)]
+        found = [curve(Q, 20 * n, length=n * LENGTH, paths=20 * n * paths) for n in (1, 2, 4)]
     for n, each in zip((1, 2, 4), found, strict=True):
         lengths.errorbar(Q, each.intensity, each.standard_error, fmt=".", label=f"L × {n}, OD {20 * n}")
     lengths.plot(LINE, memory_effect_diffusion(LINE), "k:", lw=1, label="Eq. 39")
