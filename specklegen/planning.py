@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.budgets import DEFAULT_PATHS, checked_budget
 from specklegen.costs import VolumeWork, Work, memory_bytes, seconds, volume_memory_bytes, volume_seconds
 from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
 from specklegen.gates import Reverse, Sampler, Verdict, reversal_verdict
@@ -33,7 +34,6 @@ from specklegen.verdicts import (
     volume_mean_verdict,
 )
 
-DEFAULT_PATHS = 100_000
 STATIONARY_TOLERANCE = 0.02
 
 
@@ -153,14 +153,7 @@ def plan(
         For an argument out of range, a grid that undersamples the speckle, a sampler that cannot serve
         the scene, or a render that would not fit into memory.
     """
-    if paths is not None and rel_error is not None:
-        reject("plan paths", "left out where rel_error is given", paths)
-    if paths is not None and not isinstance(paths, int | np.integer):
-        reject("paths", "a whole number", paths)
-    if paths is not None and paths < 1:
-        reject("paths", "at least 1", paths)
-    if rel_error is not None and not 0 < rel_error < 1:
-        reject("rel_error", "between 0 and 1", rel_error)
+    checked_budget("plan", paths, rel_error, None)
     if not 0 < field_tolerance < 1:
         reject("field_tolerance", "between 0 and 1", field_tolerance)
     if sampler not in ("auto", "paths", "covariance", "stationary"):

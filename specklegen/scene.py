@@ -1,6 +1,8 @@
 """The scene: what is simulated, in one frozen value."""
 
-from typing import Self
+import hashlib
+import json
+from typing import Any, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -14,6 +16,12 @@ from specklegen.values import Positive, Value, reject
 
 NEAREST = 0.01
 """Wavelengths between a sensor point and a source inside the medium, at least."""
+
+_LENGTHS = {
+    "wavelength": 1, "thickness": 1, "mean_free_path": 1, "width": 1, "radius": 1, "lower": 1, "upper": 1, "points": 1,
+    "extinction": -1,
+}  # fmt: skip
+"""Fields of a scene with a dimension, and the power of length that it is."""
 
 
 class Scene(Value):
@@ -89,6 +97,11 @@ class Scene(Value):
                     "Both are the wavelength inside the medium.",
                 )  # fmt: skip
 
+    def unitless_fingerprint(self) -> str:
+        """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit of length."""
+        content = _unitless(self.model_dump(mode="json"), self.wavelength)
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
     @property
     def dimension(self) -> int:
         """3 in space, 2 in flatland."""
@@ -150,3 +163,12 @@ def _light_vectors(illumination: Illumination) -> np.ndarray:
 
 def _view_vectors(sensor: Sensor) -> np.ndarray:
     return sensor.points if isinstance(sensor, NearField) else sensor.directions
+
+
+def _unitless(content: Any, wavelength: float, power: int = 0) -> Any:
+    """JSON with every field of ``_LENGTHS`` divided by its power of the wavelength, and rounded."""
+    if isinstance(content, dict):
+        return {key: _unitless(value, wavelength, _LENGTHS.get(key, 0)) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_unitless(value, wavelength, power) for value in content]
+    return float(f"{content / wavelength**power:.9g}") if power else content

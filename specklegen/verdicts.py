@@ -13,6 +13,7 @@ from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
 from specklegen.values import RuleError, reject
 
+_MEAN = "mean (ballistic) field"
 _CHEAP = 1e6  # quadrature nodes of a mean field that is only judged: a tenth of a second
 
 
@@ -39,45 +40,38 @@ def validity_verdicts(scene: Scene) -> list[Verdict]:
 
 def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
     """The mean field is added only when asked; say where its intensity would exceed the speckle's tolerance."""
-    part = "mean (ballistic) field"
     if mean:
-        return Verdict(part, True, "asked for")
+        return Verdict(_MEAN, True, "asked for")
     if isinstance(scene.illumination, IncoherentObject) or not len(scene.beams.directions):
-        return Verdict(part, False, f"its share of the light is {ballistic_fraction(scene):.2g}")
+        return Verdict(_MEAN, False, f"its share of the light is {ballistic_fraction(scene):.2g}")
     few = scene.replace(illumination=scene.beams.replace(directions=_nearest_tilt(scene)[None]))
     strongest = float(np.square(np.abs(mean_field(few))).max(initial=0.0))
-    speckle = scene_pilot(scene, False).intensity
-    if strongest <= tolerance * speckle:
-        return Verdict(
-            part,
-            False,
-            f"at most {strongest / max(speckle, 1e-300):.2g} of the speckle's intensity at any view",
-        )
-    return Verdict(
-        part, False,
-        f"not asked for (mean=True adds it), though it reaches {strongest / max(speckle, 1e-300):.2g} times the "
-        "speckle's intensity at some view",
-    )  # fmt: skip
+    return _mean_left_out(strongest / max(scene_pilot(scene, False).intensity, 1e-300), tolerance)
 
 
 def volume_mean_verdict(scene: Scene, mean: bool, tolerance: float, speckle: float) -> Verdict:
     """The mean field in any geometry, judged at every view for at most eight of the lights, where that is cheap."""
-    part = "mean (ballistic) field"
     if mean:
-        return Verdict(part, True, "asked for")
+        return Verdict(_MEAN, True, "asked for")
     if isinstance(scene.illumination, IncoherentObject) or not len(scene.lights) or not scene.views.size:
-        return Verdict(part, False, "not asked for")
+        return Verdict(_MEAN, False, "not asked for")
     try:
         strongest = float(np.square(np.abs(mean_field(few_lights(scene, 8), most_nodes=_CHEAP))).max(initial=0.0))
     except RuleError as refused:
-        return Verdict(part, False, f"not asked for, and not judged: {refused}")
-    ratio = strongest / max(speckle, 1e-300)
+        return Verdict(_MEAN, False, f"not asked for, and not judged: {refused}")
+    return _mean_left_out(strongest / max(speckle, 1e-300), tolerance)
+
+
+def _mean_left_out(ratio: float, tolerance: float) -> Verdict:
+    """The verdict on a mean that was not asked for, by its intensity over the speckle's where it is strongest."""
     if ratio <= tolerance:
-        return Verdict(part, False, f"at most {ratio:.2g} of the speckle's intensity at any view")
-    return Verdict(
-        part, False,
-        f"not asked for (mean=True adds it), though it reaches {ratio:.2g} times the speckle's intensity at some view",
-    )  # fmt: skip
+        reason = f"at most {ratio:.2g} of the speckle's intensity at any view"
+    else:
+        reason = (
+            f"not asked for (mean=True adds it), though it reaches {ratio:.2g} times the speckle's intensity at some "
+            "view"
+        )
+    return Verdict(_MEAN, False, reason)
 
 
 def few_lights(scene: Scene, count: int) -> Scene:
