@@ -12,7 +12,7 @@ import numpy as np
 from specklegen.budgets import DEFAULT_PATHS, checked_budget
 from specklegen.costs import VolumeWork, Work, memory_bytes, seconds, volume_memory_bytes, volume_seconds
 from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
-from specklegen.gates import Reverse, Sampler, Verdict, reversal_verdict
+from specklegen.gates import Reverse, Sampler, Verdict
 from specklegen.gaussianity import EXACT, Gaussianity
 from specklegen.illumination import CollimatedBeams, IncoherentObject
 from specklegen.mean import ballistic_fraction
@@ -167,12 +167,10 @@ def plan(
     if obstacle or sampler == "covariance":
         return _plan_volume(scene, obstacle, paths, rel_error, sampler, reverse, mean, tolerance, threads)
 
-    # The stack and its views alone, before the gates below build an array of all views.
+    # The stack and its views alone, before any pilot, whose time would be lost.
     _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
     verdicts = list(validity_verdicts(scene))
-    reversal = reversal_verdict(
-        scene.medium.mean_free_path, scene.wavelength, scene.lights, scene.views, reverse, tolerance
-    )
+    reversal = scene_reversal(scene, reverse, tolerance)
     verdicts += [reversal, mean_verdict(scene, mean, tolerance)]
     pilot = scene_pilot(scene, reversal.needed)
     if paths is None:

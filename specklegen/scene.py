@@ -11,7 +11,7 @@ from specklegen.illumination import CollimatedBeams, Illumination, IncoherentObj
 from specklegen.media import Medium, Slab, VoxelGrid
 from specklegen.mie import Mie
 from specklegen.scatterers import components
-from specklegen.sensors import NearField, Sensor
+from specklegen.sensors import FarFieldGrid, NearField, Sensor
 from specklegen.values import Positive, Value, reject
 
 NEAREST = 0.01
@@ -47,7 +47,7 @@ class Scene(Value):
         dimensions = {
             "medium": None if isinstance(self.medium, Slab) else len(self.medium.lower),
             "illumination": _light_vectors(self.illumination).shape[-1],
-            "sensor": _view_vectors(self.sensor).shape[-1],
+            "sensor": self.sensor.dimension,
         }
         known = {name: d for name, d in dimensions.items() if d is not None}
         if len(set(known.values())) > 1:
@@ -105,7 +105,7 @@ class Scene(Value):
     @property
     def dimension(self) -> int:
         """3 in space, 2 in flatland."""
-        return _view_vectors(self.sensor).shape[-1]
+        return self.sensor.dimension
 
     @property
     def wavenumber(self) -> float:
@@ -148,8 +148,15 @@ class Scene(Value):
     @property
     def views(self) -> np.ndarray:
         """float64[V, d]: the sensor's directions or points, flattened in C order."""
-        vectors = _view_vectors(self.sensor)
+        vectors = self.sensor.points if isinstance(self.sensor, NearField) else self.sensor.directions
         return vectors.reshape(-1, vectors.shape[-1])
+
+    @property
+    def side(self) -> float:
+        """Sign of z on the side that most of a far-field sensor's views look from; a grid's has one."""
+        if isinstance(self.sensor, FarFieldGrid):
+            return self.sensor.sign
+        return 1.0 if np.sum(self.views[:, -1]) >= 0 else -1.0
 
     @property
     def speckle_size(self) -> float:
@@ -159,10 +166,6 @@ class Scene(Value):
 
 def _light_vectors(illumination: Illumination) -> np.ndarray:
     return illumination.points if isinstance(illumination, PointSources) else illumination.directions
-
-
-def _view_vectors(sensor: Sensor) -> np.ndarray:
-    return sensor.points if isinstance(sensor, NearField) else sensor.directions
 
 
 def _unitless(content: Any, wavelength: float, power: int = 0) -> Any:
