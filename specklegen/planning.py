@@ -27,6 +27,7 @@ from specklegen.sensors import FarFieldGrid, require_resolved
 from specklegen.tracing import Proposal
 from specklegen.values import available_memory, reject
 from specklegen.verdicts import (
+    Kernel,
     evaluator_verdict,
     mean_verdict,
     stationary_verdict,
@@ -56,6 +57,8 @@ class Plan:
         How paths are drawn through a slab; None where the general engine serves (any geometry).
     nufft : NufftEvaluator or None
         The view factors, where the NUFFT is used.
+    kernel : "axial", "skewed" or None
+        The memory-effect kernel of the stationary sampler: of the axis, or about the middle of the beams and views.
     expected_error : float
         Root of the excess correlation of intensities from a finite number of paths, at the worst view
         ("paths"); relative standard error of the intensity scale ("stationary").
@@ -78,6 +81,7 @@ class Plan:
     verdicts: tuple[Verdict, ...]
     proposal: Proposal | None
     nufft: NufftEvaluator | None
+    kernel: Kernel | None
     expected_error: float
     gaussianity: Gaussianity
     connections_per_path: float
@@ -175,7 +179,7 @@ def plan(
     pilot = scene_pilot(scene, reversal.needed)
     if paths is None:
         paths = DEFAULT_PATHS if rel_error is None else pilot.moments.paths_for(rel_error)
-    stationary = stationary_verdict(scene, reversal.needed, sampler, tolerance)
+    kernel, stationary = stationary_verdict(scene, reversal.needed, sampler, tolerance)
     verdicts.append(stationary)
 
     nufft = None
@@ -205,6 +209,7 @@ def plan(
         verdicts=tuple(verdicts),
         proposal=pilot.proposal,
         nufft=nufft,
+        kernel=kernel,
         expected_error=float(np.sqrt(pilot.moments.relative_variance / paths)),
         gaussianity=EXACT if stationary.needed else pilot.moments.gaussianity(paths),
         connections_per_path=work.connections_per_path,
@@ -259,6 +264,7 @@ def _plan_volume(
         verdicts=tuple(verdicts),
         proposal=None,
         nufft=None,
+        kernel=None,
         expected_error=float(np.sqrt(pilot.moments.relative_variance / paths)),
         gaussianity=EXACT if use_covariance else pilot.moments.gaussianity(paths),
         connections_per_path=pilot.connections_per_path,

@@ -1,19 +1,31 @@
 """Verdicts on a scene from its pilot: what takes part in a render, and why."""
 
+from typing import Literal
+
 import numpy as np
 from scipy.spatial import KDTree
 
 from specklegen.costs import direct_nanoseconds, nufft_nanoseconds
+from specklegen.fields.ends import AXIS
 from specklegen.fields.nufft import NufftEvaluator
 from specklegen.gates import Sampler, Verdict, independence_doubt
-from specklegen.illumination import CollimatedBeams, IncoherentObject, PointSources, directions_of_sines
+from specklegen.illumination import (
+    CollimatedBeams,
+    IncoherentObject,
+    PointSources,
+    directions_of_sines,
+    reference_direction,
+)
 from specklegen.mean import ballistic_fraction, mean_field
 from specklegen.pilots import Pilot, scene_evaluator, scene_pilot, scene_stationary_error
 from specklegen.scene import Scene
 from specklegen.sensors import FarField, FarFieldGrid, Sensor
+from specklegen.stationary.criterion import StationaryError
 from specklegen.values import RuleError, reject
 
 _BLOCK = 64  # nearest rows and columns in which the rings of a disc are looked for
+Kernel = Literal["axial", "skewed"]
+_KERNELS = {"axial": "kernel of the axis", "skewed": "kernel of its own direction"}
 _MEAN = "mean (ballistic) field"
 _CHEAP = 1e6  # quadrature nodes of a mean field that is only judged: a tenth of a second
 
@@ -122,32 +134,63 @@ def _nearest_tilt(scene: Scene) -> np.ndarray:
     return directions[np.lexsort((-directions[:, 2], gap))[0]]
 
 
-def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance: float) -> Verdict:
-    """Whether the stationary sampler serves a scene within the tolerance (physics.md 9)."""
+def stationary_verdict(
+    scene: Scene, reverse: bool, sampler: Sampler, tolerance: float
+) -> tuple[Kernel | None, Verdict]:
+    """The memory-effect kernel with which the stationary sampler serves a scene within the tolerance (physics.md 9).
+
+    That of the axis wherever it is good enough; else the skewed one, about the middle of the beams and the views.
+    """
     part = "stationary sampler"
-    obstacle = None
-    if not isinstance(scene.sensor, FarFieldGrid):
-        obstacle = "needs a regular far-field grid"
-    elif scene.sensor.side != "transmission":
-        obstacle = "serves transmission only"
-    elif reverse:
-        obstacle = "has no reversed paths"
-    elif scene.slab.albedo == 0 or scene.slab.thickness == 0:
-        obstacle = "has nothing to do: nothing scatters"
+    obstacle = _stationary_obstacle(scene, reverse)
     if obstacle:
         if sampler == "stationary":
             reject("sampler", '"paths" or "auto" for this scene', sampler, f"The stationary sampler {obstacle}.")
-        return Verdict(part, False, obstacle)
+        return None, Verdict(part, False, obstacle)
     if sampler == "paths":
-        return Verdict(part, False, "as asked")
-    error = scene_stationary_error(scene, tolerance)
-    said = (
-        f"its correlations are off by {error.correlation:.2g} +- {error.correlation_error:.1g} and its intensities by "
-        f"{error.intensity:.2g} +- {error.intensity_error:.1g}, allowed {tolerance:g}"
+        return None, Verdict(part, False, "as asked")
+    errors: dict[Kernel, StationaryError] = {}
+    for kernel in _kernels(scene):
+        errors[kernel] = scene_stationary_error(scene, tolerance, kernel == "skewed")
+        if errors[kernel].accepts(tolerance):
+            break
+    best = min(errors, key=lambda kernel: (not errors[kernel].accepts(tolerance), errors[kernel].largest))
+    said = "; ".join(
+        f"with the {_KERNELS[kernel]} its correlations are off by {error.correlation:.2g} +- "
+        f"{error.correlation_error:.1g} and its intensities by {error.intensity:.2g} +- {error.intensity_error:.1g}"
+        for kernel, error in errors.items()
     )
+    said += f", allowed {tolerance:g}"
     if sampler == "stationary":
-        return Verdict(part, True, f"asked for; {said}")
-    return Verdict(part, error.accepts(tolerance), said)
+        return best, Verdict(part, True, f"asked for; {said}")
+    accepted = errors[best].accepts(tolerance)
+    return best if accepted else None, Verdict(part, accepted, said)
+
+
+def _stationary_obstacle(scene: Scene, reverse: bool) -> str | None:
+    """What keeps the stationary sampler from serving a scene at all; None where it may."""
+    if not isinstance(scene.sensor, FarFieldGrid):
+        return "needs a regular far-field grid"
+    if reverse:
+        return "has no reversed paths"
+    if scene.slab.albedo == 0 or scene.slab.thickness == 0:
+        return "has nothing to do: nothing scatters"
+    if not _kernels(scene):
+        return "serves hidden objects in transmission only"
+    return None
+
+
+def _kernels(scene: Scene) -> list[Kernel]:
+    """Kernels that may serve a scene, the one to prefer first.
+
+    The kernel of the axis is that of transmission; a hidden object's modes need its symmetry. The skewed one is the
+    same as it where beams and views are about the axis.
+    """
+    middle = [reference_direction(scene.beams.directions), scene.sensor.center_direction]  # type: ignore[union-attr]
+    axial = scene.side > 0
+    oblique = not np.allclose(middle, AXIS, rtol=0, atol=1e-9)
+    skewed = oblique and not isinstance(scene.illumination, IncoherentObject)
+    return [*(["axial"] if axial else []), *(["skewed"] if skewed else [])]  # type: ignore[list-item]
 
 
 def evaluator_verdict(
