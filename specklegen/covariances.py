@@ -28,7 +28,7 @@ from specklegen.streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.tracing import BLOCK
 from specklegen.values import available_memory, reject
 
-_ELEMENTS = 2**22  # of the amplitudes held at a time
+COVARIANCE_ELEMENTS = 2**22  # of the amplitudes held at a time
 _BLOCK_ROWS = 256  # per block of parallel work
 _PATHS_AT_ONCE = 8 * BLOCK  # so that the connections in memory do not grow with the number of paths
 
@@ -291,7 +291,7 @@ def _estimate(
     power = np.zeros(pairs)
     unfinished = 0
     edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
-    step = max(1, _ELEMENTS // max(pairs, 1))
+    step = max(1, COVARIANCE_ELEMENTS // max(pairs, 1))
 
     def add(batch: np.ndarray, amplitudes: np.ndarray) -> None:
         entries.add(batch, amplitudes)

@@ -5,29 +5,35 @@ is a pure function of the scene and the arguments: pilots are keyed by the scene
 seconds may differ between machines, choices may not.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from specklegen.budgets import DEFAULT_PATHS, checked_budget
-from specklegen.costs import VolumeWork, Work, memory_bytes, seconds, volume_memory_bytes, volume_seconds
-from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
+from specklegen.costs import (
+    VolumeWork,
+    Work,
+    memory_bytes,
+    operations,
+    seconds,
+    tracing_operations,
+    volume_memory_bytes,
+    volume_operations,
+)
 from specklegen.gates import Reverse, Sampler, Verdict
-from specklegen.gaussianity import EXACT, Gaussianity
+from specklegen.gaussianity import EXACT
 from specklegen.illumination import CollimatedBeams, IncoherentObject
-from specklegen.mean import ballistic_fraction
-from specklegen.media import Medium, VoxelGrid
 from specklegen.parallel import thread_count
 from specklegen.pathspace.gates import scene_reversal, slab_engine_obstacle
 from specklegen.pathspace.pilots import volume_pilot
 from specklegen.pathspace.tracing import scene_tracer
 from specklegen.pilots import scene_pilot
+from specklegen.plans import Plan
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid, require_resolved
-from specklegen.tracing import Proposal
 from specklegen.values import available_memory, reject
 from specklegen.verdicts import (
-    Kernel,
+    SIMPLER,
     evaluator_verdict,
     mean_verdict,
     stationary_verdict,
@@ -36,82 +42,6 @@ from specklegen.verdicts import (
 )
 
 STATIONARY_TOLERANCE = 0.02
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What a render will do, what it leaves out and why, and what that costs.
-
-    Attributes
-    ----------
-    scene : Scene
-    paths : int
-        Paths to trace a realization ("paths"), or once for the memory-effect kernel ("stationary").
-    sampler, evaluator : str
-        "paths" with "nufft" or "direct", "covariance" with "eigenvectors", or "stationary".
-    reverse, mean : bool
-        Whether reversed paths and the mean field take part.
-    verdicts : tuple of Verdict
-        Every gate, with its reason.
-    proposal : Proposal or None
-        How paths are drawn through a slab; None where the general engine serves (any geometry).
-    nufft : NufftEvaluator or None
-        The view factors, where the NUFFT is used.
-    kernel : "axial", "skewed" or None
-        The memory-effect kernel of the stationary sampler: of the axis, or about the middle of the beams and views.
-    expected_error : float
-        Root of the excess correlation of intensities from a finite number of paths, at the worst view
-        ("paths"); relative standard error of the intensity scale ("stationary").
-    gaussianity : Gaussianity
-        Whether so many paths make Gaussian speckle.
-    connections_per_path, events_per_path : float
-        From the pilot.
-    seconds : float
-        Predicted for one realization on this many threads, the sampler's preparation included.
-    memory_bytes : int
-        Predicted peak growth of the process.
-    """
-
-    scene: Scene
-    paths: int
-    sampler: str
-    evaluator: str
-    reverse: bool
-    mean: bool
-    verdicts: tuple[Verdict, ...]
-    proposal: Proposal | None
-    nufft: NufftEvaluator | None
-    kernel: Kernel | None
-    expected_error: float
-    gaussianity: Gaussianity
-    connections_per_path: float
-    events_per_path: float
-    seconds: float
-    memory_bytes: int
-
-    @property
-    def field_dtype(self) -> type:
-        """Precision in which fields are summed."""
-        return np.complex64 if self.nufft and self.nufft.tolerance >= SINGLE_PRECISION_FROM else np.complex128
-
-    def explain(self) -> str:
-        """Tell in words what will be done, what is left out and why, and what it will cost."""
-        shape = "x".join(str(n) for n in self.scene.sensor.shape)
-        lines = [
-            f"{_described(self.scene.medium)}; {len(self.scene.lights)} "
-            f"{_LIGHTS.get(type(self.scene.illumination).__name__, 'tilts')}, {shape} views.",
-            f"Sampler: {self.sampler} ({self.evaluator}), {self.paths} paths.",
-        ]
-        lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.verdicts]
-        what = "intensity scale" if self.sampler == "stationary" else "false intensity correlation"
-        lines += [
-            f"Expected error ({what}, relative): {self.expected_error:.2g}.",
-            f"Speckle: {self.gaussianity}",
-            f"Cost: about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
-        ]
-        if isinstance(self.scene.illumination, CollimatedBeams | IncoherentObject):
-            lines.append(f"Ballistic fraction: {ballistic_fraction(self.scene):.2g}.")
-        return "\n".join(lines)
 
 
 def plan(
@@ -171,19 +101,30 @@ def plan(
     if obstacle or sampler == "covariance":
         return _plan_volume(scene, obstacle, paths, rel_error, sampler, reverse, mean, tolerance, threads)
 
+    return _plan_slab(scene, paths, rel_error, sampler, reverse, mean, tolerance, field_tolerance, threads)
+
+
+def _plan_slab(
+    scene: Scene,
+    paths: int | None,
+    rel_error: float | None,
+    sampler: Sampler,
+    reverse: Reverse,
+    mean: bool,
+    tolerance: float,
+    field_tolerance: float,
+    threads: int | None,
+) -> Plan:
+    """Plan for beams through a slab: the stationary sampler, or paths by NUFFT or summed directly."""
     # The stack and its views alone, before any pilot, whose time would be lost.
     _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
-    verdicts = list(validity_verdicts(scene))
     reversal = scene_reversal(scene, reverse, tolerance)
-    verdicts += [reversal, mean_verdict(scene, mean, tolerance)]
     pilot = scene_pilot(scene, reversal.needed)
     if paths is None:
         paths = DEFAULT_PATHS if rel_error is None else pilot.moments.paths_for(rel_error)
     kernel, stationary = stationary_verdict(scene, reversal.needed, sampler, tolerance)
-    verdicts.append(stationary)
-
-    nufft = None
-    evaluator = "FFT or matrix products"
+    verdicts = [*validity_verdicts(scene), reversal, mean_verdict(scene, mean, tolerance), SIMPLER, stationary]
+    nufft, evaluator = None, "FFT or matrix products"
     if not stationary.needed:
         nufft, verdict = evaluator_verdict(scene, pilot, field_tolerance, reversal.needed)
         verdicts.append(verdict)
@@ -196,9 +137,11 @@ def plan(
         stationary=stationary.needed,
         nufft=nufft,
         reverse=reversal.needed,
+        skewed=kernel == "skewed",
     )
     needed = memory_bytes(work, thread_count(threads))
     _require_memory(scene, needed)
+    counted = operations(work)
     return Plan(
         scene=scene,
         paths=paths,
@@ -214,9 +157,26 @@ def plan(
         gaussianity=EXACT if stationary.needed else pilot.moments.gaussianity(paths),
         connections_per_path=work.connections_per_path,
         events_per_path=work.events_per_path,
-        seconds=seconds(work, thread_count(threads)),
+        operations=counted,
+        seconds=seconds(counted, thread_count(threads)),
         memory_bytes=needed,
+        alternatives=_alternatives(work, thread_count(threads)),
     )
+
+
+def _alternatives(work: Work, threads: int) -> dict[str, float]:
+    """Seconds of the ways not taken through a slab, for the same paths."""
+    direct = replace(work, stationary=False, nufft=None)
+    found = {}
+    if work.stationary:
+        found[f"tracing {work.paths} paths anew for every realization, all fields aside,"] = seconds(
+            tracing_operations(work), threads
+        )
+    if work.nufft:
+        found["the direct sum"] = seconds(operations(direct), threads)
+    if not work.stationary and not work.reverse:
+        found["reversed paths as well (reverse=True)"] = seconds(operations(replace(direct, reverse=True)), threads)
+    return found
 
 
 def _plan_volume(
@@ -233,6 +193,7 @@ def _plan_volume(
     """Plan for the general engine: paths summed directly, or a covariance."""
     if sampler == "stationary":
         reject("sampler", '"paths", "covariance" or "auto" for this scene', sampler, f"Here {obstacle}.")
+    _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
     reversal = scene_reversal(scene, reverse, tolerance)
     pilot = volume_pilot(scene, reversal.needed)
     if paths is None:
@@ -246,7 +207,7 @@ def _plan_volume(
         ways=2 if scene_tracer(scene, reversal.needed).two_way else 1,
         covariance=use_covariance,
     )
-    needed = volume_memory_bytes(work)
+    needed = volume_memory_bytes(work, thread_count(threads))
     _require_memory(scene, needed)
     verdicts = [
         *validity_verdicts(scene),
@@ -269,26 +230,11 @@ def _plan_volume(
         gaussianity=EXACT if use_covariance else pilot.moments.gaussianity(paths),
         connections_per_path=pilot.connections_per_path,
         events_per_path=pilot.events_per_path,
-        seconds=volume_seconds(work, thread_count(threads)),
+        operations=volume_operations(work),
+        seconds=seconds(volume_operations(work), thread_count(threads)),
         memory_bytes=needed,
+        alternatives={},
     )
-
-
-_LIGHTS = {"PlaneWaves": "plane waves", "PointSources": "point sources"}
-
-
-def _described(medium: Medium) -> str:
-    """One line about a medium."""
-    if isinstance(medium, VoxelGrid):
-        shape = "x".join(str(n) for n in medium.extinction.shape)
-        return (
-            f"Grid of {shape} voxels of {len(medium.scatterers)} materials, optical depth at most "
-            f"{medium.optical_depth:.4g}"
-        )  # fmt: skip
-    return (
-        f"{type(medium).__name__} of optical depth {medium.optical_depth:.4g}, anisotropy {medium.scatterer.g:.4g}, "
-        f"albedo {medium.albedo:g}"
-    )  # fmt: skip
 
 
 def _require_memory(scene: Scene, needed: int) -> None:

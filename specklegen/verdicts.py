@@ -1,11 +1,12 @@
 """Verdicts on a scene from its pilot: what takes part in a render, and why."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from specklegen.costs import direct_nanoseconds, nufft_nanoseconds
+from specklegen.costs import direct_operations, nufft_operations, seconds
 from specklegen.fields.ends import AXIS
 from specklegen.fields.nufft import NufftEvaluator
 from specklegen.gates import Sampler, Verdict, independence_doubt
@@ -16,17 +17,25 @@ from specklegen.illumination import (
     directions_of_sines,
     reference_direction,
 )
-from specklegen.mean import ballistic_fraction, mean_field
+from specklegen.mean import mean_field
 from specklegen.pilots import Pilot, scene_evaluator, scene_pilot, scene_stationary_error
 from specklegen.scene import Scene
 from specklegen.sensors import FarField, FarFieldGrid, Sensor
 from specklegen.stationary.criterion import StationaryError
 from specklegen.values import RuleError, reject
 
+SIMPLER = Verdict(
+    "near-field terms, voxels and mixtures", False,
+    "nothing is lost: the views are directions, the slab is homogeneous, and its particles are of one kind",
+)  # fmt: skip
 _BLOCK = 64  # nearest rows and columns in which the rings of a disc are looked for
 Kernel = Literal["axial", "skewed"]
 _KERNELS = {"axial": "kernel of the axis", "skewed": "kernel of its own direction"}
 _MEAN = "mean (ballistic) field"
+_NO_BALLISTIC_IMAGE = (
+    "the object's ballistic image is not modelled, though each pixel's light reaches {:.2g} times its speckle's "
+    "intensity at some view: a camera blocks it or looks beside it"
+)
 _CHEAP = 1e6  # quadrature nodes of a mean field that is only judged: a tenth of a second
 
 
@@ -55,10 +64,13 @@ def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
     """The mean field is added only when asked; say where its intensity would exceed the speckle's tolerance."""
     if mean:
         return Verdict(_MEAN, True, "asked for")
-    if isinstance(scene.illumination, IncoherentObject) or not len(scene.beams.directions):
-        return Verdict(_MEAN, False, f"its share of the light is {ballistic_fraction(scene):.2g}")
-    strongest = _strongest_mean(scene, _nearest_tilt(scene))
-    return _mean_left_out(strongest / max(scene_pilot(scene, False).intensity, 1e-300), tolerance)
+    if not len(scene.beams.directions):
+        return Verdict(_MEAN, False, "there is no light")
+    ratio = _strongest_mean(scene, _nearest_tilt(scene)) / max(scene_pilot(scene, False).intensity, 1e-300)
+    verdict = _mean_left_out(ratio, tolerance)
+    if ratio > tolerance and isinstance(scene.illumination, IncoherentObject):
+        return replace(verdict, reason=_NO_BALLISTIC_IMAGE.format(ratio))
+    return verdict
 
 
 def _strongest_mean(scene: Scene, tilt: np.ndarray) -> float:
@@ -68,9 +80,9 @@ def _strongest_mean(scene: Scene, tilt: np.ndarray) -> float:
     sections (square, Gaussian), so that the best column and the best row of the cross through the nearest view have
     the maximum; or it falls off in rings (disc), so that a block about the nearest view holds it.
     """
+    beam = scene.beams.replace(directions=tilt[None])
 
     def intensity(sensor: Sensor) -> np.ndarray:
-        beam = scene.beams.replace(directions=tilt[None])
         return np.square(np.abs(mean_field(scene.replace(illumination=beam, sensor=sensor))[0]))
 
     grid = scene.sensor
@@ -107,7 +119,7 @@ def _mean_left_out(ratio: float, tolerance: float) -> Verdict:
     else:
         reason = (
             f"not asked for (mean=True adds it), though it reaches {ratio:.2g} times the speckle's intensity at some "
-            "view"
+            "view: a camera blocks it or looks beside it"
         )
     return Verdict(_MEAN, False, reason)
 
@@ -209,7 +221,7 @@ def evaluator_verdict(
     tilts = len(scene.beams.directions)
     if nufft is None:
         return None, Verdict(part, False, "the field of view is too wide for a low-rank view factor; summed directly")
-    if nufft_nanoseconds(nufft, tilts, 1000.0, views) > direct_nanoseconds(tilts, 1000.0, views):
+    if seconds(nufft_operations(nufft, tilts, 1000.0, views), 1) > seconds(direct_operations(tilts, 1000.0, views), 1):
         return None, Verdict(part, False, f"rank {nufft.rank} makes it dearer than {views} views summed directly")
     return nufft, Verdict(
         part,

@@ -16,7 +16,7 @@ from specklegen.illumination import CollimatedBeams, illuminated_area
 from specklegen.parallel import one_torch_thread
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
-from specklegen.stationary.cells import Axis, cells, window
+from specklegen.stationary.cells import Axis, cells, fft_flops, matrix_flops, window
 from specklegen.stationary.kernel import MemoryKernel
 from specklegen.stationary.normals import complex_normals
 from specklegen.stationary.skewed import SkewedKernel
@@ -138,17 +138,8 @@ def stack_sampler(
     columns = np.exp(-1j * k * steps[1][:, None] * x.positions)
     mixing = tilt_roots(kernel.correlation(sines, k)) if len(sines) else np.zeros((0, 1))
     if fft is None:
-        fft = _fft_flops(x, y) < _matrix_flops(x, y, grid.shape)
+        fft = fft_flops(x, y) < matrix_flops(x, y, grid.shape)
     # A Gaussian window reaches 2.5 widths; the transform of a coarse grid spans 2 and would cut it off.
     fft = fft and x.count <= x.period and y.count <= y.period
     tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype)  # noqa: E731
     return StackSampler(x, y, tensor(mixing), tensor(ramps), tensor(rows), tensor(columns), grid.shape, fft)
-
-
-def _matrix_flops(x: Axis, y: Axis, shape: tuple[int, int]) -> float:
-    return 8.0 * shape[0] * x.count * (y.count + shape[1])
-
-
-def _fft_flops(x: Axis, y: Axis) -> float:
-    size = x.period * y.period
-    return 3 * 5.0 * size * np.log2(size)  # an FFT reaches about a third of the speed of a matrix product

@@ -12,7 +12,6 @@ physics.md 5 to first order in the tilt.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from specklegen.fields.ends import full_weights
 from specklegen.media import Slab
@@ -47,6 +46,8 @@ class SkewedKernel:
 
         A sum of outer products, so Hermitian and positive semidefinite for any beams.
         """
+        import torch  # here, for plans look at this module and shall stay light
+
         tilts = len(sines)
         total = torch.zeros((tilts, tilts), dtype=torch.complex128)
         root = np.sqrt(self.weights / max(self.weights.sum(), 1e-300))
@@ -54,9 +55,7 @@ class SkewedKernel:
         with one_torch_thread():
             for first in range(0, len(root), step):
                 part = slice(first, first + step)
-                waves = torch.from_numpy(
-                    root[part] * np.exp(-1j * wavenumber * (sines @ self.displacement[part].T))
-                )  # fmt: skip
+                waves = torch.from_numpy(root[part] * np.exp(-1j * wavenumber * (sines @ self.displacement[part].T)))
                 total += waves @ waves.conj().T
         return total.numpy()
 
