@@ -12,6 +12,8 @@ import numpy as np
 
 from specklegen.values import reject
 
+DEFAULT_PATHS = 100_000
+"""Paths where neither a count nor an error nor a time is asked for."""
 MARGIN = 1.1  # of paths over what the pilot asks: its own error is a few per cent
 _PILOT_SHARE = 0.1  # of a time budget
 

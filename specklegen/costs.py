@@ -1,32 +1,64 @@
-"""What a plan costs: counted operations times nanoseconds, and bytes.
+"""What a plan costs: counted operations, each times its nanoseconds, and bytes.
 
-The nanoseconds are those of one core of the machine of the README's table. They scale predictions; a choice
-between samplers never rests on a clock.
+``scripts/plan_accuracy.py`` measures both and fits the nanoseconds, those of one core of the machine of the README's
+table. They scale predictions; a choice between evaluators rests on this table, never on a clock.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
+from specklegen.covariances import COVARIANCE_ELEMENTS
+from specklegen.fields.nufft import SINGLE_PRECISION_FROM, TILTS_AT_ONCE, NufftEvaluator
+from specklegen.illumination import PointSources
+from specklegen.media import VoxelGrid
+from specklegen.pathspace.fields import FIELD_ELEMENTS, VIEWS_AT_ONCE
 from specklegen.scene import Scene
-from specklegen.tracing import CHUNK
+from specklegen.sensors import FarFieldGrid, NearField
+from specklegen.stationary.cells import cells, fft_flops, matrix_flops
+from specklegen.statistics import BATCHES
+from specklegen.tracing import BLOCK, CHUNK
 
-_EVENT = 12.5  # a scattering event
-_END = 10.0  # one end of a connection at one tilt or view
-_TRANSFORM = 42.0  # spreading one strength, at a tolerance of 1e-3
-_VIEW = 3.4  # a connection at a view, summed directly
-_FFT_POINT = 12.0
-_NORMAL = 20.0  # a complex normal
-_VOLUME_EVENT = 150.0  # a scattering event in any geometry
-_VOLUME_END = 60.0  # one end of a connection there, at one light or view
-_PRODUCT = 0.25  # a complex multiplication and addition within a matrix product
-_FIXED = 64 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
+NANOSECONDS = {
+    "path": 80,  # starting a path through a slab
+    "event": 20,  # a scattering event, tracing of beams through a slab
+    "connection": 240,  # what a connection costs whoever evaluates it: kept, copied, given a phase
+    "end": 28,  # one end of a connection at one tilt or view
+    "spread": 14,  # spreading one strength, single precision at a tolerance of 1e-3
+    "FFT point": 8.2,  # of the oversampled grid
+    "pattern": 11,  # a view of one skeleton term
+    "direct view": 6.6,  # a connection at a view, summed directly
+    "direct tilt": 2.3,  # and at a tilt there
+    "normal": 22,  # a complex normal number
+    "flop": 0.036,  # of the stationary sampler's products and transforms
+    "stack view": 5.3,
+    "phasor": 10,  # of a skewed kernel
+    "volume path": 900,
+    "volume event": 1100,  # a scattering event in any geometry
+    "voxel": 14,  # one that a flight or a connection crosses
+    "volume connection": 180,
+    "volume end": 79,  # one end of a connection there, at one light or view
+    "near end": 130,  # the same at a point
+    "product": 0.29,  # a complex multiplication and addition within a matrix product
+    "amplitude": 2.2,  # one of the amplitudes whose products are summed in a covariance
+    "batch": 8e5,  # of a covariance's paths
+}
+SERIAL = {"normal", "flop", "stack view", "phasor"}
+"""Operations that any number of threads leaves to one."""
+
+_FIXED = 58 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
+_TORCH = 197 * 2**20  # what importing torch takes, which the stationary sampler does
+_SEARCH = 24 * 2**20  # what looking for a low rank takes, in vain
+_RECORD = 14 * 8 + 20  # bytes of a connection
 
 
 @dataclass(frozen=True)
 class Work:
-    """What there is to do: the scene, the paths and how many events and connections each has, and the way."""
+    """What there is to do for beams through a slab.
+
+    ``kernel_paths`` and ``stationary`` are those of the stationary sampler; ``nufft`` is None for the direct sum.
+    """
 
     scene: Scene
     paths: int
@@ -35,54 +67,12 @@ class Work:
     stationary: bool
     nufft: NufftEvaluator | None
     reverse: bool
-
-
-def nufft_nanoseconds(nufft: NufftEvaluator, tilts: int, connections: float, views: int) -> float:
-    """Nanoseconds to evaluate connections by NUFFT."""
-    width = np.ceil(-np.log10(0.3 * nufft.tolerance)) + 1
-    spread = _TRANSFORM * (width / 5) ** 2 * (1 if nufft.tolerance >= SINGLE_PRECISION_FROM else 2)
-    transforms = nufft.rank * tilts * (spread * connections + _FFT_POINT * 4 * views)
-    return float(transforms + connections * _END * (tilts + nufft.rank))
-
-
-def direct_nanoseconds(tilts: int, connections: float, views: int) -> float:
-    """Nanoseconds to evaluate connections by the direct sum."""
-    return connections * (views * (_VIEW + 2.0 * tilts) + _END * tilts)
-
-
-def seconds(work: Work, threads: int) -> float:
-    """Seconds for one realization of a render, its preparation included."""
-    views = int(np.prod(work.scene.sensor.shape))
-    tilts = len(work.scene.beams.directions)
-    connections = work.paths * work.connections_per_path
-    tracing = work.paths * work.events_per_path * _EVENT / threads
-    if work.stationary:
-        pitch = work.scene.sensor.pitch / work.scene.speckle_size  # type: ignore[union-attr]
-        cells = np.prod([n * pitch + 10 for n in work.scene.sensor.shape])
-        return float(1e-9 * (tracing + tilts * (cells * _NORMAL + views * 6.0)) + 5e-3)
-    if work.nufft:
-        return 1e-9 * (tracing + nufft_nanoseconds(work.nufft, tilts, connections, views) / threads)
-    return 1e-9 * (tracing + direct_nanoseconds(tilts, connections, views) * (2 if work.reverse else 1) / threads)
-
-
-def memory_bytes(work: Work, threads: int) -> int:
-    """Bytes by which the process grows at most in a render."""
-    views = float(np.prod(work.scene.sensor.shape))
-    tilts = len(work.scene.beams.directions)
-    connections = min(work.paths, CHUNK) * work.connections_per_path
-    bank = connections * (14 * 8 + 12) * 2
-    if work.stationary:
-        return int(work.paths * work.connections_per_path * 160 + 8 * views * tilts * 4 + _FIXED)
-    if work.nufft:
-        per = 8 if work.nufft.tolerance >= SINGLE_PRECISION_FROM else 16
-        field = tilts * views * per * (2 + work.nufft.rank + threads)
-        return int(bank + connections * (16 * (tilts + work.nufft.rank) + per * tilts * threads) + field + _FIXED)
-    return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + _FIXED)
+    skewed: bool = False
 
 
 @dataclass(frozen=True)
 class VolumeWork:
-    """What there is to do in any geometry."""
+    """What there is to do in any geometry; ``ways`` is 2 where paths serve in both directions."""
 
     scene: Scene
     paths: int
@@ -92,21 +82,130 @@ class VolumeWork:
     covariance: bool
 
 
-def volume_seconds(work: VolumeWork, threads: int) -> float:
-    """Seconds for the first realization of a scene of any geometry."""
+def seconds(operations: Mapping[str, float], threads: int) -> float:
+    """Seconds that operations take on so many threads."""
+    return 1e-9 * sum(
+        count * NANOSECONDS[name] / (1 if name in SERIAL else threads) for name, count in operations.items()
+    )
+
+
+def nufft_operations(nufft: NufftEvaluator, tilts: int, connections: float, views: int) -> dict[str, float]:
+    """Operations to evaluate connections by NUFFT."""
+    width = np.ceil(-np.log10(0.3 * nufft.tolerance)) + 1
+    precision = 1 if nufft.tolerance >= SINGLE_PRECISION_FROM else 2
+    transforms = nufft.rank * tilts
+    return {
+        "end": connections * (tilts + nufft.rank),
+        "spread": float(transforms * (width / 5) ** 2 * precision * connections),
+        "FFT point": transforms * 4.0 * views * precision,
+        "pattern": nufft.rank * np.ceil(tilts / TILTS_AT_ONCE) * views,
+    }
+
+
+def direct_operations(tilts: int, connections: float, views: int) -> dict[str, float]:
+    """Operations to evaluate connections by the direct sum."""
+    return {
+        "end": connections * tilts,
+        "direct view": connections * views,
+        "direct tilt": connections * views * tilts,
+    }
+
+
+def tracing_operations(work: Work) -> dict[str, float]:
+    """Operations to trace the paths alone."""
+    return {
+        "path": work.paths,
+        "event": work.paths * work.events_per_path,
+        "connection": work.paths * work.connections_per_path,
+    }
+
+
+def operations(work: Work) -> dict[str, float]:
+    """Operations of one realization of a render, its preparation included."""
+    views = int(np.prod(work.scene.sensor.shape))
+    tilts = len(work.scene.beams.directions)
+    connections = work.paths * work.connections_per_path
+    tracing = tracing_operations(work)
+    if work.stationary:
+        return tracing | _stack_operations(work.scene, connections if work.skewed else 0.0)
+    if work.nufft:
+        return tracing | nufft_operations(work.nufft, tilts, connections, views)
+    return tracing | direct_operations(tilts, connections * (2 if work.reverse else 1), views)
+
+
+def _stack_operations(scene: Scene, phasors: float) -> dict[str, float]:
+    """Operations of one stack of the stationary sampler; an object's modes are fewer than its beams, at most these."""
+    grid = scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    x, y = _axes(scene, grid)
+    tilts, views = len(scene.beams.directions), np.prod(grid.shape)
+    size = x.count * y.count
+    return {
+        "normal": tilts * size,
+        "flop": tilts * (8.0 * tilts * size + min(matrix_flops(x, y, grid.shape), fft_flops(x, y))),
+        "stack view": tilts * (views + 4.0 * size),
+        "phasor": tilts * phasors,
+    }
+
+
+def _axes(scene: Scene, grid: FarFieldGrid):
+    beams = scene.beams
+    reach = np.ptp(beams.directions[:, :2], axis=0) if len(beams.directions) else np.zeros(2)
+    spans = grid.pitch * (np.array(grid.shape[::-1]) - 1) + reach
+    return [cells(scene.wavelength, beams.width, beams.profile, grid.pitch, span) for span in spans]
+
+
+def volume_operations(work: VolumeWork) -> dict[str, float]:
+    """Operations of the first realization of a scene of any geometry."""
     lights, views = len(work.scene.lights), len(work.scene.views)
-    connections = work.paths * work.connections_per_path * work.ways
+    connections = work.paths * work.connections_per_path
     pairs = float(lights * views)
-    products = pairs * (pairs / 2 if work.covariance else 1.0)
-    ends = connections * (lights + views) * _VOLUME_END
-    events = work.paths * work.events_per_path * _VOLUME_EVENT
-    return 1e-9 / threads * (events + ends + connections * products * _PRODUCT)
+    both = connections * work.ways
+    events, ends = work.paths * work.events_per_path, both * (lights + views)
+    near_lights = isinstance(work.scene.illumination, PointSources)
+    near_views = isinstance(work.scene.sensor, NearField)
+    medium = work.scene.medium
+    crossed = max(medium.extinction.shape) / 2 if isinstance(medium, VoxelGrid) else 0.0
+    return {
+        "volume path": work.paths,
+        "volume event": events,
+        "voxel": (events + ends) * crossed,
+        "volume connection": connections,
+        "volume end": both * (0 if near_lights else lights) + both * (0 if near_views else views),
+        "near end": both * (lights if near_lights else 0) + both * (views if near_views else 0),
+        "product": both * pairs * (pairs / 2 if work.covariance else 1.0),
+        "amplitude": both * pairs if work.covariance else 0.0,
+        "batch": min(BATCHES, work.paths) if work.covariance else 0,
+    }
 
 
-def volume_memory_bytes(work: VolumeWork) -> int:
-    """Bytes by which the process grows at most."""
-    pairs = float(len(work.scene.lights) * len(work.scene.views))
-    paths = work.paths / 64 if work.covariance else min(work.paths, CHUNK)
-    bank = paths * work.connections_per_path * (14 * 8 + 20) * 2
-    matrices = pairs**2 * (16 * 6 + 8 * 3) if work.covariance else pairs * 16 * 3
-    return int(bank + matrices + 2**26 + _FIXED)
+def memory_bytes(work: Work, threads: int) -> int:
+    """Bytes by which the process grows at most in its first plan and render."""
+    views = float(np.prod(work.scene.sensor.shape))
+    tilts = len(work.scene.beams.directions)
+    connections = min(work.paths, CHUNK) * work.connections_per_path
+    bank = connections * _RECORD * 2
+    if work.stationary:
+        return int(work.paths * work.connections_per_path * 160 + 8 * views * tilts * 4 + _TORCH + _FIXED)
+    if work.nufft:
+        per = 8 if work.nufft.tolerance >= SINGLE_PRECISION_FROM else 16
+        field = tilts * views * per * (2 + work.nufft.rank + threads)
+        return int(bank + connections * (16 * (tilts + work.nufft.rank) + per * tilts * threads) + field + _FIXED)
+    looked = _SEARCH if isinstance(work.scene.sensor, FarFieldGrid) and not work.reverse else 0
+    return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + looked + _FIXED)
+
+
+def volume_memory_bytes(work: VolumeWork, threads: int) -> int:
+    """Bytes by which the process grows at most in its first plan and render."""
+    lights, views = len(work.scene.lights), len(work.scene.views)
+    pairs = float(lights * views)
+    paths = min(work.paths, CHUNK)
+    room = threads * 8 * min(work.paths, BLOCK) * _RECORD
+    if work.covariance:
+        paths = min(work.paths / BATCHES, 8 * BLOCK)
+        amplitudes = min(paths * work.connections_per_path * pairs, COVARIANCE_ELEMENTS)
+        held = 3 * 16 * amplitudes + pairs**2 * (16 * 6 + 8 * 3)
+    else:
+        some = min(paths * work.connections_per_path, FIELD_ELEMENTS / max(lights + views, 1))
+        held = 16 * some * (lights + threads * min(views, VIEWS_AT_ONCE)) + pairs * 16 * 3
+    return int(paths * work.connections_per_path * _RECORD + room + held + _FIXED)

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.budgets import checked_budget, paths_for
+from specklegen.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.gates import Reverse, Verdict, warn_of_dependence
 from specklegen.kernels.rng import fill_normals
 from specklegen.parallel import map_blocks
@@ -28,8 +28,7 @@ from specklegen.streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.tracing import BLOCK
 from specklegen.values import available_memory, reject
 
-DEFAULT_PATHS = 100_000
-_ELEMENTS = 2**22  # of the amplitudes held at a time
+COVARIANCE_ELEMENTS = 2**22  # of the amplitudes held at a time
 _BLOCK_ROWS = 256  # per block of parallel work
 _PATHS_AT_ONCE = 8 * BLOCK  # so that the connections in memory do not grow with the number of paths
 
@@ -164,24 +163,25 @@ def covariance(
     if pairs is None:
         _require_memory(t, v, t * v)  # before the pilot, whose time would be lost
     tracer, reversal = _prepare(scene, reverse, tolerance)
+    reverse = reversal.needed
     if pairs is None:
         chosen, entries = None, _all_pairs(t * v, threads)
     else:
         chosen = _checked_pairs(pairs, t, v)
         entries = _chosen_pairs(chosen, v)
-    alone = single_verdict(scene, orders, len(chosen) if chosen is not None else (t * v) ** 2, tolerance, reversal)
-    verdicts = (scene_reversal(scene, reverse, tolerance), alone)
+    alone = single_verdict(scene, orders, len(chosen) if chosen is not None else (t * v) ** 2, tolerance, reverse)
+    verdicts = (reversal, alone)
     if not alone.needed:
         value = single_covariance(scene, all_quadruples(t, v) if chosen is None else chosen)
         if chosen is None:
             value = value.reshape(t * v, t * v)
             _mirror(value)  # each half has a rounding of its own
             value = value.reshape(t, v, t, v)
-        left_out = volume_pilot(scene, reversal).multiple_share
+        left_out = volume_pilot(scene, reverse).multiple_share
         zeros = np.zeros(value.shape)
-        return Covariance(value, zeros, value, zeros.astype(np.complex128), 0, reversal, left_out, 0, verdicts)
-    run = partial(_estimate, tracer, reverse=reversal, entries=entries, threads=threads)
-    keyed = pilot_seed(scene.fingerprint())
+        return Covariance(value, zeros, value, zeros.astype(np.complex128), 0, reverse, left_out, 0, verdicts)
+    run = partial(_estimate, tracer, reverse=reverse, entries=entries, threads=threads)
+    keyed = pilot_seed(scene.unitless_fingerprint())
     count = paths_for(
         DEFAULT_PATHS, paths, rel_error, seconds, lambda n: run(n, keyed, stream=Stream.PILOT).rel_error
     )  # fmt: skip
@@ -221,7 +221,7 @@ def covariance_blocks(
     for start in range(0, t * v, rows):
         part = slice(start, min(start + rows, t * v))
 
-        found = _estimate(tracer, paths, seed, reverse=reversal, entries=_rows(part, t * v), threads=threads)
+        found = _estimate(tracer, paths, seed, reverse=reversal.needed, entries=_rows(part, t * v), threads=threads)
         yield part, found.reshaped((part.stop - part.start, t, v))
 
 
@@ -267,11 +267,11 @@ def _rows(part: slice, n: int) -> _Entries:
     return _Entries((part.stop - part.start, n), rows, lambda power: np.sqrt(np.outer(power[part], power)))
 
 
-def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, bool]:
+def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, Verdict]:
     if not 0 < tolerance < 1:
         reject("covariance tolerance", "between 0 and 1", tolerance)
-    reversal = scene_reversal(scene, reverse, tolerance).needed
-    return scene_tracer(scene, reversal), reversal
+    reversal = scene_reversal(scene, reverse, tolerance)
+    return scene_tracer(scene, reversal.needed), reversal
 
 
 def _estimate(
@@ -291,7 +291,7 @@ def _estimate(
     power = np.zeros(pairs)
     unfinished = 0
     edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
-    step = max(1, _ELEMENTS // max(pairs, 1))
+    step = max(1, COVARIANCE_ELEMENTS // max(pairs, 1))
 
     def add(batch: np.ndarray, amplitudes: np.ndarray) -> None:
         entries.add(batch, amplitudes)

@@ -77,7 +77,10 @@ def reversal_verdict(
     wing = BACKSCATTER_WING[dimension] * wavelength / (2 * np.pi * mean_free_path * max(nearest, 1e-300))
     if wing > tolerance:
         return Verdict(part, True, f"add up to {min(wing, 1):.2g} of the intensity near exact backscattering")
-    return Verdict(part, False, f"add at most {wing:.2g} of the intensity this far from backscattering")
+    return Verdict(
+        part, False,
+        f"add at most {wing:.2g} of the intensity this far from backscattering, allowed {tolerance:g}",
+    )  # fmt: skip
 
 
 def _nearest_sum(light: np.ndarray, views: np.ndarray) -> float:

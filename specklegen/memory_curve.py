@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.budgets import checked_budget, paths_for
+from specklegen.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.fields import ends
 from specklegen.gates import Reverse, reversal_verdict, warn_of_dependence
 from specklegen.illumination import directions_of_sines
@@ -26,7 +26,6 @@ from specklegen.tracing import plane_proposal, trace
 from specklegen.values import reject
 
 Mode = Literal["transmission", "reflection"]
-DEFAULT_PATHS = 100_000
 _OFF_BACKSCATTER = np.deg2rad(5.0)
 
 

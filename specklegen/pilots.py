@@ -61,9 +61,9 @@ def scene_evaluator(scene: Scene, reverse: bool, tolerance: float) -> NufftEvalu
 
 
 @remembered(64)
-def scene_stationary_error(scene: Scene, tolerance: float) -> StationaryError:
-    """How far the stationary model is from a scene's pilot paths."""
-    return stationary_error(scene, scene_pilot(scene, False).proposal, tolerance)
+def scene_stationary_error(scene: Scene, tolerance: float, skewed: bool) -> StationaryError:
+    """How far the stationary model, with the kernel of the axis or the skewed one, is from a scene's pilot paths."""
+    return stationary_error(scene, scene_pilot(scene, False).proposal, tolerance, skewed=skewed)
 
 
 def probe_views(scene: Scene) -> np.ndarray:

@@ -5,27 +5,35 @@ is a pure function of the scene and the arguments: pilots are keyed by the scene
 seconds may differ between machines, choices may not.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from specklegen.costs import VolumeWork, Work, memory_bytes, seconds, volume_memory_bytes, volume_seconds
-from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
-from specklegen.gates import Reverse, Sampler, Verdict, reversal_verdict
-from specklegen.gaussianity import EXACT, Gaussianity
+from specklegen.budgets import DEFAULT_PATHS, checked_budget
+from specklegen.costs import (
+    VolumeWork,
+    Work,
+    memory_bytes,
+    operations,
+    seconds,
+    tracing_operations,
+    volume_memory_bytes,
+    volume_operations,
+)
+from specklegen.gates import Reverse, Sampler, Verdict
+from specklegen.gaussianity import EXACT
 from specklegen.illumination import CollimatedBeams, IncoherentObject
-from specklegen.mean import ballistic_fraction
-from specklegen.media import Medium, VoxelGrid
 from specklegen.parallel import thread_count
 from specklegen.pathspace.gates import scene_reversal, slab_engine_obstacle
 from specklegen.pathspace.pilots import volume_pilot
 from specklegen.pathspace.tracing import scene_tracer
 from specklegen.pilots import scene_pilot
+from specklegen.plans import Plan
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid, require_resolved
-from specklegen.tracing import Proposal
 from specklegen.values import available_memory, reject
 from specklegen.verdicts import (
+    SIMPLER,
     evaluator_verdict,
     mean_verdict,
     stationary_verdict,
@@ -33,81 +41,7 @@ from specklegen.verdicts import (
     volume_mean_verdict,
 )
 
-DEFAULT_PATHS = 100_000
 STATIONARY_TOLERANCE = 0.02
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What a render will do, what it leaves out and why, and what that costs.
-
-    Attributes
-    ----------
-    scene : Scene
-    paths : int
-        Paths to trace a realization ("paths"), or once for the memory-effect kernel ("stationary").
-    sampler, evaluator : str
-        "paths" with "nufft" or "direct", "covariance" with "eigenvectors", or "stationary".
-    reverse, mean : bool
-        Whether reversed paths and the mean field take part.
-    verdicts : tuple of Verdict
-        Every gate, with its reason.
-    proposal : Proposal or None
-        How paths are drawn through a slab; None where the general engine serves (any geometry).
-    nufft : NufftEvaluator or None
-        The view factors, where the NUFFT is used.
-    expected_error : float
-        Root of the excess correlation of intensities from a finite number of paths, at the worst view
-        ("paths"); relative standard error of the intensity scale ("stationary").
-    gaussianity : Gaussianity
-        Whether so many paths make Gaussian speckle.
-    connections_per_path, events_per_path : float
-        From the pilot.
-    seconds : float
-        Predicted for one realization on this many threads, the sampler's preparation included.
-    memory_bytes : int
-        Predicted peak growth of the process.
-    """
-
-    scene: Scene
-    paths: int
-    sampler: str
-    evaluator: str
-    reverse: bool
-    mean: bool
-    verdicts: tuple[Verdict, ...]
-    proposal: Proposal | None
-    nufft: NufftEvaluator | None
-    expected_error: float
-    gaussianity: Gaussianity
-    connections_per_path: float
-    events_per_path: float
-    seconds: float
-    memory_bytes: int
-
-    @property
-    def field_dtype(self) -> type:
-        """Precision in which fields are summed."""
-        return np.complex64 if self.nufft and self.nufft.tolerance >= SINGLE_PRECISION_FROM else np.complex128
-
-    def explain(self) -> str:
-        """Tell in words what will be done, what is left out and why, and what it will cost."""
-        shape = "x".join(str(n) for n in self.scene.sensor.shape)
-        lines = [
-            f"{_described(self.scene.medium)}; {len(self.scene.lights)} "
-            f"{_LIGHTS.get(type(self.scene.illumination).__name__, 'tilts')}, {shape} views.",
-            f"Sampler: {self.sampler} ({self.evaluator}), {self.paths} paths.",
-        ]
-        lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.verdicts]
-        what = "intensity scale" if self.sampler == "stationary" else "false intensity correlation"
-        lines += [
-            f"Expected error ({what}, relative): {self.expected_error:.2g}.",
-            f"Speckle: {self.gaussianity}",
-            f"Cost: about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
-        ]
-        if isinstance(self.scene.illumination, CollimatedBeams | IncoherentObject):
-            lines.append(f"Ballistic fraction: {ballistic_fraction(self.scene):.2g}.")
-        return "\n".join(lines)
 
 
 def plan(
@@ -153,14 +87,7 @@ def plan(
         For an argument out of range, a grid that undersamples the speckle, a sampler that cannot serve
         the scene, or a render that would not fit into memory.
     """
-    if paths is not None and rel_error is not None:
-        reject("plan paths", "left out where rel_error is given", paths)
-    if paths is not None and not isinstance(paths, int | np.integer):
-        reject("paths", "a whole number", paths)
-    if paths is not None and paths < 1:
-        reject("paths", "at least 1", paths)
-    if rel_error is not None and not 0 < rel_error < 1:
-        reject("rel_error", "between 0 and 1", rel_error)
+    checked_budget("plan", paths, rel_error, None)
     if not 0 < field_tolerance < 1:
         reject("field_tolerance", "between 0 and 1", field_tolerance)
     if sampler not in ("auto", "paths", "covariance", "stationary"):
@@ -174,21 +101,30 @@ def plan(
     if obstacle or sampler == "covariance":
         return _plan_volume(scene, obstacle, paths, rel_error, sampler, reverse, mean, tolerance, threads)
 
-    # The stack and its views alone, before the gates below build an array of all views.
+    return _plan_slab(scene, paths, rel_error, sampler, reverse, mean, tolerance, field_tolerance, threads)
+
+
+def _plan_slab(
+    scene: Scene,
+    paths: int | None,
+    rel_error: float | None,
+    sampler: Sampler,
+    reverse: Reverse,
+    mean: bool,
+    tolerance: float,
+    field_tolerance: float,
+    threads: int | None,
+) -> Plan:
+    """Plan for beams through a slab: the stationary sampler, or paths by NUFFT or summed directly."""
+    # The stack and its views alone, before any pilot, whose time would be lost.
     _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
-    verdicts = list(validity_verdicts(scene))
-    reversal = reversal_verdict(
-        scene.medium.mean_free_path, scene.wavelength, scene.lights, scene.views, reverse, tolerance
-    )
-    verdicts += [reversal, mean_verdict(scene, mean, tolerance)]
+    reversal = scene_reversal(scene, reverse, tolerance)
     pilot = scene_pilot(scene, reversal.needed)
     if paths is None:
         paths = DEFAULT_PATHS if rel_error is None else pilot.moments.paths_for(rel_error)
-    stationary = stationary_verdict(scene, reversal.needed, sampler, tolerance)
-    verdicts.append(stationary)
-
-    nufft = None
-    evaluator = "FFT or matrix products"
+    kernel, stationary = stationary_verdict(scene, reversal.needed, sampler, tolerance)
+    verdicts = [*validity_verdicts(scene), reversal, mean_verdict(scene, mean, tolerance), SIMPLER, stationary]
+    nufft, evaluator = None, "FFT or matrix products"
     if not stationary.needed:
         nufft, verdict = evaluator_verdict(scene, pilot, field_tolerance, reversal.needed)
         verdicts.append(verdict)
@@ -201,9 +137,11 @@ def plan(
         stationary=stationary.needed,
         nufft=nufft,
         reverse=reversal.needed,
+        skewed=kernel == "skewed",
     )
     needed = memory_bytes(work, thread_count(threads))
     _require_memory(scene, needed)
+    counted = operations(work)
     return Plan(
         scene=scene,
         paths=paths,
@@ -214,13 +152,31 @@ def plan(
         verdicts=tuple(verdicts),
         proposal=pilot.proposal,
         nufft=nufft,
+        kernel=kernel,
         expected_error=float(np.sqrt(pilot.moments.relative_variance / paths)),
         gaussianity=EXACT if stationary.needed else pilot.moments.gaussianity(paths),
         connections_per_path=work.connections_per_path,
         events_per_path=work.events_per_path,
-        seconds=seconds(work, thread_count(threads)),
+        operations=counted,
+        seconds=seconds(counted, thread_count(threads)),
         memory_bytes=needed,
+        alternatives=_alternatives(work, thread_count(threads)),
     )
+
+
+def _alternatives(work: Work, threads: int) -> dict[str, float]:
+    """Seconds of the ways not taken through a slab, for the same paths."""
+    direct = replace(work, stationary=False, nufft=None)
+    found = {}
+    if work.stationary:
+        found[f"tracing {work.paths} paths anew for every realization, all fields aside,"] = seconds(
+            tracing_operations(work), threads
+        )
+    if work.nufft:
+        found["the direct sum"] = seconds(operations(direct), threads)
+    if not work.stationary and not work.reverse:
+        found["reversed paths as well (reverse=True)"] = seconds(operations(replace(direct, reverse=True)), threads)
+    return found
 
 
 def _plan_volume(
@@ -237,6 +193,7 @@ def _plan_volume(
     """Plan for the general engine: paths summed directly, or a covariance."""
     if sampler == "stationary":
         reject("sampler", '"paths", "covariance" or "auto" for this scene', sampler, f"Here {obstacle}.")
+    _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
     reversal = scene_reversal(scene, reverse, tolerance)
     pilot = volume_pilot(scene, reversal.needed)
     if paths is None:
@@ -250,7 +207,7 @@ def _plan_volume(
         ways=2 if scene_tracer(scene, reversal.needed).two_way else 1,
         covariance=use_covariance,
     )
-    needed = volume_memory_bytes(work)
+    needed = volume_memory_bytes(work, thread_count(threads))
     _require_memory(scene, needed)
     verdicts = [
         *validity_verdicts(scene),
@@ -268,30 +225,16 @@ def _plan_volume(
         verdicts=tuple(verdicts),
         proposal=None,
         nufft=None,
+        kernel=None,
         expected_error=float(np.sqrt(pilot.moments.relative_variance / paths)),
         gaussianity=EXACT if use_covariance else pilot.moments.gaussianity(paths),
         connections_per_path=pilot.connections_per_path,
         events_per_path=pilot.events_per_path,
-        seconds=volume_seconds(work, thread_count(threads)),
+        operations=volume_operations(work),
+        seconds=seconds(volume_operations(work), thread_count(threads)),
         memory_bytes=needed,
+        alternatives={},
     )
-
-
-_LIGHTS = {"PlaneWaves": "plane waves", "PointSources": "point sources"}
-
-
-def _described(medium: Medium) -> str:
-    """One line about a medium."""
-    if isinstance(medium, VoxelGrid):
-        shape = "x".join(str(n) for n in medium.extinction.shape)
-        return (
-            f"Grid of {shape} voxels of {len(medium.scatterers)} materials, optical depth at most "
-            f"{medium.optical_depth:.4g}"
-        )  # fmt: skip
-    return (
-        f"{type(medium).__name__} of optical depth {medium.optical_depth:.4g}, anisotropy {medium.scatterer.g:.4g}, "
-        f"albedo {medium.albedo:g}"
-    )  # fmt: skip
 
 
 def _require_memory(scene: Scene, needed: int) -> None:

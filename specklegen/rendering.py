@@ -20,7 +20,7 @@ from specklegen.fields.ends import Optics, random_phases
 from specklegen.fields.nufft import nufft_field
 from specklegen.gates import Reverse, Sampler, Verdict
 from specklegen.gaussianity import Gaussianity
-from specklegen.illumination import IncoherentObject
+from specklegen.illumination import IncoherentObject, reference_direction
 from specklegen.mean import mean_field
 from specklegen.pathspace.fields import volume_field
 from specklegen.pathspace.tracing import scene_tracer
@@ -260,17 +260,22 @@ def _image(scene: Scene, field: np.ndarray) -> np.ndarray:
 
 def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """The memory-effect kernel once, then one transform per realization."""
-    from specklegen.stationary.kernel import estimate_kernel
+    from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
     from specklegen.stationary.objects import object_sampler
     from specklegen.stationary.sampler import stack_sampler
+    from specklegen.stationary.skewed import estimate_skewed_kernel
 
-    scene = made.scene
-    kernel = estimate_kernel(scene.slab, made.paths, seed, threads=threads)
-    beams = scene.illumination
-    if isinstance(beams, IncoherentObject) and isinstance(scene.sensor, FarFieldGrid):
+    scene, beams, grid = made.scene, made.scene.illumination, made.scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    if made.kernel == "skewed":
+        light = reference_direction(scene.beams.directions)
+        kernel = estimate_skewed_kernel(scene.slab, light, grid.center_direction, made.paths, seed, threads=threads)
+    else:
+        kernel = estimate_kernel(scene.slab, made.paths, seed, threads=threads)
+    if isinstance(beams, IncoherentObject) and isinstance(kernel, MemoryKernel):
         objects = object_sampler(
             kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
-            width=beams.width, profile=beams.profile, grid=scene.sensor,
+            width=beams.width, profile=beams.profile, grid=grid,
         )  # fmt: skip
         images = [objects.image(objects.medium(seed, r), beams.brightness).numpy() for r in range(realizations)]
     else:

@@ -1,6 +1,8 @@
 """The scene: what is simulated, in one frozen value."""
 
-from typing import Self
+import hashlib
+import json
+from typing import Any, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -9,11 +11,17 @@ from specklegen.illumination import CollimatedBeams, Illumination, IncoherentObj
 from specklegen.media import Medium, Slab, VoxelGrid
 from specklegen.mie import Mie
 from specklegen.scatterers import components
-from specklegen.sensors import NearField, Sensor
+from specklegen.sensors import FarFieldGrid, NearField, Sensor
 from specklegen.values import Positive, Value, reject
 
 NEAREST = 0.01
 """Wavelengths between a sensor point and a source inside the medium, at least."""
+
+_LENGTHS = {
+    "wavelength": 1, "thickness": 1, "mean_free_path": 1, "width": 1, "radius": 1, "lower": 1, "upper": 1, "points": 1,
+    "extinction": -1,
+}  # fmt: skip
+"""Fields of a scene with a dimension, and the power of length that it is."""
 
 
 class Scene(Value):
@@ -39,7 +47,7 @@ class Scene(Value):
         dimensions = {
             "medium": None if isinstance(self.medium, Slab) else len(self.medium.lower),
             "illumination": _light_vectors(self.illumination).shape[-1],
-            "sensor": _view_vectors(self.sensor).shape[-1],
+            "sensor": self.sensor.dimension,
         }
         known = {name: d for name, d in dimensions.items() if d is not None}
         if len(set(known.values())) > 1:
@@ -89,10 +97,15 @@ class Scene(Value):
                     "Both are the wavelength inside the medium.",
                 )  # fmt: skip
 
+    def unitless_fingerprint(self) -> str:
+        """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit of length."""
+        content = _unitless(self.model_dump(mode="json"), self.wavelength)
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
     @property
     def dimension(self) -> int:
         """3 in space, 2 in flatland."""
-        return _view_vectors(self.sensor).shape[-1]
+        return self.sensor.dimension
 
     @property
     def wavenumber(self) -> float:
@@ -135,8 +148,15 @@ class Scene(Value):
     @property
     def views(self) -> np.ndarray:
         """float64[V, d]: the sensor's directions or points, flattened in C order."""
-        vectors = _view_vectors(self.sensor)
+        vectors = self.sensor.points if isinstance(self.sensor, NearField) else self.sensor.directions
         return vectors.reshape(-1, vectors.shape[-1])
+
+    @property
+    def side(self) -> float:
+        """Sign of z on the side that most of a far-field sensor's views look from; a grid's has one."""
+        if isinstance(self.sensor, FarFieldGrid):
+            return self.sensor.sign
+        return 1.0 if np.sum(self.views[:, -1]) >= 0 else -1.0
 
     @property
     def speckle_size(self) -> float:
@@ -148,5 +168,10 @@ def _light_vectors(illumination: Illumination) -> np.ndarray:
     return illumination.points if isinstance(illumination, PointSources) else illumination.directions
 
 
-def _view_vectors(sensor: Sensor) -> np.ndarray:
-    return sensor.points if isinstance(sensor, NearField) else sensor.directions
+def _unitless(content: Any, wavelength: float, power: int = 0) -> Any:
+    """JSON with every field of ``_LENGTHS`` divided by its power of the wavelength, and rounded."""
+    if isinstance(content, dict):
+        return {key: _unitless(value, wavelength, _LENGTHS.get(key, 0)) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_unitless(value, wavelength, power) for value in content]
+    return float(f"{content / wavelength**power:.9g}") if power else content

@@ -30,6 +30,11 @@ class FarField(Value):
         """Shape of an image: that of ``directions`` less its last axis."""
         return self.directions.shape[:-1]
 
+    @property
+    def dimension(self) -> int:
+        """3 in space, 2 in flatland."""
+        return self.directions.shape[-1]
+
     @classmethod
     def angles(cls, angles: ArrayLike) -> Self:
         """Views in flatland at ``angles`` from the axis, radians, any shape: directions (sin, cos)."""
@@ -82,6 +87,11 @@ class FarFieldGrid(Value):
         return self
 
     @property
+    def dimension(self) -> int:
+        """3: grids are in space."""
+        return 3
+
+    @property
     def sines(self) -> tuple[np.ndarray, np.ndarray]:
         """Direction sines (x of the columns, y of the rows), float64[W] and float64[H]."""
         rows, columns = self.shape
@@ -113,6 +123,25 @@ class FarFieldGrid(Value):
         return directions_of_sines(
             "FarFieldGrid.pitch", [(a, b) for a in (x[0], x[-1]) for b in (y[0], y[-1])], self.sign
         )
+
+    def nearest(self, directions: np.ndarray) -> np.ndarray:
+        """float64[n, 3], the view nearest to each of the directions float64[n, 3], without building all views.
+
+        Along a row, -d . v is convex on the side of the sphere that d is on, so its least value lies beside the
+        continuous one, and concave on the other side, where it lies at an end.
+        """
+        x, y = self.sines
+        rows = np.sqrt(np.clip(1 - y**2, 0, None))
+        found = []
+        for d in directions:
+            best = rows * d[0] / max(np.hypot(d[0], d[2]), 1e-300)
+            beside = np.clip(np.floor((best - x[0]) / self.pitch), 0, max(len(x) - 2, 0)).astype(int)
+            columns = np.stack([0 * beside, beside, np.minimum(beside + 1, len(x) - 1), 0 * beside + len(x) - 1])
+            across = x[columns] * d[0] + y * d[1]
+            towards = across + self.sign * d[2] * np.sqrt(np.clip(rows**2 - x[columns] ** 2, 0, None))
+            candidate, row = np.unravel_index(towards.argmax(), towards.shape)
+            found.append((x[columns[candidate, row]], y[row]))
+        return directions_of_sines("FarFieldGrid.pitch", np.reshape(found, (-1, 2)), self.sign)
 
 
 def require_resolved(field: str, wavelength: float, width: float, pitch: float) -> None:
@@ -152,6 +181,11 @@ class NearField(Value):
     def shape(self) -> tuple[int, ...]:
         """Shape of an image: that of ``points`` less its last axis."""
         return self.points.shape[:-1]
+
+    @property
+    def dimension(self) -> int:
+        """3 in space, 2 in flatland."""
+        return self.points.shape[-1]
 
 
 Sensor = Annotated[FarField | FarFieldGrid | NearField, Field(discriminator="type")]

@@ -1,18 +1,41 @@
 """Verdicts on a scene from its pilot: what takes part in a render, and why."""
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 from scipy.spatial import KDTree
 
-from specklegen.costs import direct_nanoseconds, nufft_nanoseconds
+from specklegen.costs import direct_operations, nufft_operations, seconds
+from specklegen.fields.ends import AXIS
 from specklegen.fields.nufft import NufftEvaluator
 from specklegen.gates import Sampler, Verdict, independence_doubt
-from specklegen.illumination import CollimatedBeams, IncoherentObject, PointSources
-from specklegen.mean import ballistic_fraction, mean_field
+from specklegen.illumination import (
+    CollimatedBeams,
+    IncoherentObject,
+    PointSources,
+    directions_of_sines,
+    reference_direction,
+)
+from specklegen.mean import mean_field
 from specklegen.pilots import Pilot, scene_evaluator, scene_pilot, scene_stationary_error
 from specklegen.scene import Scene
-from specklegen.sensors import FarFieldGrid
+from specklegen.sensors import FarField, FarFieldGrid, Sensor
+from specklegen.stationary.criterion import StationaryError
 from specklegen.values import RuleError, reject
 
+SIMPLER = Verdict(
+    "near-field terms, voxels and mixtures", False,
+    "nothing is lost: the views are directions, the slab is homogeneous, and its particles are of one kind",
+)  # fmt: skip
+_BLOCK = 64  # nearest rows and columns in which the rings of a disc are looked for
+Kernel = Literal["axial", "skewed"]
+_KERNELS = {"axial": "kernel of the axis", "skewed": "kernel of its own direction"}
+_MEAN = "mean (ballistic) field"
+_NO_BALLISTIC_IMAGE = (
+    "the object's ballistic image is not modelled, though each pixel's light reaches {:.2g} times its speckle's "
+    "intensity at some view: a camera blocks it or looks beside it"
+)
 _CHEAP = 1e6  # quadrature nodes of a mean field that is only judged: a tenth of a second
 
 
@@ -39,45 +62,66 @@ def validity_verdicts(scene: Scene) -> list[Verdict]:
 
 def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
     """The mean field is added only when asked; say where its intensity would exceed the speckle's tolerance."""
-    part = "mean (ballistic) field"
     if mean:
-        return Verdict(part, True, "asked for")
-    if isinstance(scene.illumination, IncoherentObject) or not len(scene.beams.directions):
-        return Verdict(part, False, f"its share of the light is {ballistic_fraction(scene):.2g}")
-    few = scene.replace(illumination=scene.beams.replace(directions=_nearest_tilt(scene)[None]))
-    strongest = float(np.square(np.abs(mean_field(few))).max(initial=0.0))
-    speckle = scene_pilot(scene, False).intensity
-    if strongest <= tolerance * speckle:
-        return Verdict(
-            part,
-            False,
-            f"at most {strongest / max(speckle, 1e-300):.2g} of the speckle's intensity at any view",
-        )
-    return Verdict(
-        part, False,
-        f"not asked for (mean=True adds it), though it reaches {strongest / max(speckle, 1e-300):.2g} times the "
-        "speckle's intensity at some view",
-    )  # fmt: skip
+        return Verdict(_MEAN, True, "asked for")
+    if not len(scene.beams.directions):
+        return Verdict(_MEAN, False, "there is no light")
+    ratio = _strongest_mean(scene, _nearest_tilt(scene)) / max(scene_pilot(scene, False).intensity, 1e-300)
+    verdict = _mean_left_out(ratio, tolerance)
+    if ratio > tolerance and isinstance(scene.illumination, IncoherentObject):
+        return replace(verdict, reason=_NO_BALLISTIC_IMAGE.format(ratio))
+    return verdict
+
+
+def _strongest_mean(scene: Scene, tilt: np.ndarray) -> float:
+    """Largest intensity of one tilt's mean field over the views.
+
+    Over a grid it is found without looking at every view. A window's diffraction pattern is the product of its
+    sections (square, Gaussian), so that the best column and the best row of the cross through the nearest view have
+    the maximum; or it falls off in rings (disc), so that a block about the nearest view holds it.
+    """
+    beam = scene.beams.replace(directions=tilt[None])
+
+    def intensity(sensor: Sensor) -> np.ndarray:
+        return np.square(np.abs(mean_field(scene.replace(illumination=beam, sensor=sensor))[0]))
+
+    grid = scene.sensor
+    if not isinstance(grid, FarFieldGrid):
+        return float(intensity(grid).max(initial=0.0))
+
+    def over(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        sines = np.stack(np.meshgrid(x, y), axis=-1)
+        return intensity(FarField(directions=directions_of_sines("view", sines, grid.sign)))
+
+    near_x, near_y = (axis[np.argsort(np.abs(axis - sine))] for axis, sine in zip(grid.sines, tilt, strict=False))
+    along, across = over(near_x, near_y[:1])[0], over(near_x[:1], near_y)[:, 0]
+    best = over(near_x[[along.argmax()]], near_y[[across.argmax()]])
+    return float(max(best.max(), over(near_x[:_BLOCK], near_y[:_BLOCK]).max()))
 
 
 def volume_mean_verdict(scene: Scene, mean: bool, tolerance: float, speckle: float) -> Verdict:
     """The mean field in any geometry, judged at every view for at most eight of the lights, where that is cheap."""
-    part = "mean (ballistic) field"
     if mean:
-        return Verdict(part, True, "asked for")
+        return Verdict(_MEAN, True, "asked for")
     if isinstance(scene.illumination, IncoherentObject) or not len(scene.lights) or not scene.views.size:
-        return Verdict(part, False, "not asked for")
+        return Verdict(_MEAN, False, "not asked for")
     try:
         strongest = float(np.square(np.abs(mean_field(few_lights(scene, 8), most_nodes=_CHEAP))).max(initial=0.0))
     except RuleError as refused:
-        return Verdict(part, False, f"not asked for, and not judged: {refused}")
-    ratio = strongest / max(speckle, 1e-300)
+        return Verdict(_MEAN, False, f"not asked for, and not judged: {refused}")
+    return _mean_left_out(strongest / max(speckle, 1e-300), tolerance)
+
+
+def _mean_left_out(ratio: float, tolerance: float) -> Verdict:
+    """The verdict on a mean that was not asked for, by its intensity over the speckle's where it is strongest."""
     if ratio <= tolerance:
-        return Verdict(part, False, f"at most {ratio:.2g} of the speckle's intensity at any view")
-    return Verdict(
-        part, False,
-        f"not asked for (mean=True adds it), though it reaches {ratio:.2g} times the speckle's intensity at some view",
-    )  # fmt: skip
+        reason = f"at most {ratio:.2g} of the speckle's intensity at any view"
+    else:
+        reason = (
+            f"not asked for (mean=True adds it), though it reaches {ratio:.2g} times the speckle's intensity at some "
+            "view: a camera blocks it or looks beside it"
+        )
+    return Verdict(_MEAN, False, reason)
 
 
 def few_lights(scene: Scene, count: int) -> Scene:
@@ -102,32 +146,63 @@ def _nearest_tilt(scene: Scene) -> np.ndarray:
     return directions[np.lexsort((-directions[:, 2], gap))[0]]
 
 
-def stationary_verdict(scene: Scene, reverse: bool, sampler: Sampler, tolerance: float) -> Verdict:
-    """Whether the stationary sampler serves a scene within the tolerance (physics.md 9)."""
+def stationary_verdict(
+    scene: Scene, reverse: bool, sampler: Sampler, tolerance: float
+) -> tuple[Kernel | None, Verdict]:
+    """The memory-effect kernel with which the stationary sampler serves a scene within the tolerance (physics.md 9).
+
+    That of the axis wherever it is good enough; else the skewed one, about the middle of the beams and the views.
+    """
     part = "stationary sampler"
-    obstacle = None
-    if not isinstance(scene.sensor, FarFieldGrid):
-        obstacle = "needs a regular far-field grid"
-    elif scene.sensor.side != "transmission":
-        obstacle = "serves transmission only"
-    elif reverse:
-        obstacle = "has no reversed paths"
-    elif scene.slab.albedo == 0 or scene.slab.thickness == 0:
-        obstacle = "has nothing to do: nothing scatters"
+    obstacle = _stationary_obstacle(scene, reverse)
     if obstacle:
         if sampler == "stationary":
             reject("sampler", '"paths" or "auto" for this scene', sampler, f"The stationary sampler {obstacle}.")
-        return Verdict(part, False, obstacle)
+        return None, Verdict(part, False, obstacle)
     if sampler == "paths":
-        return Verdict(part, False, "as asked")
-    error = scene_stationary_error(scene, tolerance)
-    said = (
-        f"its correlations are off by {error.correlation:.2g} +- {error.correlation_error:.1g} and its intensities by "
-        f"{error.intensity:.2g} +- {error.intensity_error:.1g}, allowed {tolerance:g}"
+        return None, Verdict(part, False, "as asked")
+    errors: dict[Kernel, StationaryError] = {}
+    for kernel in _kernels(scene):
+        errors[kernel] = scene_stationary_error(scene, tolerance, kernel == "skewed")
+        if errors[kernel].accepts(tolerance):
+            break
+    best = min(errors, key=lambda kernel: (not errors[kernel].accepts(tolerance), errors[kernel].largest))
+    said = "; ".join(
+        f"with the {_KERNELS[kernel]} its correlations are off by {error.correlation:.2g} +- "
+        f"{error.correlation_error:.1g} and its intensities by {error.intensity:.2g} +- {error.intensity_error:.1g}"
+        for kernel, error in errors.items()
     )
+    said += f", allowed {tolerance:g}"
     if sampler == "stationary":
-        return Verdict(part, True, f"asked for; {said}")
-    return Verdict(part, error.accepts(tolerance), said)
+        return best, Verdict(part, True, f"asked for; {said}")
+    accepted = errors[best].accepts(tolerance)
+    return best if accepted else None, Verdict(part, accepted, said)
+
+
+def _stationary_obstacle(scene: Scene, reverse: bool) -> str | None:
+    """What keeps the stationary sampler from serving a scene at all; None where it may."""
+    if not isinstance(scene.sensor, FarFieldGrid):
+        return "needs a regular far-field grid"
+    if reverse:
+        return "has no reversed paths"
+    if scene.slab.albedo == 0 or scene.slab.thickness == 0:
+        return "has nothing to do: nothing scatters"
+    if not _kernels(scene):
+        return "serves hidden objects in transmission only"
+    return None
+
+
+def _kernels(scene: Scene) -> list[Kernel]:
+    """Kernels that may serve a scene, the one to prefer first.
+
+    The kernel of the axis is that of transmission; a hidden object's modes need its symmetry. The skewed one is the
+    same as it where beams and views are about the axis.
+    """
+    middle = [reference_direction(scene.beams.directions), scene.sensor.center_direction]  # type: ignore[union-attr]
+    axial = scene.side > 0
+    oblique = not np.allclose(middle, AXIS, rtol=0, atol=1e-9)
+    skewed = oblique and not isinstance(scene.illumination, IncoherentObject)
+    return [*(["axial"] if axial else []), *(["skewed"] if skewed else [])]  # type: ignore[list-item]
 
 
 def evaluator_verdict(
@@ -146,7 +221,7 @@ def evaluator_verdict(
     tilts = len(scene.beams.directions)
     if nufft is None:
         return None, Verdict(part, False, "the field of view is too wide for a low-rank view factor; summed directly")
-    if nufft_nanoseconds(nufft, tilts, 1000.0, views) > direct_nanoseconds(tilts, 1000.0, views):
+    if seconds(nufft_operations(nufft, tilts, 1000.0, views), 1) > seconds(direct_operations(tilts, 1000.0, views), 1):
         return None, Verdict(part, False, f"rank {nufft.rank} makes it dearer than {views} views summed directly")
     return nufft, Verdict(
         part,

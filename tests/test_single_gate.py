@@ -59,3 +59,44 @@ def test_scenes_without_a_closed_form_say_so():
         sg.covariance(near, orders="single")
     with pytest.raises(sg.RuleError, match="covariance orders must be"):
         sg.covariance(near, orders="double")
+
+
+@pytest.mark.parametrize("kind", ["box", "voxels", "spheres", "points"])
+def test_the_unit_of_length_sways_no_choice(kind):
+    """Pilots are keyed by the scene in wavelengths; any other change of the scene gives another key."""
+
+    def scene(unit: float, stretch: float = 1.0) -> sg.Scene:
+        corners = {"lower": [-5.0 * unit, -4 * unit, 0], "upper": [5.0 * unit, 4 * unit, 3.3 * stretch * unit]}
+        sphere = sg.Mie(radius=0.7 * unit, wavelength=unit, refractive_index=1.2)
+        particle = sphere if kind == "spheres" else sg.Isotropic()
+        return sg.Scene(
+            wavelength=unit,
+            medium=sg.VoxelGrid(extinction=[[[0.1 / unit]], [[0.3 / unit]]], scatterers=(sg.Isotropic(),), **corners)
+            if kind == "voxels"
+            else sg.Box(mean_free_path=60.0 * unit, scatterer=particle, **corners),
+            illumination=sg.PointSources(points=[[0, 0, -9.0 * unit]]) if kind == "points"
+            else sg.CollimatedBeams.tilts([0.0, 0.05], width=30.0 * unit),
+            sensor=sg.NearField(points=[[0, 1.0 * unit, 30.0 * unit]]) if kind == "points"
+            else sg.FarField.grid(shape=(2, 2), pitch=0.01),
+        )  # fmt: skip
+
+    print_ = scene(1.0).unitless_fingerprint()
+    for unit in (1e-3, 0.7, 532.0, 1e9 / 3):
+        assert scene(unit).unitless_fingerprint() == print_
+    assert scene(1.0, 1 + 1e-6).unitless_fingerprint() != print_
+
+
+def test_a_gate_near_its_threshold_stays_where_it_is_in_another_unit():
+    """The pilot finds the same share of multiple scattering, so a tolerance beside that share decides alike."""
+    from specklegen.pathspace.pilots import volume_pilot
+
+    def scene(unit: float) -> sg.Scene:
+        one = thin(200.0)
+        medium = one.medium
+        return one.replace(
+            wavelength=unit,
+            medium=medium.replace(lower=unit * medium.lower, upper=unit * medium.upper, mean_free_path=unit * 200.0),
+        )
+
+    shares = [volume_pilot(scene(unit), True).multiple_share for unit in (1.0, 532e-9, 3.3)]
+    np.testing.assert_allclose(shares, shares[0], rtol=1e-9)

@@ -56,8 +56,7 @@ class Optics:
     @classmethod
     def of_scene(cls, scene: Scene) -> "Optics":
         """Optics of a scene; the reference view is the axis on the side that most views look from."""
-        side = 1.0 if np.sum(scene.views[:, 2]) >= 0 else -1.0
-        return cls.of(scene.wavelength, scene.slab, scene.beams, side)
+        return cls.of(scene.wavelength, scene.slab, scene.beams, scene.side)
 
 
 def offsets(directions: np.ndarray, reference: np.ndarray, wavelength: float) -> np.ndarray:

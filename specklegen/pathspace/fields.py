@@ -12,8 +12,8 @@ from specklegen.pathspace.blas import one_blas_thread
 from specklegen.pathspace.tracing import Tracer, VolumeBank
 from specklegen.streams import Seed, Stream, stream_key
 
-_ELEMENTS = 2**21  # of the largest array of ends held at a time
-_VIEWS = 128  # per block of parallel work
+FIELD_ELEMENTS = 2**21  # of the largest array of ends held at a time
+VIEWS_AT_ONCE = 128  # per block of parallel work
 
 
 def volume_field(
@@ -32,7 +32,7 @@ def volume_field(
     """
     lights, views = tracer.lights.vectors, tracer.views.vectors
     field = np.zeros((len(lights), len(views)), np.complex128)
-    step = max(64, _ELEMENTS // max(len(lights) + len(views), 1))
+    step = max(64, FIELD_ELEMENTS // max(len(lights) + len(views), 1))
     with one_blas_thread():
         for start in range(0, len(bank), step):
             _add(tracer, bank.select(slice(start, start + step)), seed, sample, reverse, field, threads)
@@ -53,7 +53,7 @@ def _add(
         ways.append((end_amplitudes(tracer, more, tracer.lights, "exit") * factor, "entry"))
 
     def block(start: int) -> None:
-        part = slice(start, start + _VIEWS)
+        part = slice(start, start + VIEWS_AT_ONCE)
         few = tracer.seen_from(part)
         if len(once):
             ends = end_amplitudes(few, once, few.views, "exit")
@@ -64,7 +64,7 @@ def _add(
         for light, end in ways:
             field[:, part] += light @ end_amplitudes(few, more, few.views, end).T
 
-    map_blocks(block, range(0, field.shape[1], _VIEWS), threads)
+    map_blocks(block, range(0, field.shape[1], VIEWS_AT_ONCE), threads)
 
 
 def random_phases(bank: VolumeBank, seed: Seed, sample: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from specklegen.illumination import CollimatedBeams, IncoherentObject, PointSour
 from specklegen.media import Slab
 from specklegen.scatterers import HenyeyGreenstein, Isotropic
 from specklegen.scene import Scene
-from specklegen.sensors import NearField
+from specklegen.sensors import FarFieldGrid, NearField
 from specklegen.values import reject
 
 
@@ -39,5 +39,14 @@ def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Verdict:
     if reverse != "auto" and not isinstance(reverse, bool):
         reject("reverse", 'True, False or "auto"', reverse)
     return reversal_verdict(
-        scene.medium.mean_free_path, scene.wavelength, scene.lights, scene.views, reverse, tolerance
+        scene.medium.mean_free_path, scene.wavelength, scene.lights, _nearest_backscattering(scene), reverse, tolerance
     )
+
+
+def _nearest_backscattering(scene: Scene) -> np.ndarray:
+    """Views float64[n, d] that include, for every light, the nearest to exact backscattering."""
+    grid = scene.sensor
+    if not isinstance(grid, FarFieldGrid):
+        return scene.views
+    # In transmission |i + v| >= i_z + v_z decides, and the corners are farthest from the axis.
+    return grid.corner_directions if grid.side == "transmission" else grid.nearest(-scene.lights)

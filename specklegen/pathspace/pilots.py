@@ -38,9 +38,9 @@ class VolumePilot:
 
 @remembered(64)
 def volume_pilot(scene: Scene, reverse: bool) -> VolumePilot:
-    """Pilot of a scene, with or without reversed paths; keyed by the scene's fingerprint."""
+    """Pilot of a scene, with or without reversed paths; no unit of length sways what it finds."""
     tracer = scene_tracer(scene, reverse)
-    bank = tracer.trace(pilot_seed(scene.fingerprint()), PILOT_PATHS, stream=Stream.PILOT, threads=1)
+    bank = tracer.trace(pilot_seed(scene.unitless_fingerprint()), PILOT_PATHS, stream=Stream.PILOT, threads=1)
     few = tracer.probed()
     once, more = bank.single, bank.multiple
     powers = [

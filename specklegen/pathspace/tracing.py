@@ -127,7 +127,7 @@ class Tracer:
 
 @remembered(32)
 def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
-    """Tracer of a scene, thinned by a pilot keyed by the scene's fingerprint.
+    """Tracer of a scene, thinned by a pilot keyed by the scene in wavelengths.
 
     Connections are not thinned where sensor points lie close: what is bright there is not known from a few
     of them.
@@ -146,7 +146,7 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
         threshold=0.0,
         max_order=_max_order(scene.medium),
     )
-    return tracer if views.near else _thinned(tracer, pilot_seed(scene.fingerprint()))
+    return tracer if views.near else _thinned(tracer, pilot_seed(scene.unitless_fingerprint()))
 
 
 def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool) -> Tracer:

@@ -75,3 +75,14 @@ def _share(axis: Axis, width: float) -> np.ndarray:
     lower = np.maximum(axis.positions - axis.size / 2, -width / 2)
     upper = np.minimum(axis.positions + axis.size / 2, width / 2)
     return np.clip(upper - lower, 0, None) / axis.size
+
+
+def matrix_flops(x: Axis, y: Axis, shape: tuple[int, int]) -> float:
+    """Real operations of the transform to views as two matrix products."""
+    return 8.0 * shape[0] * x.count * (y.count + shape[1])
+
+
+def fft_flops(x: Axis, y: Axis) -> float:
+    """Those of an FFT, as many of a matrix product as take its time: it reaches about a third of their speed."""
+    size = x.period * y.period
+    return 3 * 5.0 * size * np.log2(size)

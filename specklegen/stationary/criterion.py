@@ -6,7 +6,8 @@ in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the m
     C_exact = W^(kappa) E[sqrt(w_1 w_2) e^(-ik dv . r + ik(di_z z1 - dv_z(z_B - L)))] / sqrt(E w_1 E w_2)
     C_model = W^(kappa) K(di)
 
-with W^ the Fourier transform of the window's intensity. physics.md 9.
+with W^ the Fourier transform of the window's intensity and K either that of the axis or the skewed one about the
+middle of the beams and of the views. physics.md 9.
 """
 
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ from specklegen.fields.ends import AXIS, Optics, full_weights
 from specklegen.illumination import directions_of_sines, reference_direction
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
+from specklegen.stationary.skewed import face_to_face
 from specklegen.statistics import BATCHES, jackknife
 from specklegen.streams import Stream, pilot_seed
 from specklegen.tracing import Proposal, trace
@@ -33,7 +35,7 @@ class StationaryError:
     correlation, correlation_error : float
         Largest | |C_exact|^2 - |C_model|^2 | and its standard error.
     intensity, intensity_error : float
-        Largest |I_v / I_axis - 1| over the views, and its standard error.
+        Largest |I_v / I - 1| over the views, I that of the model, and its standard error.
     """
 
     correlation: float
@@ -49,18 +51,24 @@ class StationaryError:
         )
 
 
-def stationary_error(scene: Scene, proposal: Proposal, tolerance: float) -> StationaryError:
+    @property
+    def largest(self) -> float:
+        """The larger of the two."""
+        return max(self.correlation, self.intensity)
+
+
+def stationary_error(scene: Scene, proposal: Proposal, tolerance: float, *, skewed: bool = False) -> StationaryError:
     """Judge a scene; more pilot paths while they alone stand between yes and no."""
     paths = FIRST_PATHS
     while True:
-        error = pilot_error(scene, proposal, paths)
+        error = pilot_error(scene, proposal, paths, skewed=skewed)
         lowest = max(error.correlation - 2 * error.correlation_error, error.intensity - 2 * error.intensity_error)
         if error.accepts(tolerance) or lowest > tolerance or paths >= MOST_PATHS:
             return error
         paths *= 8
 
 
-def pilot_error(scene: Scene, proposal: Proposal, paths: int) -> StationaryError:
+def pilot_error(scene: Scene, proposal: Proposal, paths: int, *, skewed: bool = False) -> StationaryError:
     """Judge a scene with collimated beams (or an incoherent object) and a far-field grid from ``paths`` paths.
 
     Parameters
@@ -71,29 +79,33 @@ def pilot_error(scene: Scene, proposal: Proposal, paths: int) -> StationaryError
         The proposal of its path sampler, threshold included; the pilot is keyed by the scene's fingerprint.
     paths
         Pilot paths.
+    skewed
+        Judge the model with the skewed kernel; otherwise that of the axis, which is for transmission.
     """
     seed = pilot_seed(scene.fingerprint())
     pilot = _Bank(scene, proposal, seed, paths)
-    # The model's K is that of the axis. The same random numbers walk the same paths about the axis, so that
+    # The model's paths walk with the same random numbers, about the axis where its K is that of the axis, so that
     # the comparison carries physics and hardly any noise.
-    axial = _Bank(scene, replace(proposal, reference=AXIS), seed, paths)
-    norm = axial.sums(axial.weight(AXIS[:2]))
+    model = pilot if skewed else _Bank(scene, replace(proposal, reference=AXIS), seed, paths)
+    middle = _grid(scene).center_direction if skewed else AXIS
+    weight, way = model.weight(middle[:2]), face_to_face(model.bank, scene.slab, model.light, middle)
+    norm = model.sums(weight)
     gains, sums = [], []
     for view in _probe_views(scene):
-        for tilt in _probe_tilts(scene, axial):
-            model = axial.sums(axial.weight(AXIS[:2]) * np.exp(-1j * scene.wavenumber * (axial.lateral @ tilt)))
+        for tilt in _probe_tilts(scene, model.bank.orders, weight, way):
+            modelled = model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt)))
             for kappa, gain in _probe_mismatches(scene):
                 other = view - tilt - kappa
                 if np.hypot(*other) < 1:
                     one, two = pilot.weight(view), pilot.weight(other)
                     product = np.sqrt(one * two) * np.exp(1j * pilot.phase(view, other, tilt))
-                    sums.append([pilot.sums(product), pilot.sums(one), pilot.sums(two), model, norm])
+                    sums.append([pilot.sums(product), pilot.sums(one), pilot.sums(two), modelled, norm])
                     gains.append(gain)
     n, gain = len(gains), np.array(gains)
 
     def differences(total: np.ndarray) -> np.ndarray:
-        exact, one, two, model, reference = total.reshape(n, 5).T
-        correlation = np.square(np.abs(exact)) / (one.real * two.real) - np.square(np.abs(model / reference))
+        exact, one, two, modelled, reference = total.reshape(n, 5).T
+        correlation = np.square(np.abs(exact)) / (one.real * two.real) - np.square(np.abs(modelled / reference))
         return np.concatenate([gain**2 * correlation, one.real / reference.real - 1])
 
     value, error = jackknife(np.moveaxis(np.array(sums), -1, 0).reshape(BATCHES, -1), differences)
@@ -110,7 +122,6 @@ class _Bank:
         self.scene, self.light = scene, proposal.reference
         self.optics = Optics.of_scene(scene)
         self.bank = trace(scene.slab, proposal, seed, paths, stream=Stream.PILOT)
-        self.lateral = self.bank.exit[:, :2] - self.bank.entry[:, :2]
         self._batch = np.minimum(self.bank.paths * BATCHES // paths, BATCHES - 1)
         self._weights: dict[bytes, np.ndarray] = {}
 
@@ -118,16 +129,20 @@ class _Bank:
         """Full weight of every connection at one view."""
         key = sines.tobytes()
         if key not in self._weights:
-            self._weights[key] = full_weights(self.bank, self.optics, self.light, directions_of_sines("view", sines))
+            self._weights[key] = full_weights(self.bank, self.optics, self.light, self._view(sines))
         return self._weights[key]
 
     def phase(self, view: np.ndarray, other: np.ndarray, tilt: np.ndarray) -> np.ndarray:
         """Phase of the exact correlation of (light, view) with (light - tilt, other), less that of the window."""
-        one, two = (directions_of_sines("view", sines) for sines in (view, other))
+        one, two = self._view(view), self._view(other)
         light = directions_of_sines("tilt", self.light[:2] - tilt)
-        depth = self.bank.exit[:, 2] - self.scene.slab.thickness
+        depth = self.bank.exit[:, 2] - (self.scene.slab.thickness if self.scene.side > 0 else 0.0)
         along = (self.light[2] - light[2]) * self.bank.entry[:, 2] - (one[2] - two[2]) * depth
-        return self.scene.wavenumber * (along - self.lateral @ (view - other))
+        lateral = self.bank.exit[:, :2] - self.bank.entry[:, :2]
+        return self.scene.wavenumber * (along - lateral @ (view - other))
+
+    def _view(self, sines: np.ndarray) -> np.ndarray:
+        return directions_of_sines("view", sines, self.scene.side)
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """Sums over 64 batches of paths, complex128[64]."""
@@ -136,9 +151,13 @@ class _Bank:
 
 def _probe_views(scene: Scene) -> np.ndarray:
     """Centre and corners of the grid: float64[5, 2] direction sines."""
-    grid = scene.sensor
-    assert isinstance(grid, FarFieldGrid)
+    grid = _grid(scene)
     return np.concatenate([grid.center_direction[None], grid.corner_directions])[:, :2]
+
+
+def _grid(scene: Scene) -> FarFieldGrid:
+    assert isinstance(scene.sensor, FarFieldGrid)
+    return scene.sensor
 
 
 def _probe_mismatches(scene: Scene) -> list[tuple[np.ndarray, float]]:
@@ -151,8 +170,11 @@ def _probe_mismatches(scene: Scene) -> list[tuple[np.ndarray, float]]:
     return [(np.zeros(2), 1.0), *((kappa, 2 / np.pi) for kappa in aside)]
 
 
-def _probe_tilts(scene: Scene, axial: _Bank) -> np.ndarray:
-    """Tilt differences 0, t/2 and t, t no further than where C_I is within 0.01 of its floor: float64[3, 2]."""
+def _probe_tilts(scene: Scene, orders: np.ndarray, weight: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Tilt differences 0, t/2 and t, t no further than where C_I is within 0.01 of its floor: float64[3, 2].
+
+    C_I is the model's: connections of ``orders`` and ``weight`` that lead ``way`` sideways.
+    """
     directions = scene.beams.directions
     sines = directions[:, :2] - reference_direction(directions)[:2]
     if len(sines) == 0:
@@ -161,9 +183,9 @@ def _probe_tilts(scene: Scene, axial: _Bank) -> np.ndarray:
     largest = gaps[np.square(gaps).sum(-1).argmax()]
     if not largest.any():
         return np.zeros((1, 2))
-    share = axial.weight(AXIS[:2]) / axial.weight(AXIS[:2]).sum()
-    floor = share[axial.bank.orders == 1].sum() ** 2
-    phase = scene.wavenumber * (axial.lateral @ largest)
+    share = weight / weight.sum()
+    floor = share[orders == 1].sum() ** 2
+    phase = scene.wavenumber * (way @ largest)
     for reach in np.geomspace(1e-3, 1, 40):
         if np.abs(share @ np.exp(-1j * reach * phase)) ** 2 - floor < 0.01:
             largest = largest * reach

@@ -2,8 +2,9 @@
 
     u_t(v) = sum_x e^(-ik(v - i_t) . x) b(x) G_t(x),    E[G_t G*_t'] = K(i_t - i_t'),  white in x
 
-A thousand stacks a second on one core, whatever the optical depth: K is found once per material. Valid
-where the planner's criterion says so (wide window, narrow field of view).
+A thousand stacks a second on one core, whatever the optical depth: K is found once per material (and, away from
+the axis, per direction of light and view). Valid where the planner's criterion says so (wide window, narrow field
+of view).
 """
 
 from dataclasses import dataclass
@@ -15,16 +16,17 @@ from specklegen.illumination import CollimatedBeams, illuminated_area
 from specklegen.parallel import one_torch_thread
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
-from specklegen.stationary.cells import Axis, cells, window
+from specklegen.stationary.cells import Axis, cells, fft_flops, matrix_flops, window
 from specklegen.stationary.kernel import MemoryKernel
 from specklegen.stationary.normals import complex_normals
+from specklegen.stationary.skewed import SkewedKernel
 from specklegen.streams import Seed
 from specklegen.values import reject
 
 MAX_PERIOD = 16384
 
 
-def mean_intensity(kernel: MemoryKernel, area: float) -> float:
+def mean_intensity(kernel: MemoryKernel | SkewedKernel, area: float) -> float:
     """Intensity I at the centre of the view: full weight per path and area of the window."""
     return float(kernel.weights.sum() / kernel.paths * area) if kernel.paths else 0.0
 
@@ -74,7 +76,7 @@ class StackSampler:
 
 
 def tilt_roots(correlation: np.ndarray) -> np.ndarray:
-    """Root float64[T, R] of a positive semidefinite correlation; rounding's negative eigenvalues are clipped."""
+    """Root [T, R] of a correlation, real or complex; the negative eigenvalues of rounding are clipped."""
     values, vectors = np.linalg.eigh(correlation)
     kept = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
     return vectors[:, kept] * np.sqrt(values[kept])
@@ -82,7 +84,7 @@ def tilt_roots(correlation: np.ndarray) -> np.ndarray:
 
 def stack_sampler(
     scene: Scene,
-    kernel: MemoryKernel,
+    kernel: MemoryKernel | SkewedKernel,
     *,
     device: torch.device | str = "cpu",
     dtype: torch.dtype = torch.complex64,
@@ -93,7 +95,7 @@ def stack_sampler(
     Parameters
     ----------
     scene, kernel
-        The scene, and K of its medium.
+        The scene, and K of its medium: that of the axis, or one about the middle of its beams and views.
     device, dtype
         Where and in what precision to draw; the random numbers are the same everywhere.
     fft
@@ -136,17 +138,8 @@ def stack_sampler(
     columns = np.exp(-1j * k * steps[1][:, None] * x.positions)
     mixing = tilt_roots(kernel.correlation(sines, k)) if len(sines) else np.zeros((0, 1))
     if fft is None:
-        fft = _fft_flops(x, y) < _matrix_flops(x, y, grid.shape)
+        fft = fft_flops(x, y) < matrix_flops(x, y, grid.shape)
     # A Gaussian window reaches 2.5 widths; the transform of a coarse grid spans 2 and would cut it off.
     fft = fft and x.count <= x.period and y.count <= y.period
     tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype)  # noqa: E731
     return StackSampler(x, y, tensor(mixing), tensor(ramps), tensor(rows), tensor(columns), grid.shape, fft)
-
-
-def _matrix_flops(x: Axis, y: Axis, shape: tuple[int, int]) -> float:
-    return 8.0 * shape[0] * x.count * (y.count + shape[1])
-
-
-def _fft_flops(x: Axis, y: Axis) -> float:
-    size = x.period * y.period
-    return 3 * 5.0 * size * np.log2(size)  # an FFT reaches about a third of the speed of a matrix product

@@ -1,0 +1,238 @@
+"""What `plan` predicts against what a render takes: CPU seconds on one thread, and memory.
+
+Each scene is planned and rendered in a process of its own; the growth of memory is counted from the import on, the
+seconds from a first small render on (which loads compiled kernels), the best of three. A scalar loop, the yardstick,
+is timed beside every render, and seconds are given at its reference speed, so that a busy or slower machine does not
+pass for a wrong prediction. `--fit` then fits the nanoseconds of `specklegen.costs.NANOSECONDS` to the table and prints
+them. One thread, about three minutes.
+
+    python scripts/plan_accuracy.py [--only WORD] [--fit] [--json PATH]
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+import specklegen as sg
+from specklegen import costs
+from specklegen.illumination import directions_of_sines
+
+YARDSTICK = 55.0
+"""Nanoseconds that an iteration of the yardstick took where the nanoseconds of `costs` were fitted."""
+REPEATS = 3
+
+
+def slab(g: float = 0.9, optical_depth: float = 10.0) -> sg.Slab:
+    """A slab of 2000 wavelengths."""
+    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
+    return sg.Slab(thickness=2000.0, mean_free_path=2000.0 / optical_depth, scatterer=scatterer)
+
+
+def beams(tilts: int = 5, width: float = 1e5) -> sg.CollimatedBeams:
+    """Tilts a twentieth of a mrad apart."""
+    return sg.CollimatedBeams.tilts(4e-5 * np.arange(tilts), width=width)
+
+
+def scene(medium: Any, light: Any, sensor: Any) -> sg.Scene:
+    """A scene of wavelength 1."""
+    return sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sensor)
+
+
+def grid(views: int = 101, **where: Any) -> Any:
+    """Views at 0.22 of a grain of the widest beam."""
+    return sg.FarField.grid(shape=(views, views), pitch=2.2e-6, **where)
+
+
+def fan(count: int, reach: float = 0.7) -> sg.FarField:
+    """Directions up to ``reach`` along a diagonal."""
+    sines = np.linspace(-reach, reach, count)[:, None] * [0.8, 0.6]
+    return sg.FarField(directions=directions_of_sines("fan", sines))
+
+
+def box(size: float, dimension: int, depth: float = 3.0, **changes: Any) -> sg.Box:
+    """A box of ``size`` wavelengths along every axis."""
+    corner = np.full(dimension, size / 2)
+    fields: dict[str, Any] = {"mean_free_path": size / depth, "scatterer": sg.HenyeyGreenstein(g=0.5)}
+    return sg.Box(lower=-corner, upper=corner, **(fields | changes))
+
+
+def voxels() -> sg.VoxelGrid:
+    """16 x 16 x 16 voxels."""
+    density = np.random.default_rng(0).random((16, 16, 16)) / 20
+    return sg.VoxelGrid(lower=[-50.0] * 3, upper=[50.0] * 3, extinction=density, scatterers=(sg.Isotropic(),))
+
+
+Case = tuple[Callable[[], sg.Scene], dict[str, Any]]
+PATHS: dict[str, Any] = {"sampler": "paths"}
+STATIONARY: dict[str, Any] = {"sampler": "stationary", "paths": 100_000}
+CASES: dict[str, Case] = {
+    "NUFFT, 5 x 101 x 101": (lambda: scene(slab(), beams(), grid()), PATHS | {"paths": 300_000}),
+    "NUFFT, isotropic": (lambda: scene(slab(0.0), beams(3), grid(64)), PATHS | {"paths": 100_000}),
+    "NUFFT, 16 x 512 x 512": (lambda: scene(slab(), beams(16), grid(512)), PATHS | {"paths": 20_000}),
+    "NUFFT to 1e-6": (lambda: scene(slab(), beams(2), grid()), PATHS | {"paths": 100_000, "field_tolerance": 1e-6}),
+    "NUFFT, thin slab": (lambda: scene(slab(0.9, 1.0), beams(3), grid(64)), PATHS | {"paths": 300_000}),
+    "direct, wide field": (
+        lambda: scene(slab(), beams(3, 100.0), sg.FarField.grid(shape=(81, 81), pitch=5e-3)),
+        PATHS | {"paths": 4000},
+    ),
+    "direct, 40 tilts": (lambda: scene(slab(), beams(40), fan(100)), PATHS | {"paths": 40_000}),
+    "direct, backscattering": (
+        lambda: scene(slab(), beams(), grid(33, side="reflection")),
+        PATHS | {"paths": 5000, "reverse": True},
+    ),
+    "stationary, 5 x 101 x 101": (lambda: scene(slab(), beams(), grid()), STATIONARY),
+    "stationary, 16 x 512 x 512": (lambda: scene(slab(), beams(16), grid(512)), STATIONARY),
+    "stationary, isotropic": (lambda: scene(slab(0.0), beams(3), grid(256)), STATIONARY),
+    "stationary, view at 20 degrees": (
+        lambda: scene(slab(), beams(), grid(center=(float(np.sin(np.deg2rad(20))), 0.0))),
+        STATIONARY,
+    ),
+    "box in flatland": (
+        lambda: scene(box(20, 2), sg.PlaneWaves.tilts([0, 0.02, 0.1], dimensions=2), sg.FarField.angles(_circle(360))),
+        {"paths": 10_000},
+    ),
+    "box in space, reversed off": (
+        lambda: scene(box(100, 3), sg.PlaneWaves.tilts([0, 0.02]), fan(200)), {"paths": 30_000, "reverse": False}
+    ),
+    "voxels": (lambda: scene(voxels(), sg.PlaneWaves.tilts([0, 0.02]), fan(50)), {"paths": 20_000}),
+    "near field": (
+        lambda: scene(box(50, 3), sg.PointSources(points=[[0, 0, -60.0]]), sg.NearField(points=_line(40))),
+        {"paths": 5000},
+    ),
+    "mixture in a slab": (
+        lambda: scene(
+            slab().replace(
+                scatterer=sg.Mixture(types=(sg.Isotropic(), sg.HenyeyGreenstein(g=0.9)), fractions=(0.3, 0.7))
+            ),
+            beams(3), grid(17),
+        ),
+        {"paths": 4000},
+    ),
+    "covariance": (
+        lambda: scene(box(20, 2), sg.PlaneWaves.tilts([0, 0.02], dimensions=2), sg.FarField.angles(_circle(120))),
+        {"paths": 10_000, "sampler": "covariance"},
+    ),
+    "covariance of few": (
+        lambda: scene(box(50, 3), sg.PlaneWaves.tilts([0, 0.02]), fan(10)), {"paths": 60_000, "sampler": "covariance"}
+    ),
+}  # fmt: skip
+
+
+def _circle(count: int) -> np.ndarray:
+    return np.linspace(0, 2 * np.pi, count, endpoint=False)
+
+
+def _line(count: int) -> np.ndarray:
+    return np.stack([np.linspace(-20, 20, count), np.zeros(count), np.full(count, 80.0)], axis=-1)
+
+
+def yardstick(count: int = 200_000) -> float:
+    """Nanoseconds an iteration of a scalar loop takes here and now; plain Python, for a compiler would take memory."""
+    x = 0.3
+    start = time.process_time()
+    for _ in range(count):
+        x = 3.7 * x * (1.0 - x)
+    return 1e9 * (time.process_time() - start) / count
+
+
+def memory() -> tuple[int, int]:
+    """Bytes of this process resident now, and at the most since the last call (Linux)."""
+    # Not getrusage: its maximum survives exec, so a child would report its parent's.
+    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    Path("/proc/self/clear_refs").write_text("5")
+    now, most = (int(lines[key].split()[0]) * 1024 for key in ("VmRSS", "VmHWM"))
+    return now, most
+
+
+def measured(name: str) -> dict[str, Any]:
+    """Plan and render one case in this process, which should be young."""
+    build, arguments = CASES[name]
+    this = build()
+    before, _ = memory()
+    made = sg.plan(this, threads=1, **arguments)
+    sg.render(this, threads=1, **(arguments | {"paths": 64}))
+    found = []
+    for seed in range(REPEATS):
+        speed = yardstick()
+        start = time.process_time()
+        sg.render(this, threads=1, seed=seed, **arguments)
+        found.append((time.process_time() - start) * YARDSTICK / np.mean([speed, yardstick()]))
+        if seed == 0:
+            _, most = memory()
+    fresh = build().replace(wavelength=1 + 1e-9)
+    start = time.process_time()
+    sg.plan(fresh, threads=1, **arguments)
+    return {
+        "name": name, "way": f"{made.sampler}, {made.evaluator}", "operations": made.operations, "seconds": min(found),
+        "planning": (time.process_time() - start) * YARDSTICK / yardstick(), "bytes": most - before,
+        "connections": made.paths * made.connections_per_path,
+        "predicted_bytes": made.memory_bytes,
+    }  # fmt: skip
+
+
+def fitted(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Nanoseconds of least squared relative error; an operation that no case tells apart stays as it is."""
+    names = list(costs.NANOSECONDS)
+    now = np.array([costs.NANOSECONDS[name] for name in names])
+    matrix = np.array([[1e-9 * row["operations"].get(name, 0.0) / row["seconds"] for name in names] for row in rows])
+    held = 0.05 * np.eye(len(names))  # in units of what they are now
+    solution = lsq_linear(
+        np.vstack([matrix * now, held]), np.concatenate([np.ones(len(rows)), held.diagonal()]), (0.05, np.inf)
+    )
+    return {name: float(f"{value:.2g}") for name, value in zip(names, solution.x * now, strict=True)}
+
+
+def table(rows: list[dict[str, Any]], nanoseconds: dict[str, float]) -> str:
+    """Lines of the table, ratios of found to predicted."""
+    lines = [f"{'case':<34}{'CPU s':>8}{'found/plan':>11}{'MiB':>7}{'found/plan':>11}{'planning s':>11}"]
+    for row in rows:
+        predicted = 1e-9 * sum(count * nanoseconds[name] for name, count in row["operations"].items())
+        lines.append(
+            f"{row['name']:<34}{row['seconds']:>8.3f}{row['seconds'] / predicted:>11.2f}{row['bytes'] / 2**20:>7.0f}"
+            f"{row['bytes'] / row['predicted_bytes']:>11.2f}{row['planning']:>11.3f}"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure, print, fit."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default="", metavar="WORD", help="cases with this word in their name")
+    parser.add_argument("--fit", action="store_true", help="fit the nanoseconds and print the table they would give")
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the measurements there")
+    parser.add_argument("--from", dest="source", type=Path, metavar="PATH", help="take them from there instead")
+    parser.add_argument("--case", choices=CASES, help="measure one case in this process, and print JSON")
+    options = parser.parse_args()
+    if options.case:
+        print(json.dumps(measured(options.case)))
+        return
+    if options.source:
+        rows = json.loads(options.source.read_text())
+    else:
+        rows = []
+        for name in (name for name in CASES if options.only in name):
+            command = [sys.executable, __file__, "--case", name]
+            rows.append(json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout))
+            print(rows[-1]["name"], rows[-1]["way"], f"{rows[-1]['seconds']:.3f} s", file=sys.stderr, flush=True)
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1) + "\n")
+    print(table(rows, costs.NANOSECONDS))
+    if options.fit:
+        found = fitted(rows)
+        print(json.dumps(found, indent=4), table(rows, found), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
