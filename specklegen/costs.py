@@ -37,12 +37,13 @@ class Work:
     reverse: bool
 
 
-def nufft_nanoseconds(nufft: NufftEvaluator, tilts: int, connections: float, views: int) -> float:
-    """Nanoseconds to evaluate connections by NUFFT."""
+def nufft_nanoseconds(nufft: NufftEvaluator, tilts: int, connections: float) -> float:
+    """Nanoseconds to evaluate connections by NUFFT on all tiles."""
     width = np.ceil(-np.log10(0.3 * nufft.tolerance)) + 1
     spread = _TRANSFORM * (width / 5) ** 2 * (1 if nufft.tolerance >= SINGLE_PRECISION_FROM else 2)
-    transforms = nufft.rank * tilts * (spread * connections + _FFT_POINT * 4 * views)
-    return float(transforms + connections * _END * (tilts + nufft.rank))
+    spreads = nufft.tiles * nufft.spreads * connections * (spread * tilts + _END)
+    points = nufft.tiles * nufft.rank * tilts * _FFT_POINT * 4 * np.prod(nufft.tiling.shape)
+    return float(spreads + points + connections * _END * tilts)
 
 
 def direct_nanoseconds(tilts: int, connections: float, views: int) -> float:
@@ -61,7 +62,7 @@ def seconds(work: Work, threads: int) -> float:
         cells = np.prod([n * pitch + 10 for n in work.scene.sensor.shape])
         return float(1e-9 * (tracing + tilts * (cells * _NORMAL + views * 6.0)) + 5e-3)
     if work.nufft:
-        return 1e-9 * (tracing + nufft_nanoseconds(work.nufft, tilts, connections, views) / threads)
+        return 1e-9 * (tracing + nufft_nanoseconds(work.nufft, tilts, connections) / threads)
     return 1e-9 * (tracing + direct_nanoseconds(tilts, connections, views) * (2 if work.reverse else 1) / threads)
 
 
@@ -75,8 +76,11 @@ def memory_bytes(work: Work, threads: int) -> int:
         return int(work.paths * work.connections_per_path * 160 + 8 * views * tilts * 4 + _FIXED)
     if work.nufft:
         per = 8 if work.nufft.tolerance >= SINGLE_PRECISION_FROM else 16
-        field = tilts * views * per * (2 + work.nufft.rank + threads)
-        return int(bank + connections * (16 * (tilts + work.nufft.rank) + per * tilts * threads) + field + _FIXED)
+        beside = 1 if work.nufft.tiles == 1 else threads  # tiles held at a time
+        tile = tilts * float(np.prod(work.nufft.tiling.shape)) * per
+        field = 2 * tilts * views * per + tile * (work.nufft.rank / 4 + 1 + threads) * beside
+        strengths = 16 * (tilts + beside * work.nufft.rank) + per * tilts * threads
+        return int(bank * 1.5 + connections * strengths + field + _FIXED)
     return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + _FIXED)
 
 
