@@ -23,6 +23,7 @@ from specklegen.fields.view_factor import (
     sagitta,
     single_factor,
 )
+from specklegen.illumination import directions_of_sines
 from specklegen.kernels import sums
 from specklegen.parallel import map_blocks, slices
 from specklegen.sensors import FarFieldGrid
@@ -70,6 +71,11 @@ class NufftEvaluator:
         return self.single_share * self.single.rank + (1 - self.single_share) * self.multiple.rank
 
     @property
+    def dtype(self) -> type:
+        """Precision of the field."""
+        return np.complex64 if self.tolerance >= SINGLE_PRECISION_FROM else np.complex128
+
+    @property
     def tiles(self) -> int:
         """Number of tiles."""
         rows, columns = self.tiling.counts
@@ -107,24 +113,33 @@ def nufft_field(
     complex64 for tolerances of 1e-4 and above, complex128 below. Every transform runs on one thread
     (finufft with more is not reproducible); tiles, or transforms of one tile, run side by side.
     """
-    lights = [_light(bank, optics, phases, evaluator, single, threads) for single in (False, True)]
-    lights = [light for light in lights if light.strengths.size]
-    field = np.zeros((len(optics.tilts), *evaluator.grid.shape), _dtype(evaluator))
+    lights = _lights(bank, optics, phases, evaluator, threads)
+    field = np.zeros((len(optics.tilts), *evaluator.grid.shape), evaluator.dtype)
     tiles = evaluator.tiling.tiles
     inside, beside = (threads, 1) if len(tiles) == 1 else (1, threads)
 
     def fill(tile: Tile) -> None:
         field[:, tile.rows, tile.columns] = _tile_field(lights, tile, optics, evaluator, inside)
 
-    if not lights:
-        return field
     map_blocks(fill, tiles, beside)
     field *= 1 / np.sqrt(max(bank.count, 1))
     return field
 
 
-def _dtype(evaluator: NufftEvaluator) -> type:
-    return np.complex64 if evaluator.tolerance >= SINGLE_PRECISION_FROM else np.complex128
+def nufft_tile(
+    bank: PathBank,
+    optics: Optics,
+    phases: np.ndarray,
+    evaluator: NufftEvaluator,
+    tile: Tile,
+    *,
+    threads: int | None = None,
+) -> np.ndarray:
+    """The part of :func:`nufft_field` on one of the evaluator's tiles, complex[T, h, w]: the same bits."""
+    lights = _lights(bank, optics, phases, evaluator, threads)
+    field = np.ascontiguousarray(_tile_field(lights, tile, optics, evaluator, threads))
+    field *= 1 / np.sqrt(max(bank.count, 1))
+    return field
 
 
 @dataclass(frozen=True)
@@ -141,6 +156,14 @@ class _Light:
     factor: ViewFactor
     bank: PathBank
     strengths: np.ndarray
+
+
+def _lights(
+    bank: PathBank, optics: Optics, phases: np.ndarray, evaluator: NufftEvaluator, threads: int | None
+) -> list[_Light]:
+    """Multiple and single scattering, whichever there are."""
+    lights = [_light(bank, optics, phases, evaluator, single, threads) for single in (False, True)]
+    return [light for light in lights if light.strengths.size]
 
 
 def _light(
@@ -176,7 +199,7 @@ class _Load:
 
 def _load(light: _Light, tile: Tile, optics: Optics, evaluator: NufftEvaluator, threads: int | None) -> _Load:
     bank, pitch = light.bank, evaluator.grid.pitch
-    points = np.empty((2, len(bank)), _dtype(evaluator)().real.dtype)
+    points = np.empty((2, len(bank)), evaluator.dtype().real.dtype)
     sensor = np.empty((light.factor.rank, len(bank)), np.complex128)
     slope_x, slope_y = tile.middle[:2] / tile.middle[2]
     offset = ends.offsets(tile.middle.copy(), optics.view_reference, optics.wavelength)
@@ -196,7 +219,7 @@ def _load(light: _Light, tile: Tile, optics: Optics, evaluator: NufftEvaluator, 
 def _tile_field(
     lights: list[_Light], tile: Tile, optics: Optics, evaluator: NufftEvaluator, threads: int | None
 ) -> np.ndarray:
-    """Field on one tile, complex[T, h, w]."""
+    """Field on one tile, complex[T, h, w], times the root of the number of paths."""
     loads = [_load(light, tile, optics, evaluator, threads) for light in lights]
     # Fixed groups of tilts and skeleton views, whatever the number of threads: the bits must not depend on it.
     groups = slices(len(optics.tilts), TILTS_AT_ONCE)
@@ -207,10 +230,10 @@ def _tile_field(
         for group in groups
     ]
     transforms = map_blocks(lambda part: _transform(*part, evaluator), parts, threads)
-    field = np.zeros((len(optics.tilts), *evaluator.tiling.shape), _dtype(evaluator))
-    views = evaluator.grid.directions[tile.rows, tile.columns]
+    field = np.zeros((len(optics.tilts), *evaluator.tiling.shape), evaluator.dtype)
     x, y = evaluator.tiling.steps
     steps = np.stack(np.broadcast_arrays(x, y[:, None]), -1)
+    views = directions_of_sines("view", tile.middle[:2] + steps, evaluator.grid.sign)
     bend = np.exp(2j * np.pi * face_depth(optics) * sagitta(steps, tile.middle) / optics.wavelength)
     bend = bend.astype(field.dtype)
 
@@ -227,12 +250,12 @@ def _tile_field(
         field[group] *= bend
 
     map_blocks(gather, groups, threads)
-    return field
+    return field[:, *tile.kept]
 
 
 def _transform(load: _Load, ranks: slice, tilts: slice, evaluator: NufftEvaluator) -> np.ndarray:
     """Some terms of the field of some tilts, complex[tilts, h, w]."""
-    dtype, shape = np.dtype(_dtype(evaluator)), evaluator.tiling.shape
+    dtype, shape = np.dtype(evaluator.dtype), evaluator.tiling.shape
     strengths = load.light.strengths[tilts]
     plan = finufft.Plan(
         1, shape, n_trans=len(strengths), eps=0.3 * evaluator.tolerance, isign=-1, dtype=dtype.name,

@@ -7,7 +7,8 @@ import numpy as np
 from specklegen.illumination import directions_of_sines
 from specklegen.sensors import FarFieldGrid
 
-_PARTS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # tiles along the longer side
+_PARTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # tiles along the longer side
+MOST_VIEWS = 512  # along a side of a tile: what is in work at a time, and the piece that a streamed stack comes in
 
 
 @dataclass(frozen=True)
@@ -17,25 +18,28 @@ class Tile:
     Attributes
     ----------
     rows, columns : slice
-        Which views of the grid.
+        Which views of the grid; no view is in two tiles.
+    kept : (slice, slice)
+        Where these lie in a transform of the tiling's shape.
     middle : float64[3]
-        Direction of the view at row h // 2, column w // 2 of the tile: mode 0 of a transform.
+        Direction of the view at row h // 2, column w // 2 of that: mode 0 of the transform.
     """
 
     rows: slice
     columns: slice
+    kept: tuple[slice, slice]
     middle: np.ndarray
 
 
 @dataclass(frozen=True)
 class Tiling:
-    """Tiles that cover a grid; the last of a row or column overlaps its neighbour where they do not divide it.
+    """Tiles that cover a grid. Transforms have one shape and overlap where that does not divide the grid.
 
     Attributes
     ----------
     grid : FarFieldGrid
     shape : (int, int)
-        Rows and columns of every tile.
+        Rows and columns of every tile's transform.
     """
 
     grid: FarFieldGrid
@@ -45,21 +49,22 @@ class Tiling:
     def tiles(self) -> tuple[Tile, ...]:
         """All tiles, row by row."""
         (height, width), (x, y) = self.shape, self.grid.sines
-        firsts = [_firsts(n, size) for n, size in zip(self.grid.shape, self.shape, strict=True)]
+        rows, columns = (_cuts(n, size) for n, size in zip(self.grid.shape, self.shape, strict=True))
         return tuple(
             Tile(
-                slice(row, row + height),
-                slice(column, column + width),
+                own_rows,
+                own_columns,
+                (_within(own_rows, row), _within(own_columns, column)),
                 directions_of_sines("tile", (x[column + width // 2], y[row + height // 2]), self.grid.sign),
             )
-            for row in firsts[0]
-            for column in firsts[1]
+            for row, own_rows in rows
+            for column, own_columns in columns
         )
 
     @property
     def counts(self) -> tuple[int, int]:
         """Tiles along (y, x)."""
-        rows, columns = (len(_firsts(n, size)) for n, size in zip(self.grid.shape, self.shape, strict=True))
+        rows, columns = (len(_cuts(n, size)) for n, size in zip(self.grid.shape, self.shape, strict=True))
         return rows, columns
 
     @property
@@ -70,18 +75,24 @@ class Tiling:
 
 
 def tilings(grid: FarFieldGrid, least: int = 8) -> list[Tiling]:
-    """The whole grid as one tile, then ever smaller tiles, squarish and down to about ``least`` views a side."""
-    found = [Tiling(grid, grid.shape)]
+    """Cuts of a grid: one tile where it is small enough, then ever smaller ones down to ``least`` views a side."""
+    found = []
     for parts in _PARTS:
         side = -(-max(grid.shape) // parts)
-        if side < least:
+        if found and side < least:
             break
-        rows, columns = (-(-n // -(-n // side)) for n in grid.shape)
-        found.append(Tiling(grid, (rows, columns)))
+        if side <= MOST_VIEWS:
+            rows, columns = (-(-n // -(-n // side)) for n in grid.shape)
+            found.append(Tiling(grid, (rows, columns)))
     return found
 
 
-def _firsts(count: int, size: int) -> list[int]:
-    """First view of every tile of ``size`` along an axis of ``count``."""
-    parts = -(-count // size)
-    return np.linspace(0, count - size, parts).round().astype(int).tolist()
+def _cuts(count: int, size: int) -> list[tuple[int, slice]]:
+    """First view of every transform of ``size`` along an axis of ``count``, and the views that are its own."""
+    firsts = np.linspace(0, count - size, -(-count // size)).round().astype(int).tolist()
+    begins = [0, *(first + size for first in firsts[:-1])]
+    return [(first, slice(begin, first + size)) for first, begin in zip(firsts, begins, strict=True)]
+
+
+def _within(own: slice, first: int) -> slice:
+    return slice(own.start - first, own.stop - first)

@@ -152,7 +152,8 @@ def _decompose(
         if (tails > tolerance * tails[0]).sum() > 2 * MAX_RANK:
             return None
         # The tails bound the rank from above, generously; the held-out error decides.
-        most = min(int((tails > 0.2 * tolerance * tails[0]).sum()) + 8, MAX_RANK, len(r), len(found) // 2 + 1)
+        regular = int((np.abs(np.diagonal(r)) > 1e-13 * np.abs(r[0, 0])).sum())
+        most = min(int((tails > 0.2 * tolerance * tails[0]).sum()) + 8, MAX_RANK, regular, len(found) // 2 + 1)
         truths = truths or [values(*judge, spots) for judge in judges]
         skeletons = [values(*judge, lattice.steps[pivots[:most]]) for judge in judges]
         factor = _least_rank(lattice, r[:most], pivots, skeletons, spots, truths, tolerance)
