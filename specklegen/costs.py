@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
+from specklegen.fields.tiling import MOST_VIEWS
 from specklegen.scene import Scene
+from specklegen.stationary.cells import stack_axes
 from specklegen.tracing import CHUNK
 
 _EVENT = 12.5  # a scattering event
@@ -21,6 +23,7 @@ _NORMAL = 20.0  # a complex normal
 _VOLUME_EVENT = 150.0  # a scattering event in any geometry
 _VOLUME_END = 60.0  # one end of a connection there, at one light or view
 _PRODUCT = 0.25  # a complex multiplication and addition within a matrix product
+TILTS_STREAMED = 16  # whose fields on one tile are held at a time
 _FIXED = 64 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
 
 
@@ -35,6 +38,7 @@ class Work:
     stationary: bool
     nufft: NufftEvaluator | None
     reverse: bool
+    streamed: bool = False
 
 
 def nufft_nanoseconds(nufft: NufftEvaluator, tilts: int, connections: float) -> float:
@@ -70,6 +74,8 @@ def memory_bytes(work: Work, threads: int) -> int:
     """Bytes by which the process grows at most in a render."""
     views = float(np.prod(work.scene.sensor.shape))
     tilts = len(work.scene.beams.directions)
+    if work.streamed:
+        return _streamed_bytes(work, tilts)
     connections = min(work.paths, CHUNK) * work.connections_per_path
     bank = connections * (14 * 8 + 12) * 2
     if work.stationary:
@@ -82,6 +88,22 @@ def memory_bytes(work: Work, threads: int) -> int:
         strengths = 16 * (tilts + beside * work.nufft.rank) + per * tilts * threads
         return int(bank * 1.5 + connections * strengths + field + _FIXED)
     return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + _FIXED)
+
+
+def _streamed_bytes(work: Work, tilts: int) -> int:
+    """Bytes by which the process grows where one tile, or one tilt, is in work at a time."""
+    connections = min(work.paths, CHUNK) * work.connections_per_path
+    if work.stationary:
+        x, y = stack_axes(work.scene)
+        cells, period = float(x.count * y.count), float(x.period * y.period)
+        kernel = work.paths * work.connections_per_path * 160
+        return int(kernel + cells * (8 * tilts + 64) + 8 * 4 * period + _FIXED)
+    bank = connections * ((14 * 8 + 12) * 3 + 16)
+    together = min(tilts, TILTS_STREAMED)
+    side = np.minimum(work.scene.sensor.shape, MOST_VIEWS)
+    tile = float(np.prod(side)) * together * 16
+    rank = work.nufft.rank if work.nufft else 0
+    return int(bank + connections * 16 * (2 * together + rank) + tile * (3 + rank / 4) + _FIXED)
 
 
 @dataclass(frozen=True)

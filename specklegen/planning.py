@@ -119,6 +119,7 @@ def plan(
     reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
+    streamed: bool = False,
     threads: int | None = None,
 ) -> Plan:
     """Choose how to render a scene, and predict what it costs.
@@ -144,6 +145,8 @@ def plan(
         Whether the mean field will be added.
     field_tolerance
         Relative error of the NUFFT evaluator against the direct sum.
+    streamed
+        State, and hold against the memory there is, what :func:`specklegen.render_tiles` holds at a time.
     threads
         Threads for the prediction of seconds.
 
@@ -175,7 +178,8 @@ def plan(
         return _plan_volume(scene, obstacle, paths, rel_error, sampler, reverse, mean, tolerance, threads)
 
     # The stack and its views alone, before the gates below build an array of all views.
-    _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
+    if not streamed:
+        _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
     verdicts = list(validity_verdicts(scene))
     reversal = reversal_verdict(
         scene.medium.mean_free_path, scene.wavelength, scene.lights, scene.views, reverse, tolerance
@@ -201,6 +205,7 @@ def plan(
         stationary=stationary.needed,
         nufft=nufft,
         reverse=reversal.needed,
+        streamed=streamed,
     )
     needed = memory_bytes(work, thread_count(threads))
     _require_memory(scene, needed)
@@ -301,5 +306,5 @@ def _require_memory(scene: Scene, needed: int) -> None:
             "Scene",
             f"renderable within {0.9 * total / 2**30:.1f} GiB",
             f"{needed / 2**30:.1f} GiB for {len(scene.lights)} tilts of {scene.sensor.shape} views",
-            "Render fewer tilts or fewer views at a time.",
+            "Render fewer tilts or fewer views at a time, or stream the stack by render_tiles.",
         )

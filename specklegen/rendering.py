@@ -10,6 +10,7 @@ Beams through a slab have an engine of their own; any other geometry goes throug
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +31,10 @@ from specklegen.sensors import FarFieldGrid
 from specklegen.streams import Seed, pilot_seed
 from specklegen.tracing import CHUNK, trace
 from specklegen.values import reject
+
+if TYPE_CHECKING:
+    from specklegen.stationary.kernel import MemoryKernel
+    from specklegen.stationary.sampler import StackSampler
 
 
 @dataclass(frozen=True)
@@ -260,20 +265,30 @@ def _image(scene: Scene, field: np.ndarray) -> np.ndarray:
 
 def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """The memory-effect kernel once, then one transform per realization."""
-    from specklegen.stationary.kernel import estimate_kernel
     from specklegen.stationary.objects import object_sampler
-    from specklegen.stationary.sampler import stack_sampler
 
     scene = made.scene
-    kernel = estimate_kernel(scene.slab, made.paths, seed, threads=threads)
     beams = scene.illumination
     if isinstance(beams, IncoherentObject) and isinstance(scene.sensor, FarFieldGrid):
         objects = object_sampler(
-            kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
-            width=beams.width, profile=beams.profile, grid=scene.sensor,
+            _kernel(made, seed, threads), wavelength=scene.wavelength, object_shape=beams.brightness.shape,
+            object_pitch=beams.pitch, width=beams.width, profile=beams.profile, grid=scene.sensor,
         )  # fmt: skip
         images = [objects.image(objects.medium(seed, r), beams.brightness).numpy() for r in range(realizations)]
     else:
-        stacks = stack_sampler(scene, kernel)
+        stacks = stationary_stacks(made, seed, threads)
         images = [stacks.sample(seed, r).numpy() for r in range(realizations)]
     return np.stack(images), 0, 0
+
+
+def stationary_stacks(made: Plan, seed: Seed, threads: int | None) -> "StackSampler":
+    """The sampler of a plan's stacks; its memory-effect kernel is estimated here."""
+    from specklegen.stationary.sampler import stack_sampler
+
+    return stack_sampler(made.scene, _kernel(made, seed, threads))
+
+
+def _kernel(made: Plan, seed: Seed, threads: int | None) -> "MemoryKernel":
+    from specklegen.stationary.kernel import estimate_kernel
+
+    return estimate_kernel(made.scene.slab, made.paths, seed, threads=threads)

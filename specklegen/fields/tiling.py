@@ -87,6 +87,12 @@ def tilings(grid: FarFieldGrid, least: int = 8) -> list[Tiling]:
     return found
 
 
+def squares(grid: FarFieldGrid) -> Tiling:
+    """The fewest tiles of at most 512 views a side."""
+    rows, columns = (-(-n // -(-n // MOST_VIEWS)) for n in grid.shape)
+    return Tiling(grid, (rows, columns))
+
+
 def _cuts(count: int, size: int) -> list[tuple[int, slice]]:
     """First view of every transform of ``size`` along an axis of ``count``, and the views that are its own."""
     firsts = np.linspace(0, count - size, -(-count // size)).round().astype(int).tolist()
