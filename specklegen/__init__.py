@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from specklegen.scatterers import HenyeyGreenstein, Isotropic, Mie, Mixture, Tabulated, VonMisesFisher
     from specklegen.scene import Scene
     from specklegen.sensors import FarField, FarFieldGrid, NearField
+    from specklegen.streaming import render_tiles, render_to_zarr
     from specklegen.transmission import transmission_matrix
     from specklegen.values import RuleError
 
@@ -55,6 +56,8 @@ _HOME = {
     "plan": "planning",
     "render": "rendering",
     "render_partially_coherent": "partially_coherent",
+    "render_tiles": "streaming",
+    "render_to_zarr": "streaming",
     "transmission_matrix": "transmission",
 }
 
@@ -89,6 +92,8 @@ __all__ = [
     "plan",
     "render",
     "render_partially_coherent",
+    "render_tiles",
+    "render_to_zarr",
     "transmission_matrix",
 ]
 __version__ = "0.1.0"

@@ -11,12 +11,13 @@ import numpy as np
 
 from specklegen.covariances import COVARIANCE_ELEMENTS
 from specklegen.fields.nufft import SINGLE_PRECISION_FROM, TILTS_AT_ONCE, NufftEvaluator
+from specklegen.fields.tiling import MOST_VIEWS
 from specklegen.illumination import PointSources
 from specklegen.media import VoxelGrid
 from specklegen.pathspace.fields import FIELD_ELEMENTS, VIEWS_AT_ONCE
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid, NearField
-from specklegen.stationary.cells import cells, fft_flops, matrix_flops
+from specklegen.stationary.cells import fft_flops, matrix_flops, stack_axes
 from specklegen.statistics import BATCHES
 from specklegen.tracing import BLOCK, CHUNK
 
@@ -47,6 +48,7 @@ NANOSECONDS = {
 SERIAL = {"normal", "flop", "stack view", "phasor"}
 """Operations that any number of threads leaves to one."""
 
+TILTS_STREAMED = 16  # whose fields on one tile are held at a time
 _FIXED = 58 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
 _TORCH = 197 * 2**20  # what importing torch takes, which the stationary sampler does
 _SEARCH = 24 * 2**20  # what looking for a low rank takes, in vain
@@ -57,7 +59,7 @@ _RECORD = 14 * 8 + 20  # bytes of a connection
 class Work:
     """What there is to do for beams through a slab.
 
-    ``kernel_paths`` and ``stationary`` are those of the stationary sampler; ``nufft`` is None for the direct sum.
+    ``nufft`` is None for the direct sum; ``streamed`` where the stack comes piece by piece.
     """
 
     scene: Scene
@@ -68,6 +70,7 @@ class Work:
     nufft: NufftEvaluator | None
     reverse: bool
     skewed: bool = False
+    streamed: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,15 +92,16 @@ def seconds(operations: Mapping[str, float], threads: int) -> float:
     )
 
 
-def nufft_operations(nufft: NufftEvaluator, tilts: int, connections: float, views: int) -> dict[str, float]:
-    """Operations to evaluate connections by NUFFT."""
+def nufft_operations(nufft: NufftEvaluator, tilts: int, connections: float) -> dict[str, float]:
+    """Operations to evaluate connections by NUFFT on all tiles."""
     width = np.ceil(-np.log10(0.3 * nufft.tolerance)) + 1
     precision = 1 if nufft.tolerance >= SINGLE_PRECISION_FROM else 2
-    transforms = nufft.rank * tilts
+    spreads = nufft.tiles * nufft.spreads * connections
+    views = nufft.tiles * float(np.prod(nufft.tiling.shape))
     return {
-        "end": connections * (tilts + nufft.rank),
-        "spread": float(transforms * (width / 5) ** 2 * precision * connections),
-        "FFT point": transforms * 4.0 * views * precision,
+        "end": connections * tilts + spreads,
+        "spread": float(spreads * tilts * (width / 5) ** 2 * precision),
+        "FFT point": nufft.rank * tilts * 4.0 * views * precision,
         "pattern": nufft.rank * np.ceil(tilts / TILTS_AT_ONCE) * views,
     }
 
@@ -129,7 +133,7 @@ def operations(work: Work) -> dict[str, float]:
     if work.stationary:
         return tracing | _stack_operations(work.scene, connections if work.skewed else 0.0)
     if work.nufft:
-        return tracing | nufft_operations(work.nufft, tilts, connections, views)
+        return tracing | nufft_operations(work.nufft, tilts, connections)
     return tracing | direct_operations(tilts, connections * (2 if work.reverse else 1), views)
 
 
@@ -137,7 +141,7 @@ def _stack_operations(scene: Scene, phasors: float) -> dict[str, float]:
     """Operations of one stack of the stationary sampler; an object's modes are fewer than its beams, at most these."""
     grid = scene.sensor
     assert isinstance(grid, FarFieldGrid)
-    x, y = _axes(scene, grid)
+    x, y = stack_axes(scene)
     tilts, views = len(scene.beams.directions), np.prod(grid.shape)
     size = x.count * y.count
     return {
@@ -146,13 +150,6 @@ def _stack_operations(scene: Scene, phasors: float) -> dict[str, float]:
         "stack view": tilts * (views + 4.0 * size),
         "phasor": tilts * phasors,
     }
-
-
-def _axes(scene: Scene, grid: FarFieldGrid):
-    beams = scene.beams
-    reach = np.ptp(beams.directions[:, :2], axis=0) if len(beams.directions) else np.zeros(2)
-    spans = grid.pitch * (np.array(grid.shape[::-1]) - 1) + reach
-    return [cells(scene.wavelength, beams.width, beams.profile, grid.pitch, span) for span in spans]
 
 
 def volume_operations(work: VolumeWork) -> dict[str, float]:
@@ -183,16 +180,37 @@ def memory_bytes(work: Work, threads: int) -> int:
     """Bytes by which the process grows at most in its first plan and render."""
     views = float(np.prod(work.scene.sensor.shape))
     tilts = len(work.scene.beams.directions)
+    if work.streamed:
+        return _streamed_bytes(work, tilts)
     connections = min(work.paths, CHUNK) * work.connections_per_path
     bank = connections * _RECORD * 2
     if work.stationary:
         return int(work.paths * work.connections_per_path * 160 + 8 * views * tilts * 4 + _TORCH + _FIXED)
     if work.nufft:
         per = 8 if work.nufft.tolerance >= SINGLE_PRECISION_FROM else 16
-        field = tilts * views * per * (2 + work.nufft.rank + threads)
-        return int(bank + connections * (16 * (tilts + work.nufft.rank) + per * tilts * threads) + field + _FIXED)
+        beside = 1 if work.nufft.tiles == 1 else threads  # tiles held at a time
+        tile = tilts * float(np.prod(work.nufft.tiling.shape)) * per
+        field = 2 * tilts * views * per + tile * (work.nufft.rank / 4 + 1 + threads) * beside
+        strengths = 16 * (tilts + beside * work.nufft.rank) + per * tilts * threads
+        return int(bank * 1.5 + connections * strengths + field + _FIXED)
     looked = _SEARCH if isinstance(work.scene.sensor, FarFieldGrid) and not work.reverse else 0
     return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + looked + _FIXED)
+
+
+def _streamed_bytes(work: Work, tilts: int) -> int:
+    """Bytes by which the process grows where one tile, or one tilt, is in work at a time."""
+    connections = min(work.paths, CHUNK) * work.connections_per_path
+    if work.stationary:
+        x, y = stack_axes(work.scene)
+        cells, period = float(x.count * y.count), float(x.period * y.period)
+        kernel = work.paths * work.connections_per_path * 160
+        return int(kernel + cells * (8 * tilts + 64) + 8 * 4 * period + _TORCH + _FIXED)
+    bank = connections * (_RECORD * 3 + 16)
+    together = min(tilts, TILTS_STREAMED)
+    side = np.minimum(work.scene.sensor.shape, MOST_VIEWS)
+    tile = float(np.prod(side)) * together * 16
+    rank = work.nufft.rank if work.nufft else 0
+    return int(bank + connections * 16 * (2 * together + rank) + tile * (3 + rank / 4) + _FIXED)
 
 
 def volume_memory_bytes(work: VolumeWork, threads: int) -> int:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from specklegen.fields.ends import Optics, full_weights
-from specklegen.fields.nufft import NufftEvaluator, build_evaluator
 from specklegen.gaussianity import PathMoments
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
@@ -51,13 +50,6 @@ def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
         moments = max(moments, found, key=lambda m: m.relative_variance)
         intensity = max(intensity, float(weights.sum() / bank.count))
     return Pilot(proposal, bank, moments, intensity)
-
-
-@remembered(64)
-def scene_evaluator(scene: Scene, reverse: bool, tolerance: float) -> NufftEvaluator | None:
-    """NUFFT evaluator found on a scene's pilot; None where the field of view is too wide for one."""
-    assert isinstance(scene.sensor, FarFieldGrid)
-    return build_evaluator(scene_pilot(scene, reverse).bank, Optics.of_scene(scene), scene.sensor, tolerance)
 
 
 @remembered(64)

@@ -53,6 +53,7 @@ def plan(
     reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
+    streamed: bool = False,
     threads: int | None = None,
 ) -> Plan:
     """Choose how to render a scene, and predict what it costs.
@@ -78,6 +79,8 @@ def plan(
         Whether the mean field will be added.
     field_tolerance
         Relative error of the NUFFT evaluator against the direct sum.
+    streamed
+        State, and hold against the memory there is, what :func:`specklegen.render_tiles` holds at a time.
     threads
         Threads for the prediction of seconds.
 
@@ -101,7 +104,7 @@ def plan(
     if obstacle or sampler == "covariance":
         return _plan_volume(scene, obstacle, paths, rel_error, sampler, reverse, mean, tolerance, threads)
 
-    return _plan_slab(scene, paths, rel_error, sampler, reverse, mean, tolerance, field_tolerance, threads)
+    return _plan_slab(scene, paths, rel_error, sampler, reverse, mean, tolerance, field_tolerance, streamed, threads)
 
 
 def _plan_slab(
@@ -113,11 +116,12 @@ def _plan_slab(
     mean: bool,
     tolerance: float,
     field_tolerance: float,
+    streamed: bool,
     threads: int | None,
 ) -> Plan:
     """Plan for beams through a slab: the stationary sampler, or paths by NUFFT or summed directly."""
-    # The stack and its views alone, before any pilot, whose time would be lost.
-    _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
+    if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
+        _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
     reversal = scene_reversal(scene, reverse, tolerance)
     pilot = scene_pilot(scene, reversal.needed)
     if paths is None:
@@ -138,6 +142,7 @@ def _plan_slab(
         nufft=nufft,
         reverse=reversal.needed,
         skewed=kernel == "skewed",
+        streamed=streamed,
     )
     needed = memory_bytes(work, thread_count(threads))
     _require_memory(scene, needed)
@@ -244,5 +249,5 @@ def _require_memory(scene: Scene, needed: int) -> None:
             "Scene",
             f"renderable within {0.9 * total / 2**30:.1f} GiB",
             f"{needed / 2**30:.1f} GiB for {len(scene.lights)} tilts of {scene.sensor.shape} views",
-            "Render fewer tilts or fewer views at a time.",
+            "Render fewer tilts or fewer views at a time, or stream the stack by render_tiles.",
         )

@@ -10,6 +10,7 @@ Beams through a slab have an engine of their own; any other geometry goes throug
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +31,11 @@ from specklegen.sensors import FarFieldGrid
 from specklegen.streams import Seed, pilot_seed
 from specklegen.tracing import CHUNK, trace
 from specklegen.values import reject
+
+if TYPE_CHECKING:
+    from specklegen.stationary.kernel import MemoryKernel
+    from specklegen.stationary.sampler import StackSampler
+    from specklegen.stationary.skewed import SkewedKernel
 
 
 @dataclass(frozen=True)
@@ -260,25 +266,38 @@ def _image(scene: Scene, field: np.ndarray) -> np.ndarray:
 
 def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """The memory-effect kernel once, then one transform per realization."""
-    from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
+    from specklegen.stationary.kernel import MemoryKernel
     from specklegen.stationary.objects import object_sampler
-    from specklegen.stationary.sampler import stack_sampler
-    from specklegen.stationary.skewed import estimate_skewed_kernel
 
     scene, beams, grid = made.scene, made.scene.illumination, made.scene.sensor
-    assert isinstance(grid, FarFieldGrid)
-    if made.kernel == "skewed":
-        light = reference_direction(scene.beams.directions)
-        kernel = estimate_skewed_kernel(scene.slab, light, grid.center_direction, made.paths, seed, threads=threads)
-    else:
-        kernel = estimate_kernel(scene.slab, made.paths, seed, threads=threads)
-    if isinstance(beams, IncoherentObject) and isinstance(kernel, MemoryKernel):
+    if isinstance(beams, IncoherentObject) and isinstance(grid, FarFieldGrid):
+        kernel = _kernel(made, seed, threads)
+        assert isinstance(kernel, MemoryKernel)  # an object's modes need the symmetry about the axis
         objects = object_sampler(
             kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
             width=beams.width, profile=beams.profile, grid=grid,
         )  # fmt: skip
         images = [objects.image(objects.medium(seed, r), beams.brightness).numpy() for r in range(realizations)]
     else:
-        stacks = stack_sampler(scene, kernel)
+        stacks = stationary_stacks(made, seed, threads)
         images = [stacks.sample(seed, r).numpy() for r in range(realizations)]
     return np.stack(images), 0, 0
+
+
+def stationary_stacks(made: Plan, seed: Seed, threads: int | None) -> "StackSampler":
+    """The sampler of a plan's stacks; its memory-effect kernel is estimated here."""
+    from specklegen.stationary.sampler import stack_sampler
+
+    return stack_sampler(made.scene, _kernel(made, seed, threads))
+
+
+def _kernel(made: Plan, seed: Seed, threads: int | None) -> "MemoryKernel | SkewedKernel":
+    from specklegen.stationary.kernel import estimate_kernel
+    from specklegen.stationary.skewed import estimate_skewed_kernel
+
+    scene, grid = made.scene, made.scene.sensor
+    if made.kernel == "skewed":
+        assert isinstance(grid, FarFieldGrid)
+        light = reference_direction(scene.beams.directions)
+        return estimate_skewed_kernel(scene.slab, light, grid.center_direction, made.paths, seed, threads=threads)
+    return estimate_kernel(scene.slab, made.paths, seed, threads=threads)

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial import KDTree
 
-from specklegen.costs import direct_operations, nufft_operations, seconds
+from specklegen.evaluators import scene_evaluator
 from specklegen.fields.ends import AXIS
 from specklegen.fields.nufft import NufftEvaluator
 from specklegen.gates import Sampler, Verdict, independence_doubt
@@ -18,7 +18,7 @@ from specklegen.illumination import (
     reference_direction,
 )
 from specklegen.mean import mean_field
-from specklegen.pilots import Pilot, scene_evaluator, scene_pilot, scene_stationary_error
+from specklegen.pilots import Pilot, scene_pilot, scene_stationary_error
 from specklegen.scene import Scene
 from specklegen.sensors import FarField, FarFieldGrid, Sensor
 from specklegen.stationary.criterion import StationaryError
@@ -217,14 +217,13 @@ def evaluator_verdict(
     if len(pilot.bank) == 0:
         return None, Verdict(part, False, "nothing scatters")
     nufft = scene_evaluator(scene, reverse, tolerance)
-    views = int(np.prod(scene.sensor.shape))
-    tilts = len(scene.beams.directions)
     if nufft is None:
-        return None, Verdict(part, False, "the field of view is too wide for a low-rank view factor; summed directly")
-    if seconds(nufft_operations(nufft, tilts, 1000.0, views), 1) > seconds(direct_operations(tilts, 1000.0, views), 1):
-        return None, Verdict(part, False, f"rank {nufft.rank} makes it dearer than {views} views summed directly")
+        rows, columns = scene.sensor.shape
+        return None, Verdict(part, False, f"no tiles make it cheaper than {rows * columns} views summed directly")
+    rows, columns = nufft.tiling.counts
+    tiles = "" if nufft.tiles == 1 else f" in {rows}x{columns} tiles"
     return nufft, Verdict(
         part,
         True,
-        f"rank {nufft.rank} at a relative field error of {nufft.error:.1g} on held-out connections",
+        f"rank {nufft.rank}{tiles} at a relative field error of {nufft.error:.1g} on held-out connections",
     )

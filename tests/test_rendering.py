@@ -13,7 +13,7 @@ from scipy.stats import kstest
 from zscore import FALSE_ALARM, assert_mean, assert_z, limit
 
 import specklegen as sg
-from specklegen import pilots
+from specklegen import evaluators, pilots
 from specklegen.gates import reversal_verdict
 from specklegen.illumination import directions_of_sines
 from specklegen.statistics import jackknife
@@ -218,7 +218,7 @@ def test_a_plan_is_a_pure_function_and_says_what_it_does():
     pilots.scene_pilot.cache_clear()
     first = sg.plan(this, paths=1000)
     pilots.scene_pilot.cache_clear()
-    pilots.scene_evaluator.cache_clear()
+    evaluators.scene_evaluator.cache_clear()
     pilots.scene_stationary_error.cache_clear()
     again = sg.plan(this, paths=1000)
     assert first.explain() == again.explain()

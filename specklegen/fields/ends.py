@@ -102,12 +102,11 @@ def illumination_ends(bank: PathBank, optics: Optics, factors: np.ndarray, *, si
 
 
 def sensor_ends(
-    bank: PathBank, optics: Optics, views: np.ndarray, *, single: bool, axial_only: bool = False
+    bank: PathBank, optics: Optics, views: np.ndarray, *, single: bool, turns: np.ndarray | None = None
 ) -> np.ndarray:
-    """complex128[R, M], B_v(m) at views float64[R, 3]; ``axial_only`` leaves out the phase of the lateral position."""
-    turns = offsets(views, optics.view_reference, optics.wavelength)
-    if axial_only:
-        turns[:, :2] = 0.0
+    """complex128[R, M], B_v(m) at views float64[R, 3]; phases by ``turns`` per length float64[R, 3], if given."""
+    if turns is None:
+        turns = offsets(views, optics.view_reference, optics.wavelength)
     out = np.empty((len(views), len(bank)), np.complex128)
     sums.sensor_ends(
         bank.records, int(single), optics.medium.scatterer.g, optics.medium.extinction,

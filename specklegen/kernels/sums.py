@@ -88,21 +88,22 @@ def illumination_ends(records, single, g, sigma_t, footprint, radius, directions
 
 
 @kernel
-def grid_points(records, pitch, middle, factors, y, x, out):
-    """What a transform onto a grid of views needs of the exits.
+def grid_points(records, pitch, slope_x, slope_y, offset, y, x, out):
+    """What a transform onto a grid of views needs of the exits, projected along the grid's mode 0.
 
     pitch : grid pitch over the wavelength, turns per unit length
-    middle : float64[2]   (x, y) sines of the grid's mode 0 over the wavelength
+    slope_x, slope_y : lateral step per depth of mode 0
+    offset : float64[3]   (mode 0 - v_ref) / wavelength
     y, x : float32/float64[M]   filled with 2 pi times the turns a step of the grid, within half a turn
-    out : complex128[M]   filled with factors_m times the phasor of mode 0
+    out : complex128[M]   filled with the phasor of mode 0
     """
     for m in range(records.shape[0]):
-        ex, ey = records[m, EXIT], records[m, EXIT + 1]
-        tx, ty = ex * pitch, ey * pitch
+        ex, ey, ez = records[m, EXIT], records[m, EXIT + 1], records[m, EXIT + 2]
+        tx, ty = (ex - slope_x * ez) * pitch, (ey - slope_y * ez) * pitch
         x[m] = TAU * (tx - np.rint(tx))
         y[m] = TAU * (ty - np.rint(ty))
-        sine, cosine = sincos_turns(ex * middle[0] + ey * middle[1])
-        out[m] = factors[m] * complex(cosine, -sine)
+        sine, cosine = sincos_turns(ex * offset[0] + ey * offset[1] + ez * offset[2])
+        out[m] = complex(cosine, -sine)
 
 
 @inlined

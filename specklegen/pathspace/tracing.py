@@ -59,6 +59,8 @@ class Tracer:
         Full weight from which a connection is always kept; 0 keeps all.
     max_order : int
         Vertices after which a path is ended.
+    room : float
+        Connections a path for which a block reserves memory; a block that finds more is traced twice.
     """
 
     volume: Volume
@@ -69,6 +71,7 @@ class Tracer:
     two_way: bool
     threshold: float
     max_order: int
+    room: float = 8.0
 
     def seen_from(self, part: slice) -> "Tracer":
         """The same with only some of the views."""
@@ -100,7 +103,7 @@ class Tracer:
 
         def block(start: int) -> VolumeBank:
             size = min(BLOCK, first + count - start)
-            room = 8 * size
+            room = int(self.room * size) + 1
             while True:
                 records = np.empty((room, walk.RECORD))
                 orders = np.empty(room, np.int32)
@@ -146,7 +149,7 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
         threshold=0.0,
         max_order=_max_order(scene.medium),
     )
-    return tracer if views.near else _thinned(tracer, pilot_seed(scene.unitless_fingerprint()))
+    return _roomy(tracer if views.near else _thinned(tracer, pilot_seed(scene.unitless_fingerprint())))
 
 
 def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool) -> Tracer:
@@ -164,7 +167,7 @@ def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.
         threshold=0.0,
         max_order=_max_order(medium),
     )
-    return _thinned(tracer, pilot_seed(medium.fingerprint()))
+    return _roomy(_thinned(tracer, pilot_seed(medium.fingerprint())))
 
 
 def _max_order(medium: Medium) -> int:
@@ -185,6 +188,12 @@ def _thinned(tracer: Tracer, seed: int) -> Tracer:
         return tracer  # few connections a path: judging them costs more than it saves
     judged = bank.weight * _judged_power(tracer, bank)
     return replace(tracer, threshold=10 * float(judged.mean()))
+
+
+def _roomy(tracer: Tracer) -> Tracer:
+    """Reserve twice what a pilot's paths connect; memory that is not written to costs nothing."""
+    bank = tracer.trace(0, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
+    return replace(tracer, room=2 * len(bank) / _FIRST_PATHS + 1)
 
 
 def _judged_power(tracer: Tracer, bank: VolumeBank) -> np.ndarray:

@@ -13,7 +13,11 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from specklegen.illumination import Profile
+from specklegen.scene import Scene
+from specklegen.sensors import FarFieldGrid
+from specklegen.values import reject
 
+MAX_PERIOD = 16384
 GUARD = 8
 """Speckle grains kept free between the last view and the first one's copy."""
 _SUPPORT = {"square": 1.0, "disc": 1.0, "gaussian": 2.5}  # sampled width over nominal width
@@ -50,6 +54,33 @@ def cells(wavelength: float, width: float, profile: Profile, pitch: float, span:
     size = wavelength / (period * pitch)
     count = int(np.ceil(_SUPPORT[profile] * width / size - 1e-9))
     return Axis(max(count, 1), size, period)
+
+
+def stack_axes(scene: Scene) -> tuple[Axis, Axis]:
+    """Cells of the exit plane along x and y for all tilts and views of a scene.
+
+    Raises
+    ------
+    RuleError
+        If the tilts reach too far for a transform of reasonable size.
+    """
+    beams, grid = scene.beams, scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    sines = beams.directions[:, :2]
+    axes = []
+    for axis, name in ((0, "x"), (1, "y")):
+        reach = float(np.ptp(sines[:, axis])) if len(sines) else 0.0
+        span = grid.pitch * (grid.shape[1 - axis] - 1) + reach
+        cell = cells(scene.wavelength, beams.width, beams.profile, grid.pitch, span)
+        if cell.period > MAX_PERIOD:
+            reject(
+                "CollimatedBeams.directions",
+                f"within the reach of a transform of {MAX_PERIOD} views for the stationary sampler",
+                f"tilts {reach:.3g} apart along {name}, {reach / grid.pitch:.0f} views of pitch {grid.pitch:.3g}",
+                'Use sampler="paths", a coarser pitch, or fewer and closer tilts.',
+            )
+        axes.append(cell)
+    return axes[0], axes[1]
 
 
 def window(x: Axis, y: Axis, width: float, profile: Profile) -> np.ndarray:

@@ -7,7 +7,9 @@ the axis, per direction of light and view). Valid where the planner's criterion 
 of view).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -16,14 +18,11 @@ from specklegen.illumination import CollimatedBeams, illuminated_area
 from specklegen.parallel import one_torch_thread
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
-from specklegen.stationary.cells import Axis, cells, fft_flops, matrix_flops, window
+from specklegen.stationary.cells import Axis, fft_flops, matrix_flops, stack_axes, window
 from specklegen.stationary.kernel import MemoryKernel
 from specklegen.stationary.normals import complex_normals
 from specklegen.stationary.skewed import SkewedKernel
 from specklegen.streams import Seed
-from specklegen.values import reject
-
-MAX_PERIOD = 16384
 
 
 def mean_intensity(kernel: MemoryKernel | SkewedKernel, area: float) -> float:
@@ -41,8 +40,10 @@ class StackSampler:
         Cells of the exit plane.
     mixing : complex[T, R]
         Root of the tilt correlation: G = mixing @ independent white fields.
-    ramps : complex[T, y.count, x.count]
-        Window, tilt and first view: b(x) e^(ik(i_t - v_0) . x) and the root of the intensity.
+    window : float64[y.count, x.count]
+        b(x) and the root of the intensity.
+    shifts : float64[T, 2]
+        k (i_t - v_0), from the first view to each tilt, radians per length.
     rows, columns : complex[H, y.count], complex[W, x.count]
         Transforms from cells to views, for the matrix form.
     shape : (H, W)
@@ -53,26 +54,51 @@ class StackSampler:
     x: Axis
     y: Axis
     mixing: torch.Tensor
-    ramps: torch.Tensor
+    window: np.ndarray
+    shifts: np.ndarray
     rows: torch.Tensor
     columns: torch.Tensor
     shape: tuple[int, int]
     fft: bool
 
+    @cached_property
+    def ramps(self) -> torch.Tensor:
+        """Window, tilt and first view: b(x) e^(ik(i_t - v_0) . x), complex[T, y.count, x.count]."""
+        return self._ramps(slice(None))
+
+    def _ramps(self, tilts: slice) -> torch.Tensor:
+        along_x, along_y = self.shifts[tilts, :, None, None].swapaxes(0, 1)
+        ramps = self.window * np.exp(1j * (along_y * self.y.positions[:, None] + along_x * self.x.positions))
+        return torch.as_tensor(ramps).to(device=self.rows.device, dtype=self.rows.dtype)
+
     def sample(self, seed: Seed, realization: int = 0) -> torch.Tensor:
         """One stack, complex[T, H, W]; a pure function of (seed, realization)."""
-        rank = self.mixing.shape[1]
-        white = complex_normals(
-            seed, realization, (rank, self.y.count * self.x.count), self.ramps.dtype, self.ramps.device
-        )
+        white = self._white(seed, realization)
         with one_torch_thread():
-            fields = (self.mixing @ white).reshape(self.ramps.shape) * self.ramps
-            if not self.fft:
-                return self.rows @ fields @ self.columns.T
-            spectrum = torch.fft.fft2(fields, s=(self.y.period, self.x.period))
-            # An FFT measures positions from its first cell, the matrices from the middle of the window.
-            phase = self.rows[:, :1] * self.columns[:, 0]
-            return spectrum[:, : self.shape[0], : self.shape[1]] * phase
+            return self._fields(white, slice(None), self.ramps)
+
+    def one_by_one(self, seed: Seed, realization: int = 0) -> Iterator[torch.Tensor]:
+        """The stack of :meth:`sample` within rounding, tilt by tilt, complex[1, H, W]: the noise is held, no stack."""
+        white = self._white(seed, realization)
+        for t in range(len(self.shifts)):
+            tilt = slice(t, t + 1)
+            with one_torch_thread():
+                yield self._fields(white, tilt, self._ramps(tilt))
+
+    def _white(self, seed: Seed, realization: int) -> torch.Tensor:
+        rank = self.mixing.shape[1]
+        return complex_normals(
+            seed, realization, (rank, self.y.count * self.x.count), self.rows.dtype, self.rows.device
+        )
+
+    def _fields(self, white: torch.Tensor, tilts: slice, ramps: torch.Tensor) -> torch.Tensor:
+        fields = (self.mixing[tilts] @ white).reshape(ramps.shape) * ramps
+        if not self.fft:
+            return self.rows @ fields @ self.columns.T
+        spectrum = torch.fft.fft2(fields, s=(self.y.period, self.x.period))
+        # An FFT measures positions from its first cell, the matrices from the middle of the window.
+        phase = self.rows[:, :1] * self.columns[:, 0]
+        return spectrum[:, : self.shape[0], : self.shape[1]] * phase
 
 
 def tilt_roots(correlation: np.ndarray) -> np.ndarray:
@@ -111,28 +137,11 @@ def stack_sampler(
     assert isinstance(beams, CollimatedBeams)
     assert isinstance(grid, FarFieldGrid)
     sines = beams.directions[:, :2]
-    axes = []
-    for axis, name in ((0, "x"), (1, "y")):
-        reach = float(np.ptp(sines[:, axis])) if len(sines) else 0.0
-        span = grid.pitch * (grid.shape[1 - axis] - 1) + reach
-        cell = cells(scene.wavelength, beams.width, beams.profile, grid.pitch, span)
-        if cell.period > MAX_PERIOD:
-            reject(
-                "CollimatedBeams.directions",
-                f"within the reach of a transform of {MAX_PERIOD} views for the stationary sampler",
-                f"tilts {reach:.3g} apart along {name}, {reach / grid.pitch:.0f} views of pitch {grid.pitch:.3g}",
-                'Use sampler="paths", a coarser pitch, or fewer and closer tilts.',
-            )
-        axes.append(cell)
-    x, y = axes
+    x, y = stack_axes(scene)
     first = np.array([axis[0] for axis in grid.sines])
     k = scene.wavenumber
     ramp = np.sqrt(mean_intensity(kernel, illuminated_area(beams.width, beams.profile)))
     ramp = ramp * window(x, y, beams.width, beams.profile)
-    shift = sines - first
-    ramps = ramp * np.exp(
-        1j * k * (shift[:, 1, None, None] * y.positions[:, None] + shift[:, 0, None, None] * x.positions)
-    )
     steps = [np.arange(n) * grid.pitch for n in grid.shape]
     rows = np.exp(-1j * k * steps[0][:, None] * y.positions)
     columns = np.exp(-1j * k * steps[1][:, None] * x.positions)
@@ -142,4 +151,4 @@ def stack_sampler(
     # A Gaussian window reaches 2.5 widths; the transform of a coarse grid spans 2 and would cut it off.
     fft = fft and x.count <= x.period and y.count <= y.period
     tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype)  # noqa: E731
-    return StackSampler(x, y, tensor(mixing), tensor(ramps), tensor(rows), tensor(columns), grid.shape, fft)
+    return StackSampler(x, y, tensor(mixing), ramp, k * (sines - first), tensor(rows), tensor(columns), grid.shape, fft)

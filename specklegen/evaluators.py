@@ -1,0 +1,38 @@
+"""Which evaluator sums a scene's connections on a regular grid: the NUFFT, in how many tiles, or the direct sum."""
+
+from specklegen.costs import direct_operations, nufft_operations, seconds
+from specklegen.fields.ends import Optics
+from specklegen.fields.nufft import NufftEvaluator, build_evaluator
+from specklegen.fields.tiling import tilings
+from specklegen.pilots import scene_pilot
+from specklegen.scene import Scene
+from specklegen.sensors import FarFieldGrid
+from specklegen.values import remembered
+
+_PATHS = 100_000
+"""For which costs are compared: a fixed number, so that every run of a scene sums its fields the same way."""
+
+
+@remembered(64)
+def scene_evaluator(scene: Scene, reverse: bool, tolerance: float) -> NufftEvaluator | None:
+    """NUFFT with the cheapest tiles, by counted operations.
+
+    Ever smaller tiles are tried until they cost more than the best before, or than the direct sum; None where none
+    is possible within the tolerance and cheaper than that.
+    """
+    assert isinstance(scene.sensor, FarFieldGrid)
+    pilot, optics = scene_pilot(scene, reverse), Optics.of_scene(scene)
+    tilts = len(scene.beams.directions)
+    rows, columns = scene.sensor.shape
+    connections = _PATHS * len(pilot.bank) / max(pilot.bank.count, 1)
+    best, least = None, seconds(direct_operations(tilts, connections, rows * columns), 1)
+    for tiling in tilings(scene.sensor):
+        found = build_evaluator(pilot.bank, optics, scene.sensor, tolerance, tiling)
+        if found is None:
+            continue
+        cost = seconds(nufft_operations(found, tilts, connections), 1)
+        if cost < least:
+            best, least = found, cost
+        elif best is not None or found.rank <= 2:
+            break
+    return best

@@ -1,0 +1,193 @@
+"""Stacks too large for memory, piece by piece: the same paths, phases and noise as :func:`specklegen.render`.
+
+    for where, field in sg.render_tiles(scene, seed=0):
+        store[where] = field
+
+Path sums come in tiles of at most 512 x 512 views and sixteen tilts, stationary stacks tilt by tilt. A bank of paths
+is traced once where its connections fit, else once a tile.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from specklegen.costs import TILTS_STREAMED
+from specklegen.fields.direct import direct_field
+from specklegen.fields.ends import Optics, random_phases
+from specklegen.fields.nufft import TILTS_AT_ONCE, nufft_tile
+from specklegen.fields.tiling import MOST_VIEWS, Tile, squares
+from specklegen.gates import Reverse, Sampler
+from specklegen.illumination import CollimatedBeams, directions_of_sines
+from specklegen.mean import mean_field
+from specklegen.parallel import slices
+from specklegen.planning import Plan, plan
+from specklegen.rendering import stationary_stacks
+from specklegen.scene import Scene
+from specklegen.sensors import FarFieldGrid
+from specklegen.streams import Seed
+from specklegen.tracing import CHUNK, PathBank, trace
+from specklegen.values import reject
+
+Where = tuple[slice, slice, slice]
+"""Tilts, rows and columns of a piece in its stack."""
+
+_CONNECTIONS_KEPT = 2**20  # of a bank between tiles; more are traced anew for each
+assert TILTS_STREAMED % TILTS_AT_ONCE == 0, "transforms must group the tilts of a part as those of the whole"
+
+
+def render_tiles(
+    scene: Scene,
+    *,
+    paths: int | None = None,
+    rel_error: float | None = None,
+    seed: Seed = 0,
+    realization: int | None = None,
+    sampler: Sampler = "auto",
+    reverse: Reverse = "auto",
+    mean: bool = False,
+    field_tolerance: float = 1e-3,
+    threads: int | None = None,
+) -> Iterator[tuple[Where, np.ndarray]]:
+    """Render a stack piece by piece, in memory that its size does not bound.
+
+    Parameters
+    ----------
+    scene
+        Beams through a slab, seen on a regular far-field grid.
+    paths, rel_error, sampler, reverse, mean, field_tolerance, threads
+        See :func:`specklegen.render`; ``plan(..., streamed=True)`` states the memory.
+    seed, realization
+        Medium (seed, realization); None is that of :func:`specklegen.render` with ``realizations=None``, number 0.
+
+    Returns
+    -------
+    iterator of (where, field)
+        Slices (tilts, rows, columns) and complex64[t, h, w]. The pieces cover every view of every tilt once. They are
+        those of the stack of ``render``: to the bit for path sums, within rounding from the stationary sampler and of
+        the mean.
+
+    Raises
+    ------
+    RuleError
+        At once, for a scene of another kind, and as :func:`specklegen.plan` does.
+    """
+    if not isinstance(scene.sensor, FarFieldGrid) or not isinstance(scene.illumination, CollimatedBeams):
+        kinds = f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
+        reject("render_tiles scene", "CollimatedBeams seen by a FarFieldGrid", kinds, "Use render.")
+    made = plan(
+        scene, paths=paths, rel_error=rel_error, sampler=sampler, reverse=reverse, mean=mean,
+        field_tolerance=field_tolerance, streamed=True, threads=threads,
+    )  # fmt: skip
+    if made.proposal is None:
+        reject("render_tiles scene", "one for the engine of beams through a slab", made.sampler, "Use render.")
+    pieces = _tilt_by_tilt if made.sampler == "stationary" else _tile_by_tile
+    return _with_mean(pieces(made, seed, realization or 0, threads), scene if mean else None)
+
+
+def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **arguments):
+    """Render a stack into a new zarr array at ``out``, complex64[T, H, W], by :func:`render_tiles`.
+
+    Parameters
+    ----------
+    scene, arguments
+        See :func:`render_tiles`.
+    out
+        Folder of the array; its chunks are the stack's pieces.
+    progress
+        Show a bar.
+
+    Returns
+    -------
+    zarr.Array
+
+    Raises
+    ------
+    RuleError
+        See :func:`render_tiles`.
+    FileExistsError
+        If there is something at ``out``.
+    """
+    import zarr
+    from tqdm import tqdm
+
+    pieces = render_tiles(scene, **arguments)
+    shape = (len(scene.beams.directions), *scene.sensor.shape)
+    if Path(out).exists():
+        raise FileExistsError(f"{out} exists; choose another folder, or remove it.")
+    chunks = (1, *(max(1, min(n, MOST_VIEWS)) for n in scene.sensor.shape))
+    array = zarr.create_array(str(out), shape=shape, chunks=chunks, dtype=np.complex64)
+    with tqdm(total=int(np.prod(shape)), unit="view", unit_scale=True, disable=not progress) as bar:
+        for where, field in pieces:
+            array[where] = field
+            bar.update(field.size)
+    return array
+
+
+def _with_mean(pieces: Iterator[tuple[Where, np.ndarray]], scene: Scene | None) -> Iterator[tuple[Where, np.ndarray]]:
+    """Add the mean field of a scene, piece by piece."""
+    for where, field in pieces:
+        yield where, field if scene is None else field + mean_field(_part(scene, where)).astype(np.complex64)
+
+
+def _part(scene: Scene, where: Where) -> Scene:
+    """The scene with the tilts and views of a piece."""
+    grid, (tilts, rows, columns) = scene.sensor, where
+    assert isinstance(grid, FarFieldGrid)
+    x, y = grid.sines
+    x, y = x[columns], y[rows]
+    part = grid.replace(shape=(len(y), len(x)), center=((x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2))
+    return scene.replace(sensor=part, illumination=scene.beams.replace(directions=scene.beams.directions[tilts]))
+
+
+def _tilt_by_tilt(made: Plan, seed: Seed, realization: int, threads: int | None) -> Iterator[tuple[Where, np.ndarray]]:
+    rows, columns = made.scene.sensor.shape
+    stacks = stationary_stacks(made, seed, threads)
+    for t, field in enumerate(stacks.one_by_one(seed, realization)):
+        yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), field.numpy()
+
+
+def _tile_by_tile(made: Plan, seed: Seed, realization: int, threads: int | None) -> Iterator[tuple[Where, np.ndarray]]:
+    """Sums of :func:`specklegen.rendering.render` in the same order, over parts of the tilts and views."""
+    scene, grid, proposal = made.scene, made.scene.sensor, made.proposal
+    assert isinstance(grid, FarFieldGrid)
+    assert proposal is not None
+    optics = Optics.of_scene(scene)
+
+    def bank(first: int) -> tuple[PathBank, np.ndarray]:
+        count = min(CHUNK, made.paths - first)
+        traced = trace(scene.slab, proposal, seed, count, first=first, sample=realization, threads=threads)
+        return traced, random_phases(traced, seed, realization, threads=threads)
+
+    if made.paths * made.connections_per_path <= _CONNECTIONS_KEPT:
+        bank = lru_cache(None)(bank)
+    tiling = made.nufft.tiling if made.nufft else squares(grid)
+    for tile in tiling.tiles:
+        for tilts in slices(len(optics.tilts), TILTS_STREAMED):
+            where = (tilts, tile.rows, tile.columns)
+            yield where, _sum(made, replace(optics, tilts=optics.tilts[tilts]), tile, bank, threads)
+
+
+def _sum(made: Plan, optics: Optics, tile: Tile, bank, threads: int | None) -> np.ndarray:
+    """Field of some tilts on one tile, chunk by chunk."""
+    shape = (len(optics.tilts), tile.rows.stop - tile.rows.start, tile.columns.stop - tile.columns.start)
+    field = np.zeros(shape, made.field_dtype)
+    grid = made.scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    for first in range(0, made.paths, CHUNK):
+        some, phases = bank(first)
+        if made.nufft:
+            part = nufft_tile(some, optics, phases, made.nufft, tile, threads=threads)
+        else:
+            part = direct_field(some, optics, phases, _views(grid, tile), reverse=made.reverse, threads=threads)
+        field += (part * np.sqrt(some.count / made.paths)).reshape(shape)
+    return field.astype(np.complex64)
+
+
+def _views(grid: FarFieldGrid, tile: Tile) -> np.ndarray:
+    """float64[n, 3], the views of a tile."""
+    x, y = grid.sines
+    y, x = np.meshgrid(y[tile.rows], x[tile.columns], indexing="ij")
+    return directions_of_sines("tile", np.stack([x.ravel(), y.ravel()], -1), grid.sign)
