@@ -40,9 +40,9 @@ class Training(Value):
     input
         What the network sees: "autocorrelation" or "camera".
     network
-        "unet", "stack-unet" (for recipes with several images a sample) or "dense".
+        "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample) or "dense".
     width
-        Channels at the top of the U-Net, or a sixteenth of the dense net's hidden units.
+        Channels at the top of the U-Net, or a sixteenth of the units of the other two.
     loss
         A name in :data:`specklegen.models.losses.LOSSES`.
     learning_rate
@@ -62,7 +62,7 @@ class Training(Value):
     """
 
     input: Literal["autocorrelation", "camera"] = "autocorrelation"
-    network: Literal["unet", "stack-unet", "dense"] = "unet"
+    network: Literal["residual", "unet", "stack-unet", "dense"] = "unet"
     width: PositiveInt = 16
     loss: str = "pearson-invariant"
     learning_rate: Positive = 3e-3

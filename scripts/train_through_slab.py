@@ -104,7 +104,7 @@ class Example:
         }  # fmt: skip
         for name, model in models.items():
             print(f"{name}: {parameter_count(model.network)} parameters")
-            model.save(self.out / f"{name.replace(' ', '-').lower()}.pt", half=True)
+            model.save(self.out / f"{name.replace(' ', '-').lower()}.pt", compact=True)
         return models
 
     def judge(self, title: str, recipe, models: Mapping[str, Reconstructor], split: str = "test", seed: int = 0):

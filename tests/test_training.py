@@ -152,12 +152,12 @@ def test_a_run_from_a_stream_resumes_to_the_bit(tmp_path):
 
 def test_saved_model_is_the_model(tmp_path, whole):
     model = Reconstructor.load(whole / "best.pt")
-    model.save(tmp_path / "half.pt", half=True)
-    again = Reconstructor.load(tmp_path / "half.pt")
+    model.save(tmp_path / "compact.pt", compact=True)
+    again = Reconstructor.load(tmp_path / "compact.pt")
     inputs = HELD_OUT.inputs.float()
     # float16 rounds each weight to 2**-11
     torch.testing.assert_close(again(inputs), model(inputs), rtol=0, atol=0.02)
-    assert (tmp_path / "half.pt").stat().st_size < (whole / "best.pt").stat().st_size
+    assert (tmp_path / "compact.pt").stat().st_size < (whole / "best.pt").stat().st_size
     with pytest.raises(ValueError, match="model must be a file"):
         Reconstructor.load(tmp_path / "none.pt")
     torch.save({"a": 1}, tmp_path / "other.pt")
