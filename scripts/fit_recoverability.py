@@ -4,7 +4,7 @@
     python scripts/fit_recoverability.py predict tests/data/recoverability.csv    (the predicted columns anew)
     python scripts/fit_recoverability.py fit tests/data/recoverability.csv
     python scripts/fit_recoverability.py simulate --grid fresh --cells 220 --out tests/data/recoverability_fresh.csv
-    python scripts/fit_recoverability.py judge tests/data/recoverability_fresh.csv       (the packaged verdict, as it is)
+    python scripts/fit_recoverability.py judge tests/data/recoverability_fresh.csv      (the packaged verdict)
 
 A cell is a scene drawn at random (objects and their size, camera, extent over the memory-effect range, photons,
 saturation, envelope, polarisation, division by C_I or not); its success rate is the share of media behind which an
@@ -68,7 +68,9 @@ class Grid(NamedTuple):
 
 
 GRIDS = {
-    "fitted": Grid(6, ("3 points", "6 points", "12 points", "24 points", "glyphs", "bars"), (12, 18, 28), (96, 480), False),
+    "fitted": Grid(
+        6, ("3 points", "6 points", "12 points", "24 points", "glyphs", "bars"), (12, 18, 28), (96, 480), False
+    ),
     "fresh": Grid(19, ("4 points", "8 points", "16 points", "24 points", "glyphs", "bars"), (14, 21, 26), (104, 460)),
 }
 
@@ -328,7 +330,9 @@ def report(table: Table) -> str:
     named = {name: round(float(c), 4) for name, c in zip(COEFFICIENTS, coefficients, strict=True)}
     ranges = {name: tuple(round(x, 4) for x in ends) for name, ends in spans(even, coefficients).items()}
     lines = [f"COEFFICIENTS = {named}", f"FITTED = {ranges}"]
-    halves = {name: judged(name, table.half(odd), coefficients) for name, odd in (("fitted", False), ("held out", True))}
+    halves = {
+        name: judged(name, table.half(odd), coefficients) for name, odd in (("fitted", False), ("held out", True))
+    }
     return "\n".join([*lines, *halves.values()])
 
 
