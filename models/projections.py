@@ -40,7 +40,7 @@ def shrunk(image: Tensor, sigma: float, share: float) -> Tensor:
     spectrum = torch.fft.rfft2(image.clamp_min(0))
     torch.view_as_real(spectrum).mul_((one[:, None] * one[: n // 2 + 1])[..., None])  # real times real
     blurred = torch.fft.irfft2(spectrum, s=image.shape[-2:])
-    return (blurred > share * blurred.amax((-2, -1), keepdim=True)).to(image)
+    return blurred.sub_(share * blurred.amax((-2, -1), keepdim=True)).sign_().clamp_min_(0)
 
 
 def error_reduction(image: Tensor, modulus: Tensor, steps: int, support: Tensor | float = 1.0) -> Tensor:

@@ -118,7 +118,7 @@ def centred(images: Tensor) -> Tensor:
 
 
 def load_pretrained(device: torch.device | str = "cpu") -> Reconstructor:
-    """Return the U-Net that comes with the package, trained on characters behind slabs of unknown material.
+    """Return the network that comes with the package, trained on characters behind slabs of unknown material.
 
     Examples
     --------

@@ -14,10 +14,11 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import torch
+from pydantic import model_validator
 from torch import Tensor, nn
 
 from specklegen.models.examples import Examples, mirrored
@@ -72,6 +73,12 @@ class Training(Value):
     patience: PositiveInt = 10
     mirror: bool = False
     seed: int = 0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.network == "residual" and self.input != "autocorrelation":
+            reject("Training.input", '"autocorrelation" for the residual net', self.input, "Or train a unet or dense net.")
+        return self
 
 
 Batches = Callable[[int, int], Iterator[tuple[Tensor, Tensor]]]

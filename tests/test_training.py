@@ -12,6 +12,7 @@ from specklegen.models.examples import Examples, examples, streamed
 from specklegen.models.metrics import align, pearson
 from specklegen.models.reconstructor import Reconstructor, centred
 from specklegen.models.training import Training, train
+from specklegen.values import RuleError
 
 TINY = {"material": {"kernel_paths": 1000, "kernel": "estimate"}, "camera": {"shape": [32, 32]},
         "objects": {"shape": [12, 12]}, "samples": {"train": 24, "validation": 8}}  # fmt: skip
@@ -96,6 +97,11 @@ def test_log_has_a_line_an_epoch(whole):
     rows = list(csv.DictReader((whole / "log.csv").open()))
     assert [row["epoch"] for row in rows] == ["0", "1", "2"]
     assert float(rows[-1]["learning_rate"]) < float(rows[0]["learning_rate"])
+
+
+def test_the_residual_net_takes_no_camera_images():
+    with pytest.raises(RuleError, match=r"Training\.input must be"):
+        Training(network="residual", input="camera")
 
 
 def test_it_learns(tmp_path):
