@@ -51,6 +51,21 @@ def _blur(n: int, sigma: float) -> Tensor:
     return weights / weights.sum(1, keepdim=True)
 
 
+def lag_means(fluctuations: Tensor, reach: tuple[int, int]) -> Tensor:
+    """Mean product of all pairs of pixels at every lag up to ``reach``, real[..., 2r + 1, 2c + 1].
+
+    Zero-padded, so that nothing wraps (Wiener-Khinchin); lags in the order of an FFT, the zero lag first. A reach of
+    one less than the sides (r, c) gives every lag that there is.
+    """
+    shape = fluctuations.shape[-2:]
+    padded = [int(next_fast_len(n + lag, real=True) or 0) for n, lag in zip(shape, reach, strict=True)]
+    sums = torch.fft.irfft2(torch.fft.rfft2(fluctuations, s=padded).abs().square(), s=padded)
+    device = fluctuations.device
+    rows, columns = (torch.cat([torch.arange(r + 1), torch.arange(-r, 0)]).to(device) for r in reach)
+    pairs = (shape[0] - rows.abs())[:, None] * (shape[1] - columns.abs())
+    return sums[..., rows[:, None], columns] / pairs
+
+
 def autocorrelation(
     images: Tensor,
     window: int,
@@ -99,13 +114,9 @@ def autocorrelation(
     noise = (images / electrons + (read_noise / electrons) ** 2) / slow**2
     flat = images / slow
     flat = flat - flat.mean((-2, -1), keepdim=True)
-    padded = [int(next_fast_len(n + outer, real=True) or 0) for n in shape]
-    power = torch.fft.rfft2(flat, s=padded).abs().square()
-    steps = torch.as_tensor(lags(2 * outer + 2), device=images.device)
-    rows, columns = (n - steps.abs() for n in shape)
-    every = torch.fft.irfft2(power, s=padded)[..., steps[:, None] % padded[0], steps % padded[1]]
-    every = every / (rows[:, None] * columns)
-    reach = torch.maximum(steps.abs()[:, None], steps.abs())
+    every = lag_means(flat, (outer, outer))
+    steps = torch.as_tensor(lags(2 * outer + 1), device=images.device).abs()
+    reach = torch.maximum(steps[:, None], steps)
     background = every[..., (reach >= inner) & (reach <= outer)].mean(-1)
     kept = torch.as_tensor(lags(window), device=images.device)
     inside = every[..., kept[:, None], kept] - background[..., None, None]

@@ -28,15 +28,17 @@ def training_curves(runs: Mapping[str, Sequence[Mapping[str, float]]], out: Path
 def contact_sheet(cases: Sequence[Case], out: Path) -> Path:
     """Draw cases, a column each: camera image, what each method made of it (with its Pearson correlation), object."""
     methods = list(cases[0].reconstructions)
-    figure, axes = _figure(2 + len(methods), len(cases), 1.25, 1.4)
+    figure, axes = _figure(2 + len(methods), len(cases), 1.25, 1.36)
     for column, case in enumerate(cases):
         axis = axes[:, column]
-        _show(axis[0], case.image, "camera" if column == 0 else "", low=0, high=float(np.percentile(case.image, 99.5)))
+        _show(axis[0], case.image, low=0, high=float(np.percentile(case.image, 99.5)))
         for row, name in enumerate(methods, 1):
             made = case.reconstructions[name]
-            title = f"{name} {case.scores[name]:.2f}" if column == 0 else f"{case.scores[name]:.2f}"
-            _show(axis[row], made, title, low=min(0.0, float(made.min())), high=max(float(made.max()), 1e-6))
-        _show(axis[-1], case.object, "object" if column == 0 else "", low=0, high=1)
+            score = f"{case.scores[name]:.2f}"
+            _show(axis[row], made, score, low=min(0.0, float(made.min())), high=max(float(made.max()), 1e-6))
+        _show(axis[-1], case.object, low=0, high=1)
+    for axis, name in zip(axes[:, 0], ("camera sees", *methods, "hidden object"), strict=True):
+        axis.text(-0.08, 0.5, name, rotation=90, ha="right", va="center", fontsize=10, transform=axis.transAxes)
     return _save(figure, out)
 
 

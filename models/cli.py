@@ -19,8 +19,8 @@ def train(
     ] = None,
     validation_samples: Annotated[int, typer.Option(help="Of a recipe's validation split.")] = 256,
     input: Annotated[str, typer.Option(help="autocorrelation or camera.")] = "autocorrelation",
-    network: Annotated[str, typer.Option(help="unet, stack-unet or dense.")] = "unet",
-    width: Annotated[int, typer.Option(help="Channels at the top.")] = 16,
+    network: Annotated[str, typer.Option(help="residual, unet, stack-unet or dense.")] = "unet",
+    width: Annotated[int, typer.Option(help="Channels at the top; of the dense nets, units over 16.")] = 16,
     loss: Annotated[str, typer.Option(help="pearson, bce, ssim, l1, pearson+bce; with -invariant or without.")] = (
         "pearson-invariant"
     ),
@@ -97,7 +97,7 @@ def evaluate(
         methods |= {"Katz": baselines.katz(settings, seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
     named = {path.parent.name or str(path): Reconstructor.load(path) for path in models or []}
-    named = named or {"packaged U-Net": load_pretrained()}
+    named = named or {"packaged network": load_pretrained()}
     methods |= {name: model.reconstruct for name, model in named.items()}
     found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.geometry.profile)
     found.write(out)

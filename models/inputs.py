@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from specklegen.models.autocorrelation import lag_means
 from specklegen.values import reject
 
 LAGS = 64
@@ -21,17 +22,13 @@ LAGS = 64
 def speckle_autocorrelation(images: Tensor) -> Tensor:
     """Autocorrelation of fluctuations, float[..., 2H - 1, 2W - 1], zero lag in the middle and equal to 1.
 
-    Padded so that nothing wraps, and every lag divided by the number of pixel pairs that it has.
+    Every lag is divided by the number of pixel pairs that it has.
     """
     rows, columns = images.shape[-2:]
     fluctuation = images - images.mean((-2, -1), keepdim=True)
-    size = (2 * rows, 2 * columns)
-    lags = torch.fft.irfft2(torch.fft.rfft2(fluctuation, s=size).abs().square(), s=size)
-    lags = torch.fft.fftshift(lags, dim=(-2, -1))[..., 1:, 1:]
-    pairs = [n - torch.arange(1 - n, n, device=images.device).abs() for n in (rows, columns)]
-    lags = lags / (pairs[0][:, None] * pairs[1])
-    peak = lags[..., rows - 1, columns - 1].clamp_min(torch.finfo(lags.dtype).tiny)
-    return lags / peak[..., None, None]
+    lags = lag_means(fluctuation, (rows - 1, columns - 1))
+    peak = lags[..., :1, :1].clamp_min(torch.finfo(lags.dtype).tiny)
+    return torch.fft.fftshift(lags / peak, dim=(-2, -1))
 
 
 def resampled_lags(lags: Tensor, step: Tensor, size: int) -> Tensor:
@@ -60,6 +57,18 @@ def _triangles(count: int, step: Tensor, size: int) -> Tensor:
     distance = (new[..., None] - old).abs() / step.clamp_min(1)[:, None, None]
     weights = (1 - distance).clamp_min(0)
     return weights / weights.sum(-1, keepdim=True).clamp_min(1e-6)
+
+
+def zero_phase(lags: Tensor) -> Tensor:
+    """Image with the modulus that autocorrelations float[B, n, n] stand for and no phases, its middle equal to 1.
+
+    The background, the mean of the longest lags (three rows of them), is taken off; power below 0 is noise.
+    """
+    background = torch.cat([lags[:, :2], lags[:, -1:]], dim=1).mean((1, 2))
+    power = torch.fft.rfft2(torch.fft.ifftshift(lags - background[:, None, None], dim=(-2, -1))).real
+    image = torch.fft.irfft2(power.clamp_min(0).sqrt(), s=lags.shape[-2:])
+    peak = image[:, :1, :1].clamp_min(torch.finfo(image.dtype).tiny)
+    return torch.fft.fftshift(image / peak, dim=(-2, -1))
 
 
 def camera_input(images: Tensor, step: Tensor) -> Tensor:

@@ -18,7 +18,7 @@ from pydantic import Field
 from torch import Tensor
 
 from specklegen.models.autocorrelation import FLOOR, taper
-from specklegen.models.projections import error_reduction, modulus_error, shrunk, with_modulus
+from specklegen.models.projections import error_reduction, fed_back, modulus_error, shrunk, with_modulus
 from specklegen.models.restarts import consensus
 from specklegen.parallel import map_blocks, one_torch_thread
 from specklegen.streams import Seed
@@ -177,7 +177,7 @@ def hybrid_input_output(modulus: Tensor, start: Tensor, retrieval: Retrieval) ->
     """
     wanted = modulus[:, None]
     image = start.expand(len(modulus), *start.shape).clone()
-    proposed, support = image, None
+    proposed, support = image, torch.ones_like(image)
     first = len(BETAS) // 4  # before, an image has no shape to shrink onto
     widths = np.interp(np.arange(len(BETAS)), [first, len(BETAS) - 1], _BLUR)
     for stage, beta in enumerate(BETAS):
@@ -185,8 +185,5 @@ def hybrid_input_output(modulus: Tensor, start: Tensor, retrieval: Retrieval) ->
             support = shrunk(proposed, float(widths[stage]), retrieval.shrink_wrap)
         for _ in range(retrieval.steps):
             proposed = with_modulus(image, wanted)
-            allowed = proposed.sign().clamp_min_(0)  # 1.0 or 0.0: torch.where would be a branch a pixel
-            allowed = allowed if support is None else allowed.mul_(support)
-            image.sub_(proposed, alpha=float(beta)).lerp_(proposed, allowed)
-    support = 1.0 if support is None else support
+            image = fed_back(image, proposed, support, float(beta))
     return error_reduction(proposed.clamp_min(0).mul_(support), wanted, retrieval.error_reduction, support)

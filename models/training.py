@@ -14,10 +14,11 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import torch
+from pydantic import model_validator
 from torch import Tensor, nn
 
 from specklegen.models.examples import Examples, mirrored
@@ -40,9 +41,9 @@ class Training(Value):
     input
         What the network sees: "autocorrelation" or "camera".
     network
-        "unet", "stack-unet" (for recipes with several images a sample) or "dense".
+        "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample) or "dense".
     width
-        Channels at the top of the U-Net, or a sixteenth of the dense net's hidden units.
+        Channels at the top of the U-Net, or a sixteenth of the units of the other two.
     loss
         A name in :data:`specklegen.models.losses.LOSSES`.
     learning_rate
@@ -62,7 +63,7 @@ class Training(Value):
     """
 
     input: Literal["autocorrelation", "camera"] = "autocorrelation"
-    network: Literal["unet", "stack-unet", "dense"] = "unet"
+    network: Literal["residual", "unet", "stack-unet", "dense"] = "unet"
     width: PositiveInt = 16
     loss: str = "pearson-invariant"
     learning_rate: Positive = 3e-3
@@ -72,6 +73,12 @@ class Training(Value):
     patience: PositiveInt = 10
     mirror: bool = False
     seed: int = 0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.network == "residual" and self.input != "autocorrelation":
+            reject("Training.input", '"autocorrelation" for the residual net', self.input, "Or train a unet or dense net.")
+        return self
 
 
 Batches = Callable[[int, int], Iterator[tuple[Tensor, Tensor]]]

@@ -38,9 +38,38 @@ def test_dense_net_has_one_hidden_layer():
     assert parameter_count(net) == (2 * 64 * 64 + 1) * 64 + (64 + 1) * 784
 
 
+def test_residual_net_has_the_stated_size():
+    units, lags = 16 * 4, 28 * 55
+    block = 2 * units + (units + 1) * 2 * units + (2 * units + 1) * units
+    net = build("residual", 64, (28, 28), 4, seed=0)
+    assert parameter_count(net) == (2 * lags + 2) * units + 3 * block + 2 * units + (units + 1) * 784
+
+
+def test_residual_net_sees_each_pair_of_lags_once():
+    """An autocorrelation's other half says the same; here it is made to say something else, but for the background."""
+    net = build("residual", 64, (28, 28), 4, seed=0)
+    pictures = torch.rand(2, 2, 64, 64, generator=RNG)
+    net.first.weight.data[:, 28 * 55 : 2 * 28 * 55] = 0  # the image of zero phases needs both halves
+    changed = pictures.clone()
+    changed[:, 0, 33:] += 1
+    assert torch.equal(net(changed), net(pictures))
+    changed[:, 0, 32, 31] += 1
+    assert not torch.equal(net(changed), net(pictures))
+
+
+def test_zero_phases():
+    """From the autocorrelation, what the object's own transform gives; rounding of the power goes by its root."""
+    objects = torch.rand(3, 28, 20, generator=RNG, dtype=torch.float64)
+    spectrum = np.abs(np.fft.fft2(objects.numpy(), (64, 64)))
+    image, lags = (np.fft.fftshift(np.fft.ifft2(x).real, (1, 2)) for x in (spectrum, spectrum**2))
+    image /= image.max((1, 2), keepdims=True)
+    found = inputs.zero_phase(torch.from_numpy(lags + 0.3))  # a background is no object
+    np.testing.assert_allclose(found.numpy(), image, atol=1e-6)
+
+
 @pytest.mark.parametrize("side", [64, 128])
 @pytest.mark.parametrize("shape", [(28, 28), (32, 32), (20, 28)])
-@pytest.mark.parametrize("name", ["unet", "dense"])
+@pytest.mark.parametrize("name", ["unet", "dense", "residual"])
 def test_output_has_the_objects_shape(name, side, shape):
     net = build(name, side, shape, 4, seed=0)
     assert net(torch.randn(3, 2, side, side)).shape == (3, *shape)
@@ -68,6 +97,7 @@ def test_first_weights_are_a_function_of_the_seed(name):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [(("unet", 20, (28, 28), 4, 0), "at least that of the object"), (("unet", 64, (28, 28), 6, 0), "multiple of 4"),
+     (("residual", 50, (28, 28), 4, 0), "twice that of the object"),
      (("vit", 64, (28, 28), 4, 0), "network must be one of")],
 )  # fmt: skip
 def test_bad_networks_are_refused(arguments, message):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from specklegen.kernels import projections as kernels
 from specklegen.models.apodisation import framed
 from specklegen.models.metrics import align, pearson
 from specklegen.models.phase_retrieval import (
@@ -92,6 +93,24 @@ def test_iterations_are_those_of_the_literature():
             image = np.where(proposed > 0, proposed, image - beta * proposed)
         # Rounding, which the chaos of 41 steps multiplies; in float32 it would reach 1.
         np.testing.assert_allclose(found[restart], np.maximum(proposed, 0), atol=1e-6)
+
+
+def test_kernels_do_what_arrays_do():
+    rng = np.random.default_rng(0)
+    spectra = rng.standard_normal((6, 40, 2)).astype(np.float32)
+    spectra[2, 7] = 0
+    moduli = rng.random((3, 40), np.float32)
+    wanted = spectra.view(np.complex64)[..., 0]
+    phases = np.divide(wanted, np.abs(wanted), out=np.zeros_like(wanted), where=wanted != 0)
+    expected = np.repeat(moduli, 2, axis=0) * phases  # a modulus for two spectra
+    kernels.replace_modulus(spectra, moduli)
+    np.testing.assert_allclose(spectra.view(np.complex64)[..., 0], expected, rtol=1e-5)  # float32
+    image, proposed = rng.standard_normal((2, 500)).astype(np.float32)
+    proposed[:9] = 0
+    allowed = (rng.random(500) < 0.5).astype(np.float32)
+    expected = np.where((proposed > 0) & (allowed > 0), proposed, image - np.float32(0.7) * proposed)
+    kernels.feed_back(image, proposed, allowed, np.float32(0.7))
+    np.testing.assert_allclose(image, expected, rtol=0, atol=1e-6)  # fused or not: one rounding of about 1
 
 
 def test_projections_project():

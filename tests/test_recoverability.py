@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 from typer.testing import CliRunner
 
 from specklegen import cli
@@ -17,6 +18,7 @@ from specklegen.values import RuleError
 
 ROOT = Path(__file__).parent.parent
 TABLE = ROOT / "tests/data/recoverability.csv"
+FRESH = ROOT / "tests/data/recoverability_fresh.csv"
 
 
 def _script():
@@ -175,6 +177,25 @@ def test_held_out_verdicts():
     assert found.n >= 80
     assert found.right / found.n >= 0.85
     assert found.right > found.fails_right + found.works_wrong + 10
+
+
+def test_fresh_verdicts():
+    """The same bound on scenes that came when the verdict was finished; its interval's lower end (Wilson) as well."""
+    found = fit.confusion(fit.read(FRESH), np.array(list(COEFFICIENTS.values())))
+    assert found.n >= 150
+    assert binomtest(found.right, found.n).proportion_ci(0.95, method="wilson").low >= 0.85
+
+
+def test_fresh_scenes_are_others():
+    grids = [fit.GRIDS["fitted"], fit.GRIDS["fresh"]]
+    assert fit.drawn(0) == fit.drawn(0, grids[0]) != fit.drawn(0, grids[1])
+    assert not set(grids[0].sides) & set(grids[1].sides)
+    assert len({grid.media_seed(number) for grid in grids for number in range(200)}) == 201
+    table = fit.read(FRESH)
+    for number in (7, 101):
+        found = residual(fit.drawn(number, grids[1]).conditions())
+        kept = [table.noise[number], table.distortion[number], table.complexity[number]]
+        assert kept == pytest.approx(list(found[:3]), rel=1e-4, abs=1e-6)
 
 
 def test_the_table_has_power():

@@ -12,6 +12,7 @@ from specklegen.models.examples import Examples, examples, streamed
 from specklegen.models.metrics import align, pearson
 from specklegen.models.reconstructor import Reconstructor, centred
 from specklegen.models.training import Training, train
+from specklegen.values import RuleError
 
 TINY = {"material": {"kernel_paths": 1000, "kernel": "estimate"}, "camera": {"shape": [32, 32]},
         "objects": {"shape": [12, 12]}, "samples": {"train": 24, "validation": 8}}  # fmt: skip
@@ -98,6 +99,11 @@ def test_log_has_a_line_an_epoch(whole):
     assert float(rows[-1]["learning_rate"]) < float(rows[0]["learning_rate"])
 
 
+def test_the_residual_net_takes_no_camera_images():
+    with pytest.raises(RuleError, match=r"Training\.input must be"):
+        Training(network="residual", input="camera")
+
+
 def test_it_learns(tmp_path):
     model = train(SETTINGS.replace(epochs=20, mirror=False), DATA, HELD_OUT, tmp_path)
     made = model(HELD_OUT.inputs.float())
@@ -152,12 +158,12 @@ def test_a_run_from_a_stream_resumes_to_the_bit(tmp_path):
 
 def test_saved_model_is_the_model(tmp_path, whole):
     model = Reconstructor.load(whole / "best.pt")
-    model.save(tmp_path / "half.pt", half=True)
-    again = Reconstructor.load(tmp_path / "half.pt")
+    model.save(tmp_path / "compact.pt", compact=True)
+    again = Reconstructor.load(tmp_path / "compact.pt")
     inputs = HELD_OUT.inputs.float()
     # float16 rounds each weight to 2**-11
     torch.testing.assert_close(again(inputs), model(inputs), rtol=0, atol=0.02)
-    assert (tmp_path / "half.pt").stat().st_size < (whole / "best.pt").stat().st_size
+    assert (tmp_path / "compact.pt").stat().st_size < (whole / "best.pt").stat().st_size
     with pytest.raises(ValueError, match="model must be a file"):
         Reconstructor.load(tmp_path / "none.pt")
     torch.save({"a": 1}, tmp_path / "other.pt")
