@@ -95,8 +95,8 @@ def _measured(scene: sg.Scene, probes: Probes, count: int, seed: int, fields: np
 
 
 COMPARISONS = {
-    "naive Algorithm 2": Sampler("naive Algorithm 2", naive, _measured, first=32),
-    "electric-field Monte Carlo": Sampler("electric-field Monte Carlo", electric, _measured, first=1024),
+    "naive Algorithm 2": Sampler("naive Algorithm 2", naive, _measured, first=16),
+    "electric-field Monte Carlo": Sampler("electric-field Monte Carlo", electric, _measured, first=256),
     "wave solver": Sampler("wave solver", waves, lambda *arguments: arguments[-1], first=16),
 }
 """Name to method; a scene names those that apply to it."""

@@ -26,7 +26,7 @@ from .scenes import SCENES, Case
 
 FOLDER = Path(__file__).with_name("references")
 SEED = 20_260_000
-SECONDS = 60.0
+SECONDS = 40.0
 """Processor time of a reference that is estimated."""
 
 
