@@ -259,7 +259,7 @@ def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="three repeats and a shorter naive run")
-    parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, too (docs/performance.md takes them)")
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, for docs/performance.md")
     parser.add_argument("--prediction", choices=PREDICTED, help="measure one case alone, and print JSON")
     options = parser.parse_args()
     if options.prediction:

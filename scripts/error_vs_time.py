@@ -11,11 +11,9 @@ runs on one thread; two scenes run side by side. Results other than times are fu
 
 import os
 
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
 
 import argparse
-import csv
 import multiprocessing
 import time
 from collections.abc import Sequence
@@ -25,20 +23,21 @@ from pathlib import Path
 
 from error_time import machine, page, references
 from error_time.calibration import RUNS, Calibrated, calibrate
-from error_time.runs import Row, run
+from error_time.runs import BUDGETS, Row, run
 from error_time.scenes import SCENES
 from tqdm import tqdm
 
 OUT = Path("docs/performance")
-LONGEST, LONGEST_QUICK = 2.5, 0.03
+BUDGETS_QUICK = 3
+LONGEST, LONGEST_QUICK = 2.0, 0.03
 """Processor seconds of the longest runs that are still repeated four times larger."""
 THOROUGH = ("transmission-g0-od10", "transmission-g09-od10")
 """Scenes whose runs may be four times longer: three decades of time."""
 
 
-def scene_rows(name: str, longest: float) -> list[Row]:
+def scene_rows(name: str, longest: float, budgets: int) -> list[Row]:
     """All methods on one scene."""
-    return list(run(name, SCENES[name](), longest * (4 if name in THOROUGH else 1)))
+    return list(run(name, SCENES[name](), longest * (4 if name in THOROUGH else 1), budgets=budgets))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -48,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES), metavar="NAME", help="only these")
     parser.add_argument("--longest", type=float, help="processor seconds of the longest runs")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1), help="scenes at a time")
-    parser.add_argument("--out", type=Path, default=OUT, help="folder of the tables and figures; the page lies beside it")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder of tables and figures; the page lies beside it")
     parser.add_argument("--tables-only", action="store_true", help="run nothing")
     parser.add_argument("--calibration-only", action="store_true", help="run the 200 seeds and no scene")
     parser.add_argument("--references", action="store_true", help="freeze the right values and stop")
@@ -62,38 +61,29 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if not options.tables_only:
         if not options.calibration_only:
             longest = options.longest or (LONGEST_QUICK if options.quick else LONGEST)
-            measure(options.scenes, longest, options.workers, options.out)
+            measure(options.scenes, longest, BUDGETS_QUICK if options.quick else BUDGETS, options.workers, options.out)
         if options.calibration_only or not options.quick:
             with tqdm(unit="sampler") as bar:
                 found = list(calibrate(RUNS, lambda what: (bar.set_description(what), bar.update())))
-            write(options.out / "calibration.csv", Calibrated._fields, [each._asdict() for each in found])
+            page.write_table(options.out / "calibration.csv", Calibrated._fields, [each._asdict() for each in found])
     print(page.write(options.out))
 
 
-def measure(names: Sequence[str], longest: float, workers: int, out: Path) -> None:
+def measure(names: Sequence[str], longest: float, budgets: int, workers: int, out: Path) -> None:
     """Run scenes side by side; rows and circumstances of each replace what is stored of it, as soon as it is done."""
     stored, about = page.stored_rows(out), machine.stored(out)
     started = time.perf_counter()
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        jobs = {pool.submit(scene_rows, name, longest): name for name in names}
+        jobs = {pool.submit(scene_rows, name, longest, budgets): name for name in names}
         for job in tqdm(as_completed(jobs), total=len(jobs), unit="scene"):
             name = jobs[job]
             stored = [row for row in stored if row.scene != name] + job.result()
             stored.sort(key=lambda row: list(SCENES).index(row.scene))
-            about[name] = machine.circumstances(f"--longest {longest:g}")
-            write(out / "error-vs-time.csv", [*(f.name for f in fields(Row)), "efficiency"],
+            about[name] = machine.circumstances(f"--longest {longest:g}" + (" --quick" if budgets < BUDGETS else ""))
+            page.write_table(out / "error-vs-time.csv", [*(f.name for f in fields(Row)), "efficiency"],
                   [row.written() for row in stored])  # fmt: skip
             machine.store(out, about)
     print(f"{len(names)} scenes in {(time.perf_counter() - started) / 60:.1f} minutes")
-
-
-def write(path: Path, columns: Sequence[str], rows: Sequence[dict[str, object]]) -> None:
-    """Write a CSV, numbers to six digits."""
-    with path.open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(columns)
-        for row in rows:
-            table.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in (row[name] for name in columns)])
 
 
 if __name__ == "__main__":

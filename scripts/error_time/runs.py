@@ -1,6 +1,6 @@
 """Run every method on a scene at growing budgets, and judge each run by the frozen reference."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 
@@ -64,7 +64,6 @@ class Row:
     @classmethod
     def read(cls, table: dict[str, str]) -> "Row":
         """From a line of the CSV."""
-        kinds = {int: int, float: float, str: str}
         return cls(**{field.name: field.type(table[field.name]) for field in fields(cls)})
 
     def written(self) -> dict[str, object]:
@@ -78,24 +77,31 @@ def methods(case: Case) -> list[Sampler]:
     return serving + [COMPARISONS[name] for name in case.comparisons]
 
 
-def run(
-    name: str, case: Case, seconds: float, progress: Callable[[str, int], None] = lambda method, count: None
-) -> Iterator[Row]:
-    """Judge every method that applies to a scene; no run is longer than some ``seconds``, comparisons excepted."""
+def run(name: str, case: Case, longest: float, *, budgets: int = BUDGETS) -> Iterator[Row]:
+    """Judge every method that applies to a scene.
+
+    Parameters
+    ----------
+    name, case
+        The scene.
+    longest
+        Processor seconds of one run up to which a method gets another budget; a quarter of it for comparisons.
+    budgets
+        So many each has in any case.
+    """
     reference = load(name)
     for method in methods(case):
-        comparison = method.name in COMPARISONS
-        yield from _method(name, case, reference, method, seconds / 4 if comparison else seconds, progress)
+        share = longest / 4 if method.name in COMPARISONS else longest
+        yield from _method(name, case, reference, method, share, budgets)
 
 
 def _method(
-    name: str, case: Case, reference: Reference, method: Sampler, longest: float, progress: Callable[[str, int], None]
+    name: str, case: Case, reference: Reference, method: Sampler, longest: float, budgets: int
 ) -> Iterator[Row]:
-    """Budgets of one method, five at least, and then as long as a run is no longer than ``longest``."""
+    """Budgets of one method, repeated with other seeds while that takes less than the longest run."""
     method.work(case.scene, case.probes, method.first, 0)  # compiles, and fills the caches of pilots
     count, budget = method.first, 0
     while True:
-        progress(method.name, count)
         found, costs = [], []
         while not found or (len(found) < _REPEATS and sum(c.cpu_seconds for c in costs) < longest):
             seed = _FIRST_SEED * (budget + 1) + len(found)
@@ -110,7 +116,7 @@ def _method(
             error, reported, floor = judged(case.probes, entries, found, reference)
             yield Row(name, method.name, quantity, count, len(found), error, reported, floor, cpu, wall, memory)
         budget += 1
-        if not method.counted or (budget >= BUDGETS and FACTOR * cpu > longest):
+        if not method.counted or (budget >= budgets and FACTOR * cpu > longest):
             return
         count *= FACTOR
 
@@ -124,7 +130,7 @@ def quantities(probes: Probes) -> dict[str, slice]:
 def judged(
     probes: Probes, entries: slice, found: list[Estimate], reference: Reference
 ) -> tuple[float, float, float]:
-    """Root mean squares, over the reference's sqrt(C_pp C_qq): true error, reported error, the reference's own error."""
+    """Root mean squares over the reference's sqrt(C_pp C_qq): of the true, the reported and the reference's error."""
     scale = probes.scale(reference.value)[entries]
 
     def rms(parts: list[np.ndarray]) -> float:

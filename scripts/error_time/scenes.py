@@ -5,6 +5,7 @@ Probes of slabs lie where views have moved with the tilt: there a wide beam's co
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
@@ -150,11 +151,12 @@ def near_field() -> Case:
     scene = sg.Scene(
         wavelength=1.0,
         medium=sg.Box(
-            lower=(-10.0, -10.0, 0.0), upper=(10.0, 10.0, 20.0), mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(g=0.5)
+            lower=(-10.0, -10.0, 0.0), upper=(10.0, 10.0, 20.0), mean_free_path=10.0,
+            scatterer=sg.HenyeyGreenstein(g=0.5),
         ),
         illumination=sg.PlaneWaves.tilts(np.deg2rad([0.0, 1.0])),
         sensor=sg.NearField(points=np.stack([x, y, 0 * x + 22.0], axis=-1).reshape(-1, 3)),
-    )
+    )  # fmt: skip
     probes = Probes.among([(0, 12), (0, 6), (1, 12), (1, 6)])
     return Case("near field behind a box, OD 2", scene, probes, "literal", ("naive Algorithm 2",))
 
@@ -180,7 +182,7 @@ def slab(g: float, optical_depth: float, thickness: float) -> sg.Slab:
     return sg.Slab(thickness=thickness, mean_free_path=thickness / optical_depth, scatterer=sg.HenyeyGreenstein(g=g))
 
 
-SCENES: dict[str, Callable[[], Case]] = {
+_BUILDERS: dict[str, Callable[[], Case]] = {
     "transmission-g0-od1": lambda: transmission(0.0, 1.0),
     "transmission-g0-od10": lambda: transmission(0.0, 10.0),
     "transmission-g0-od50": lambda: transmission(0.0, 50.0),
@@ -197,4 +199,5 @@ SCENES: dict[str, Callable[[], Case]] = {
     "hidden-object-within": lambda: hidden(0.7),
     "hidden-object-beyond": lambda: hidden(2.8),
 }
+SCENES: dict[str, Callable[[], Case]] = {name: cache(build) for name, build in _BUILDERS.items()}
 """Name to scene, in the order of the page."""

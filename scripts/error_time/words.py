@@ -1,6 +1,6 @@
-"""What the page says in words: why a curve flattens, why two cross, why an error cannot go lower."""
+"""What the page says in words: why a curve flattens, and why two cross."""
 
-FLOORS = {
+REMARKS = {
     "transmission-g09-od1": "Almost all light is scattered once or twice and straight on: nothing decorrelates.",
     "transmission-g09-od50": "The plain program pays for each of some 100 collisions a path; thinning keeps about one.",
     "oblique-view": "The stationary model takes K and I from the axis. At 20° both are others, whatever the paths: its "
@@ -22,35 +22,36 @@ FLOORS = {
 """Scene to a remark below its figure."""
 
 CROSSINGS = {
-    ("paths", "paths, direct sum"): "with few connections the direct sum costs less than setting up a transform",
-    ("paths", "stationary"): "the same paths; the stationary sampler sums none of them at the views, but its model has "
-    "a bias that paths do not have",
-    ("paths", "covariance, few points"): "paths pay for every view and bring images; the general engine pays for the "
-    "points alone but dearer for each collision",
-    ("paths", "covariance, eigen-sampling"): "a matrix of all views costs more per path and its eigenvectors something "
-    "once; the estimate is the same",
-    ("covariance, few points", "covariance, eigen-sampling"): "the same estimator; a matrix of all views and its "
-    "eigenvectors against a few points",
-    ("stationary", "covariance, few points"): "the general engine is dearer a path but has no model bias",
-    ("single scattering, closed form", "covariance, few points"): "the closed form is instant but stops at the light it "
-    "leaves out",
-    ("single scattering, closed form", "covariance, eigen-sampling"): "as for few points",
-    ("single scattering, closed form", "paths"): "as for the covariance",
-    ("naive Algorithm 2", "electric-field Monte Carlo"): "electric-field Monte Carlo runs only the points, in NumPy; "
-    "what it cannot have at all is a correlation",
-    ("wave solver", "naive Algorithm 2"): "the wave equation is dear a placement but each is a whole medium; it stops at "
-    "its difference from transport theory",
-    ("wave solver", "electric-field Monte Carlo"): "as for Algorithm 2",
+    ("paths", "paths, direct sum"): "with few connections the direct sum costs less than the transforms, whose size is "
+    "that of the grid",
+    ("paths", "stationary"): "the stationary sampler sums nothing at the views, but its model has a bias, which paths "
+    "do not have",
+    ("paths, direct sum", "stationary"): "as for paths by the transform",
+    ("paths", "covariance, few points"): "paths bring images: they pay for every view; the general engine pays for "
+    "the points alone, but more for a collision and once for its tables",
+    ("paths", "covariance, eigen-sampling"): "a matrix of all views costs more a path than their fields do, and its "
+    "eigenvectors something once",
+    ("covariance, few points", "covariance, eigen-sampling"): "the same estimator at a few points and at all views",
+    ("stationary", "covariance, few points"): "the general engine costs more a path, but has no bias of a model",
+    ("single scattering, closed form", "covariance, few points"): "the closed form costs next to nothing, and its "
+    "error is the light that it leaves out",
+    ("naive Algorithm 2", "electric-field Monte Carlo"): "electric-field Monte Carlo runs the points alone; "
+    "correlations it has none, at any price",
 }
 """Why two methods cross, in either order."""
 
-GENERAL = "Both fall with slope −½; fixed costs and the cost of a path decide."
+STOPS = {
+    "single scattering, closed form": "the closed form stops at the light that it leaves out",
+    "electric-field Monte Carlo": "electric-field Monte Carlo has no correlations, and no reversed paths",
+    "wave solver": "a placement is a whole medium but dear; in the end the waves differ from transport theory",
+    "stationary": "the model of the stationary sampler has a bias",
+}
+"""Why a method's curve may end level, whatever crosses it."""
+
+GENERAL = "fixed costs against the cost of a path"
 
 
 def crossing(one: str, other: str) -> str:
     """Why two curves cross."""
-    if "wave solver" in (one, other):
-        return CROSSINGS.get((one, other)) or CROSSINGS.get((other, one)) or (
-            "the wave equation stops at its difference from transport theory"
-        )
-    return CROSSINGS.get((one, other)) or CROSSINGS.get((other, one)) or GENERAL
+    pair = CROSSINGS.get((one, other)) or CROSSINGS.get((other, one))
+    return pair or next((STOPS[each] for each in (one, other) if each in STOPS), GENERAL)

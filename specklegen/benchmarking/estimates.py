@@ -156,7 +156,8 @@ def _window_products(scene: Scene, probes: Probes, kernel: MemoryKernel) -> np.n
 def _mode_products(scene: Scene, probes: Probes, kernel: MemoryKernel) -> np.ndarray:
     """K float64[P] between an object's lit pixels, by the modes that its sampler keeps."""
     beams = scene.illumination
-    assert isinstance(beams, IncoherentObject) and isinstance(scene.sensor, FarFieldGrid)
+    assert isinstance(beams, IncoherentObject)
+    assert isinstance(scene.sensor, FarFieldGrid)
     sampler = object_sampler(
         kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
         width=beams.width, profile=beams.profile, grid=scene.sensor, dtype=torch.complex128,

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,7 @@ def error_figure(panels: Sequence[Panel], out: Path, methods: Sequence[str] = ()
     named = list(methods) or list(dict.fromkeys(name for panel in panels for name in panel.curves))
     figure = Figure(figsize=(5.4 * len(panels) + 0.4, 4.2), layout="constrained")
     FigureCanvasAgg(figure)
-    shown: dict[str, object] = {}
+    shown: dict[str, Any] = {}
     for axes, panel in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
         for name, (seconds, errors) in panel.curves.items():
             number = named.index(name)

@@ -1,6 +1,6 @@
 """How an error falls with run time: the slope of a straight part, and where two curves cross.
 
-    log error = c + s log time,    s = -1/2 for independent samples
+log error = c + s log time,    s = -1/2 for independent samples
 """
 
 from dataclasses import dataclass
@@ -70,11 +70,12 @@ def fit_trend(seconds: ArrayLike, errors: ArrayLike, freedom: ArrayLike) -> Tren
 
 
 def crossover(
-    one: tuple[ArrayLike, ArrayLike], other: tuple[ArrayLike, ArrayLike]
+    one: tuple[ArrayLike, ArrayLike], other: tuple[ArrayLike, ArrayLike], margin: float = 1.0
 ) -> tuple[float, float] | None:
     """Where two curves (seconds float[n], errors float[n]) cross: (seconds, error), or None.
 
     Interpolated between measured points in logarithms, over the times that both cover; of several crossings the last.
+    A crossing counts where on either side the errors differ somewhere by the factor ``margin`` at least.
     """
     curves = [tuple(np.log(np.asarray(part, dtype=np.float64)) for part in curve) for curve in (one, other)]
     low, high = max(x.min() for x, _ in curves), min(x.max() for x, _ in curves)
@@ -84,7 +85,9 @@ def crossover(
     first, second = (np.interp(times, *_sorted(*curve)) for curve in curves)
     gap = first - second
     changes = np.flatnonzero(gap[:-1] * gap[1:] < 0)
-    if not len(changes):
+    least = np.log(margin)
+    changes = [n for n in changes if min(np.abs(gap[: n + 1]).max(), np.abs(gap[n + 1 :]).max()) >= least]
+    if not changes:
         return None
     n = changes[-1]
     share = gap[n] / (gap[n] - gap[n + 1])
