@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from error_time.machine import circumstances
 
 import specklegen as sg
 from specklegen.fields.direct import direct_field
@@ -258,7 +259,7 @@ def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="three repeats and a shorter naive run")
-    parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, too")
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, for docs/performance.md")
     parser.add_argument("--prediction", choices=PREDICTED, help="measure one case alone, and print JSON")
     options = parser.parse_args()
     if options.prediction:
@@ -277,7 +278,8 @@ def main() -> None:
         rows += found
         print("\n".join(row.line() for row in found), flush=True)
     if options.json:
-        options.json.write_text(json.dumps([asdict(row) | {"median": row.median} for row in rows], indent=1) + "\n")
+        stored = {"about": circumstances(""), "rows": [asdict(row) | {"median": row.median} for row in rows]}
+        options.json.write_text(json.dumps(stored, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
+from specklegen import bench_cli
 from specklegen.models import cli as learning
 from specklegen.models import recoverable_cli
 from specklegen.values import RuleError, reject
@@ -335,6 +336,7 @@ def export(
 app.command()(learning.train)
 app.command()(learning.evaluate)
 app.command()(recoverable_cli.recoverable)
+app.command("bench")(bench_cli.bench_command)
 
 
 class Progress:

@@ -1,0 +1,114 @@
+"""Right values, frozen: each from something other than the samplers that it judges.
+
+transfer    the correlation transfer equation of a slab of isotropic scatterers, without Monte Carlo. With reversed
+            paths: C = S + M(i1, i2; v1, v2) + M(i1, -v2; v1, -i2), for a beam far wider than a mean free path.
+naive       Algorithm 1 as a plain Numba program (no thinning, its own generator).
+literal     Algorithm 3 as a NumPy program, uniform starts.
+"""
+
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import specklegen as sg
+from specklegen.benchmarking import Estimate, Probes
+from specklegen.benchmarking.probes import only
+from specklegen.correlation_transfer import quadruple
+from specklegen.oracles import box_algorithms
+from specklegen.oracles.naive_covariance import naive_covariance
+from specklegen.statistics import BATCHES
+
+from .literal import literal_setup
+from .scenes import SCENES, Case
+
+FOLDER = Path(__file__).with_name("references")
+SEED = 20_260_000
+SECONDS = 40.0
+"""Processor time of a reference that is estimated."""
+LONGER = {"transmission-g09-od50": 180.0}
+"""Where that is not enough."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Frozen right values: value complex128[P], standard_error float64[P], and where they come from."""
+
+    value: np.ndarray
+    standard_error: np.ndarray
+    source: str
+
+
+def load(name: str) -> Reference:
+    """Read the frozen reference of a scene."""
+    with np.load(FOLDER / f"{name}.npz") as stored:
+        return Reference(stored["value"], stored["standard_error"], str(stored["source"]))
+
+
+def freeze(name: str, command: str) -> Reference:
+    """Make a scene's reference and store it."""
+    case = SCENES[name]()
+    if case.reference == "transfer":
+        value = transfer(case)
+        found, count = Estimate(value, np.zeros(len(value))), 0
+    else:
+        found, count = estimated(case, LONGER.get(name, SECONDS))
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+    source = {
+        "transfer": "correlation transfer equation, no Monte Carlo",
+        "naive": f"naive Numba Algorithm 1, {count} paths, seed {SEED}",
+        "literal": f"literal NumPy Algorithm 3, {count} paths, seed {SEED}",
+    }[case.reference]
+    FOLDER.mkdir(exist_ok=True)
+    np.savez(
+        FOLDER / f"{name}.npz", value=found.value, standard_error=found.standard_error,
+        source=f"{source}; `{command}` at {commit}",
+    )  # fmt: skip
+    return load(name)
+
+
+def transfer(case: Case) -> np.ndarray:
+    """Entries of the covariance in closed form, complex128[P]."""
+    scene, backscatter = case.scene, case.scene.views[0, -1] < 0
+
+    def exchange(i1, i2, v1, v2):
+        return quadruple(
+            scene.slab.optical_depth, mean_free_path=scene.slab.mean_free_path, wavelength=scene.wavelength,
+            lights=(i1, i2), views=(v1, v2), albedo=scene.slab.albedo,
+        )  # fmt: skip
+
+    entries = []
+    for t1, n1, t2, n2 in case.probes.quadruples:
+        i1, i2, v1, v2 = scene.lights[t1], scene.lights[t2], scene.views[n1], scene.views[n2]
+        found = exchange(i1, i2, v1, v2).total + (exchange(i1, -v2, v1, -i2).multiple if backscatter else 0)
+        entries.append(found / np.sqrt(i1[2] * i2[2]))
+    return np.array(entries) * scene.slab.albedo / (4 * np.pi) * scene.beams.width**2
+
+
+def estimated(case: Case, seconds: float) -> tuple[Estimate, int]:
+    """Entries by the oracle that is none of the samplers, for a processor time: the estimate and the paths."""
+    batch, step = (_naive_batch, 8192) if case.reference == "naive" else (_literal_batch, 8192)
+    scene, probes = only(case.scene, case.probes)
+    started, parts = time.process_time(), []
+    while len(parts) < BATCHES or time.process_time() - started < seconds:
+        parts.append(batch(scene, probes, step, SEED + len(parts)))
+    used = len(parts) // BATCHES * BATCHES
+    batches = np.array(parts[:used]).reshape(BATCHES, -1, len(parts[0])).sum(axis=1)
+    return Estimate.of_batches(batches, used), used * step
+
+
+def _naive_batch(scene: sg.Scene, probes: Probes, paths: int, seed: int) -> np.ndarray:
+    lights, views = scene.lights[probes.points[:, 0]], scene.views[probes.points[:, 1]]
+    found = naive_covariance(
+        scene.slab, wavelength=scene.wavelength, width=scene.beams.width, lights=lights, views=views, paths=paths,
+        seed=seed,
+    )  # fmt: skip
+    return found[tuple(probes.ends.T)]
+
+
+def _literal_batch(scene: sg.Scene, probes: Probes, paths: int, seed: int) -> np.ndarray:
+    setup = literal_setup(scene, probes)
+    found = box_algorithms.covariance(setup, paths, np.random.default_rng([seed]), reverse=True)
+    return found[tuple(probes.ends.T)]

@@ -1,0 +1,90 @@
+"""Error against run time of every sampler on every scene, and docs/performance.md from it.
+
+    python scripts/error_vs_time.py                  # all scenes and the calibration: some 15 minutes on two idle cores
+    python scripts/error_vs_time.py --quick          # rough curves of short runs, no calibration: under two minutes
+    python scripts/error_vs_time.py --tables-only    # write the page anew from the stored CSV files
+    python scripts/error_vs_time.py --references     # freeze the right values anew; seven minutes
+
+The page also takes docs/performance/benchmark.json, which ``python scripts/benchmark.py --json`` writes. Every method
+runs on one thread; two scenes run side by side. Results other than times are functions of the seeds.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
+
+import argparse
+import multiprocessing
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import fields
+from pathlib import Path
+
+from error_time import machine, page, references
+from error_time.calibration import RUNS, Calibrated, calibrate
+from error_time.runs import BUDGETS, Row, run
+from error_time.scenes import SCENES
+from tqdm import tqdm
+
+OUT = Path("docs/performance")
+BUDGETS_QUICK = 3
+LONGEST, LONGEST_QUICK = 2.0, 0.03
+"""Processor seconds of the longest runs that are still repeated four times larger."""
+THOROUGH = ("transmission-g0-od10", "transmission-g09-od10")
+"""Scenes whose runs may be four times longer: three decades of time."""
+
+
+def scene_rows(name: str, longest: float, budgets: int) -> list[Row]:
+    """All methods on one scene."""
+    return list(run(name, SCENES[name](), longest * (4 if name in THOROUGH else 1), budgets=budgets))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Read the command line, run, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="short runs, no calibration")
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES), metavar="NAME", help="only these")
+    parser.add_argument("--longest", type=float, help="processor seconds of the longest runs")
+    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1), help="scenes at a time")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder of tables and figures; the page lies beside it")
+    parser.add_argument("--tables-only", action="store_true", help="run nothing")
+    parser.add_argument("--calibration-only", action="store_true", help="run the 200 seeds and no scene")
+    parser.add_argument("--references", action="store_true", help="freeze the right values and stop")
+    options = parser.parse_args(arguments)
+    if options.references:
+        for name in options.scenes:
+            found = references.freeze(name, f"python scripts/error_vs_time.py --references --scenes {name}")
+            print(f"{name}: {found.source}", flush=True)
+        return
+    options.out.mkdir(parents=True, exist_ok=True)
+    if not options.tables_only:
+        if not options.calibration_only:
+            longest = options.longest or (LONGEST_QUICK if options.quick else LONGEST)
+            measure(options.scenes, longest, BUDGETS_QUICK if options.quick else BUDGETS, options.workers, options.out)
+        if options.calibration_only or not options.quick:
+            with tqdm(unit="sampler") as bar:
+                found = list(calibrate(RUNS, lambda what: (bar.set_description(what), bar.update())))
+            page.write_table(options.out / "calibration.csv", Calibrated._fields, [each._asdict() for each in found])
+    print(page.write(options.out))
+
+
+def measure(names: Sequence[str], longest: float, budgets: int, workers: int, out: Path) -> None:
+    """Run scenes side by side; rows and circumstances of each replace what is stored of it, as soon as it is done."""
+    stored, about = page.stored_rows(out), machine.stored(out)
+    started = time.perf_counter()
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        jobs = {pool.submit(scene_rows, name, longest, budgets): name for name in names}
+        for job in tqdm(as_completed(jobs), total=len(jobs), unit="scene"):
+            name = jobs[job]
+            stored = [row for row in stored if row.scene != name] + job.result()
+            stored.sort(key=lambda row: list(SCENES).index(row.scene))
+            about[name] = machine.circumstances(f"--longest {longest:g}" + (" --quick" if budgets < BUDGETS else ""))
+            page.write_table(out / "error-vs-time.csv", [*(f.name for f in fields(Row)), "efficiency"],
+                  [row.written() for row in stored])  # fmt: skip
+            machine.store(out, about)
+    print(f"{len(names)} scenes in {(time.perf_counter() - started) / 60:.1f} minutes")
+
+
+if __name__ == "__main__":
+    main()

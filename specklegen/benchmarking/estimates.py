@@ -1,0 +1,166 @@
+"""The covariance that a run implies, with the random phases of its fields averaged out.
+
+    C_pq = E[ a_p a_q* ]    over the paths of a render               ("paths")
+    C_pq = I K(i_p - i_q) W^(kappa)    of the kernel that its paths estimate    ("stationary", objects)
+
+One render is one draw of a Gaussian field: its |u|^2 scatters by 100 % whatever the paths. What a number of paths
+decides is the covariance of that Gaussian, found here from the same paths, which are a function of the seed.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from specklegen.benchmarking.probes import Probes, only
+from specklegen.covariances import covariance
+from specklegen.fields.ends import Optics, illumination_ends, reversal_phases, sensor_ends
+from specklegen.gates import Reverse
+from specklegen.illumination import IncoherentObject, illuminated_area
+from specklegen.planning import Plan, plan
+from specklegen.scene import Scene
+from specklegen.sensors import FarFieldGrid
+from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
+from specklegen.stationary.objects import object_sampler
+from specklegen.stationary.sampler import mean_intensity, stack_sampler
+from specklegen.statistics import BATCHES
+from specklegen.streams import Seed
+from specklegen.tracing import CHUNK, PathBank, trace
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Entries of a covariance and how well they are known.
+
+    Attributes
+    ----------
+    value : complex128[P]
+        In the units of |u|^2, in the order of :attr:`Probes.quadruples`.
+    standard_error : float64[P]
+        sqrt(E|error|^2), as the run itself finds it.
+    """
+
+    value: np.ndarray
+    standard_error: np.ndarray
+
+    @classmethod
+    def of_batches(cls, sums: np.ndarray, count: float) -> "Estimate":
+        """From what each of n independent batches adds to the total, complex128[n, P]; NaN errors where n < 2."""
+        n = len(sums)
+        mean = sums.sum(axis=0) / count
+        if n < 2:
+            return cls(mean, np.full(mean.shape, np.nan))
+        scatter = np.square(np.abs(sums - sums.mean(axis=0))).sum(axis=0)
+        return cls(mean, np.sqrt(scatter * n / (n - 1)) / count)
+
+
+def paths_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
+    """What ``render(scene, sampler="paths", paths=paths, seed=seed)`` implies, from the very paths of that render.
+
+    The NUFFT's error is not in it: it is below the render's ``field_tolerance`` and has nothing to do with paths.
+    """
+    made = plan(scene, paths=paths, sampler="paths", threads=1)
+    if made.proposal is None:
+        return eigen_estimate(scene, probes, paths, seed, reverse=made.reverse)  # the same paths
+    batches = min(BATCHES, paths)
+    sums = np.zeros((batches, len(probes.ends)), np.complex128)
+    for first in range(0, paths, CHUNK):
+        bank = trace(scene.slab, made.proposal, seed, min(CHUNK, paths - first), first=first, threads=1)
+        for part, single in ((bank.single, True), (bank.multiple, False)):
+            amplitudes = connection_amplitudes(made, part, probes.points, single=single)
+            batch = part.paths * batches // paths
+            for entry, (p, q) in enumerate(probes.ends):
+                product = amplitudes[p] * amplitudes[q].conj()
+                sums[:, entry] += np.bincount(batch, product.real, batches)
+                sums[:, entry] += 1j * np.bincount(batch, product.imag, batches)
+    return Estimate.of_batches(sums, paths)
+
+
+def connection_amplitudes(made: Plan, bank: PathBank, points: np.ndarray, *, single: bool) -> np.ndarray:
+    """Amplitude sqrt(W) a of every connection at points (light, view), reversed path included: complex128[n, M].
+
+    Parameters
+    ----------
+    made
+        Plan of a scene that the slab's engine serves.
+    bank
+        Connections of single scattering, or of more.
+    points
+        int[n, 2].
+    single
+        Which of the two.
+    """
+    scene = made.scene
+    lights, views = scene.lights[points[:, 0]], scene.views[points[:, 1]]
+    optics = replace(Optics.of_scene(scene), tilts=lights)
+
+    def both_ends(part: PathBank, factors: np.ndarray) -> np.ndarray:
+        return illumination_ends(part, optics, factors, single=single) * sensor_ends(part, optics, views, single=single)
+
+    found = both_ends(bank, np.ones(len(bank), np.complex128))
+    if single:
+        return found * scene.slab.scatterer.amplitude((lights * views).sum(axis=-1))[:, None]
+    if made.reverse:
+        found += both_ends(bank.reversed(), reversal_phases(bank, optics))
+    return found
+
+
+def covariance_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
+    """What ``covariance`` finds for the points alone: lights and views that are not asked for would cost time."""
+    return eigen_estimate(*only(scene, probes), paths, seed)
+
+
+def eigen_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed, *, reverse: Reverse = "auto") -> Estimate:
+    """The entries that ``render(scene, sampler="covariance", paths=paths, seed=seed)`` draws its fields from."""
+    found = covariance(
+        scene, paths=paths, seed=seed, pairs=probes.quadruples, orders="all", reverse=reverse, threads=1
+    )
+    return Estimate(found.value, found.standard_error)
+
+
+def single_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
+    """Single scattering alone, in closed form; its error is the share of the intensity that it leaves out."""
+    found = covariance(scene, pairs=probes.quadruples, orders="single", threads=1)
+    return Estimate(found.value, found.rel_error * probes.scale(found.value))
+
+
+def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
+    """What the model of ``render(scene, sampler="stationary", paths=paths, seed=seed)`` implies.
+
+    Of an incoherent object: between the beams of its lit pixels at views that have moved with them, as its modes
+    have it.
+    """
+    kernel = estimate_kernel(scene.slab, paths, seed, threads=1)
+    lights = scene.lights[probes.points[:, 0]]
+    gap = np.diff(lights[probes.ends, :2], axis=1)[:, 0]
+    q = scene.wavenumber * np.hypot(gap[:, 0], gap[:, 1])
+    area = illuminated_area(scene.beams.width, scene.beams.profile)
+    alone = [replace(kernel, weights=batch[None]) for batch in kernel.weights]
+    rows = np.array([each.weights.sum() * each(q) if each.weights.any() else 0 * q for each in alone])
+    found = Estimate.of_batches(area * rows.astype(np.complex128), kernel.paths)
+    if isinstance(scene.illumination, IncoherentObject):
+        return Estimate(mean_intensity(kernel, area) * _mode_products(scene, probes, kernel), found.standard_error)
+    pattern = _window_products(scene, probes, kernel) / mean_intensity(kernel, area)
+    return Estimate(pattern * found.value, np.abs(pattern) * found.standard_error)
+
+
+def _window_products(scene: Scene, probes: Probes, kernel: MemoryKernel) -> np.ndarray:
+    """I W^(kappa) complex128[P] as the cells of the stack sampler have it."""
+    stacks = stack_sampler(scene, kernel, dtype=torch.complex128)
+    columns = stacks.shape[1]
+    rows, across, ramps = (each.numpy() for each in (stacks.rows, stacks.columns, stacks.ramps))
+    fields = [np.outer(rows[v // columns], across[v % columns]) * ramps[t] for t, v in probes.points]
+    return np.array([np.vdot(fields[q], fields[p]) for p, q in probes.ends])
+
+
+def _mode_products(scene: Scene, probes: Probes, kernel: MemoryKernel) -> np.ndarray:
+    """K float64[P] between an object's lit pixels, by the modes that its sampler keeps."""
+    beams = scene.illumination
+    assert isinstance(beams, IncoherentObject)
+    assert isinstance(scene.sensor, FarFieldGrid)
+    sampler = object_sampler(
+        kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
+        width=beams.width, profile=beams.profile, grid=scene.sensor, dtype=torch.complex128,
+    )  # fmt: skip
+    modes = sampler.modes[0].numpy()[:, np.flatnonzero(beams.brightness)[probes.points[:, 0]]]
+    return np.array([modes[:, p] @ modes[:, q] for p, q in probes.ends])
