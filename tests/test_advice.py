@@ -2,7 +2,7 @@
 
 Scenes are the recipes' own, seen at few of their lights and views by the general engine, which knows neither the
 kernel nor any gate. Seeds are fixed. One comparison a recipe and part, at 3 standard errors of 64 batches (0.4 % each):
-a right build fails one of the 18 fast ones with a chance of 7 % when the seeds are changed, and never while they are not.
+a right build fails one of the 18 fast ones with a chance of 7 % if the seeds are changed, and never while they are not.
 """
 
 from pathlib import Path

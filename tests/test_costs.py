@@ -71,5 +71,5 @@ def test_what_the_nufft_does_is_counted():
     transforms = made.nufft.rank * len(BEAMS.directions)
     assert made.operations["FFT point"] == 4 * transforms * 600
     assert made.operations["end"] == pytest.approx(1000 * made.connections_per_path * (3 + made.nufft.rank))
-    assert set(made.alternatives) == {"the direct sum", "reversed paths as well (reverse=True)"}
-    assert made.alternatives["reversed paths as well (reverse=True)"] > made.alternatives["the direct sum"]
+    assert set(made.alternatives) == {"the direct sum", "adding reversed paths (reverse=True)"}
+    assert made.alternatives["adding reversed paths (reverse=True)"] > made.alternatives["the direct sum"]
