@@ -22,28 +22,28 @@ from specklegen.statistics import BATCHES
 from specklegen.tracing import BLOCK, CHUNK
 
 NANOSECONDS = {
-    "path": 80,  # starting a path through a slab
-    "event": 20,  # a scattering event, tracing of beams through a slab
-    "connection": 240,  # what a connection costs whoever evaluates it: kept, copied, given a phase
-    "end": 28,  # one end of a connection at one tilt or view
-    "spread": 14,  # spreading one strength, single precision at a tolerance of 1e-3
-    "FFT point": 8.2,  # of the oversampled grid
-    "pattern": 11,  # a view of one skeleton term
-    "direct view": 6.6,  # a connection at a view, summed directly
-    "direct tilt": 2.3,  # and at a tilt there
+    "path": 110,  # starting a path through a slab
+    "event": 22,  # a scattering event, tracing of beams through a slab
+    "connection": 245,  # what a connection costs whoever evaluates it: kept, copied, given a phase
+    "end": 12,  # one end of a connection at one tilt or view
+    "spread": 12,  # spreading one strength, single precision at a tolerance of 1e-3
+    "FFT point": 8,  # of the oversampled grid
+    "pattern": 10,  # a view of one skeleton term
+    "direct view": 7,  # a connection at a view, summed directly
+    "direct tilt": 2.2,  # and at a tilt there
     "normal": 22,  # a complex normal number
-    "flop": 0.036,  # of the stationary sampler's products and transforms
+    "flop": 0.03,  # of the stationary sampler's products and transforms
     "stack view": 5.3,
-    "phasor": 10,  # of a skewed kernel
-    "volume path": 900,
-    "volume event": 1100,  # a scattering event in any geometry
+    "phasor": 15,  # of a skewed kernel
+    "volume path": 950,
+    "volume event": 1200,  # a scattering event in any geometry
     "voxel": 14,  # one that a flight or a connection crosses
-    "volume connection": 180,
-    "volume end": 79,  # one end of a connection there, at one light or view
+    "volume connection": 185,
+    "volume end": 85,  # one end of a connection there, at one light or view
     "near end": 130,  # the same at a point
-    "product": 0.29,  # a complex multiplication and addition within a matrix product
-    "amplitude": 2.2,  # one of the amplitudes whose products are summed in a covariance
-    "batch": 8e5,  # of a covariance's paths
+    "product": 0.36,  # a complex multiplication and addition within a matrix product
+    "amplitude": 2.1,  # one of the amplitudes whose products are summed in a covariance
+    "batch": 5e5,  # of a covariance's paths
 }
 SERIAL = {"normal", "flop", "stack view", "phasor"}
 """Operations that any number of threads leaves to one."""
@@ -57,9 +57,9 @@ _RECORD = 14 * 8 + 20  # bytes of a connection
 
 @dataclass(frozen=True)
 class Work:
-    """What there is to do for beams through a slab.
+    """What there is to do for beams through a slab; without ``stationary`` or ``nufft``, the direct sum.
 
-    ``nufft`` is None for the direct sum; ``streamed`` where the stack comes piece by piece.
+    ``streamed`` where the stack comes piece by piece.
     """
 
     scene: Scene

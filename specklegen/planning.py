@@ -180,7 +180,7 @@ def _alternatives(work: Work, threads: int) -> dict[str, float]:
     if work.nufft:
         found["the direct sum"] = seconds(operations(direct), threads)
     if not work.stationary and not work.reverse:
-        found["reversed paths as well (reverse=True)"] = seconds(operations(replace(direct, reverse=True)), threads)
+        found["adding reversed paths (reverse=True)"] = seconds(operations(replace(direct, reverse=True)), threads)
     return found
 
 

@@ -2,7 +2,7 @@
 
 Scenes are the recipes' own, seen at few of their lights and views by the general engine, which knows neither the
 kernel nor any gate. Seeds are fixed. One comparison a recipe and part, at 3 standard errors of 64 batches (0.4 % each):
-a right build fails one of the 30 with a chance of 11 % when the seeds are changed, and never while they are not.
+a right build fails one of the 18 fast ones with a chance of 7 % if the seeds are changed, and never while they are not.
 """
 
 from pathlib import Path
@@ -21,7 +21,8 @@ from specklegen.stationary.criterion import StationaryError
 from specklegen.stationary.kernel import estimate_kernel
 
 RECIPES = sorted(file.stem for file in (Path(datasets.__file__).parent / "recipes").glob("*.toml"))
-PATHS = 6_000
+PATHS = {False: 6_000, True: 40_000}
+"""Of anisotropies up to 0.9 and above, where the general engine's paths vary more."""
 
 
 def plans(name: str) -> list[Plan]:
@@ -54,7 +55,8 @@ def full(scene: sg.Scene, reverse: bool, seed: int) -> sg.Covariance:
     """Covariance of a scene's few lights and views by Algorithm 3; recipes share scenes."""
     key = (scene.fingerprint(), reverse, seed)
     if key not in _FOUND:
-        _FOUND[key] = sg.covariance(few(scene), paths=PATHS, seed=seed, reverse=reverse, threads=1)
+        paths = PATHS[scene.slab.scatterer.g > 0.9]
+        _FOUND[key] = sg.covariance(few(scene), paths=paths, seed=seed, reverse=reverse, threads=1)
     return _FOUND[key]
 
 
@@ -74,7 +76,7 @@ def test_reversed_paths_add_nothing_that_is_seen(name, n):
     assert not made.reverse
     assert "reversed paths: left out" in made.explain()
     (without, e1), (with_, e2) = (intensity(full(made.scene, reverse, 1 + reverse)) for reverse in (False, True))
-    assert np.hypot(e1, e2) < 0.1 * without  # it would see a factor
+    assert np.hypot(e1, e2) < 0.2 * without  # it would see a factor
     assert deviation(without, with_, np.hypot(e1, e2)) < 3
 
 
@@ -132,7 +134,7 @@ def test_these_comparisons_have_power():
         illumination=back.beams.replace(directions=lit), sensor=sg.FarField(directions=-lit), medium=back.slab
     )
     with_, without = (
-        sg.covariance(scene, paths=PATHS, seed=3, reverse=reverse, threads=1) for reverse in (True, False)
+        sg.covariance(scene, paths=PATHS[False], seed=3, reverse=reverse, threads=1) for reverse in (True, False)
     )
     (a, e1), (b, e2) = intensity(with_), intensity(without)
     assert deviation(a, b, np.hypot(e1, e2)) > 3

@@ -90,16 +90,17 @@ def pilot_error(scene: Scene, proposal: Proposal, paths: int, *, skewed: bool = 
     middle = _grid(scene).center_direction if skewed else AXIS
     weight, way = model.weight(middle[:2]), face_to_face(model.bank, scene.slab, model.light, middle)
     norm = model.sums(weight)
+    tilts = _probe_tilts(scene, model.bank.orders, weight, way)
+    models = [model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt))) for tilt in tilts]
     gains, sums = [], []
     for view in _probe_views(scene):
-        for tilt in _probe_tilts(scene, model.bank.orders, weight, way):
-            modelled = model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt)))
+        for tilt, modelled in zip(tilts, models, strict=True):
             for kappa, gain in _probe_mismatches(scene):
                 other = view - tilt - kappa
                 if np.hypot(*other) < 1:
-                    one, two = pilot.weight(view), pilot.weight(other)
-                    product = np.sqrt(one * two) * np.exp(1j * pilot.phase(view, other, tilt))
-                    sums.append([pilot.sums(product), pilot.sums(one), pilot.sums(two), modelled, norm])
+                    root = np.sqrt(pilot.weight(view) * pilot.weight(other))
+                    product = pilot.sums(root * np.exp(1j * pilot.phase(view, other, tilt)))
+                    sums.append([product, pilot.intensity(view), pilot.intensity(other), modelled, norm])
                     gains.append(gain)
     n, gain = len(gains), np.array(gains)
 
@@ -124,6 +125,7 @@ class _Bank:
         self.bank = trace(scene.slab, proposal, seed, paths, stream=Stream.PILOT)
         self._batch = np.minimum(self.bank.paths * BATCHES // paths, BATCHES - 1)
         self._weights: dict[bytes, np.ndarray] = {}
+        self._intensities: dict[bytes, np.ndarray] = {}
 
     def weight(self, sines: np.ndarray) -> np.ndarray:
         """Full weight of every connection at one view."""
@@ -131,6 +133,13 @@ class _Bank:
         if key not in self._weights:
             self._weights[key] = full_weights(self.bank, self.optics, self.light, self._view(sines))
         return self._weights[key]
+
+    def intensity(self, sines: np.ndarray) -> np.ndarray:
+        """Sums of the full weights at one view over 64 batches of paths."""
+        key = sines.tobytes()
+        if key not in self._intensities:
+            self._intensities[key] = self.sums(self.weight(sines))
+        return self._intensities[key]
 
     def phase(self, view: np.ndarray, other: np.ndarray, tilt: np.ndarray) -> np.ndarray:
         """Phase of the exact correlation of (light, view) with (light - tilt, other), less that of the window."""
