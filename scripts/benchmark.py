@@ -173,16 +173,22 @@ def object_seconds(kernel: MemoryKernel, repeats: int, times: int) -> tuple[np.n
 
 
 def thread_rows(repeats: int) -> list[Row]:
-    """Two threads against one, wall time; means something only where two cores are idle."""
-    scene = example()
-    one, two = seconds(
-        lambda n: sg.render(scene, paths=4 * PATHS, sampler="paths", seed=n, threads=1),
-        lambda n: sg.render(scene, paths=4 * PATHS, sampler="paths", seed=n, threads=2),
-        repeats=repeats,
-        clock=time.perf_counter,
-    )
-    note = f"wall time, 4e5 paths; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
-    return [Row("speed of two threads / one thread", "", list(one / two), 1.8, 1.95, True, note)]
+    """Two threads against one, wall time, of tracing and of a whole render; means something only on two idle cores."""
+    scene, paths = example(), 4 * PATHS
+    made = sg.plan(scene, paths=paths, sampler="paths")
+    work = {
+        "tracing": lambda n, threads: trace(MEDIUM, made.proposal, n, paths, threads=threads),
+        "a whole render": lambda n, threads: sg.render(scene, paths=paths, sampler="paths", seed=n, threads=threads),
+    }
+    rows = []
+    for name, function in work.items():
+        one, two = seconds(
+            lambda n, f=function: f(n, 1), lambda n, f=function: f(n, 2), repeats=max(repeats, 7),
+            clock=time.perf_counter,
+        )  # fmt: skip
+        note = f"wall time, 4e5 paths; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
+        rows.append(Row(f"speed of two threads / one, {name}", "", list(one / two), 1.8, 1.95, True, note))
+    return rows
 
 
 # What the predictions of `plan` are compared for: scene, and arguments of plan and render.
@@ -259,6 +265,7 @@ def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="three repeats and a shorter naive run")
+    parser.add_argument("--threads", action="store_true", help="only the rows of two threads against one")
     parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, for docs/performance.md")
     parser.add_argument("--prediction", choices=PREDICTED, help="measure one case alone, and print JSON")
     options = parser.parse_args()
@@ -268,12 +275,13 @@ def main() -> None:
     repeats, naive_paths = (3, 100) if options.quick else (9, 400)
     rows = []
     print(f"{'':<56}{f'median [min - max] of {repeats}':<32}{'must':<14}aim")
-    for part in (
+    parts = [
         lambda: path_rows(repeats, naive_paths),
         lambda: stationary_rows(repeats),
         lambda: thread_rows(repeats),
         prediction_rows,
-    ):
+    ]
+    for part in parts[2:3] if options.threads else parts:
         found = part()
         rows += found
         print("\n".join(row.line() for row in found), flush=True)

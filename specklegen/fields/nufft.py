@@ -171,13 +171,15 @@ def _light(
 ) -> _Light:
     chosen = np.flatnonzero((bank.orders == 1) == single)
     strengths = np.empty((len(optics.tilts), len(chosen)), np.complex128)
-    some, factors = bank.select(chosen), phases[chosen]
+    records = np.empty((len(chosen), bank.records.shape[1]))
+    own = replace(bank, records=records, orders=bank.orders[chosen], paths=bank.paths[chosen])
 
     def fill(part: slice) -> None:
-        strengths[:, part] = ends.illumination_ends(some.select(part), optics, factors[part], single=single)
+        bank.records.take(chosen[part], axis=0, out=records[part], mode="clip")
+        strengths[:, part] = ends.illumination_ends(own.select(part), optics, phases[chosen[part]], single=single)
 
     map_blocks(fill, slices(len(chosen), ends.BLOCK), threads)
-    return _Light(single, evaluator.single if single else evaluator.multiple, some, strengths)
+    return _Light(single, evaluator.single if single else evaluator.multiple, own, strengths)
 
 
 @dataclass(frozen=True)

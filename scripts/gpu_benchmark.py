@@ -1,0 +1,169 @@
+"""Images a second of the torch samplers and of the direct sum on one device, beside what the device can do.
+
+    python scripts/gpu_benchmark.py --device cuda      about two minutes; writes nothing unless --json is given
+    python scripts/gpu_benchmark.py --device cpu       the same on the CPU, for comparison
+
+Limits are measured in the same run: bytes a second of a large copy (read and written), and floating-point operations
+a second of a large complex64 matrix product. Beside each rate stand the bytes and operations that one image cannot do
+without, and the share of the device's limit that the rate reaches. Every result is compared with the CPU's before it
+is timed. Rates are medians of the repeats. The script has been run on CPUs only: no CUDA device was at hand.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+import specklegen as sg
+from specklegen.fields.device import device_field
+from specklegen.fields.direct import direct_field
+from specklegen.fields.ends import Optics, random_phases
+from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
+from specklegen.stationary.objects import object_sampler
+from specklegen.stationary.sampler import stack_sampler
+from specklegen.tracing import beam_proposal, trace
+
+WIDTH = 1e5
+MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
+
+
+def seconds(function: Callable[[], object], device: torch.device, repeats: int) -> float:
+    """Median seconds of a call, finished on the device."""
+
+    def finish() -> None:
+        if device.type == "cuda":
+            torch.cuda.synchronize(device)
+
+    function()
+    finish()
+    found = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        function()
+        finish()
+        found.append(time.perf_counter() - start)
+    return float(np.median(found))
+
+
+def limits(device: torch.device, repeats: int) -> dict[str, float]:
+    """Bytes a second of a copy and operations a second of a matrix product."""
+    large = device.type == "cuda"
+    source = torch.empty(2**28 if large else 2**25, dtype=torch.uint8, device=device)
+    target = torch.empty_like(source)
+    copy = 2 * source.numel() / seconds(lambda: target.copy_(source), device, repeats)
+    n = 4096 if large else 512
+    a, b = (torch.randn(n, n, dtype=torch.complex64, device=device) for _ in range(2))
+    return {"bytes": copy, "operations": 8 * n**3 / seconds(lambda: a @ b, device, repeats)}
+
+
+def agreement(found: torch.Tensor, expected: torch.Tensor | np.ndarray, bound: float) -> float:
+    """Relative difference of two results; refuses more than the rounding of single precision."""
+    expected = torch.as_tensor(expected)
+    found = found.cpu().to(expected.dtype)
+    error = float(torch.linalg.vector_norm(found - expected) / torch.linalg.vector_norm(expected))
+    if error > bound:
+        raise SystemExit(f"The device's result is off by {error:.2g}, more than rounding ({bound:g}).")
+    return error
+
+
+def stationary(kernel: MemoryKernel, device: torch.device, repeats: int) -> dict[str, float]:
+    """Stacks of five tilts and 101 x 101 views."""
+    scene = sg.Scene(
+        wavelength=1.0, medium=MEDIUM,
+        illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(5), width=WIDTH),
+        sensor=sg.FarField.grid((101, 101), pitch=float(np.deg2rad(0.000125))),
+    )  # fmt: skip
+    sampler = stack_sampler(scene, kernel, device=device)
+    error = agreement(sampler.sample(0), stack_sampler(scene, kernel).sample(0), 1e-4)
+    times = 20
+    took = seconds(lambda: [sampler.sample(0, r) for r in range(times)], device, repeats) / times
+    tilts, rank = sampler.mixing.shape
+    cells, views = sampler.y.count * sampler.x.count, int(np.prod(sampler.shape))
+    transform = (
+        5 * sampler.x.period * sampler.y.period * np.log2(sampler.x.period * sampler.y.period)
+        if sampler.fft
+        else 8 * sampler.shape[0] * sampler.x.count * (sampler.y.count + sampler.shape[1])
+    )
+    return {
+        "rate": 1 / took, "error": error,
+        "bytes": 8.0 * (cells * (rank + 2 * tilts) + views * tilts),
+        "operations": float(tilts * (8 * rank * cells + transform)),
+    }  # fmt: skip
+
+
+def hidden_objects(kernel: MemoryKernel, device: torch.device, repeats: int) -> dict[str, float]:
+    """Images of 28 x 28 objects over half a memory-effect range on 128 x 128 views, a fresh medium each."""
+    pitch = 0.5 * kernel.half_range() / (2 * np.pi) / 28
+    camera = sg.FarField.grid((128, 128), pitch=0.5 / WIDTH)
+    arguments = {"wavelength": 1.0, "object_shape": (28, 28), "object_pitch": pitch, "width": WIDTH, "grid": camera}
+    sampler, plain = object_sampler(kernel, device=device, **arguments), object_sampler(kernel, **arguments)
+    picture = np.random.default_rng(0).random((28, 28))
+    picture = np.where(picture < 0.35, picture / 0.35, 0.0)
+    error = agreement(sampler.image(sampler.medium(0), picture), plain.image(plain.medium(0), picture), 1e-4)
+    times = 20
+    took = (
+        seconds(lambda: [sampler.image(sampler.medium(1, r), picture) for r in range(times)], device, repeats) / times
+    )
+    transforms = sampler.rank * (sampler.rank + 1) / 2 + sampler.rank
+    return {
+        "rate": 1 / took, "error": error,
+        "bytes": 8.0 * 128**2 * 4 * transforms,
+        "operations": float(transforms * 5 * (256**2) * np.log2(256**2)),
+    }  # fmt: skip
+
+
+def direct(device: torch.device, repeats: int) -> dict[str, float]:
+    """Direct sums of 4096 connections at 128 x 128 views ten degrees across, five tilts, single precision."""
+    views = sg.FarField.grid((128, 128), pitch=float(np.sin(np.deg2rad(5))) / 64).directions.reshape(-1, 3)
+    beams = sg.CollimatedBeams.tilts(1e-4 * np.arange(5), width=250.0)
+    optics = Optics.of(1.0, MEDIUM, beams)
+    bank = trace(MEDIUM, beam_proposal(MEDIUM, beams, views[:1]), 0, 2000)
+    bank = bank.select(slice(0, 4096))
+    phases = random_phases(bank, 0)
+    single = {"device": device, "dtype": torch.complex64}
+    few = np.random.default_rng(0).choice(len(views), 64, replace=False)
+    exact = direct_field(bank, optics, phases, views[few])
+    error = agreement(device_field(bank, optics, phases, views[few], **single), exact, 1e-4)
+    took = seconds(lambda: device_field(bank, optics, phases, views, **single), device, repeats)
+    pairs = float(len(bank) * len(views))
+    return {
+        "rate": 1 / took, "error": error, "pairs": pairs / took,
+        # Ends of every pair are written and read once; a sine, a cosine, an exponential and a power count ten each.
+        "bytes": 2 * 8 * pairs,
+        "operations": pairs * (8 * 5 + 50),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Measure and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the figures there, too")
+    options = parser.parse_args()
+    device = torch.device(options.device)
+    if device.type == "cuda" and not torch.cuda.is_available():
+        raise SystemExit("No CUDA device is at hand: install a CUDA build of torch, or use --device cpu.")
+    name = torch.cuda.get_device_name(device) if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
+    able = limits(device, options.repeats)
+    print(f"{name}: copy {able['bytes'] / 1e9:.4g} GB/s, complex64 product {able['operations'] / 1e12:.4g} Tflop/s")
+    kernel = estimate_kernel(MEDIUM, 20_000, 0)
+    found = {
+        "stationary, 5 x 101 x 101 stacks": stationary(kernel, device, options.repeats),
+        "hidden object, 128 x 128 images": hidden_objects(kernel, device, options.repeats),
+        "direct sum, 5 x 128 x 128 of 4096 connections": direct(device, options.repeats),
+    }
+    print(f"{'':<48}{'a second':>10}{'of copy':>10}{'of arithmetic':>15}{'error':>10}")
+    for what, row in found.items():
+        shares = [row["rate"] * row[limit] / able[limit] for limit in ("bytes", "operations")]
+        print(f"{what:<48}{row['rate']:>10.4g}{shares[0]:>10.2%}{shares[1]:>15.2%}{row['error']:>10.1g}")
+    if options.json:
+        options.json.write_text(json.dumps({"device": name, "limits": able, "rows": found}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""Wide fields of view: CPU time a connection of the NUFFT in tiles beside the direct sum; memory of a streamed stack.
+
+    python scripts/tiling_benchmark.py              about three minutes on one idle core
+    python scripts/tiling_benchmark.py --streamed   4096 x 4096 views of --tilts tilts into a zarr array; a tilt of
+                                                    either sampler takes about half a minute and 0.13 GiB of disk
+
+One example: a slab of 2000 wavelengths, optical depth 10, g = 0.9; n x n views as far apart as 0.4 speckle grains.
+Both sides of a ratio are run in turn, best of three; the direct sum at 400 views, times the rest.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import specklegen as sg
+from specklegen.evaluators import scene_evaluator
+from specklegen.fields.direct import direct_field
+from specklegen.fields.ends import Optics, random_phases
+from specklegen.fields.nufft import nufft_field
+from specklegen.pilots import scene_pilot
+from specklegen.tracing import trace
+
+MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
+CONNECTIONS, VIEWS = 30_000, 400
+CASES = [(5.0, 101, 1, 1e-3), (5.0, 401, 1, 1e-3), (10.0, 401, 1, 1e-3), (10.0, 401, 5, 1e-3), (20.0, 401, 1, 1e-3),
+         (5.0, 401, 1, 1e-6)]  # half a field of view in degrees, views a side, tilts, tolerance  # fmt: skip
+
+
+def scene(views: int, tilts: int, pitch: float) -> sg.Scene:
+    """The example, from a side of views."""
+    beams = sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(tilts), width=0.4 / pitch)
+    return sg.Scene(wavelength=1.0, medium=MEDIUM, illumination=beams, sensor=sg.FarField.grid((views, views), pitch))
+
+
+def compare(half: float, views: int, tilts: int, tolerance: float) -> str:
+    """One row."""
+    this = scene(views, tilts, float(np.sin(np.deg2rad(half))) / (views // 2))
+    start = time.process_time()
+    evaluator = scene_evaluator(this, False, tolerance)
+    planning = time.process_time() - start
+    optics = Optics.of_scene(this)
+    bank = trace(this.slab, scene_pilot(this, False).proposal, 2, 2 * CONNECTIONS, threads=1)
+    bank = bank.select(slice(0, CONNECTIONS))
+    phases = random_phases(bank, 3)
+    chosen = np.random.default_rng(0).choice(views**2, VIEWS, replace=False)
+    tiled, direct = np.inf, np.inf
+    for _ in range(3):
+        start = time.process_time()
+        exact = direct_field(bank, optics, phases, this.views[chosen], threads=1)
+        direct = min(direct, time.process_time() - start)
+        if evaluator is not None:
+            start = time.process_time()
+            found = nufft_field(bank, optics, phases, evaluator, threads=1).reshape(tilts, -1)[:, chosen]
+            tiled = min(tiled, time.process_time() - start)
+    direct *= 1e6 / len(bank) * views**2 / VIEWS
+    tiled *= 1e6 / len(bank)
+    row = f"{half:>5g} {views:>5} {tilts:>5} {tolerance:>8g} {planning:>8.2f} {direct:>10.0f}"
+    if evaluator is None:
+        return row + "  direct"
+    error = np.linalg.norm(found - exact) / np.linalg.norm(exact)
+    tiles = "x".join(str(n) for n in evaluator.tiling.counts)
+    return row + f"  {tiles:<8}{evaluator.rank:>5}{tiled:>10.1f}{direct / tiled:>9.1f}{error:>11.1e}"
+
+
+def stream(sampler: str, tilts: int, folder: Path) -> str:
+    """Bytes by which the process grows beside those stated."""
+    this = scene(4096, tilts, 4e-6)
+    stated = sg.plan(this, sampler=sampler, paths=100_000, streamed=True, threads=1).memory_bytes  # type: ignore[arg-type]
+    before, _ = memory()
+    start = time.process_time()
+    array = sg.render_to_zarr(this, folder / sampler, sampler=sampler, paths=100_000, threads=1, progress=True)
+    took = time.process_time() - start
+    grown = memory()[1] - before
+    return (
+        f"{sampler}: {array.nbytes / 2**30:.2f} GiB in {took:.0f} CPU s; the process grew by {grown / 2**20:.0f} MiB, "
+        f"stated {stated / 2**20:.0f} MiB"
+    )
+
+
+def memory() -> tuple[int, int]:
+    """Bytes of this process resident now, and at the most since the last call (Linux)."""
+    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    Path("/proc/self/clear_refs").write_text("5")
+    now, most = (int(lines[key].split()[0]) * 1024 for key in ("VmRSS", "VmHWM"))
+    return now, most
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--streamed", action="store_true", help="stream large stacks instead")
+    parser.add_argument("--tilts", type=int, default=2)
+    options = parser.parse_args()
+    if options.streamed:
+        with tempfile.TemporaryDirectory() as folder:
+            for sampler in ("paths", "stationary"):
+                print(stream(sampler, options.tilts, Path(folder)), flush=True)
+        return
+    print(f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; microseconds a connection")
+    print(" half views tilts    asked   plan s     direct  tiles    rank     tiled    ratio      error")
+    for case in CASES:
+        print(compare(*case), flush=True)
+
+
+if __name__ == "__main__":
+    main()
