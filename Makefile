@@ -10,14 +10,14 @@ BIN = .venv/bin
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet "$(TORCH)"
-	$(BIN)/pip install --quiet --editable ".[dev,digits,dask]"
+	$(BIN)/pip install --quiet --editable ".[dev,digits,mie,dask,validate]"
 	touch $@
 
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/
 	$(BIN)/python scripts/demo.py --out demo
 
 test: .venv/installed lint  ## lint, types, import contracts, then the tests
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist loadfile
 
 lint: .venv/installed
 	$(BIN)/ruff check .

@@ -3,8 +3,9 @@
 Names load when they are first used: torch and zarr are not needed to read a recipe.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from specklegen.lazy import lazily
 
 if TYPE_CHECKING:
     from specklegen.datasets.cache import SpeckleCache
@@ -21,10 +22,4 @@ _HOME = {
 }
 __all__ = ["Recipe", "SpeckleCache", "SpeckleStream", "load_recipe", "recipe_names"]
 
-
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = lazily(__name__, _HOME)

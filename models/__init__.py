@@ -3,8 +3,9 @@
 Names load when they are first used.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from specklegen.lazy import lazily
 
 if TYPE_CHECKING:
     from specklegen.models.evaluation import evaluate
@@ -43,10 +44,4 @@ __all__ = [
     "train",
 ]
 
-
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = lazily(__name__, _HOME)

@@ -4,8 +4,9 @@ Scene -> plan -> trace -> PathBank -> field sums -> fields -> images: one page, 
 Names load when they are first used, so that importing the package stays light.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from specklegen.lazy import lazily
 
 if TYPE_CHECKING:
     from specklegen.covariances import Covariance, covariance, covariance_blocks
@@ -92,13 +93,7 @@ __all__ = [
 ]
 __version__ = "0.1.0"
 
-
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = lazily(__name__, _HOME)
 
 
 def __dir__() -> list[str]:

@@ -25,11 +25,13 @@ from specklegen.pathspace.tracing import Tracer, VolumeBank, scene_tracer
 from specklegen.scene import Scene
 from specklegen.statistics import BATCHES
 from specklegen.streams import Seed, Stream, pilot_seed, stream_key
+from specklegen.tracing import BLOCK
 from specklegen.values import available_memory, reject
 
 DEFAULT_PATHS = 100_000
 _ELEMENTS = 2**22  # of the amplitudes held at a time
 _BLOCK_ROWS = 256  # per block of parallel work
+_PATHS_AT_ONCE = 8 * BLOCK  # so that the connections in memory do not grow with the number of paths
 
 
 @dataclass(frozen=True)
@@ -297,16 +299,19 @@ def _estimate(
 
     with one_blas_thread():
         for first, last in zip(edges[:-1], edges[1:], strict=True):
-            batch = np.zeros(entries.shape, np.complex128)
-            bank = tracer.trace(seed, last - first, first=first, stream=stream, threads=threads)
-            unfinished += bank.unfinished
-            for part in _pieces(bank.single, step):
-                add(batch, single_amplitudes(tracer, part, threads))
-            single += batch
-            for part in _pieces(bank.multiple, step):
-                add(batch, multiple_amplitudes(tracer, part, reverse, threads))
-            total += batch
-            squares += np.square(batch.real) + np.square(batch.imag)
+            once, often = np.zeros((2, *entries.shape), np.complex128)
+            for start in range(first, last, _PATHS_AT_ONCE):
+                count = min(_PATHS_AT_ONCE, last - start)
+                bank = tracer.trace(seed, count, first=start, stream=stream, threads=threads)
+                unfinished += bank.unfinished
+                for part in _pieces(bank.single, step):
+                    add(once, single_amplitudes(tracer, part, threads))
+                for part in _pieces(bank.multiple, step):
+                    add(often, multiple_amplitudes(tracer, part, reverse, threads))
+            single += once
+            often += once
+            total += often
+            squares += np.square(often.real) + np.square(often.imag)
     total /= paths
     single /= paths
     error = _standard_error(squares / paths**2, total, len(edges) - 1)
@@ -347,7 +352,7 @@ def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:
 
 
 def _require_memory(t: int, v: int, rows: int) -> None:
-    needed = rows * t * v * (16 * 5 + 8 * 3)
+    needed = rows * t * v * (16 * 6 + 8 * 3)
     if needed > 0.5 * available_memory():
         reject(
             "covariance",

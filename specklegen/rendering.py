@@ -244,7 +244,7 @@ def _covariance(made: Plan, seed: Seed, realizations: int, threads: int | None) 
     scene = made.scene
     if isinstance(scene.illumination, IncoherentObject):
         scene = scene.replace(illumination=scene.beams)  # whose intensities are added with their brightness
-    found = covariance(scene, paths=made.paths, seed=seed, reverse=made.reverse, threads=threads)
+    found = covariance(scene, paths=made.paths, seed=seed, reverse=made.reverse, orders="all", threads=threads)
     return np.stack([_image(made.scene, field) for field in found.sample(realizations, seed)]), 0, found.unfinished
 
 

@@ -7,6 +7,7 @@ weight. Phases are not drawn here: a bank serves every tilt, every view and ever
 
 import math
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -121,20 +122,20 @@ class PathBank:
         return self.records[:, walk.LENGTH]
 
     @property
-    def single(self) -> "PathBank":
+    def single(self) -> Self:
         """The connections of single scattering."""
         return self.select(self.orders == 1)
 
     @property
-    def multiple(self) -> "PathBank":
+    def multiple(self) -> Self:
         """The connections of two and more scatterings."""
         return self.select(self.orders > 1)
 
-    def select(self, mask: np.ndarray | slice) -> "PathBank":
+    def select(self, mask: np.ndarray | slice) -> Self:
         """Return the connections chosen by a mask or a slice."""
-        return replace(self, records=self.records[mask], orders=self.orders[mask], paths=self.paths[mask])
+        return replace(self, **{name: a[mask] for name, a in vars(self).items() if isinstance(a, np.ndarray)})
 
-    def reversed(self) -> "PathBank":
+    def reversed(self) -> Self:
         """Return the same paths walked backwards; single scattering, its own reverse, is left out."""
         bank = self.multiple
         records = np.empty_like(bank.records)
@@ -145,7 +146,7 @@ class PathBank:
         records[:, walk.WEIGHT :] = bank.records[:, walk.WEIGHT :]
         return replace(bank, records=records)
 
-    def translated(self, shift: np.ndarray) -> "PathBank":
+    def translated(self, shift: np.ndarray) -> Self:
         """Return the bank with every vertex moved by ``shift`` float64[3]."""
         records = self.records.copy()
         records[:, walk.ENTRY : walk.ENTRY + 3] += shift

@@ -181,3 +181,14 @@ def test_energy_in_flatland(albedo):
             assert_mean(1.1 * flux, lost)
     else:
         assert flux.mean() < 0.75 * lost
+
+
+def test_a_batch_may_be_traced_in_pieces(monkeypatch):
+    """What bounds the memory of a long run changes nothing but rounding."""
+    scene = flat_box([0.0, 1.0], views([0.0, 90.0, 180.0]))
+    whole = sg.covariance(scene, paths=6400, seed=3)
+    monkeypatch.setattr("specklegen.covariances._PATHS_AT_ONCE", 33)
+    pieces = sg.covariance(scene, paths=6400, seed=3)
+    scale = np.abs(whole.value).max()
+    for name in ("value", "single", "multiple", "standard_error"):
+        np.testing.assert_allclose(getattr(pieces, name), getattr(whole, name), rtol=1e-9, atol=1e-12 * scale)

@@ -6,12 +6,11 @@ path 50; the circle has a diameter of 200 wavelengths and carries the source as 
 Run it by itself: python scripts/figures/bar19_backscattering.py --out docs/images [--quick]
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import OUT, Row, clock, diagonal_pairs, flatland_box, flatland_scene, report, save
+from _bar19 import Row, clock, diagonal_pairs, flatland_box, flatland_scene, report, run, save
 
 import specklegen as sg
 from specklegen.oracles import box_algorithms
@@ -155,8 +154,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="few paths: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, __doc__)

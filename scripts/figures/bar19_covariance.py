@@ -6,12 +6,11 @@ bar19-figure-9.png (covariance of sampled fields), and prints rows A03, A04, A05
 Run it by itself: python scripts/figures/bar19_covariance.py --out docs/images [--quick]
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import LIGHTS, OUT, REFERENCE, Row, clock, flatland_box, flatland_scene, report, save
+from _bar19 import LIGHTS, REFERENCE, Row, clock, flatland_box, flatland_scene, report, run, save
 from scipy.stats import kstest
 
 import specklegen as sg
@@ -217,8 +216,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="few paths: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, __doc__)

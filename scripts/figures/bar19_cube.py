@@ -6,12 +6,11 @@ isotropic scatterers, forward paths only.
 Run it by itself: python scripts/figures/bar19_cube.py --out docs/images [--quick]
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import OUT, Row, clock, report, save
+from _bar19 import Row, clock, report, run, save
 
 import specklegen as sg
 from specklegen.single_scattering import box_covariance
@@ -110,8 +109,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="few paths: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, __doc__)

@@ -5,12 +5,11 @@ Draws bar19-figure-4.png and prints rows A06 and A20 of docs/validation.md.
 Run it by itself: python scripts/figures/bar19_mean.py --out docs/images [--quick]
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import LIGHTS, OUT, REFERENCE, Row, clock, flatland_box, flatland_scene, report, save
+from _bar19 import LIGHTS, REFERENCE, Row, clock, flatland_box, flatland_scene, report, run, save
 
 import specklegen as sg
 from specklegen.oracles.coherent_wave import coherent_field
@@ -109,8 +108,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="few placements: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, __doc__)

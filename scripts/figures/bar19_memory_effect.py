@@ -6,12 +6,11 @@ wavelength 0.5 um.
 Run it by itself: python scripts/figures/bar19_memory_effect.py --out docs/images [--quick]
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import OUT, REFERENCE, Row, clock, report, save
+from _bar19 import REFERENCE, Row, clock, report, run, save
 
 import specklegen as sg
 from specklegen.correlation_transfer import field_correlation
@@ -97,7 +96,7 @@ def draw_slabs(out: Path, paths: int) -> list[Row]:
     reflection.set_title(f"reflection, OD 10, {spent.seconds:.0f} s CPU; band: 2019 code, OD 5, albedo 1", fontsize=10)
 
     with clock() as spent:
-        found = [curve(Q, 20 * n, length=n * LENGTH, paths=2 * n * paths) for n in (1, 2, 4)]
+        found = [curve(Q, 20 * n, length=n * LENGTH, paths=20 * n * paths) for n in (1, 2, 4)]
     for n, each in zip((1, 2, 4), found, strict=True):
         lengths.errorbar(Q, each.intensity, each.standard_error, fmt=".", label=f"L × {n}, OD {20 * n}")
     lengths.plot(LINE, memory_effect_diffusion(LINE), "k:", lw=1, label="Eq. 39")
@@ -200,8 +199,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="few paths: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, __doc__)

@@ -6,13 +6,12 @@ depth 2, isotropic scatterers, light along the axis.
 Run it by itself: python scripts/figures/bar19_permutations.py --out docs/images [--quick]
 """
 
-import argparse
 from itertools import permutations
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import OUT, Row, clock, report, save
+from _bar19 import Row, clock, report, run, save
 
 from specklegen.oracles.box_media import box, henyey_greenstein
 from specklegen.oracles.path_permutations import permutation_covariance
@@ -74,8 +73,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="few nodes: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, __doc__)

@@ -5,12 +5,11 @@ Prints them, and draws bar19-rows.png: z-scores of A01 and A18, and the spectrum
 Run it by itself: python scripts/figures/bar19_rows.py --out docs/images [--quick]
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import LIGHTS, OUT, Row, clock, diagonal_pairs, flatland_box, flatland_scene, report, save
+from _bar19 import LIGHTS, Row, clock, diagonal_pairs, flatland_box, flatland_scene, report, run, save
 
 import specklegen as sg
 from specklegen.single_scattering import box_covariance
@@ -150,8 +149,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="few paths: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, __doc__)

@@ -29,7 +29,7 @@ def scene_sources(scene: Scene) -> Sources:
     volume = volume_of(scene.medium, scene.dimension)
     lobe = _mean_cosine(scene.medium, scene.dimension)
     rows = _light_rows(scene, volume)
-    points = _close_points(scene, volume)
+    points = close_points(scene, volume)
     share = 0.5 if points and rows else 1.0
     rows = [(share / len(rows), row) for row in rows]
     rows += [(share / len(points), _point_row(volume, point)) for point in points]
@@ -143,8 +143,11 @@ def _cone(volume: Volume, point: np.ndarray) -> tuple[np.ndarray, float]:
     return away / distance, float(np.arcsin(radius / distance)) * (1 + 1e-9)
 
 
-def _close_points(scene: Scene, volume: Volume) -> list[np.ndarray]:
-    """Sensor points in the medium or within two mean free paths of it; all of them where no light can start paths."""
+def close_points(scene: Scene, volume: Volume) -> list[np.ndarray]:
+    """Sensor points at which paths start: float64[3] each.
+
+    Those in the medium or within two mean free paths of it; all of them where no light can start paths.
+    """
     if not isinstance(scene.sensor, NearField):
         return []
     points = spatial(scene.views)

@@ -1,17 +1,17 @@
 """Tracing in any geometry: (scene, sources, seed) -> VolumeBank."""
 
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
-from specklegen.illumination import PointSources
 from specklegen.kernels import volume_walk, walk
 from specklegen.kernels.phase_table import PhaseTable
-from specklegen.kernels.sources import POINT, Sources
+from specklegen.kernels.sources import Sources
 from specklegen.kernels.volume import Volume
 from specklegen.media import Medium, Slab
 from specklegen.parallel import map_blocks
-from specklegen.pathspace.sources import plane_sources, scene_sources
+from specklegen.pathspace.sources import close_points, plane_sources, scene_sources
 from specklegen.pathspace.targets import Target, light_target, probes, view_target
 from specklegen.pathspace.volumes import materials, volume_of
 from specklegen.phase_tables import phase_table
@@ -37,21 +37,9 @@ class VolumeBank(PathBank):
 
     types: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int32))
 
-    @property
-    def single(self) -> "VolumeBank":
-        """The connections of single scattering."""
-        return self.select(self.orders == 1)
-
-    @property
-    def multiple(self) -> "VolumeBank":
-        """The connections of two and more scatterings."""
-        return self.select(self.orders > 1)
-
-    def select(self, mask: np.ndarray | slice) -> "VolumeBank":
-        """Return the connections chosen by a mask or a slice."""
-        return replace(
-            self, records=self.records[mask], orders=self.orders[mask], paths=self.paths[mask], types=self.types[mask]
-        )
+    def reversed(self) -> Self:
+        """Return the same paths walked backwards; single scattering, its own reverse, is left out."""
+        return replace(super().reversed(), types=self.multiple.types[:, ::-1])
 
 
 @dataclass(frozen=True)
@@ -147,7 +135,7 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
     volume = volume_of(scene.medium, scene.dimension)
     sources = scene_sources(scene)
     views = view_target(scene)
-    two_way = reverse or starts_at_sensor(scene, sources)
+    two_way = reverse or bool(close_points(scene, volume))
     tracer = Tracer(
         volume=volume,
         table=phase_table(materials(scene.medium), 2 if scene.dimension == 2 else 3),
@@ -197,12 +185,6 @@ def _thinned(tracer: Tracer, seed: int) -> Tracer:
         return tracer  # few connections a path: judging them costs more than it saves
     judged = bank.weight * _judged_power(tracer, bank)
     return replace(tracer, threshold=10 * float(judged.mean()))
-
-
-def starts_at_sensor(scene: Scene, sources: Sources) -> bool:
-    """Whether paths start at sensor points."""
-    points = int((sources.kinds[:, 0] == POINT).sum())
-    return points > (len(scene.lights) if isinstance(scene.illumination, PointSources) else 0)
 
 
 def _judged_power(tracer: Tracer, bank: VolumeBank) -> np.ndarray:

@@ -1,0 +1,43 @@
+"""Small stores of a fake recipe, for the tests of data sets."""
+
+import subprocess
+import sys
+
+import numpy as np
+from fake_recipe import FakeRecipe, assert_same
+
+from specklegen.datasets.cache import SpeckleCache
+from specklegen.datasets.generate import generate
+
+TIMEOUT = 120
+
+
+def make(folder, recipe=None, **options):
+    settings = {"samples": 22, "shard_samples": 5, "processes": 1} | options
+    return generate(recipe or FakeRecipe(), folder=folder, **settings)
+
+
+def assert_holds(folder, recipe, samples, seed=0, split="train"):
+    """Require samples 0 to ``samples`` - 1 to be in the store, to the bit."""
+    cache = SpeckleCache(folder)
+    for n in range(samples):
+        assert_same(cache.numpy(n) | {"index": np.int64(n)}, recipe.sample(seed, split, n))
+
+
+def contents(folder):
+    """Return every file of a store but the claims, by its path."""
+    files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.name != "claims"]
+    return {str(file.relative_to(folder)): file.read_bytes() for file in files}
+
+
+def claiming(file, number):
+    """Start a process that claims a piece and keeps it until it is killed."""
+    code = (
+        "import sys, time; from pathlib import Path; from specklegen.datasets.claims import claim\n"
+        "with claim(Path(sys.argv[1]), int(sys.argv[2])) as state: print(state, flush=True); time.sleep(600)"
+    )
+    command = [sys.executable, "-c", code, file, str(number)]
+    other = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert other.stdout is not None
+    assert other.stdout.readline().strip() == "held"
+    return other
