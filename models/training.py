@@ -77,7 +77,7 @@ class Training(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.network == "residual" and self.input != "autocorrelation":
-            reject("Training.input", '"autocorrelation" for the residual net', self.input, "Or train a unet or dense net.")
+            reject("Training.input", '"autocorrelation" for the residual net', self.input, "Or train another.")
         return self
 
 
