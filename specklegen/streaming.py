@@ -95,7 +95,8 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     scene, arguments
         See :func:`render_tiles`.
     out
-        Folder of the array; its chunks are the stack's pieces.
+        Folder of the array; its chunks are the stack's pieces. It gets its name when it is complete: until then it
+        lies beside it as ``.NAME.unfinished``, which the next call for the same folder replaces.
     progress
         Show a bar.
 
@@ -113,17 +114,20 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     import zarr
     from tqdm import tqdm
 
+    out = Path(out)
     pieces = render_tiles(scene, **arguments)
     shape = (len(scene.beams.directions), *scene.sensor.shape)
-    if Path(out).exists():
+    if out.exists():
         raise FileExistsError(f"{out} exists; choose another folder, or remove it.")
+    unfinished = out.with_name(f".{out.name}.unfinished")
     chunks = (1, *(max(1, min(n, MOST_VIEWS)) for n in scene.sensor.shape))
-    array = zarr.create_array(str(out), shape=shape, chunks=chunks, dtype=np.complex64)
+    array = zarr.create_array(str(unfinished), shape=shape, chunks=chunks, dtype=np.complex64, overwrite=True)
     with tqdm(total=int(np.prod(shape)), unit="view", unit_scale=True, disable=not progress) as bar:
         for where, field in pieces:
             array[where] = field
             bar.update(field.size)
-    return array
+    unfinished.rename(out)
+    return zarr.open_array(str(out), mode="r+")
 
 
 def _with_mean(pieces: Iterator[tuple[Where, np.ndarray]], scene: Scene | None) -> Iterator[tuple[Where, np.ndarray]]:

@@ -82,6 +82,26 @@ def test_a_stack_goes_to_zarr(tmp_path):
         sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
 
 
+@pytest.mark.usefixtures("small_pieces")
+def test_an_interrupted_stack_has_no_name_and_is_made_anew(tmp_path, monkeypatch):
+    this, options = CASES["nufft"]
+    real = streaming._sum
+
+    def fails(made, optics, tile, bank, threads):
+        if tile.rows.start:
+            raise KeyboardInterrupt
+        return real(made, optics, tile, bank, threads)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(streaming, "_sum", fails)
+        with pytest.raises(KeyboardInterrupt):
+            sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
+    assert not (tmp_path / "stack.zarr").exists()
+    array = sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
+    assert array[:].tobytes() == sg.render(this, seed=3, **options).field.tobytes()
+    assert [file.name for file in tmp_path.iterdir()] == ["stack.zarr"]
+
+
 def test_what_cannot_be_streamed_is_refused_at_once():
     this = scene()
     with pytest.raises(sg.RuleError, match="render_tiles scene must be CollimatedBeams seen by a FarFieldGrid; got"):
