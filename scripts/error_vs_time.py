@@ -2,6 +2,7 @@
 
     python scripts/error_vs_time.py                  # all scenes and the calibration: some 15 minutes on two idle cores
     python scripts/error_vs_time.py --quick          # rough curves of short runs, no calibration: under two minutes
+    python scripts/error_vs_time.py --scenes NAME    # some scenes, no calibration; what is stored of others stays
     python scripts/error_vs_time.py --tables-only    # write the page anew from the stored CSV files
     python scripts/error_vs_time.py --references     # freeze the right values anew; seven minutes
 
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if not options.calibration_only:
             longest = options.longest or (LONGEST_QUICK if options.quick else LONGEST)
             measure(options.scenes, longest, BUDGETS_QUICK if options.quick else BUDGETS, options.workers, options.out)
-        if options.calibration_only or not options.quick:
+        if options.calibration_only or not (options.quick or len(options.scenes) < len(SCENES)):
             with tqdm(unit="sampler") as bar:
                 found = list(calibrate(RUNS, lambda what: (bar.set_description(what), bar.update())))
             page.write_table(options.out / "calibration.csv", Calibrated._fields, [each._asdict() for each in found])

@@ -1,4 +1,4 @@
-"""What the page says in words: why a curve flattens, and why two cross."""
+"""What the page says in words: why a curve flattens, why two cross, what stands in the way of an aim."""
 
 REMARKS = {
     "transmission-g09-od1": "Almost all light is scattered once or twice and straight on: nothing decorrelates.",
@@ -47,6 +47,15 @@ STOPS = {
     "stationary": "the model of the stationary sampler has a bias",
 }
 """Why a method's curve may end level, whatever crosses it."""
+
+OBSTACLES = {
+    "path tracing, per scattering event": "each event takes a logarithm, a sine and cosine and its random numbers",
+    "render / tracing alone, plan at hand": "the other side of the ratio is the tracing, which has become fast: what "
+    "is left is the two ends of kept connections and their spreading by the NUFFT",
+    "speed of two threads / one thread": "wall time, which counts on idle cores only; blocks of fixed size leave a "
+    "core idle at the end of each part",
+}
+"""Row of ``scripts/benchmark.py`` to what stands in the way where its aim is missed."""
 
 GENERAL = "fixed costs against the cost of a path"
 
