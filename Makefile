@@ -17,7 +17,7 @@ demo: .venv/installed  ## generate a small training set, stream it, leave pictur
 	$(BIN)/python scripts/demo.py --out demo
 
 test: .venv/installed lint  ## lint, types, import contracts, then the tests
-	$(BIN)/pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
 
 lint: .venv/installed
 	$(BIN)/ruff check .

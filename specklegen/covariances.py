@@ -165,10 +165,10 @@ def covariance(
     tracer, reversal = _prepare(scene, reverse, tolerance)
     reverse = reversal.needed
     if pairs is None:
-        chosen, entries = None, _all_pairs(t * v, threads)
+        chosen, seen, entries = None, tracer, _all_pairs(t * v, threads)
     else:
         chosen = _checked_pairs(pairs, t, v)
-        entries = _chosen_pairs(chosen, v)
+        seen, entries = _chosen_pairs(tracer, chosen)
     alone = single_verdict(scene, orders, len(chosen) if chosen is not None else (t * v) ** 2, tolerance, reverse)
     verdicts = (reversal, alone)
     if not alone.needed:
@@ -180,7 +180,7 @@ def covariance(
         left_out = volume_pilot(scene, reverse).multiple_share
         zeros = np.zeros(value.shape)
         return Covariance(value, zeros, value, zeros.astype(np.complex128), 0, reverse, left_out, 0, verdicts)
-    run = partial(_estimate, tracer, reverse=reverse, entries=entries, threads=threads)
+    run = partial(_estimate, tracer, seen, reverse=reverse, entries=entries, threads=threads)
     keyed = pilot_seed(scene.unitless_fingerprint())
     count = paths_for(
         DEFAULT_PATHS, paths, rel_error, seconds, lambda n: run(n, keyed, stream=Stream.PILOT).rel_error
@@ -220,8 +220,8 @@ def covariance_blocks(
     _require_memory(t, v, rows)
     for start in range(0, t * v, rows):
         part = slice(start, min(start + rows, t * v))
-
-        found = _estimate(tracer, paths, seed, reverse=reversal.needed, entries=_rows(part, t * v), threads=threads)
+        entries = _rows(part, t * v)
+        found = _estimate(tracer, tracer, paths, seed, reverse=reversal.needed, entries=entries, threads=threads)
         yield part, found.reshaped((part.stop - part.start, t, v))
 
 
@@ -251,13 +251,17 @@ def _all_pairs(n: int, threads: int | None) -> _Entries:
     return _Entries((n, n), lower_triangle, lambda power: np.sqrt(np.outer(power, power)), symmetric=True)
 
 
-def _chosen_pairs(pairs: np.ndarray, v: int) -> _Entries:
-    left, right = pairs[:, 0] * v + pairs[:, 1], pairs[:, 2] * v + pairs[:, 3]
+def _chosen_pairs(tracer: Tracer, pairs: np.ndarray) -> tuple[Tracer, _Entries]:
+    """The chosen entries, and the tracer with only the lights and views that they name: no other end is evaluated."""
+    lights, light_numbers = np.unique(pairs[:, [0, 2]], return_inverse=True)
+    views, view_numbers = np.unique(pairs[:, [1, 3]], return_inverse=True)
+    left, right = (light_numbers.reshape(-1, 2) * len(views) + view_numbers.reshape(-1, 2)).T
 
     def entries(out: np.ndarray, a: np.ndarray) -> None:
         out += np.einsum("pm,pm->p", a[left], a[right].conj())
 
-    return _Entries((len(pairs),), entries, lambda power: np.sqrt(power[left] * power[right]))
+    scale = _Entries((len(pairs),), entries, lambda power: np.sqrt(power[left] * power[right]))
+    return tracer.of_ends(lights, views), scale
 
 
 def _rows(part: slice, n: int) -> _Entries:
@@ -276,6 +280,7 @@ def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, 
 
 def _estimate(
     tracer: Tracer,
+    seen: Tracer,
     paths: int,
     seed: Seed,
     *,
@@ -284,10 +289,13 @@ def _estimate(
     threads: int | None,
     stream: Stream = Stream.PATHS,
 ) -> Covariance:
-    """Sum the outer products of amplitudes over batches of paths, and find the error from their scatter."""
+    """Sum the outer products of amplitudes over batches of paths, and find the error from their scatter.
+
+    Paths are those of ``tracer``; amplitudes are at the lights and views of ``seen``, all of them or some.
+    """
     total, single = np.zeros((2, *entries.shape), np.complex128)
     squares = np.zeros(entries.shape)
-    pairs = len(tracer.lights.vectors) * len(tracer.views.vectors)
+    pairs = len(seen.lights.vectors) * len(seen.views.vectors)
     power = np.zeros(pairs)
     unfinished = 0
     edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
@@ -305,9 +313,9 @@ def _estimate(
                 bank = tracer.trace(seed, count, first=start, stream=stream, threads=threads)
                 unfinished += bank.unfinished
                 for part in _pieces(bank.single, step):
-                    add(once, single_amplitudes(tracer, part, threads))
+                    add(once, single_amplitudes(seen, part, threads))
                 for part in _pieces(bank.multiple, step):
-                    add(often, multiple_amplitudes(tracer, part, reverse, threads))
+                    add(often, multiple_amplitudes(seen, part, reverse, threads))
             single += once
             often += once
             total += often

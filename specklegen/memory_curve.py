@@ -212,7 +212,7 @@ def _any_scatterer(medium, wavelength, light, view, views, side, paths, seed, re
     def amplitudes(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, last - first, first=first, threads=threads)
         ones, many = bank.single, bank.multiple
-        matched = [tracer.paired(n) for n in range(len(lights))]
+        matched = [tracer.of_ends(slice(n, n + 1), slice(n, n + 1)) for n in range(len(lights))]
         alone = np.concatenate([single_amplitudes(pair, ones) for pair in matched])
         return alone, np.concatenate([multiple_amplitudes(pair, many, reverse) for pair in matched])
 

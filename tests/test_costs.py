@@ -5,9 +5,7 @@ import pytest
 from zscore import assert_z
 
 import specklegen as sg
-from specklegen.costs import NANOSECONDS, SERIAL, _axes, seconds
-from specklegen.stationary.kernel import estimate_kernel
-from specklegen.stationary.sampler import stack_sampler
+from specklegen.costs import NANOSECONDS, SERIAL, seconds
 from specklegen.tracing import trace
 
 SLAB = sg.Slab(thickness=1000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.7))
@@ -58,18 +56,11 @@ def test_events_and_connections_are_those_of_a_run():
         assert_z(1.1 * said, found.mean(axis=0), np.hypot(error, pilot), degrees=63)
 
 
-@pytest.mark.parametrize("profile", ["square", "gaussian"])
-def test_cells_are_those_of_the_sampler(profile):
-    scene = SCENE.replace(illumination=BEAMS.replace(profile=profile))
-    sampler = stack_sampler(scene, estimate_kernel(SLAB, 500, 1))
-    assert _axes(scene, scene.sensor) == [sampler.x, sampler.y]
-
-
 def test_what_the_nufft_does_is_counted():
     made = sg.plan(SCENE, paths=1000, sampler="paths")
     assert made.nufft is not None
     transforms = made.nufft.rank * len(BEAMS.directions)
     assert made.operations["FFT point"] == 4 * transforms * 600
-    assert made.operations["end"] == pytest.approx(1000 * made.connections_per_path * (3 + made.nufft.rank))
+    assert made.operations["end"] == pytest.approx(1000 * made.connections_per_path * (3 + made.nufft.spreads))
     assert set(made.alternatives) == {"the direct sum", "adding reversed paths (reverse=True)"}
     assert made.alternatives["adding reversed paths (reverse=True)"] > made.alternatives["the direct sum"]

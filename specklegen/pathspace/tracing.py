@@ -77,14 +77,17 @@ class Tracer:
         """The same with only some of the views."""
         return replace(self, views=replace(self.views, vectors=self.views.vectors[part]))
 
+    def of_ends(self, lights: np.ndarray | slice, views: np.ndarray | slice) -> "Tracer":
+        """The same with only the lights and views of these numbers."""
+        return replace(
+            self,
+            lights=replace(self.lights, vectors=self.lights.vectors[lights]),
+            views=replace(self.views, vectors=self.views.vectors[views]),
+        )
+
     def probed(self) -> "Tracer":
         """The same with only a few of the lights and views, which keep their beam profile."""
         return replace(self, lights=self.lights.few(), views=self.views.few())
-
-    def paired(self, n: int) -> "Tracer":
-        """The same with only light n and view n."""
-        one = slice(n, n + 1)
-        return replace(self.seen_from(one), lights=replace(self.lights, vectors=self.lights.vectors[one]))
 
     def trace(
         self,
