@@ -23,27 +23,27 @@ from specklegen.tracing import BLOCK, CHUNK
 
 NANOSECONDS = {
     "path": 110,  # starting a path through a slab
-    "event": 22,  # a scattering event, tracing of beams through a slab
-    "connection": 245,  # what a connection costs whoever evaluates it: kept, copied, given a phase
-    "end": 12,  # one end of a connection at one tilt or view
-    "spread": 12,  # spreading one strength, single precision at a tolerance of 1e-3
-    "FFT point": 8,  # of the oversampled grid
-    "pattern": 10,  # a view of one skeleton term
-    "direct view": 7,  # a connection at a view, summed directly
-    "direct tilt": 2.2,  # and at a tilt there
+    "event": 15,  # a scattering event, tracing of beams through a slab
+    "connection": 370,  # what a connection costs whoever evaluates it: kept, copied, given a phase
+    "end": 31,  # one end of a connection at one tilt or view
+    "spread": 15,  # spreading one strength, single precision at a tolerance of 1e-3
+    "FFT point": 10,  # of the oversampled grid
+    "pattern": 9.6,  # a view of one skeleton term
+    "direct view": 7.7,  # a connection at a view, summed directly
+    "direct tilt": 1.9,  # and at a tilt there
     "normal": 22,  # a complex normal number
-    "flop": 0.03,  # of the stationary sampler's products and transforms
-    "stack view": 5.3,
-    "phasor": 15,  # of a skewed kernel
-    "volume path": 950,
-    "volume event": 1200,  # a scattering event in any geometry
-    "voxel": 14,  # one that a flight or a connection crosses
-    "volume connection": 185,
-    "volume end": 85,  # one end of a connection there, at one light or view
-    "near end": 130,  # the same at a point
-    "product": 0.36,  # a complex multiplication and addition within a matrix product
-    "amplitude": 2.1,  # one of the amplitudes whose products are summed in a covariance
-    "batch": 5e5,  # of a covariance's paths
+    "flop": 0.059,  # of the stationary sampler's products and transforms
+    "stack view": 7.3,
+    "phasor": 35,  # of a skewed kernel
+    "volume path": 320,
+    "volume event": 1000,  # a scattering event in any geometry
+    "voxel": 9.6,  # one that a flight or a connection crosses
+    "volume connection": 100,
+    "volume end": 96,  # one end of a connection there, at one light or view
+    "near end": 100,  # the same at a point
+    "product": 0.1,  # a complex multiplication and addition within a matrix product
+    "amplitude": 1.7,  # one of the amplitudes whose products are summed in a covariance
+    "batch": 3.3e5,  # of a covariance's paths
 }
 SERIAL = {"normal", "flop", "stack view", "phasor"}
 """Operations that any number of threads leaves to one."""
@@ -51,7 +51,7 @@ SERIAL = {"normal", "flop", "stack view", "phasor"}
 TILTS_STREAMED = 16  # whose fields on one tile are held at a time
 _FIXED = 58 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
 _TORCH = 197 * 2**20  # what importing torch takes, which the stationary sampler does
-_SEARCH = 24 * 2**20  # what looking for a low rank takes, in vain
+_SEARCH = 70 * 2**20  # what looking for cheap tiles takes, in vain
 _RECORD = 14 * 8 + 20  # bytes of a connection
 
 
