@@ -271,7 +271,7 @@ def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) 
 
     scene, beams, grid = made.scene, made.scene.illumination, made.scene.sensor
     if isinstance(beams, IncoherentObject) and isinstance(grid, FarFieldGrid):
-        kernel = _kernel(made, seed, threads)
+        kernel = stationary_kernel(made, seed, threads)
         assert isinstance(kernel, MemoryKernel)  # an object's modes need the symmetry about the axis
         objects = object_sampler(
             kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
@@ -288,10 +288,11 @@ def stationary_stacks(made: Plan, seed: Seed, threads: int | None) -> "StackSamp
     """The sampler of a plan's stacks; its memory-effect kernel is estimated here."""
     from specklegen.stationary.sampler import stack_sampler
 
-    return stack_sampler(made.scene, _kernel(made, seed, threads))
+    return stack_sampler(made.scene, stationary_kernel(made, seed, threads))
 
 
-def _kernel(made: Plan, seed: Seed, threads: int | None) -> "MemoryKernel | SkewedKernel":
+def stationary_kernel(made: Plan, seed: Seed, threads: int | None) -> "MemoryKernel | SkewedKernel":
+    """The memory-effect kernel of a plan: of the axis, or of the direction of its beams and views."""
     from specklegen.stationary.kernel import estimate_kernel
     from specklegen.stationary.skewed import estimate_skewed_kernel
 

@@ -19,6 +19,7 @@ from specklegen.benchmarking.probes import only
 from specklegen.cli import app
 from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import Optics, random_phases
+from specklegen.planning import plan
 from specklegen.rendering import render
 from specklegen.tracing import trace
 from specklegen.values import RuleError
@@ -26,12 +27,12 @@ from specklegen.values import RuleError
 PITCH = 0.45e-3
 
 
-def small(side="transmission", views=9) -> sg.Scene:
+def small(side="transmission", views=9, center=(0.0, 0.0)) -> sg.Scene:
     return sg.Scene(
         wavelength=1.0,
         medium=sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.3)),
         illumination=sg.CollimatedBeams.tilts(np.arcsin(2 * PITCH * np.array([-1, 0, 1])), width=1000.0),
-        sensor=sg.FarField.grid((views, views), PITCH, side=side),
+        sensor=sg.FarField.grid((views, views), PITCH, side=side, center=center),
     )
 
 
@@ -129,8 +130,10 @@ def test_paths_imply_what_their_renders_scatter_about():
         assert_z((gap + implied).mean(axis=0).real, 0, gap.real.std(axis=0, ddof=1) / np.sqrt(300))
 
 
-def test_stationary_model_is_that_of_its_stacks():
-    scene = small()
+@pytest.mark.parametrize(("center", "kernel"), [((0.0, 0.0), "axial"), ((0.5, 0.2), "skewed")])
+def test_stationary_model_is_that_of_its_stacks(center, kernel):
+    scene = small(center=center)
+    assert plan(scene, sampler="stationary").kernel == kernel
     probes = Probes(np.array([(0, 38), (2, 42), (0, 39)]), np.array([(0, 1), (0, 2)]))
     model = stationary_estimate(scene, probes, 2000, 1).value
     fields = render(scene, paths=2000, sampler="stationary", seed=1, realizations=4000).field.reshape(4000, 3, -1)

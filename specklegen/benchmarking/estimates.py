@@ -18,11 +18,13 @@ from specklegen.fields.ends import Optics, illumination_ends, reversal_phases, s
 from specklegen.gates import Reverse
 from specklegen.illumination import IncoherentObject, illuminated_area
 from specklegen.planning import Plan, plan
+from specklegen.rendering import stationary_kernel
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
-from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
+from specklegen.stationary.kernel import MemoryKernel
 from specklegen.stationary.objects import object_sampler
 from specklegen.stationary.sampler import mean_intensity, stack_sampler
+from specklegen.stationary.skewed import SkewedKernel
 from specklegen.statistics import BATCHES
 from specklegen.streams import Seed
 from specklegen.tracing import CHUNK, PathBank, trace
@@ -130,21 +132,32 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
     Of an incoherent object: between the beams of its lit pixels at views that have moved with them, as its modes
     have it.
     """
-    kernel = estimate_kernel(scene.slab, paths, seed, threads=1)
+    kernel = stationary_kernel(plan(scene, paths=paths, sampler="stationary", threads=1), seed, 1)
     lights = scene.lights[probes.points[:, 0]]
-    gap = np.diff(lights[probes.ends, :2], axis=1)[:, 0]
-    q = scene.wavenumber * np.hypot(gap[:, 0], gap[:, 1])
+    q = -scene.wavenumber * np.diff(lights[probes.ends, :2], axis=1)[:, 0]
     area = illuminated_area(scene.beams.width, scene.beams.profile)
-    alone = [replace(kernel, weights=batch[None]) for batch in kernel.weights]
-    rows = np.array([each.weights.sum() * each(q) if each.weights.any() else 0 * q for each in alone])
-    found = Estimate.of_batches(area * rows.astype(np.complex128), kernel.paths)
+    found = Estimate.of_batches(area * _batch_sums(kernel, q), kernel.paths)
     if isinstance(scene.illumination, IncoherentObject):
+        assert isinstance(kernel, MemoryKernel)
         return Estimate(mean_intensity(kernel, area) * _mode_products(scene, probes, kernel), found.standard_error)
     pattern = _window_products(scene, probes, kernel) / mean_intensity(kernel, area)
     return Estimate(pattern * found.value, np.abs(pattern) * found.standard_error)
 
 
-def _window_products(scene: Scene, probes: Probes, kernel: MemoryKernel) -> np.ndarray:
+def _batch_sums(kernel: MemoryKernel | SkewedKernel, q: np.ndarray) -> np.ndarray:
+    """Sums of full weight times phasor over 64 batches of paths at q float64[P, 2], complex128[64, P]."""
+    if isinstance(kernel, SkewedKernel):
+        rows = np.zeros((BATCHES, len(q)), np.complex128)
+        batch = np.minimum(kernel.owners * BATCHES // kernel.paths, BATCHES - 1)
+        np.add.at(rows, batch, kernel.weights[:, None] * np.exp(-1j * (kernel.displacement @ q.T)))
+        return rows
+    alone = [replace(kernel, weights=batch[None]) for batch in kernel.weights]
+    size = np.hypot(q[:, 0], q[:, 1])
+    rows = [each.weights.sum() * each(size) if each.weights.any() else 0 * size for each in alone]
+    return np.array(rows, np.complex128)
+
+
+def _window_products(scene: Scene, probes: Probes, kernel: MemoryKernel | SkewedKernel) -> np.ndarray:
     """I W^(kappa) complex128[P] as the cells of the stack sampler have it."""
     stacks = stack_sampler(scene, kernel, dtype=torch.complex128)
     columns = stacks.shape[1]

@@ -33,12 +33,15 @@ class SkewedKernel:
         R of each connection.
     weights : float64[M]
         Full weight of each connection.
+    owners : int64[M]
+        Number of the path of each connection.
     paths : int
         What to divide the sum of the weights by for the intensity per unit area: the paths behind them.
     """
 
     displacement: np.ndarray
     weights: np.ndarray
+    owners: np.ndarray
     paths: int
 
     def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
@@ -79,4 +82,5 @@ def estimate_skewed_kernel(
     proposal = plane_proposal(medium, light, view)
     threshold = keep_threshold(medium, proposal, optics, light, pilot_seed(medium.fingerprint()))
     bank = trace(medium, replace(proposal, threshold=threshold), seed, paths, threads=threads)
-    return SkewedKernel(face_to_face(bank, medium, light, view), full_weights(bank, optics, light, view), paths)
+    weights = full_weights(bank, optics, light, view)
+    return SkewedKernel(face_to_face(bank, medium, light, view), weights, bank.paths, paths)
