@@ -204,7 +204,8 @@ def _streamed_bytes(work: Work, tilts: int) -> int:
         x, y = stack_axes(work.scene)
         cells, period = float(x.count * y.count), float(x.period * y.period)
         kernel = work.paths * work.connections_per_path * 160
-        return int(kernel + cells * (8 * tilts + 64) + 8 * 4 * period + _TORCH + _FIXED)
+        views = float(np.prod(work.scene.sensor.shape))
+        return int(kernel + cells * (8 * tilts + 64) + 8 * 4 * period + 48 * views + _TORCH + _FIXED)
     bank = connections * (_RECORD * 3 + 16)
     together = min(tilts, TILTS_STREAMED)
     side = np.minimum(work.scene.sensor.shape, MOST_VIEWS)

@@ -144,6 +144,27 @@ def test_stationary_model_is_that_of_its_stacks(center, kernel):
         assert_z(part(products.mean(axis=0))[spread > 0], part(model)[spread > 0], spread[spread > 0])
 
 
+def test_stationary_fields_have_the_phases_of_path_sums(monkeypatch):
+    """Between tilts at views that move with them, seen at 20 degrees."""
+    scene = sg.Scene(
+        wavelength=1.0,
+        medium=sg.Slab(thickness=400.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.9)),
+        illumination=sg.CollimatedBeams.tilts(np.arcsin(16e-5 * np.arange(3)), width=4e4),
+        sensor=sg.FarField.grid((3, 65), 1e-5, center=(0.34, 0.0)),
+    )
+    probes = Probes.among([(t, 65 + 16 + 16 * t) for t in range(3)])
+    exact = paths_estimate(scene, probes, 20_000, 1)
+
+    def z() -> np.ndarray:
+        model = stationary_estimate(scene, probes, 20_000, 2)
+        return np.abs(model.value - exact.value) / np.hypot(model.standard_error, exact.standard_error)
+
+    assert_z(z(), 0, 1, degrees=63)
+    monkeypatch.setattr("specklegen.stationary.sampler._SMALL_PHASE", np.inf)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(z(), 0, 1, degrees=63)
+
+
 def test_samplers_agree_on_a_tiny_scene():
     scene = small(views=3)
     probes = Probes.among([(0, 3), (2, 5)])

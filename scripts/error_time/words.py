@@ -3,8 +3,8 @@
 REMARKS = {
     "transmission-g09-od1": "Almost all light is scattered once or twice and straight on: nothing decorrelates.",
     "transmission-g09-od50": "The plain program pays for each of some 100 collisions a path; thinning keeps about one.",
-    "oblique-view": "At 20° the kernel of the axis would be 40 % off; the stationary sampler takes the skewed kernel of "
-    "the direction itself (docs/planning.md).",
+    "oblique-view": "At 20° the kernel of the axis would be 40 % off; the stationary sampler takes the skewed kernel "
+    "of the direction itself (docs/planning.md).",
     "backscatter": "The closed form includes the cone: S + M + the same M between the reversed directions.",
     "wide-field": "No transform spans 80°: every connection is summed at every view, and the general engine for a "
     "few points is close.",

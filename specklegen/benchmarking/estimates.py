@@ -162,7 +162,10 @@ def _window_products(scene: Scene, probes: Probes, kernel: MemoryKernel | Skewed
     stacks = stack_sampler(scene, kernel, dtype=torch.complex128)
     columns = stacks.shape[1]
     rows, across, ramps = (each.numpy() for each in (stacks.rows, stacks.columns, stacks.ramps))
-    fields = [np.outer(rows[v // columns], across[v % columns]) * ramps[t] for t, v in probes.points]
+    turned = np.ones(stacks.shape) if stacks.face is None else stacks.face.numpy()
+    fields = [
+        turned.flat[v] * np.outer(rows[v // columns], across[v % columns]) * ramps[t] for t, v in probes.points
+    ]
     return np.array([np.vdot(fields[q], fields[p]) for p, q in probes.ends])
 
 

@@ -24,6 +24,8 @@ from specklegen.stationary.normals import complex_normals
 from specklegen.stationary.skewed import SkewedKernel
 from specklegen.streams import Seed
 
+_SMALL_PHASE = 1e-3  # radians that nobody sees beside the field tolerance of path sums
+
 
 def mean_intensity(kernel: MemoryKernel | SkewedKernel, area: float) -> float:
     """Intensity I at the centre of the view: full weight per path and area of the window."""
@@ -49,6 +51,9 @@ class StackSampler:
     shape : (H, W)
     fft : bool
         The FFT is cheaper than the matrix products.
+    face : complex[H, W] or None
+        e^(-ik(v_z - c_z) f) of each view v, c the middle one: cells lie in the exit face z = f, and phases are those
+        of the origin, as those of path sums. None where that is 1 within a thousandth.
     """
 
     x: Axis
@@ -60,6 +65,7 @@ class StackSampler:
     columns: torch.Tensor
     shape: tuple[int, int]
     fft: bool
+    face: torch.Tensor | None = None
 
     @cached_property
     def ramps(self) -> torch.Tensor:
@@ -94,10 +100,12 @@ class StackSampler:
     def _fields(self, white: torch.Tensor, tilts: slice, ramps: torch.Tensor) -> torch.Tensor:
         fields = (self.mixing[tilts] @ white).reshape(ramps.shape) * ramps
         if not self.fft:
-            return self.rows @ fields @ self.columns.T
+            views = self.rows @ fields @ self.columns.T
+            return views if self.face is None else views * self.face
         spectrum = torch.fft.fft2(fields, s=(self.y.period, self.x.period))
         # An FFT measures positions from its first cell, the matrices from the middle of the window.
         phase = self.rows[:, :1] * self.columns[:, 0]
+        phase = phase if self.face is None else phase * self.face
         return spectrum[:, : self.shape[0], : self.shape[1]] * phase
 
 
@@ -151,4 +159,16 @@ def stack_sampler(
     # A Gaussian window reaches 2.5 widths; the transform of a coarse grid spans 2 and would cut it off.
     fft = fft and x.count <= x.period and y.count <= y.period
     tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype)  # noqa: E731
-    return StackSampler(x, y, tensor(mixing), ramp, k * (sines - first), tensor(rows), tensor(columns), grid.shape, fft)
+    turned = _face_phase(scene.slab.thickness if grid.side == "transmission" else 0.0, k, grid)
+    face = None if np.abs(turned).max() < _SMALL_PHASE else tensor(np.exp(1j * turned))
+    shifts = k * (sines - first)
+    return StackSampler(x, y, tensor(mixing), ramp, shifts, tensor(rows), tensor(columns), grid.shape, fft, face)
+
+
+def _face_phase(face: float, wavenumber: float, grid: FarFieldGrid) -> np.ndarray:
+    """-k (v_z - c_z) f of every view, float64[H, W], c the middle one, without cancellation."""
+    x, y = grid.sines
+    center = grid.center_direction
+    lateral = (np.square(x) - center[0] ** 2) + (np.square(y) - center[1] ** 2)[:, None]
+    vz = np.sqrt(np.clip(center[2] ** 2 - lateral, 0, None))
+    return grid.sign * wavenumber * face * lateral / (vz + abs(center[2]))
