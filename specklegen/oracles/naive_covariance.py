@@ -5,8 +5,6 @@
 The walk and the ends of ``naive_numba``, every connection kept, with the phases averaged out. Forward paths.
 """
 
-import math
-
 import numpy as np
 from numba import njit
 
@@ -15,10 +13,12 @@ from specklegen.oracles.naive_numba import (
     _amplitude,
     _deflect,
     _dot,
+    _first_vertex,
     _illumination_end,
     _phase_function,
     _sample_cosine,
     _sensor_end,
+    laid_out,
 )
 
 
@@ -35,12 +35,8 @@ def naive_covariance(
         float64[n, 3] each, unit vectors of travel; lights with z > 0.
     """
     lights, views = np.ascontiguousarray(lights), np.ascontiguousarray(views)
-    reference = lights.mean(axis=0)
-    reference /= np.linalg.norm(reference)
-    drift = lights[:, :2] / lights[:, 2:] - reference[:2] / reference[2]
-    half_side = width / 2 + medium.thickness * float(np.abs(drift).max())
+    scene, reference, half_side = laid_out(medium, wavelength, width, lights)
     total = np.zeros((len(lights), len(lights)), np.complex128)
-    scene = (medium.thickness, medium.extinction, medium.scatterer.g, 2 * math.pi / wavelength, width / 2)
     _algorithm1(scene, medium.albedo, half_side, reference, lights, views, paths, seed, total)
     return total / paths
 
@@ -52,13 +48,9 @@ def _algorithm1(scene, albedo, half_side, reference, lights, views, paths, seed,
     x1, w1, x, w = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     entering, a = np.empty(len(lights), np.complex128), np.empty(len(lights), np.complex128)
     for _ in range(paths):
-        depth = np.random.exponential(1 / sigma_t)  # noqa: NPY002
-        x1[:] = depth * reference
-        x1[0] += half_side * (2 * np.random.random() - 1)  # noqa: NPY002
-        x1[1] += half_side * (2 * np.random.random() - 1)  # noqa: NPY002
+        weight = _first_vertex(sigma_t, albedo, half_side, reference, x1)
         if x1[2] > thickness:
             continue  # crossed without a collision
-        weight = albedo * reference[2] * (2 * half_side) ** 2 * math.exp(sigma_t * depth)  # sigma_s / p1
         for p in range(len(lights)):
             entering[p] = _illumination_end(scene, x1, lights[p])
             a[p] = entering[p] * _amplitude(g, _dot(lights[p], views[p]))

@@ -45,17 +45,25 @@ def naive_field(
         Compute the sensor's end of a connection once per view, not once per tilt and view; the result
         differs by rounding only.
     """
-    reference = tilts.mean(axis=0)
-    reference /= np.linalg.norm(reference)
-    drift = tilts[:, :2] / tilts[:, 2:] - reference[:2] / reference[2]
-    half_side = width / 2 + medium.thickness * float(np.abs(drift).max())
+    scene, reference, half_side = laid_out(medium, wavelength, width, tilts)
     field = np.zeros((len(tilts), len(views)), np.complex128)
-    scene = (medium.thickness, medium.extinction, medium.scatterer.g, 2 * math.pi / wavelength, width / 2)
     _algorithm2(
         scene, medium.albedo, half_side, reference, np.ascontiguousarray(tilts), np.ascontiguousarray(views),
         paths, seed, hoisted, field,
     )  # fmt: skip
     return field / math.sqrt(paths)
+
+
+def laid_out(
+    medium: Slab, wavelength: float, width: float, tilts: np.ndarray
+) -> tuple[tuple[float, float, float, float, float], np.ndarray, float]:
+    """The numbers of the kernels, the light along which first vertices lie, and half the side of what covers all."""
+    reference = tilts.mean(axis=0)
+    reference /= np.linalg.norm(reference)
+    drift = tilts[:, :2] / tilts[:, 2:] - reference[:2] / reference[2]
+    half_side = width / 2 + medium.thickness * float(np.abs(drift).max())
+    scene = (medium.thickness, medium.extinction, medium.scatterer.g, 2 * math.pi / wavelength, width / 2)
+    return scene, reference, half_side
 
 
 @njit
@@ -64,14 +72,9 @@ def _algorithm2(scene, albedo, half_side, reference, tilts, views, paths, seed, 
     np.random.seed(seed)  # noqa: NPY002 (Numba's own generator)
     x1, w1, x, w = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for _ in range(paths):
-        depth = np.random.exponential(1 / sigma_t)  # noqa: NPY002
-        x1[:] = depth * reference
-        x1[0] += half_side * (2 * np.random.random() - 1)  # noqa: NPY002
-        x1[1] += half_side * (2 * np.random.random() - 1)  # noqa: NPY002
+        weight = _first_vertex(sigma_t, albedo, half_side, reference, x1)
         if x1[2] > thickness:
             continue  # crossed without a collision
-        # sigma_s / p1; a volume is (area of the face) x (depth along the light) x (cosine).
-        weight = albedo * reference[2] * (2 * half_side) ** 2 * math.exp(sigma_t * depth)
         _connect(scene, weight, True, x1, w1, x1, w, tilts, views, hoisted, field)
         cosine = _sample_cosine(g)
         _deflect(reference, cosine, w1)
@@ -85,6 +88,17 @@ def _algorithm2(scene, albedo, half_side, reference, tilts, views, paths, seed, 
             weight *= albedo
             _connect(scene, weight, False, x1, w1, x, w, tilts, views, hoisted, field)
             _deflect(w, _sample_cosine(g), w)
+
+
+@njit
+def _first_vertex(sigma_t, albedo, half_side, reference, x1):
+    """Draw x1 exponentially along a light and uniformly across it; return sigma_s / p1."""
+    depth = np.random.exponential(1 / sigma_t)  # noqa: NPY002
+    x1[:] = depth * reference
+    x1[0] += half_side * (2 * np.random.random() - 1)  # noqa: NPY002
+    x1[1] += half_side * (2 * np.random.random() - 1)  # noqa: NPY002
+    # A volume is (area of the face) x (depth along the light) x (cosine).
+    return albedo * reference[2] * (2 * half_side) ** 2 * math.exp(sigma_t * depth)
 
 
 @njit
