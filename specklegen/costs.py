@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from specklegen.covariances import COVARIANCE_ELEMENTS
-from specklegen.fields.nufft import SINGLE_PRECISION_FROM, TILTS_AT_ONCE, NufftEvaluator
-from specklegen.fields.tiling import MOST_VIEWS
+from specklegen.fields.nufft import TILTS_AT_ONCE, NufftEvaluator
+from specklegen.fields.tiling import MOST_VIEWS, coarsest
 from specklegen.illumination import PointSources
 from specklegen.media import VoxelGrid
 from specklegen.pathspace.fields import FIELD_ELEMENTS, VIEWS_AT_ONCE
@@ -49,6 +49,7 @@ SERIAL = {"normal", "flop", "stack view", "phasor"}
 """Operations that any number of threads leaves to one."""
 
 TILTS_STREAMED = 16  # whose fields on one tile are held at a time
+CONNECTIONS_KEPT = 2**20  # of a bank between the pieces of a stream; more are traced anew for each
 _FIXED = 58 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
 _TORCH = 197 * 2**20  # what importing torch takes, which the stationary sampler does
 _SEARCH = 70 * 2**20  # what looking for cheap tiles takes, in vain
@@ -95,7 +96,7 @@ def seconds(operations: Mapping[str, float], threads: int) -> float:
 def nufft_operations(nufft: NufftEvaluator, tilts: int, connections: float) -> dict[str, float]:
     """Operations to evaluate connections by NUFFT on all tiles."""
     width = np.ceil(-np.log10(0.3 * nufft.tolerance)) + 1
-    precision = 1 if nufft.tolerance >= SINGLE_PRECISION_FROM else 2
+    precision = np.dtype(nufft.dtype).itemsize // 8
     spreads = nufft.tiles * nufft.spreads * connections
     views = nufft.tiles * float(np.prod(nufft.tiling.shape))
     return {
@@ -132,9 +133,19 @@ def operations(work: Work) -> dict[str, float]:
     tracing = tracing_operations(work)
     if work.stationary:
         return tracing | _stack_operations(work.scene, connections if work.skewed else 0.0)
+    if work.streamed and connections > CONNECTIONS_KEPT:
+        tracing = {name: _pieces(work) * count for name, count in tracing.items()}
     if work.nufft:
         return tracing | nufft_operations(work.nufft, tilts, connections)
     return tracing | direct_operations(tilts, connections * (2 if work.reverse else 1), views)
+
+
+def _pieces(work: Work) -> int:
+    """Tiles and groups of tilts in which path sums are streamed."""
+    grid = work.scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    rows, columns = (work.nufft.tiling if work.nufft else coarsest(grid)).counts
+    return rows * columns * -(-len(work.scene.beams.directions) // TILTS_STREAMED)
 
 
 def _stack_operations(scene: Scene, phasors: float) -> dict[str, float]:
@@ -187,7 +198,7 @@ def memory_bytes(work: Work, threads: int) -> int:
     if work.stationary:
         return int(work.paths * work.connections_per_path * 160 + 8 * views * tilts * 4 + _TORCH + _FIXED)
     if work.nufft:
-        per = 8 if work.nufft.tolerance >= SINGLE_PRECISION_FROM else 16
+        per = np.dtype(work.nufft.dtype).itemsize
         beside = 1 if work.nufft.tiles == 1 else threads  # tiles held at a time
         tile = tilts * float(np.prod(work.nufft.tiling.shape)) * per
         field = 2 * tilts * views * per + tile * (work.nufft.rank / 4 + 1 + threads) * beside

@@ -101,6 +101,8 @@ def plan(
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
 
     obstacle = slab_engine_obstacle(scene)
+    if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
+        _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
     if obstacle or sampler == "covariance":
         return _plan_volume(scene, obstacle, paths, rel_error, sampler, reverse, mean, tolerance, threads)
 
@@ -120,8 +122,6 @@ def _plan_slab(
     threads: int | None,
 ) -> Plan:
     """Plan for beams through a slab: the stationary sampler, or paths by NUFFT or summed directly."""
-    if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
-        _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
     reversal = scene_reversal(scene, reverse, tolerance)
     pilot = scene_pilot(scene, reversal.needed)
     if paths is None:
@@ -198,7 +198,6 @@ def _plan_volume(
     """Plan for the general engine: paths summed directly, or a covariance."""
     if sampler == "stationary":
         reject("sampler", '"paths", "covariance" or "auto" for this scene', sampler, f"Here {obstacle}.")
-    _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
     reversal = scene_reversal(scene, reverse, tolerance)
     pilot = volume_pilot(scene, reversal.needed)
     if paths is None:
@@ -212,7 +211,7 @@ def _plan_volume(
         ways=2 if scene_tracer(scene, reversal.needed).two_way else 1,
         covariance=use_covariance,
     )
-    needed = volume_memory_bytes(work, thread_count(threads))
+    needed, counted = volume_memory_bytes(work, thread_count(threads)), volume_operations(work)
     _require_memory(scene, needed)
     verdicts = [
         *validity_verdicts(scene),
@@ -235,11 +234,17 @@ def _plan_volume(
         gaussianity=EXACT if use_covariance else pilot.moments.gaussianity(paths),
         connections_per_path=pilot.connections_per_path,
         events_per_path=pilot.events_per_path,
-        operations=volume_operations(work),
-        seconds=seconds(volume_operations(work), thread_count(threads)),
+        operations=counted,
+        seconds=seconds(counted, thread_count(threads)),
         memory_bytes=needed,
         alternatives={},
     )
+
+
+def _streams(scene: Scene) -> bool:
+    """Whether :func:`specklegen.render_tiles` serves a scene."""
+    beams, grid = isinstance(scene.illumination, CollimatedBeams), isinstance(scene.sensor, FarFieldGrid)
+    return beams and grid and slab_engine_obstacle(scene) is None
 
 
 def _require_memory(scene: Scene, needed: int) -> None:
@@ -249,5 +254,6 @@ def _require_memory(scene: Scene, needed: int) -> None:
             "Scene",
             f"renderable within {0.9 * total / 2**30:.1f} GiB",
             f"{needed / 2**30:.1f} GiB for {len(scene.lights)} tilts of {scene.sensor.shape} views",
-            "Render fewer tilts or fewer views at a time, or stream the stack by render_tiles.",
+            "Render fewer tilts or fewer views at a time"
+            + (", or stream the stack by render_tiles." if _streams(scene) else "."),
         )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.fields.nufft import SINGLE_PRECISION_FROM, NufftEvaluator
+from specklegen.fields.nufft import NufftEvaluator
 from specklegen.gates import Verdict
 from specklegen.gaussianity import Gaussianity
 from specklegen.illumination import CollimatedBeams, IncoherentObject
@@ -77,7 +77,7 @@ class Plan:
     @property
     def field_dtype(self) -> type:
         """Precision in which fields are summed."""
-        return np.complex64 if self.nufft and self.nufft.tolerance >= SINGLE_PRECISION_FROM else np.complex128
+        return self.nufft.dtype if self.nufft else np.complex128
 
     def explain(self) -> str:
         """Tell in words what will be done, what is left out and why, what it costs and what else would cost."""

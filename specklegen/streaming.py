@@ -4,26 +4,29 @@
         store[where] = field
 
 Path sums come in tiles of at most 512 x 512 views and sixteen tilts, stationary stacks tilt by tilt. A bank of paths
-is traced once where its connections fit, else once a tile.
+is traced once where its connections fit, else once a piece.
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 
-from specklegen.costs import TILTS_STREAMED
+from specklegen.costs import CONNECTIONS_KEPT, TILTS_STREAMED
 from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import Optics, random_phases
 from specklegen.fields.nufft import TILTS_AT_ONCE, nufft_tile
-from specklegen.fields.tiling import MOST_VIEWS, Tile, squares
+from specklegen.fields.tiling import Tile, coarsest
 from specklegen.gates import Reverse, Sampler
 from specklegen.illumination import CollimatedBeams, directions_of_sines
 from specklegen.mean import mean_field
 from specklegen.parallel import slices
-from specklegen.planning import Plan, plan
+from specklegen.pathspace.gates import slab_engine_obstacle
+from specklegen.planning import plan
+from specklegen.plans import Plan
 from specklegen.rendering import stationary_stacks
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
@@ -34,7 +37,6 @@ from specklegen.values import reject
 Where = tuple[slice, slice, slice]
 """Tilts, rows and columns of a piece in its stack."""
 
-_CONNECTIONS_KEPT = 2**20  # of a bank between tiles; more are traced anew for each
 assert TILTS_STREAMED % TILTS_AT_ONCE == 0, "transforms must group the tilts of a part as those of the whole"
 
 
@@ -77,12 +79,13 @@ def render_tiles(
     if not isinstance(scene.sensor, FarFieldGrid) or not isinstance(scene.illumination, CollimatedBeams):
         kinds = f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
         reject("render_tiles scene", "CollimatedBeams seen by a FarFieldGrid", kinds, "Use render.")
+    obstacle = slab_engine_obstacle(scene)
+    if obstacle or sampler == "covariance":
+        reject("render_tiles scene", "one for the engine of beams through a slab", obstacle or sampler, "Use render.")
     made = plan(
         scene, paths=paths, rel_error=rel_error, sampler=sampler, reverse=reverse, mean=mean,
         field_tolerance=field_tolerance, streamed=True, threads=threads,
     )  # fmt: skip
-    if made.proposal is None:
-        reject("render_tiles scene", "one for the engine of beams through a slab", made.sampler, "Use render.")
     pieces = _tilt_by_tilt if made.sampler == "stationary" else _tile_by_tile
     return _with_mean(pieces(made, seed, realization or 0, threads), scene if mean else None)
 
@@ -95,8 +98,8 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     scene, arguments
         See :func:`render_tiles`.
     out
-        Folder of the array; its chunks are the stack's pieces. It gets its name when it is complete: until then it
-        lies beside it as ``.NAME.unfinished``, which the next call for the same folder replaces.
+        Folder of the array; its chunks are one tilt of the stack's pieces. It gets its name when it is complete:
+        until then it lies beside it as ``.NAME.unfinished``, which the next call for the same folder replaces.
     progress
         Show a bar.
 
@@ -120,10 +123,11 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     if out.exists():
         raise FileExistsError(f"{out} exists; choose another folder, or remove it.")
     unfinished = out.with_name(f".{out.name}.unfinished")
-    chunks = (1, *(max(1, min(n, MOST_VIEWS)) for n in scene.sensor.shape))
+    first = list(islice(pieces, 1))  # the largest: those at the far edges are cut off
+    chunks = (1, *first[0][1].shape[1:]) if first else shape
     array = zarr.create_array(str(unfinished), shape=shape, chunks=chunks, dtype=np.complex64, overwrite=True)
     with tqdm(total=int(np.prod(shape)), unit="view", unit_scale=True, disable=not progress) as bar:
-        for where, field in pieces:
+        for where, field in chain(first, pieces):
             array[where] = field
             bar.update(field.size)
     unfinished.rename(out)
@@ -165,9 +169,9 @@ def _tile_by_tile(made: Plan, seed: Seed, realization: int, threads: int | None)
         traced = trace(scene.slab, proposal, seed, count, first=first, sample=realization, threads=threads)
         return traced, random_phases(traced, seed, realization, threads=threads)
 
-    if made.paths * made.connections_per_path <= _CONNECTIONS_KEPT:
+    if made.paths * made.connections_per_path <= CONNECTIONS_KEPT:
         bank = lru_cache(None)(bank)
-    tiling = made.nufft.tiling if made.nufft else squares(grid)
+    tiling = made.nufft.tiling if made.nufft else coarsest(grid)
     for tile in tiling.tiles:
         for tilts in slices(len(optics.tilts), TILTS_STREAMED):
             where = (tilts, tile.rows, tile.columns)

@@ -17,7 +17,6 @@ from specklegen.illumination import directions_of_sines
 from specklegen.pilots import scene_stationary_error
 from specklegen.planning import STATIONARY_TOLERANCE
 from specklegen.plans import Plan
-from specklegen.stationary.criterion import StationaryError
 from specklegen.stationary.kernel import estimate_kernel
 
 RECIPES = sorted(file.stem for file in (Path(datasets.__file__).parent / "recipes").glob("*.toml"))
@@ -106,7 +105,7 @@ def test_the_kernel_stands_for_the_paths(name, n):
 
 @pytest.mark.parametrize(("name", "n"), CASES)
 def test_the_mean_is_as_strong_as_said(name, n):
-    """Largest |m|^2 over all tilts and views against the speckle of independent paths."""
+    """Largest |m|^2 of the first nine tilts over all views against the speckle of independent paths."""
     made = plans(name)[n]
     said = next(v for v in made.verdicts if v.part == "mean (ballistic) field")
     assert not said.needed
@@ -131,7 +130,7 @@ def test_these_comparisons_have_power():
     back = made.scene.replace(sensor=made.scene.sensor.replace(side="reflection"))
     lit = few(back).lights[:1]
     scene = back.replace(
-        illumination=back.beams.replace(directions=lit), sensor=sg.FarField(directions=-lit), medium=back.slab
+        illumination=back.beams.replace(directions=lit), sensor=sg.FarField(directions=-lit)
     )
     with_, without = (
         sg.covariance(scene, paths=PATHS[False], seed=3, reverse=reverse, threads=1) for reverse in (True, False)
@@ -160,4 +159,3 @@ def test_what_is_said_is_what_is_done(name):
     for way, cost in made.alternatives.items():
         assert cost > 0
         assert f"Instead, {way} would take about {cost:.2g} s." in text
-    assert isinstance(scene_stationary_error(made.scene, STATIONARY_TOLERANCE, False), StationaryError)

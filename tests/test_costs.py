@@ -28,12 +28,28 @@ WAYS = {
 }
 
 
+COUNTED = {
+    "stationary": ("path", "event", "connection", "normal", "flop", "stack view"),
+    "nufft": ("path", "event", "connection", "end", "spread", "FFT point", "pattern"),
+    "direct": ("path", "event", "connection", "end", "direct view", "direct tilt"),
+    "reversed": ("path", "event", "connection", "end", "direct view", "direct tilt"),
+    "box": ("volume path", "volume event", "volume connection", "volume end", "product"),
+    "voxels": ("volume path", "volume event", "volume connection", "volume end", "product", "voxel"),
+    "near": ("volume path", "volume event", "volume connection", "near end", "product"),
+    "covariance": ("volume path", "volume event", "volume connection", "volume end", "product", "amplitude", "batch"),
+}
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_every_operation_has_its_nanoseconds(way):
     scene, options = WAYS[way]
     made = sg.plan(scene, paths=1000, threads=1, **options)
     assert set(made.operations) <= set(NANOSECONDS)
     assert made.seconds == pytest.approx(1e-9 * sum(n * NANOSECONDS[name] for name, n in made.operations.items()))
+    for name in COUNTED[way]:
+        assert made.operations[name] > 0, name
+    event = "event" if "event" in made.operations else "volume event"
+    assert made.operations[event] == pytest.approx(1000 * made.events_per_path)
     twice = sg.plan(scene, paths=2000, threads=1, **options)
     for name, count in made.operations.items():
         assert count >= 0

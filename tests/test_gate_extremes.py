@@ -81,6 +81,19 @@ def test_reversal_is_judged_as_at_every_view(side):
     assert not all(needed)
 
 
+def test_light_that_comes_back_meets_a_transmission_grid():
+    """A wave along -z is backscattered into the views at +z, the middle of the grid most of all."""
+    this = sg.Scene(
+        wavelength=1.0,
+        medium=sg.Box(lower=(-50, -50, 0), upper=(50, 50, 100), mean_free_path=40.0, scatterer=sg.Isotropic()),
+        illumination=sg.PlaneWaves(directions=np.array([[0.0, 0.0, -1.0]])),
+        sensor=sg.FarField.grid(shape=(21, 21), pitch=0.03),
+    )
+    found = scene_reversal(this, "auto", 0.02)
+    assert found.needed
+    assert found == reversal_verdict(40.0, 1.0, this.lights, this.views, "auto", 0.02)
+
+
 def test_a_grid_of_many_views_and_tilts_is_planned_without_them(monkeypatch):
     """4096 x 4096 views of 100 tilts: 400 MB of views, 13 GB of fields, none of which a plan needs."""
     this = scene((4096, 4096), tilts=np.stack([1e-6 * np.arange(100), np.zeros(100)], 1), width=1e5)

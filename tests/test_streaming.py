@@ -35,7 +35,7 @@ def small_pieces(monkeypatch):
     """Pieces of 16 views a side and two tilts; chunks of 1024 paths, traced anew for each."""
     monkeypatch.setattr(tiling, "MOST_VIEWS", 16)
     monkeypatch.setattr(streaming, "TILTS_STREAMED", 2)
-    monkeypatch.setattr(streaming, "_CONNECTIONS_KEPT", 0)
+    monkeypatch.setattr(streaming, "CONNECTIONS_KEPT", 0)
     monkeypatch.setattr(streaming, "CHUNK", 1024)
     monkeypatch.setattr("specklegen.rendering.CHUNK", 1024)
     evaluators.scene_evaluator.cache_clear()
@@ -78,6 +78,7 @@ def test_a_stack_goes_to_zarr(tmp_path):
     this, options = CASES["nufft"]
     array = sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
     assert array[:].tobytes() == sg.render(this, seed=3, **options).field.tobytes()
+    assert array.chunks == (1, *next(sg.render_tiles(this, seed=3, **options))[1].shape[1:])
     with pytest.raises(FileExistsError, match="choose another folder"):
         sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
 

@@ -16,6 +16,7 @@ from specklegen.fields.ends import (
     reversal_phases,
     single_amplitudes,
 )
+from specklegen.parallel import slices
 from specklegen.tracing import PathBank
 
 _CONNECTIONS, _PAIRS = 4096, 2**22  # connections in a block; pairs of a connection and a view at a time
@@ -66,11 +67,8 @@ def _sum(
     double = lambda a: torch.as_tensor(np.ascontiguousarray(a), dtype=torch.float64).to(device)  # noqa: E731
     exits, directions = double(bank.exit), double(bank.exit_direction)
     sines, turns = double(views), double(offsets(views.copy(), optics.view_reference, optics.wavelength))
-    step = max(1, _PAIRS // _CONNECTIONS)
-    for first in range(0, len(views), step):
-        part = slice(first, first + step)
-        for begin in range(0, len(bank), _CONNECTIONS):
-            some = slice(begin, begin + _CONNECTIONS)
+    for part in slices(len(views), max(1, _PAIRS // _CONNECTIONS)):
+        for some in slices(len(bank), _CONNECTIONS):
             ends = _sensor_ends(exits[some], directions[some], sines[part], turns[part], optics, single, dtype)
             field[:, part] += lights[:, some] @ ends
     return field

@@ -32,7 +32,7 @@ from specklegen.tracing import PathBank
 TILTS_AT_ONCE = 2
 _RANKS_AT_ONCE = 4  # skeleton views that share a transform's plan, one after the other
 _SORT_FROM = 2**19  # bytes of a transform that no longer stays in the cache: finufft then sorts the points first
-SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
+_SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class NufftEvaluator:
     @property
     def dtype(self) -> type:
         """Precision of the field."""
-        return np.complex64 if self.tolerance >= SINGLE_PRECISION_FROM else np.complex128
+        return np.complex64 if self.tolerance >= _SINGLE_PRECISION_FROM else np.complex128
 
     @property
     def tiles(self) -> int:

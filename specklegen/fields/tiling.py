@@ -8,6 +8,7 @@ from specklegen.illumination import directions_of_sines
 from specklegen.sensors import FarFieldGrid
 
 _PARTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # tiles along the longer side
+_LEAST_VIEWS = 8
 MOST_VIEWS = 512  # along a side of a tile: what is in work at a time, and the piece that a streamed stack comes in
 
 
@@ -74,12 +75,12 @@ class Tiling:
         return (np.arange(width) - width // 2) * self.grid.pitch, (np.arange(height) - height // 2) * self.grid.pitch
 
 
-def tilings(grid: FarFieldGrid, least: int = 8) -> list[Tiling]:
-    """Cuts of a grid: one tile where it is small enough, then ever smaller ones down to ``least`` views a side."""
+def tilings(grid: FarFieldGrid) -> list[Tiling]:
+    """Cuts of a grid: one tile where it is small enough, then ever smaller ones down to 8 views a side."""
     found = []
     for parts in _PARTS:
         side = -(-max(grid.shape) // parts)
-        if found and side < least:
+        if found and side < _LEAST_VIEWS:
             break
         if side <= MOST_VIEWS:
             rows, columns = (-(-n // -(-n // side)) for n in grid.shape)
@@ -87,7 +88,7 @@ def tilings(grid: FarFieldGrid, least: int = 8) -> list[Tiling]:
     return found
 
 
-def squares(grid: FarFieldGrid) -> Tiling:
+def coarsest(grid: FarFieldGrid) -> Tiling:
     """The fewest tiles of at most 512 views a side."""
     rows, columns = (-(-n // -(-n // MOST_VIEWS)) for n in grid.shape)
     return Tiling(grid, (rows, columns))
@@ -95,9 +96,7 @@ def squares(grid: FarFieldGrid) -> Tiling:
 
 def _cuts(count: int, size: int) -> list[tuple[int, slice]]:
     """First view of every transform of ``size`` along an axis of ``count``, and the views that are its own."""
-    firsts = np.linspace(0, count - size, -(-count // size)).round().astype(int).tolist()
-    begins = [0, *(first + size for first in firsts[:-1])]
-    return [(first, slice(begin, first + size)) for first, begin in zip(firsts, begins, strict=True)]
+    return [(min(begin, count - size), slice(begin, min(begin + size, count))) for begin in range(0, count, size)]
 
 
 def _within(own: slice, first: int) -> slice:

@@ -54,7 +54,7 @@ def _add(
 
     def block(start: int) -> None:
         part = slice(start, start + VIEWS_AT_ONCE)
-        few = tracer.seen_from(part)
+        few = tracer.of_ends(slice(None), part)
         if len(once):
             ends = end_amplitudes(few, once, few.views, "exit")
             s = single_factors(few, once)

@@ -48,5 +48,6 @@ def _nearest_backscattering(scene: Scene) -> np.ndarray:
     grid = scene.sensor
     if not isinstance(grid, FarFieldGrid):
         return scene.views
-    # In transmission |i + v| >= i_z + v_z decides, and the corners are farthest from the axis.
-    return grid.corner_directions if grid.side == "transmission" else grid.nearest(-scene.lights)
+    if grid.side == "transmission" and scene.lights[:, -1].min(initial=1.0) > 0:
+        return grid.corner_directions  # |i + v| >= i_z + v_z decides, and the corners are farthest from the axis
+    return grid.nearest(-scene.lights)

@@ -73,10 +73,6 @@ class Tracer:
     max_order: int
     room: float = 8.0
 
-    def seen_from(self, part: slice) -> "Tracer":
-        """The same with only some of the views."""
-        return replace(self, views=replace(self.views, vectors=self.views.vectors[part]))
-
     def of_ends(self, lights: np.ndarray | slice, views: np.ndarray | slice) -> "Tracer":
         """The same with only the lights and views of these numbers."""
         return replace(

@@ -15,7 +15,7 @@ import numpy as np
 
 from specklegen.fields.ends import full_weights
 from specklegen.media import Slab
-from specklegen.parallel import one_torch_thread
+from specklegen.parallel import one_torch_thread, slices
 from specklegen.stationary.kernel import keep_threshold, plane_optics
 from specklegen.streams import Seed, pilot_seed
 from specklegen.tracing import PathBank, plane_proposal, trace
@@ -56,8 +56,7 @@ class SkewedKernel:
         root = np.sqrt(self.weights / max(self.weights.sum(), 1e-300))
         step = max(1, _AT_ONCE // max(tilts, 1))
         with one_torch_thread():
-            for first in range(0, len(root), step):
-                part = slice(first, first + step)
+            for part in slices(len(root), step):
                 waves = torch.from_numpy(root[part] * np.exp(-1j * wavenumber * (sines @ self.displacement[part].T)))
                 total += waves @ waves.conj().T
         return total.numpy()
