@@ -122,7 +122,7 @@ class Example:
         store = self.store(title, recipe, split, self.images, seed)
         chosen = without_half_turns(recipe, seed, split, self.images)
         batches = (store.batch(chosen[first : first + 64]) for first in range(0, len(chosen), 64))
-        found, cases = evaluate(methods, batches, recipe.geometry.profile)
+        found, cases = evaluate(methods, batches, recipe.profile)
         found.write(self.out / title)
         print(f"\n{title}\n\n{found.markdown()}", flush=True)
         if models:
