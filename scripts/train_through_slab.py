@@ -165,7 +165,7 @@ def leakage(example: Example) -> None:
     On the camera image, where a medium can be learned by heart: its autocorrelation hardly tells one from another.
     Objects are new in every test, of the same characters, so that only the media differ.
     """
-    samples, held_out = min(example.samples, 8192), 256
+    samples, held_out = min(example.samples, 16384), 256
     print(f"\nleakage, {samples} images\n\n| trained through | those media | new media |\n|---|---|---|")
     for name, media in (("one medium", 1), ("many media", samples // 8)):
         recipe = load_recipe("through-slab", {"media": media})
