@@ -1,8 +1,10 @@
 """Benchmarking: slopes and crossings of synthetic curves, what runs imply, the reported errors, the bench command."""
 
 import csv
+import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from typer.testing import CliRunner
 from zscore import assert_z, limit
 
 import specklegen as sg
-from scripts.error_time import calibration, page, references
+from scripts.error_time import calibration, page, references, words
 from scripts.error_time.runs import Row, judged, quantities
 from scripts.error_time.scenes import SCENES
 from specklegen.benchmarking import SAMPLERS, Estimate, Probes, bench, crossover, fit_trend, measured, probes_of
@@ -25,6 +27,7 @@ from specklegen.tracing import trace
 from specklegen.values import RuleError
 
 PITCH = 0.45e-3
+ROOT = Path(__file__).parents[1]
 
 
 def small(side="transmission", views=9, center=(0.0, 0.0)) -> sg.Scene:
@@ -263,6 +266,28 @@ def test_page_is_written_from_the_tables(tmp_path):
     text = page.write(folder).read_text()
     assert "| transmission-g0-od10 | paths | intensity |" in text
     assert (folder / "transmission-g0-od10.png").stat().st_size > 10_000
+
+
+def test_every_missed_aim_has_its_reason_and_every_reason_its_row(tmp_path):
+    stored = json.loads((ROOT / "docs/performance/benchmark.json").read_text())
+    path = tmp_path / "benchmark.json"
+
+    def text() -> str:
+        path.write_text(json.dumps(stored))
+        return page.ratios(path)
+
+    row = next(row for row in stored["rows"] if row["name"] == "path tracing, per scattering event")
+    row["median"] = 2 * row["aim"]
+    assert words.OBSTACLES[row["name"]] in text()
+    row["median"] = 0.5 * row["aim"]
+    assert words.OBSTACLES[row["name"]] not in text()
+    row["name"] += ", renamed"
+    with pytest.raises(RuleError, match="OBSTACLES"):
+        text()
+    row["name"], row["median"] = "path tracing, per scattering event", 2 * row["aim"]
+    stored["rows"].append(row | {"name": "a new row"})
+    with pytest.raises(RuleError, match="a new row"):
+        text()
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import numpy as np
 
 from specklegen.benchmarking import SAMPLERS, Trend, crossover, fit_trend
 from specklegen.benchmarking.figure import Panel, error_figure
+from specklegen.values import reject
 
 from . import machine, words
 from .calibration import LIMITS, Calibrated
@@ -103,10 +104,11 @@ def ratios(path: Path) -> str:
     if not path.exists():
         return "## Speed\n\nNot run: `python scripts/benchmark.py --json docs/performance/benchmark.json`."
     stored = json.loads(path.read_text())
+    obstacles = _obstacles(stored["rows"])
     lines = [
         (
             row["name"], f"{row['median']:.4g} {row['unit']}".strip(), _spread(row["values"]), _bound(row, "must"),
-            _bound(row, "aim"), "; ".join(part for part in (row["note"], _obstacle(row)) if part),
+            _bound(row, "aim"), "; ".join(part for part in (row["note"], obstacles.get(row["name"], "")) if part),
         )
         for row in stored["rows"]
     ]  # fmt: skip
@@ -123,16 +125,29 @@ def _spread(values: Sequence[float]) -> str:
     return f"{min(values):.4g} – {max(values):.4g}" if len(values) > 1 else ""
 
 
-def _obstacle(row: dict) -> str:
-    missed = row["aim"] is not None and _bound(row, "aim").endswith("**no**")
-    return words.OBSTACLES.get(row["name"], "") if missed else ""
+def _obstacles(rows: Sequence[dict]) -> dict[str, str]:
+    """Row that misses its aim to what stands in the way; a row without a reason, or a reason without a row, is loud."""
+    missed = {row["name"] for row in rows if _met(row, "aim") is False}
+    lost = (missed - words.OBSTACLES.keys()) | (words.OBSTACLES.keys() - {row["name"] for row in rows})
+    if lost:
+        reject(
+            "words.OBSTACLES", "a reason for every row that misses its aim, named as scripts/benchmark.py names it",
+            sorted(lost), "Add or rename what is listed there.",
+        )  # fmt: skip
+    return {name: words.OBSTACLES[name] for name in missed}
+
+
+def _met(row: dict, key: str) -> bool | None:
+    """Whether the median keeps to the bound "must" or "aim"; None where there is none."""
+    if row[key] is None:
+        return None
+    return row["median"] >= row[key] if row["more_is_better"] else row["median"] <= row[key]
 
 
 def _bound(row: dict, key: str) -> str:
     if row[key] is None:
         return ""
-    met = row["median"] >= row[key] if row["more_is_better"] else row["median"] <= row[key]
-    return f"{'≥' if row['more_is_better'] else '≤'} {row[key]:g}: {'yes' if met else '**no**'}"
+    return f"{'≥' if row['more_is_better'] else '≤'} {row[key]:g}: {'yes' if _met(row, key) else '**no**'}"
 
 
 def calibration(path: Path) -> str:

@@ -52,8 +52,12 @@ OBSTACLES = {
     "path tracing, per scattering event": "each event takes a logarithm, a sine and cosine and its random numbers",
     "render / tracing alone, plan at hand": "the other side of the ratio is the tracing, which has become fast: what "
     "is left is the two ends of kept connections and their spreading by the NUFFT",
-    "speed of two threads / one thread": "wall time, which counts on idle cores only; blocks of fixed size leave a "
-    "core idle at the end of each part",
+    "stationary five-stack 101 x 101": "two fifths of it are the matrix products from cells to views, which keep the "
+    "core's arithmetic busy, and a third are the normal random numbers, 15 000 a stack",
+    "speed of two threads / one, tracing": "the spread of the repeats is the host's, whose two cores do not always run "
+    "as two",
+    "speed of two threads / one, a whole render": "the same; and its parts wait for each other, chunk by chunk of "
+    "paths, of which the transforms are few and unequal jobs",
 }
 """Row of ``scripts/benchmark.py`` to what stands in the way where its aim is missed."""
 
