@@ -254,7 +254,20 @@ def test_page_finds_slope_and_crossing(tmp_path):
     assert fitted[1].slope == pytest.approx(-0.5, abs=0.05)
     crossed = page.found_crossings(rows, "transmission-g0-od10", "intensity")
     assert [each[:2] for each in crossed] == [("paths", "stationary")]
+    assert "stationary ends level" in page.crossings(rows)
     assert not page.found_crossings(synthetic_rows(), "transmission-g0-od10", "intensity")
+
+
+def test_curves_that_fall_have_not_ended_level():
+    assert words.crossing("stationary", "naive Algorithm 2", []) == words.GENERAL
+    closed = "single scattering, closed form"
+    assert words.crossing("paths", closed, [closed]) == words.STOPS[closed]
+    level = {
+        method
+        for method, found in page.curves(synthetic_rows(bias=0.01), "transmission-g0-od10", "intensity").items()
+        if page.ends_level(found)
+    }
+    assert level == {"stationary"}
 
 
 def test_page_is_written_from_the_tables(tmp_path):

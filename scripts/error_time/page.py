@@ -253,20 +253,27 @@ def smooth(found: Sequence[Row]) -> tuple[list[float], list[float]]:
 
     A closed form has one error from its time on.
     """
-    biased = found[-1].error > _BIASED * found[-1].reported
     seconds = [row.cpu_seconds for row in found]
-    errors = [row.error if biased else row.reported for row in found]
+    errors = [row.error if ends_level(found) else row.reported for row in found]
     return (seconds, errors) if len(found) > 1 else ([seconds[0], 1e6 * seconds[0]], [found[0].error] * 2)
+
+
+def ends_level(found: Sequence[Row]) -> bool:
+    """Whether a bias shows at the end of a curve: a closed form's, or an error far above the one that runs report."""
+    return len(found) == 1 or found[-1].error > _BIASED * found[-1].reported
 
 
 def crossings(rows: Sequence[Row]) -> str:
     """All crossover points, with the reason."""
-    lines = [
-        (scene, quantity, f"{one} / {other}", f"{seconds:.2g} s", f"{error:.2g}", words.crossing(one, other))
-        for scene in SCENES
-        for quantity in QUANTITIES
-        for one, other, seconds, error in found_crossings(rows, scene, quantity)
-    ]
+    lines = []
+    for scene in SCENES:
+        for quantity in QUANTITIES:
+            level = [method for method, found in curves(rows, scene, quantity).items() if ends_level(found)]
+            lines += [
+                (scene, quantity, f"{one} / {other}", f"{seconds:.2g} s", f"{error:.2g}",
+                 words.crossing(one, other, level))
+                for one, other, seconds, error in found_crossings(rows, scene, quantity)
+            ]  # fmt: skip
     return (
         "## Crossover points\n\nWhere the curves of two methods cross: left of it the one is better, right of it the "
         f"other, each by a factor {_MARGIN:g} somewhere. Reported errors, or the true ones where a bias shows.\n\n"
