@@ -74,14 +74,12 @@ def scene_of(what: str, changes: list[str] | None) -> "Scene":
     from specklegen.datasets.changes import changes_of
 
     path = Path(what)
-    if path.suffix == ".json" and path.is_file():
-        return sg.Scene.from_json(path.read_text())
-    if path.suffix == ".toml" and path.is_file():
-        text = path.read_text()
-        if {"illumination", "sensor"} <= tomllib.loads(text).keys():
+    if path.suffix in (".json", ".toml") and path.is_file():
+        text, is_json = path.read_text(), path.suffix == ".json"
+        if is_json or {"illumination", "sensor"} <= tomllib.loads(text).keys():
             if changes:
-                reject("bench --set", "left out for a scene", changes, "Change the file.")
-            return sg.Scene.from_toml(text)
+                reject("bench --set", "left out where a file holds a scene", " ".join(changes), f"Change {what}.")
+            return sg.Scene.from_json(text) if is_json else sg.Scene.from_toml(text)
     plans = load_recipe(what, changes_of(changes or [])).plans()
     if not plans:
         reject("bench recipe", "one that renders scenes", what)

@@ -15,6 +15,7 @@ import specklegen as sg
 from scripts.error_time import calibration, page, references, words
 from scripts.error_time.runs import Row, judged, quantities
 from scripts.error_time.scenes import SCENES
+from specklegen.bench_cli import scene_of
 from specklegen.benchmarking import SAMPLERS, Estimate, Probes, bench, crossover, fit_trend, measured, probes_of
 from specklegen.benchmarking.estimates import connection_amplitudes, paths_estimate, stationary_estimate
 from specklegen.benchmarking.probes import only
@@ -349,3 +350,12 @@ def test_bench_command(tmp_path):
     assert len(lines) > 6
     assert figure.stat().st_size > 5_000
     assert "left out" in result.output
+
+
+@pytest.mark.parametrize(("suffix", "text"), [("json", sg.Scene.canonical_json), ("toml", sg.Scene.to_toml)])
+def test_bench_refuses_to_change_a_scene(tmp_path, suffix, text):
+    path = tmp_path / f"scene.{suffix}"
+    path.write_text(text(small(views=3)))
+    assert scene_of(str(path), None) == small(views=3)
+    with pytest.raises(RuleError, match=rf"bench --set must be left out .* got 'wavelength=2.0'\. Change .*{suffix}"):
+        scene_of(str(path), ["wavelength=2.0"])
