@@ -177,7 +177,6 @@ def measured(name: str) -> dict[str, Any]:
     return {
         "name": name, "way": f"{made.sampler}, {made.evaluator}", "operations": made.operations, "seconds": min(found),
         "planning": (time.process_time() - start) * YARDSTICK / yardstick(), "bytes": most - before,
-        "connections": made.paths * made.connections_per_path,
         "predicted_bytes": made.memory_bytes,
     }  # fmt: skip
 

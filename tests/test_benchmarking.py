@@ -68,12 +68,6 @@ def test_a_wrong_error_model_is_caught(slope, floor):
     assert abs(fit.slope + 0.5) > limit() * fit.slope_error
 
 
-def test_a_floor_is_a_misfit_of_the_power_law():
-    rng = np.random.default_rng(3)
-    assert fit_trend(*synthetic(-0.5, rng, freedom=1000)).misfit < limit(7)
-    assert fit_trend(*synthetic(-0.5, rng, floor=0.1, freedom=1000)).misfit > limit(7)
-
-
 @pytest.mark.parametrize(
     "bad", [([1, 1], [1, 2], [1, 1]), ([1, 2], [0, 2], [1, 1]), ([1, 2], [1, 2], [1, np.nan])]
 )
@@ -203,7 +197,7 @@ def test_probes_follow_the_tilt():
 def test_measured_sees_memory():
     result, cost = measured(lambda: np.ones(2**24).sum())
     assert result == 2**24
-    assert cost.cpu_seconds >= 0
+    assert cost.cpu_seconds > 0
     if cost.memory_bytes is not None:
         assert cost.memory_bytes > 0.9 * 2**27
 
@@ -248,7 +242,7 @@ def synthetic_rows(scene="transmission-g0-od10", bias=0.0) -> list[Row]:
     return rows
 
 
-def test_page_finds_slope_and_crossing(tmp_path):
+def test_page_finds_slope_and_crossing():
     rows = synthetic_rows(bias=0.01)
     fitted = page.trends(page.curves(rows, "transmission-g0-od10", "intensity")["paths"])
     assert fitted is not None

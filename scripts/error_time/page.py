@@ -198,15 +198,14 @@ def straight(found: Sequence[Row]) -> list[Row]:
 def trends(found: Sequence[Row]) -> tuple[Trend, Trend] | None:
     """Slopes of the true and of the reported error over the straight part; None where it is short."""
     used = straight(found)
-    if len(used) < 3 or np.log10(used[-1].cpu_seconds / used[0].cpu_seconds) < _LEAST_DECADES:
+    if len(used) < 3:
         return None
     seconds = [row.cpu_seconds for row in used]
     repeats = np.array([row.repeats for row in used], dtype=np.float64)
-    # A reported error is found from 64 batches a run.
-    return (
-        fit_trend(seconds, [row.error for row in used], repeats),
-        fit_trend(seconds, [row.reported for row in used], 32 * repeats),
-    )
+    true = fit_trend(seconds, [row.error for row in used], repeats)
+    if true.decades < _LEAST_DECADES:
+        return None
+    return true, fit_trend(seconds, [row.reported for row in used], 32 * repeats)  # 64 batches a run
 
 
 def slopes(rows: Sequence[Row]) -> str:
