@@ -4,7 +4,7 @@
     python scripts/error_vs_time.py --quick          # rough curves of short runs, no calibration: under two minutes
     python scripts/error_vs_time.py --scenes NAME    # some scenes, no calibration; what is stored of others stays
     python scripts/error_vs_time.py --tables-only    # write the page anew from the stored CSV files
-    python scripts/error_vs_time.py --references     # freeze the right values anew; seven minutes
+    python scripts/error_vs_time.py --references     # freeze the right values anew; eleven minutes
 
 The page also takes docs/performance/benchmark.json, which ``python scripts/benchmark.py --json`` writes. Every method
 runs on one thread; two scenes run side by side. Results other than times are functions of the seeds.

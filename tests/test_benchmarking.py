@@ -298,6 +298,16 @@ def test_every_missed_aim_has_its_reason_and_every_reason_its_row(tmp_path):
         text()
 
 
+def test_truths_of_the_calibration_are_ten_times_sharper_than_its_runs():
+    samplers = {sampler.name: sampler for sampler in SAMPLERS}
+    for name, scene, paths in calibration.CASES:
+        case, truth, sampler = SCENES[scene](), references.load(scene), samplers[name]
+        if truth.standard_error.any():
+            done = sampler.work(case.scene, case.probes, paths, 0)
+            run = sampler.estimate(case.scene, case.probes, paths, 0, done)
+            assert (truth.standard_error < 0.1 * run.standard_error).all(), (name, scene)
+
+
 @pytest.mark.slow
 def test_reported_errors_cover_the_true_ones():
     """Every sampler: the variance of 200 z-scores lies within the chi-square limits at 1e-6."""
