@@ -53,7 +53,7 @@ def bench_command(
             typer.echo(f"{sampler.name}: left out: {obstacle}")
     typer.echo(
         "One thread. Errors are those that the runs report, root mean square over intensities and tilt covariances of "
-        "a few points, relative; that of the closed form is the share of light that it leaves out."
+        "a few points, relative; that of the closed form is the light that it leaves out over the light that it gives."
     )
     if table is not None:
         with table.open("w", newline="") as file:

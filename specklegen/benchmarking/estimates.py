@@ -121,9 +121,10 @@ def eigen_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed, *, reve
 
 
 def single_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
-    """Single scattering alone, in closed form; its error is the share of the intensity that it leaves out."""
+    """Single scattering alone, in closed form; its error is the light that it leaves out, by the largest share."""
     found = covariance(scene, pairs=probes.quadruples, orders="single", threads=1)
-    return Estimate(found.value, found.rel_error * probes.scale(found.value))
+    share = min(found.rel_error, 1 - 1e-9)  # of all light, three standard errors included: may exceed 1
+    return Estimate(found.value, share / (1 - share) * probes.scale(found.value))
 
 
 def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
