@@ -200,6 +200,7 @@ def test_measured_sees_memory():
     assert cost.cpu_seconds > 0
     if cost.memory_bytes is not None:
         assert cost.memory_bytes > 0.9 * 2**27
+        assert measured(lambda: None)[1].memory_bytes < 2**26, "the peak counts from the last call"
 
 
 # ---- References, judgement, page ---------------------------------------------------------------------------
