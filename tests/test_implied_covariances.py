@@ -10,6 +10,7 @@ from scripts.error_time.literal import literal_setup
 from specklegen.benchmarking import Probes
 from specklegen.benchmarking.estimates import paths_estimate, single_estimate, stationary_estimate
 from specklegen.oracles import box_algorithms
+from specklegen.statistics import batch_sums
 
 BATCHES = 64
 
@@ -87,3 +88,15 @@ def test_fields_have_the_covariance_that_they_are_drawn_from():
         assert_mean(value.imag[:, 3:], right[q, p].imag[3:])
     with pytest.raises(AssertionError, match="z ="):  # a twentieth
         assert_mean(square, 1.05 * power[p] * power[q] / count)
+
+
+@pytest.mark.parametrize("count", [200, 10])
+def test_batches_share_the_paths_out_evenly(count):
+    rng = np.random.default_rng(4)
+    paths = np.sort(rng.integers(0, count, 500))
+    values = rng.normal(size=(2, 3, 500)) + 1j * rng.normal(size=(2, 3, 500))
+    found = batch_sums(values, paths, count)
+    assert len(found) == min(BATCHES, count)
+    bounds = np.linspace(0, count, len(found) + 1)
+    for sums, low, high in zip(found, bounds[:-1], bounds[1:], strict=True):
+        np.testing.assert_allclose(sums, values[..., (paths >= low) & (paths < high)].sum(axis=-1), atol=1e-13)
