@@ -278,7 +278,7 @@ def main() -> None:
         rows += found
         print("\n".join(row.line() for row in found), flush=True)
     if options.json:
-        stored = {"about": circumstances(""), "rows": [asdict(row) | {"median": row.median} for row in rows]}
+        stored = {"about": circumstances(), "rows": [asdict(row) | {"median": row.median} for row in rows]}
         options.json.write_text(json.dumps(stored, indent=1) + "\n")
 
 

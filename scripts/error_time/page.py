@@ -66,10 +66,11 @@ def write(folder: Path) -> Path:
 
 def introduction(names: Sequence[str], about: dict[str, dict]) -> str:
     """What is measured and how, and on what."""
-    circumstances = sorted({tuple(sorted(about[n].items())) for n in names if n in about})
-    unique = {key: sorted({str(dict(each)[key]) for each in circumstances}) for key in ("machine", "commit", "options")}
-    loads = [float(about[name]["load"]) for name in names if name in about]
-    crowded = any(machine.busy(about[name]) for name in names if name in about)
+    known = {name: about[name] for name in names if name in about}
+    unique = {key: sorted({each[key] for each in known.values()}) for key in ("machine", "commit", "longest")}
+    longest = ", ".join(_seconds(each, known) for each in unique["longest"])
+    loads = [float(each["load"]) for each in known.values()]
+    crowded = any(machine.busy(each) for each in known.values())
     return f"""# Performance: error against run time
 
 Every sampler and every method to compare with, on {len(names)} scenes, judged against frozen right values that come
@@ -87,16 +88,24 @@ from none of them. Written by `scripts/error_vs_time.py`; nothing on this page i
 - **Right values**: `scripts/error_time/references/*.npz`, each with its own standard error, command and commit: the
   correlation transfer equation (no Monte Carlo) for isotropic slabs, else Algorithm 1 or 3 as a plain program.
 
-Machine: {"; ".join(unique["machine"])}; commit {", ".join(unique["commit"])}; `{"`, `".join(unique["options"])}`;
+Machine: {"; ".join(unique["machine"])}; commit {", ".join(unique["commit"])};
+budgets grow to runs of {longest};
 load average {min(loads, default=0):g} to {max(loads, default=0):g}{
 "**: busy with other work. Processor times are then up to twice too long; read ratios.**" if crowded else "."}
 
 ```
 python scripts/error_vs_time.py                                          # 15 minutes on two idle cores; --quick: 2
+python scripts/error_vs_time.py --scenes transmission-g0-od10 --longest 8    # a wide fit of the slope: 15 more
 python scripts/benchmark.py --json docs/performance/benchmark.json
 python scripts/error_vs_time.py --tables-only
 specklegen bench RECIPE                                                  # the same for your own scene
 ```"""
+
+
+def _seconds(longest: float, about: dict[str, dict]) -> str:
+    """So many seconds, and the scenes where they are few."""
+    names = [name for name, each in about.items() if each["longest"] == longest]
+    return f"{longest:g} s" + (f" ({', '.join(names)})" if 2 * len(names) < len(about) else "")
 
 
 def ratios(path: Path) -> str:
@@ -210,7 +219,7 @@ def trends(found: Sequence[Row]) -> tuple[Trend, Trend] | None:
 
 def slopes(rows: Sequence[Row]) -> str:
     """Slope of every curve that is long enough."""
-    lines = []
+    lines, widest = [], (0.0, 0.0)
     for scene in SCENES:
         for quantity in QUANTITIES:
             for method, found in curves(rows, scene, quantity).items():
@@ -218,6 +227,7 @@ def slopes(rows: Sequence[Row]) -> str:
                 if fitted is None or min(row.reported for row in found) <= 0:
                     continue
                 true, reported = fitted
+                widest = max(widest, (true.decades, np.log10(found[-1].cpu_seconds / found[0].cpu_seconds)))
                 lines.append(
                     (scene, method, quantity, f"{true.decades:.1f}", f"{true.slope:.2f} ± {true.slope_error:.2f}",
                      f"{reported.slope:.3f} ± {reported.slope_error:.3f}", f"{found[-1].error:.2g}",
@@ -227,7 +237,8 @@ def slopes(rows: Sequence[Row]) -> str:
         "## Slope\n\nError = factor × time^slope, fitted where the time is at least twice that of the smallest run "
         f"(below, fixed costs rule) and the error above {_ABOVE_FLOOR:g} times that of the reference. Independent "
         "paths give −½. The true error is a root mean square of few runs, the reported one of 64 batches in each, so "
-        "its slope is the sharper test; a bias shows as a true slope that is flatter than the reported one.\n\n"
+        "its slope is the sharper test; a bias shows as a true slope that is flatter than the reported one. The widest "
+        f"fit spans {widest[0]:.1f} decades of time, of {widest[1]:.1f} measured.\n\n"
         + _table(
             ("scene", "method", "quantity", "decades of time", "slope, true error", "slope, reported", "last error",
              "error of the reference"),
