@@ -89,7 +89,7 @@ def scene_of(what: str, changes: list[str] | None) -> "Scene":
 def _cells(row) -> tuple[str, ...]:
     memory = "" if row.cost.memory_bytes is None else f"{row.cost.memory_bytes / 2**20:.0f}"
     return (
-        row.sampler, str(row.count), f"{row.cost.cpu_seconds:.4g}", f"{row.cost.wall_seconds:.4g}", memory,
+        row.sampler, str(row.count or ""), f"{row.cost.cpu_seconds:.4g}", f"{row.cost.wall_seconds:.4g}", memory,
         f"{row.standard_error:.3g}", f"{row.efficiency:.3g}",
     )  # fmt: skip
 

@@ -344,6 +344,18 @@ def test_bench_rows_fall_with_the_count():
         assert mine[-1].standard_error < mine[0].standard_error
 
 
+def test_closed_forms_count_no_paths():
+    scene = sg.Scene(
+        wavelength=1.0,
+        medium=sg.Box(lower=(-2.0, -2.0), upper=(2.0, 2.0), mean_free_path=20.0, scatterer=sg.Isotropic()),
+        illumination=sg.PlaneWaves.tilts([0.0], dimensions=2),
+        sensor=sg.FarField.angles([0.3]),
+    )
+    counts = {row.sampler: row.count for row in bench(scene, seconds=0.01)}
+    assert counts.pop("single scattering, closed form") == 0
+    assert min(counts.values()) > 0
+
+
 def test_bench_refuses():
     with pytest.raises(RuleError, match="bench seconds"):
         next(bench(small(), seconds=0.0))

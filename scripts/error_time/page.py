@@ -302,7 +302,7 @@ def section(name: str, rows: Sequence[Row], folder: Path) -> str:
             last = found[-1]
             gain = f"{last.efficiency / yardstick.efficiency:.3g}" if yardstick and last.reported > 0 else ""
             lines.append(
-                (method, quantity, str(len(found)), str(last.count), f"{last.cpu_seconds:.3g}",
+                (method, quantity, str(len(found)), str(last.count or ""), f"{last.cpu_seconds:.3g}",
                  f"{last.wall_seconds:.3g}", f"{last.memory_bytes / 2**20:.0f}" if last.memory_bytes >= 0 else "",
                  f"{last.error:.2g}", f"{last.reported:.2g}", f"{last.efficiency:.3g}", gain)
             )  # fmt: skip

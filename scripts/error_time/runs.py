@@ -29,7 +29,7 @@ class Row:
     quantity : str
         "intensity" (of the points) or "tilt covariance" (between points).
     count : int
-        Paths, or placements of the wave solver.
+        Paths, or placements of the wave solver; 0 for a closed form.
     repeats : int
         Runs with seeds of their own.
     error : float
