@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from specklegen import cli
 from specklegen.datasets import load_recipe
-from specklegen.models import recoverable
-from specklegen.models.recoverability import COEFFICIENTS, COMPLEX, FITTED, REPAIRS, conditions_of, judge
+from specklegen.models import recoverability, recoverable
+from specklegen.models.recoverability import COEFFICIENTS, COMPLEX, FITTED, MODES, conditions_of, judge
 from specklegen.models.residual import Conditions, residual, speckle_contrast
 from specklegen.values import RuleError
 
@@ -79,7 +79,18 @@ def test_each_failure_is_named_first(name):
 
 
 def test_every_failure_mode_has_its_scene():
-    assert FAILURES.keys() == REPAIRS.keys()
+    assert FAILURES.keys() | {COMPLEX} == MODES.keys()
+
+
+def test_a_reason_costs_no_more_than_what_it_says(monkeypatch):
+    """The camera that a scene needs is looked for only where its camera is too small: one residual a step."""
+    looked = []
+    monkeypatch.setattr(recoverability, "residual", lambda c: looked.append(c.camera) or residual(c))
+    assert [reason.name for reason in judge(scene(**FAILURES["saturation"])).reasons] == ["saturation"]
+    assert set(looked) == {120.0, 480.0}  # as it is, and repaired by a camera of four times the side
+    looked.clear()
+    judge(scene(**FAILURES["too few grains"]))
+    assert len(set(looked)) > 2
 
 
 def test_a_complex_object_is_named_when_nothing_else_is_wrong():
