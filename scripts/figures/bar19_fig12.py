@@ -8,7 +8,6 @@ autocorrelation at the lags from one source to another, over that at the zero la
 Draws bar19-fig12.png and prints its table (docs/imaging.md).
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib
@@ -17,6 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from _command import run
 from scipy.stats import binomtest
 
 from specklegen.datasets.objects import Points
@@ -153,8 +153,4 @@ def draw(path: Path, target: torch.Tensor, figures: dict, found: dict) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="four media")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, OUT, __doc__)
