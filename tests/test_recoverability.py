@@ -209,6 +209,23 @@ def test_fresh_scenes_are_others():
         assert kept == pytest.approx(list(found[:3]), rel=1e-4, abs=1e-6)
 
 
+def test_predictions_are_replaced_by_those_of_the_tables_own_grid(tmp_path):
+    """Two cells of the fresh table; of another grid's table nothing is changed."""
+    lines = FRESH.read_text().splitlines()[:3]
+    head, *cells = (line.split(",") for line in lines)
+    for cell in cells:
+        cell[head.index("noise")] = cell[head.index("complexity")] = "7"
+    table = tmp_path / "table.csv"
+    table.write_text("\n".join(map(",".join, (head, *cells))) + "\n")
+    spoilt = table.read_text()
+    with pytest.raises(RuleError, match="--grid must be that of the table"):
+        fit.main(["predict", str(table)])
+    assert table.read_text() == spoilt
+    fit.main(["predict", str(table), "--grid", "fresh"])
+    for found, kept in zip(fit.read(table), fit.read(FRESH), strict=True):
+        assert found == pytest.approx(kept[:2], rel=1e-4, abs=1e-6)
+
+
 def test_the_table_has_power():
     """Coefficients of the wrong sign judge worse than a coin."""
     table = fit.read(TABLE).half(odd=True)
