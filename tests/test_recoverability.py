@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 from typer.testing import CliRunner
+from zscore import assert_mean, assert_z
 
 from specklegen import cli
+from specklegen.camera import Camera, NoiseStreams, expose
 from specklegen.datasets import load_recipe
 from specklegen.models import recoverability, recoverable
 from specklegen.models.recoverability import COEFFICIENTS, COMPLEX, FITTED, MODES, conditions_of, judge
@@ -19,6 +21,9 @@ from specklegen.values import RuleError
 ROOT = Path(__file__).parent.parent
 TABLE = ROOT / "tests/data/recoverability.csv"
 FRESH = ROOT / "tests/data/recoverability_fresh.csv"
+
+
+CHEAP = {"material": {"kernel_paths": 1000, "kernel": "estimate"}}
 
 
 def _script():
@@ -147,6 +152,52 @@ def test_noise_is_window_over_two_cameras():
 def test_ideal_scene_is_not_distorted():
     """What is left is the taper's: the autocorrelation as measured and as wanted are tapered alike."""
     assert residual(scene()).distortion < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("camera", "electrons", "saturation"),
+    [
+        ({"photons": 100.0}, 900.0, np.inf),  # a grain has 9 pixels
+        ({"photons": 100.0, "background": 100.0, "full_well": 300.0}, 450.0, 2.0),  # a third of the well is taken
+        ({"photons": 10.0, "dark_current": 3.0, "exposure": 5.0, "read_noise": 5.0}, 18.0, np.inf),  # noise 50
+        ({"photons": 10.0, "bit_depth": 4, "gain": 6.0, "offset": 5.0}, 9 * 100 / 13, 6.0),  # 6^2 / 12 of rounding
+    ],
+)
+def test_exposure_by_hand(camera, electrons, saturation):
+    found = conditions_of(load_recipe("through-slab", CHEAP | {"exposure": {"bit_depth": None} | camera}))
+    assert found.electrons == pytest.approx(electrons)
+    assert found.saturation == pytest.approx(saturation)
+
+
+def test_electrons_of_equal_noise_are_the_cameras():
+    """Variance of a flat field, a million pixels; that of a variance is 2/n, counts being nearly Gaussian."""
+    noisy = {"photons": 100.0, "background": 40.0, "dark_current": 5.0, "exposure": 2.0, "read_noise": 6.0, "gain": 9.0}
+    found = conditions_of(load_recipe("through-slab", CHEAP | {"exposure": noisy}))
+    counts = expose(Camera(**noisy), np.ones((1000, 1000)), NoiseStreams.of(1)) * 9.0
+    expected = 9 * 100.0**2 / found.electrons
+    assert_z(counts.var(), expected, expected * np.sqrt(2 / counts.size))
+
+
+def test_frames_of_a_film_by_hand():
+    """Half of the spread is kept from frame to frame, so (1 + 2 (2/3 1/2 + 1/3 1/4)) / 3 in the mean of three."""
+    film = {"frames": 3, "correlation_time": 4 / np.log(2)}
+    assert conditions_of(load_recipe("dynamic-slab", CHEAP | {"dynamics": film})).frames == pytest.approx(18 / 11)
+
+
+def test_frames_of_a_film_are_those_of_fields_that_change():
+    """Squared mean over 3 frames of a lag of the autocovariance, 200 000 pairs of pixels: its expectation is 1 / F."""
+    rng, kept = np.random.default_rng(0), np.exp(-1 / 3.0)
+    fresh = rng.standard_normal((3, 2, 200_000, 2)) @ [1, 1j] / np.sqrt(2)
+    fields = [fresh[0]]
+    for each in fresh[1:]:
+        fields.append(kept * fields[-1] + np.sqrt(1 - kept**2) * each)
+    one, other = np.moveaxis(np.square(np.abs(fields)) - 1, 1, 0)
+    film = {"frames": 3, "correlation_time": 3.0}
+    frames = conditions_of(load_recipe("dynamic-slab", CHEAP | {"dynamics": film})).frames
+    squares = np.square((one * other).mean(0)).reshape(100, -1).mean(1)
+    assert_mean(squares, 1 / frames)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(squares, 1.1 / frames)
 
 
 @pytest.mark.parametrize("polarised", [True, False])
