@@ -158,7 +158,7 @@ def recoverable(
     RuleError
         If the recipe has no hidden objects, or there are no media.
     """
-    loaded = recipe if isinstance(recipe, HiddenObject) else load_recipe(str(recipe))
+    loaded = load_recipe(recipe) if isinstance(recipe, str | Path) else recipe
     if not isinstance(loaded, HiddenObject):
         reject("recoverable recipe", "one with hidden objects", loaded.name)
     if media < 1:

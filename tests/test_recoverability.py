@@ -302,6 +302,8 @@ def test_errors(changes, message):
 def test_recipes_without_hidden_objects_are_refused():
     with pytest.raises(RuleError, match="one with hidden objects"):
         recoverable("tilt-stack")
+    with pytest.raises(RuleError, match="one with hidden objects"):
+        recoverable(load_recipe("tilt-stack"))
     with pytest.raises(RuleError, match="at least 1"):
         recoverable("through-slab", media=0)
 
@@ -316,3 +318,11 @@ def test_command():
     assert not read["works"]
     assert read["numbers"]["electrons_a_grain"] is None
     assert read["reasons"][0]["name"] == "too few grains"
+
+
+@pytest.mark.parametrize("words", [["recoverable", "tilt-stack"], ["evaluate", "--recipe", "tilt-stack"],
+                                   ["train", "tilt-stack", "--out", "run"]])  # fmt: skip
+def test_commands_refuse_recipes_that_hide_nothing(words):
+    said = CliRunner().invoke(cli.app, words)
+    assert isinstance(said.exception, RuleError)
+    assert "recipe must be one with hidden objects; got 'tilt-stack'" in str(said.exception)
