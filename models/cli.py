@@ -88,14 +88,18 @@ def evaluate(
     from specklegen.models.reconstructor import Reconstructor, load_pretrained
 
     loaded = load_hidden(recipe, changes)
+    if "image" not in loaded.images_layout():
+        reject("evaluate --recipe", "one with one image of each object", recipe)
+    if loaded.media_of(samples) < 2:
+        reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
+    named = {path.parent.name or str(path): Reconstructor.load(path) for path in models or []}
+    named = named or {"packaged network": load_pretrained()}
     objects = [torch.from_numpy(loaded.objects.image(seed, "train", n)) for n in range(256)]
     methods: dict[str, baselines.Method] = {"mean image": baselines.mean_image(torch.stack(objects))}
     if katz:
         settings = Retrieval(restarts=restarts)
         methods |= {"Katz": baselines.katz(settings, seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
-    named = {path.parent.name or str(path): Reconstructor.load(path) for path in models or []}
-    named = named or {"packaged network": load_pretrained()}
     methods |= {name: model.reconstruct for name, model in named.items()}
     found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.geometry.profile)
     found.write(out)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from specklegen import cli
 from specklegen.datasets import load_recipe
 from specklegen.datasets.stream import tensors
-from specklegen.models import baselines, evaluation
+from specklegen.models import baselines, evaluation, examples
 from specklegen.models.apodisation import framed
 from specklegen.models.charts import contact_sheet, score_curves, training_curves
 from specklegen.models.phase_retrieval import Retrieval
@@ -144,8 +144,41 @@ def test_curves_of_a_run(tmp_path):
 
 
 def test_nothing_to_judge_is_refused(batch):
-    with pytest.raises(ValueError, match="at least one method and one batch"):
-        evaluation.evaluate({}, [batch])
+    """Before anything is rendered or reconstructed."""
+
+    def untouched(*_):
+        pytest.fail("the work began")
+
+    with pytest.raises(ValueError, match="evaluate methods must be at least one"):
+        evaluation.evaluate({}, (untouched() for _ in range(1)))
+    with pytest.raises(ValueError, match="evaluate batches must be at least one"):
+        evaluation.evaluate({"any": untouched}, [])
+    film = {name: value for name, value in batch.items() if name != "image"}
+    with pytest.raises(ValueError, match='evaluate batch must be one with "object" and "image"'):
+        evaluation.evaluate({"any": untouched}, [film])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--samples", "1"], "--samples must be enough for two media"),
+        (["--set", "media=1"], "--samples must be enough for two media"),
+        (["--recipe", "dynamic-slab"], "--recipe must be one with one image of each object"),
+        (["nowhere/best.pt"], "model must be a file"),
+    ],
+)
+def test_bad_evaluations_are_refused_before_any_image(words, message, monkeypatch, tmp_path):
+    monkeypatch.setattr(examples, "batches_of", lambda *_: pytest.fail("the work began"))
+    said = CliRunner().invoke(cli.app, ["evaluate", "--out", str(tmp_path), *words])
+    assert isinstance(said.exception, ValueError)
+    assert message in str(said.exception)
+
+
+def test_one_alignment_a_target(batch, monkeypatch):
+    seen = []
+    monkeypatch.setattr(evaluation, "align", lambda image, target: seen.append(1) or target)
+    evaluation.evaluate({"blank": lambda b: torch.zeros(len(b["object"]), 12, 12)}, [batch])
+    assert len(seen) == len(evaluation.TARGETS)
 
 
 def test_train_and_evaluate_from_the_command_line(tmp_path):
