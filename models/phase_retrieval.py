@@ -43,7 +43,8 @@ class Retrieval(Value):
     shrink_wrap
         Share of the blurred image's maximum below which it is cut off; 0 for no support.
     extent
-        Largest extent of the object in pixels: longer lags are tapered away. None keeps the whole window.
+        Extent of the object in pixels: lags fade out between 0.85 and 1.2 times it, and no pair of its points should
+        be further apart than that end. None keeps the whole window.
     floor
         Smallest C_I to divide by.
     """
