@@ -34,7 +34,10 @@ def recoverable(
     )  # fmt: skip
     if as_json:
         numbers = {name: value if isfinite(value) else None for name, value in verdict.numbers.items()}
-        said = {"works": verdict.works, "probability": verdict.probability, "numbers": numbers}
-        typer.echo(json.dumps(said | {"reasons": [reason._asdict() for reason in verdict.reasons]}, indent=2))
+        said = {
+            "works": verdict.works, "probability": verdict.probability, "numbers": numbers,
+            "extrapolates": verdict.extrapolates, "reasons": [reason._asdict() for reason in verdict.reasons],
+        }  # fmt: skip
+        typer.echo(json.dumps(said, indent=2))
     else:
         typer.echo(verdict.explain())

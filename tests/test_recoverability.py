@@ -318,6 +318,8 @@ def test_command():
     assert not read["works"]
     assert read["numbers"]["electrons_a_grain"] is None
     assert read["reasons"][0]["name"] == "too few grains"
+    assert read["extrapolates"] == ["complexity"]  # glyphs of 28 grains, where the largest of the table have 9.3
+    assert "caution: complexity outside" in told.output
 
 
 @pytest.mark.parametrize("words", [["recoverable", "tilt-stack"], ["evaluate", "--recipe", "tilt-stack"],
