@@ -23,7 +23,6 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import torch
 from scipy.optimize import minimize
-from scipy.stats import binomtest
 from torch import Tensor
 
 from specklegen.camera import Camera, NoiseStreams, expose
@@ -36,6 +35,7 @@ from specklegen.models.phase_retrieval import Retrieval, retrieve
 from specklegen.models.recoverability import COEFFICIENTS, conditions_of, total
 from specklegen.models.residual import GRID, REACH, Conditions, Residual, lag_window, residual
 from specklegen.parallel import one_torch_thread
+from specklegen.statistics import wilson
 from specklegen.values import RuleError, reject
 
 SUCCESS = 0.8
@@ -309,12 +309,6 @@ def confusion(table: Table, coefficients: np.ndarray) -> Confusion:
     return Confusion(*(int(x.sum()) for x in pairs))
 
 
-def wilson(successes: int, n: int) -> str:
-    """Share in percent with Wilson's 95 % interval."""
-    low, high = binomtest(successes, n).proportion_ci(0.95, method="wilson")
-    return f"{successes} of {n}, {100 * successes / n:.0f} % ({100 * low:.0f}-{100 * high:.0f})"
-
-
 def spans(table: Table, coefficients: np.ndarray) -> dict[str, tuple[float, float]]:
     """Smallest and largest residual and complexity."""
     residuals = total(table.noise, table.distortion, coefficients[3])
@@ -325,10 +319,12 @@ def spans(table: Table, coefficients: np.ndarray) -> dict[str, tuple[float, floa
 def judged(name: str, table: Table, coefficients: np.ndarray) -> str:
     """How the verdicts on a table came out."""
     found = confusion(table, coefficients)
+    low, high = wilson(found.right, found.n)
     rate, z = table.successes / table.media, table.logit(coefficients)
     spread = np.sqrt(np.mean(np.square(rate - 1 / (1 + np.exp(-z)))))
     return (
-        f"{name}: {len(table.cell)} cells, {found.n} outside 0.3 to 0.7; right {wilson(found.right, found.n)}; "
+        f"{name}: {len(table.cell)} cells, {found.n} outside 0.3 to 0.7; right {found.right} of {found.n}, "
+        f"{100 * found.right / found.n:.0f} % ({100 * low:.0f}-{100 * high:.0f}); "
         f"rms error of the probability {spread:.3f}\n"
         f"  says works: {found.works_right} worked, {found.works_wrong} failed; "
         f"says fails: {found.fails_right} failed, {found.fails_wrong} worked"

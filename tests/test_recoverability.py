@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 from typer.testing import CliRunner
 from zscore import assert_mean, assert_z
 
@@ -16,6 +15,7 @@ from specklegen.datasets import load_recipe
 from specklegen.models import recoverability, recoverable
 from specklegen.models.recoverability import COEFFICIENTS, COMPLEX, FITTED, MODES, conditions_of, judge
 from specklegen.models.residual import Conditions, residual, speckle_contrast
+from specklegen.statistics import wilson
 from specklegen.values import RuleError
 
 ROOT = Path(__file__).parent.parent
@@ -245,7 +245,7 @@ def test_fresh_verdicts():
     """The same bound on scenes that came when the verdict was finished; its interval's lower end (Wilson) as well."""
     found = fit.confusion(fit.read(FRESH), np.array(list(COEFFICIENTS.values())))
     assert found.n >= 150
-    assert binomtest(found.right, found.n).proportion_ci(0.95, method="wilson").low >= 0.85
+    assert wilson(found.right, found.n)[0] >= 0.85
 
 
 def test_fresh_scenes_are_others():

@@ -30,6 +30,7 @@ from specklegen.scatterers import HenyeyGreenstein
 from specklegen.sensors import FarFieldGrid
 from specklegen.stationary.kernel import estimate_kernel
 from specklegen.stationary.objects import object_sampler
+from specklegen.statistics import wilson
 
 OUT = Path("docs/images")
 WAVELENGTH, STEP = 0.5, float(np.sin(np.deg2rad(0.0025)))
@@ -84,8 +85,8 @@ def mean(values: np.ndarray) -> str:
 def rate(values: np.ndarray) -> str:
     """Share above 0.8 with Wilson's 95 % interval, percent, and the mean."""
     good, n = int((values > 0.8).sum()), len(values)
-    bounds = binomtest(good, n).proportion_ci(0.95, method="wilson")
-    return f"{100 * good / n:.0f} % ({100 * bounds.low:.0f}–{100 * bounds.high:.0f}), mean {values.mean():.3f}"
+    low, high = wilson(good, n)
+    return f"{100 * good / n:.0f} % ({100 * low:.0f}–{100 * high:.0f}), mean {values.mean():.3f}"
 
 
 def sign_test(high: np.ndarray, low: np.ndarray) -> str:
