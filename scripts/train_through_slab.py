@@ -45,6 +45,8 @@ BY_HEART = Training(
 )
 """Behind one medium an image is linear in the object: a dense net learns that map by heart, which is the leak."""
 RANGES = (0.5, 1.0, 2.0, 3.0)
+WIDE = 42.0
+"""Camera pixels across the objects of these."""
 PARTS = ("networks", "unseen", "families", "ranges", "leakage")
 
 
@@ -148,11 +150,16 @@ def families(example: Example) -> None:
 
 
 def ranges(example: Example) -> None:
-    """Objects half to three memory-effect ranges wide, each behind its own medium; networks trained at half one."""
+    """Objects half to three memory-effect ranges wide, each behind its own medium; networks trained at half one.
+
+    The window is fitted, so that all are as many grains wide on the camera and only the memory effect differs.
+    """
     models = example.trained()
     curves: dict[str, dict] = {}
     for extent in RANGES:
-        changes = CLASSES | {"media": "new", "field": {"extent_over_range": extent}}
+        changes = CLASSES | {
+            "media": "new", "window": {"width": "fitted"}, "field": {"extent_over_range": extent, "pixels": WIDE},
+        }  # fmt: skip
         found = example.judge(f"range-{extent:g}", load_recipe("beyond-memory-effect", changes), models)
         for method in found.values:
             curves.setdefault(method, {})[extent] = found.interval(method)
