@@ -101,7 +101,7 @@ def evaluate(
         methods |= {"Katz": baselines.katz(settings, seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
     methods |= {name: model.reconstruct for name, model in named.items()}
-    found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.geometry.profile)
+    found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.profile)
     found.write(out)
     shown = evaluation.best_median_worst(cases, next(iter(named)))
     contact_sheet(shown, out / "cases.png")

@@ -28,6 +28,7 @@ from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import Optics, random_phases
 from specklegen.fields.nufft import nufft_field
 from specklegen.oracles.naive_numba import naive_field
+from specklegen.resident_memory import resident_memory
 from specklegen.sensors import Side
 from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
 from specklegen.stationary.objects import object_sampler
@@ -211,15 +212,15 @@ PREDICTED = {
 def prediction(name: str) -> dict[str, float]:
     """Plan and render one case in this process, which should be young; predicted and found seconds and bytes."""
     build, arguments = PREDICTED[name]
-    imported, _ = memory()
+    imported, _ = resident_memory()
     scene = build()
     made = sg.plan(scene, threads=1, **arguments)
     sg.render(example(views=32, tilts=2), threads=1, **(arguments | {"paths": 1000, "reverse": False}))
-    ready, peak_before = memory()
+    ready, peak_before = resident_memory()
     start = time.process_time()
     sg.render(scene, threads=1, **arguments)
     found = time.process_time() - start
-    _, peak = memory()
+    _, peak = resident_memory()
     return {
         "predicted_seconds": made.seconds,
         "seconds": found,
@@ -227,15 +228,6 @@ def prediction(name: str) -> dict[str, float]:
         "bytes_since_import": max(peak_before, peak) - imported,
         "bytes_since_ready": peak - ready,
     }
-
-
-def memory() -> tuple[int, int]:
-    """Bytes of this process resident now, and at the most since the last call (Linux)."""
-    # Not getrusage: its maximum survives exec, so a child would report its parent's.
-    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    Path("/proc/self/clear_refs").write_text("5")
-    now, most = (int(lines[key].split()[0]) * 1024 for key in ("VmRSS", "VmHWM"))
-    return now, most
 
 
 def prediction_rows() -> list[Row]:
@@ -286,7 +278,7 @@ def main() -> None:
         rows += found
         print("\n".join(row.line() for row in found), flush=True)
     if options.json:
-        stored = {"about": circumstances(""), "rows": [asdict(row) | {"median": row.median} for row in rows]}
+        stored = {"about": circumstances(), "rows": [asdict(row) | {"median": row.median} for row in rows]}
         options.json.write_text(json.dumps(stored, indent=1) + "\n")
 
 

@@ -4,7 +4,7 @@
     python scripts/error_vs_time.py --quick          # rough curves of short runs, no calibration: under two minutes
     python scripts/error_vs_time.py --scenes NAME    # some scenes, no calibration; what is stored of others stays
     python scripts/error_vs_time.py --tables-only    # write the page anew from the stored CSV files
-    python scripts/error_vs_time.py --references     # freeze the right values anew; seven minutes
+    python scripts/error_vs_time.py --references     # freeze the right values anew; eleven minutes
 
 The page also takes docs/performance/benchmark.json, which ``python scripts/benchmark.py --json`` writes. Every method
 runs on one thread; two scenes run side by side. Results other than times are functions of the seeds.
@@ -33,12 +33,12 @@ BUDGETS_QUICK = 3
 LONGEST, LONGEST_QUICK = 2.0, 0.03
 """Processor seconds of the longest runs that are still repeated four times larger."""
 THOROUGH = ("transmission-g0-od10", "transmission-g09-od10")
-"""Scenes whose runs may be four times longer: three decades of time."""
+"""Scenes whose runs may be four times longer, for their slope; 2.5 decades of time were fitted with --longest 8."""
 
 
 def scene_rows(name: str, longest: float, budgets: int) -> list[Row]:
     """All methods on one scene."""
-    return list(run(name, SCENES[name](), longest * (4 if name in THOROUGH else 1), budgets=budgets))
+    return list(run(name, SCENES[name](), longest, budgets=budgets))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -73,14 +73,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def measure(names: Sequence[str], longest: float, budgets: int, workers: int, out: Path) -> None:
     """Run scenes side by side; rows and circumstances of each replace what is stored of it, as soon as it is done."""
     stored, about = page.stored_rows(out), machine.stored(out)
+    longest_of = {name: longest * (4 if name in THOROUGH else 1) for name in names}
     started = time.perf_counter()
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        jobs = {pool.submit(scene_rows, name, longest, budgets): name for name in names}
+        jobs = {pool.submit(scene_rows, name, longest_of[name], budgets): name for name in names}
         for job in tqdm(as_completed(jobs), total=len(jobs), unit="scene"):
             name = jobs[job]
             stored = [row for row in stored if row.scene != name] + job.result()
             stored.sort(key=lambda row: list(SCENES).index(row.scene))
-            about[name] = machine.circumstances(f"--longest {longest:g}" + (" --quick" if budgets < BUDGETS else ""))
+            about[name] = machine.circumstances() | {"longest": longest_of[name]}
             page.write_table(out / "error-vs-time.csv", [*(f.name for f in fields(Row)), "efficiency"],
                   [row.written() for row in stored])  # fmt: skip
             machine.store(out, about)

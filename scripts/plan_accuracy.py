@@ -28,6 +28,7 @@ from scipy.optimize import lsq_linear
 import specklegen as sg
 from specklegen import costs
 from specklegen.illumination import directions_of_sines
+from specklegen.resident_memory import resident_memory
 
 YARDSTICK = 55.0
 """Nanoseconds that an iteration of the yardstick took where the nanoseconds of `costs` were fitted."""
@@ -147,20 +148,11 @@ def yardstick(count: int = 200_000) -> float:
     return 1e9 * (time.process_time() - start) / count
 
 
-def memory() -> tuple[int, int]:
-    """Bytes of this process resident now, and at the most since the last call (Linux)."""
-    # Not getrusage: its maximum survives exec, so a child would report its parent's.
-    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    Path("/proc/self/clear_refs").write_text("5")
-    now, most = (int(lines[key].split()[0]) * 1024 for key in ("VmRSS", "VmHWM"))
-    return now, most
-
-
 def measured(name: str) -> dict[str, Any]:
     """Plan and render one case in this process, which should be young."""
     build, arguments = CASES[name]
     this = build()
-    before, _ = memory()
+    before, _ = resident_memory()
     made = sg.plan(this, threads=1, **arguments)
     sg.render(this, threads=1, **(arguments | {"paths": 64}))
     found = []
@@ -170,14 +162,13 @@ def measured(name: str) -> dict[str, Any]:
         sg.render(this, threads=1, seed=seed, **arguments)
         found.append((time.process_time() - start) * YARDSTICK / np.mean([speed, yardstick()]))
         if seed == 0:
-            _, most = memory()
+            _, most = resident_memory()
     fresh = build().replace(wavelength=1 + 1e-9)
     start = time.process_time()
     sg.plan(fresh, threads=1, **arguments)
     return {
         "name": name, "way": f"{made.sampler}, {made.evaluator}", "operations": made.operations, "seconds": min(found),
         "planning": (time.process_time() - start) * YARDSTICK / yardstick(), "bytes": most - before,
-        "connections": made.paths * made.connections_per_path,
         "predicted_bytes": made.memory_bytes,
     }  # fmt: skip
 

@@ -25,6 +25,7 @@ from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import Optics, random_phases
 from specklegen.fields.nufft import nufft_field
 from specklegen.pilots import scene_pilot
+from specklegen.resident_memory import resident_memory
 from specklegen.tracing import trace
 
 MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
@@ -73,23 +74,15 @@ def stream(sampler: str, tilts: int, folder: Path) -> str:
     """Bytes by which the process grows beside those stated."""
     this = scene(4096, tilts, 4e-6)
     stated = sg.plan(this, sampler=sampler, paths=100_000, streamed=True, threads=1).memory_bytes  # type: ignore[arg-type]
-    before, _ = memory()
+    before, _ = resident_memory()
     start = time.process_time()
     array = sg.render_to_zarr(this, folder / sampler, sampler=sampler, paths=100_000, threads=1, progress=True)
     took = time.process_time() - start
-    grown = memory()[1] - before
+    grown = resident_memory()[1] - before
     return (
         f"{sampler}: {array.nbytes / 2**30:.2f} GiB in {took:.0f} CPU s; the process grew by {grown / 2**20:.0f} MiB, "
         f"stated {stated / 2**20:.0f} MiB"
     )
-
-
-def memory() -> tuple[int, int]:
-    """Bytes of this process resident now, and at the most since the last call (Linux)."""
-    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    Path("/proc/self/clear_refs").write_text("5")
-    now, most = (int(lines[key].split()[0]) * 1024 for key in ("VmRSS", "VmHWM"))
-    return now, most
 
 
 def main() -> None:

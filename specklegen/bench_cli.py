@@ -52,7 +52,7 @@ def bench_command(
             typer.echo(f"{sampler.name}: left out: {obstacle}")
     typer.echo(
         "One thread. Errors are those that the runs report, root mean square over intensities and tilt covariances of "
-        "a few points, relative; that of the closed form is the share of light that it leaves out."
+        "a few points, relative; that of the closed form is the light that it leaves out over the light that it gives."
     )
     if table is not None:
         with table.open("w", newline="") as file:
@@ -71,14 +71,12 @@ def scene_of(what: str, changes: list[str] | None) -> "Scene":
     import specklegen as sg
 
     path = Path(what)
-    if path.suffix == ".json" and path.is_file():
-        return sg.Scene.from_json(path.read_text())
-    if path.suffix == ".toml" and path.is_file():
-        text = path.read_text()
-        if {"illumination", "sensor"} <= tomllib.loads(text).keys():
+    if path.suffix in (".json", ".toml") and path.is_file():
+        text, is_json = path.read_text(), path.suffix == ".json"
+        if is_json or {"illumination", "sensor"} <= tomllib.loads(text).keys():
             if changes:
-                reject("bench --set", "left out for a scene", changes, "Change the file.")
-            return sg.Scene.from_toml(text)
+                reject("bench --set", "left out where a file holds a scene", " ".join(changes), f"Change {what}.")
+            return sg.Scene.from_json(text) if is_json else sg.Scene.from_toml(text)
     plans = load(what, changes).plans()
     if not plans:
         reject("bench recipe", "one that renders scenes", what)
@@ -88,7 +86,7 @@ def scene_of(what: str, changes: list[str] | None) -> "Scene":
 def _cells(row) -> tuple[str, ...]:
     memory = "" if row.cost.memory_bytes is None else f"{row.cost.memory_bytes / 2**20:.0f}"
     return (
-        row.sampler, str(row.count), f"{row.cost.cpu_seconds:.4g}", f"{row.cost.wall_seconds:.4g}", memory,
+        row.sampler, str(row.count or ""), f"{row.cost.cpu_seconds:.4g}", f"{row.cost.wall_seconds:.4g}", memory,
         f"{row.standard_error:.3g}", f"{row.efficiency:.3g}",
     )  # fmt: skip
 

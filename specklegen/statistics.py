@@ -10,6 +10,25 @@ BATCHES = 64
 """Independent batches behind every standard error; fewer give the heavy tails of Student's t."""
 
 
+def batch_sums(values: np.ndarray, paths: np.ndarray, count: int) -> np.ndarray:
+    """Sums over batches of equally many paths, complex128[n, ...], n = 64 or, where there are fewer paths, ``count``.
+
+    Parameters
+    ----------
+    values
+        float64 or complex128[..., M], what each connection adds.
+    paths
+        int64[M], the path of each connection, from 0.
+    count
+        Number of paths.
+    """
+    batches = min(BATCHES, count)
+    batch = paths * batches // count
+    rows = values.reshape(-1, len(paths))
+    sums = [np.bincount(batch, row.real, batches) + 1j * np.bincount(batch, row.imag, batches) for row in rows]
+    return np.array(sums).T.reshape(batches, *values.shape[:-1])
+
+
 def jackknife(batches: np.ndarray, function: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Value and standard error of a smooth function of sums over independent batches.
 

@@ -13,7 +13,7 @@ from specklegen.values import RuleError
 
 COMMANDS = [
     "recipes", "plan", "render", "memory-effect", "generate", "preview", "info", "verify", "export",
-    "train", "evaluate", "recoverable",
+    "train", "evaluate", "recoverable", "bench",
 ]  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from specklegen.illumination import directions_of_sines
 from specklegen.oracles import algorithms
 from specklegen.oracles.algorithms import Pairs, algorithm1, algorithm2
 from specklegen.oracles.electric_field import electric_field
+from specklegen.oracles.naive_covariance import naive_covariance
 from specklegen.oracles.naive_numba import naive_field
 from specklegen.tracing import trace
 
@@ -179,6 +180,27 @@ def test_naive_numba_fields_have_the_covariance_of_the_engine(side, g, optical_d
     scene = make_scene(side, g=g, optical_depth=optical_depth, base=base, offset=0.3 if side == "reflection" else 0.0)
     fields = naive_fields(scene, 2, 1500 * BATCHES)
     assert_same_covariance(field_covariances(fields), engine_covariances(scene))
+
+
+def test_naive_covariance_is_that_of_algorithm_1():
+    """Oblique and forward, so that every factor of an end and of a turn counts."""
+    scene = make_scene(g=0.5, optical_depth=2.0, base=0.5)
+    pairs = all_pairs(scene)
+    found = np.array(
+        [
+            naive_covariance(
+                scene.medium, wavelength=scene.wavelength, width=WIDTH, lights=pairs.lights, views=pairs.views,
+                paths=4000, seed=seed,
+            )
+            for seed in range(BATCHES)
+        ]
+    )  # fmt: skip
+    expected = transcribed_covariances(scene)
+    assert_same_covariance(found, expected)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_same_covariance(found, 1.05 * expected)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_same_covariance(found, expected.conj())
 
 
 def test_both_forms_of_the_naive_program_are_one_field():

@@ -21,7 +21,7 @@ from .scenes import SCENES, Case, slab
 RUNS = 200
 LIMITS = 0.58, 1.57
 _SAMPLERS: dict[str, Sampler] = {sampler.name: sampler for sampler in SAMPLERS}
-_CASES = (
+CASES = (
     ("paths", "transmission-g0-od10", 8192),
     ("paths", "transmission-g0-od1", 8192),
     ("paths", "backscatter", 8192),
@@ -60,7 +60,7 @@ class Calibrated(NamedTuple):
 
 def calibrate(runs: int = RUNS, progress: Callable[[str], None] = lambda what: None) -> Iterator[Calibrated]:
     """Every sampler, and what ``render`` and ``memory_effect`` report."""
-    for name, scene, paths in _CASES:
+    for name, scene, paths in CASES:
         progress(f"{name}: {scene}")
         yield from sampler_scores(_SAMPLERS[name], scene, paths, runs)
     progress("render")

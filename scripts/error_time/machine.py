@@ -9,14 +9,13 @@ from pathlib import Path
 _FILE = "runs.json"
 
 
-def circumstances(options: str) -> dict[str, str | float]:
+def circumstances() -> dict[str, str | float]:
     """Of a measurement that ends now; the load is the mean over five minutes."""
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
     return {
         "machine": f"{_processor()}, {os.cpu_count()} cores",
         "load": round(os.getloadavg()[1], 1),
         "commit": commit.stdout.strip() or "unknown",
-        "options": options,
     }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from specklegen.benchmarking import SAMPLERS, Trend, crossover, fit_trend
 from specklegen.benchmarking.figure import Panel, error_figure
+from specklegen.values import reject
 
 from . import machine, words
 from .calibration import LIMITS, Calibrated
@@ -65,10 +66,11 @@ def write(folder: Path) -> Path:
 
 def introduction(names: Sequence[str], about: dict[str, dict]) -> str:
     """What is measured and how, and on what."""
-    circumstances = sorted({tuple(sorted(about[n].items())) for n in names if n in about})
-    unique = {key: sorted({str(dict(each)[key]) for each in circumstances}) for key in ("machine", "commit", "options")}
-    loads = [float(about[name]["load"]) for name in names if name in about]
-    crowded = any(machine.busy(about[name]) for name in names if name in about)
+    known = {name: about[name] for name in names if name in about}
+    unique = {key: sorted({each[key] for each in known.values()}) for key in ("machine", "commit", "longest")}
+    longest = ", ".join(_seconds(each, known) for each in unique["longest"])
+    loads = [float(each["load"]) for each in known.values()]
+    crowded = any(machine.busy(each) for each in known.values())
     return f"""# Performance: error against run time
 
 Every sampler and every method to compare with, on {len(names)} scenes, judged against frozen right values that come
@@ -86,16 +88,24 @@ from none of them. Written by `scripts/error_vs_time.py`; nothing on this page i
 - **Right values**: `scripts/error_time/references/*.npz`, each with its own standard error, command and commit: the
   correlation transfer equation (no Monte Carlo) for isotropic slabs, else Algorithm 1 or 3 as a plain program.
 
-Machine: {"; ".join(unique["machine"])}; commit {", ".join(unique["commit"])}; `{"`, `".join(unique["options"])}`;
+Machine: {"; ".join(unique["machine"])}; commit {", ".join(unique["commit"])};
+budgets grow to runs of {longest};
 load average {min(loads, default=0):g} to {max(loads, default=0):g}{
 "**: busy with other work. Processor times are then up to twice too long; read ratios.**" if crowded else "."}
 
 ```
 python scripts/error_vs_time.py                                          # 15 minutes on two idle cores; --quick: 2
+python scripts/error_vs_time.py --scenes transmission-g0-od10 --longest 8    # a wide fit of the slope: 15 more
 python scripts/benchmark.py --json docs/performance/benchmark.json
 python scripts/error_vs_time.py --tables-only
 specklegen bench RECIPE                                                  # the same for your own scene
 ```"""
+
+
+def _seconds(longest: float, about: dict[str, dict]) -> str:
+    """So many seconds, and the scenes where they are few."""
+    names = [name for name, each in about.items() if each["longest"] == longest]
+    return f"{longest:g} s" + (f" ({', '.join(names)})" if 2 * len(names) < len(about) else "")
 
 
 def ratios(path: Path) -> str:
@@ -103,10 +113,11 @@ def ratios(path: Path) -> str:
     if not path.exists():
         return "## Speed\n\nNot run: `python scripts/benchmark.py --json docs/performance/benchmark.json`."
     stored = json.loads(path.read_text())
+    obstacles = _obstacles(stored["rows"])
     lines = [
         (
             row["name"], f"{row['median']:.4g} {row['unit']}".strip(), _spread(row["values"]), _bound(row, "must"),
-            _bound(row, "aim"), "; ".join(part for part in (row["note"], _obstacle(row)) if part),
+            _bound(row, "aim"), "; ".join(part for part in (row["note"], obstacles.get(row["name"], "")) if part),
         )
         for row in stored["rows"]
     ]  # fmt: skip
@@ -123,16 +134,29 @@ def _spread(values: Sequence[float]) -> str:
     return f"{min(values):.4g} – {max(values):.4g}" if len(values) > 1 else ""
 
 
-def _obstacle(row: dict) -> str:
-    missed = row["aim"] is not None and _bound(row, "aim").endswith("**no**")
-    return words.OBSTACLES.get(row["name"], "") if missed else ""
+def _obstacles(rows: Sequence[dict]) -> dict[str, str]:
+    """Row that misses its aim to what stands in the way; a row without a reason, or a reason without a row, is loud."""
+    missed = {row["name"] for row in rows if _met(row, "aim") is False}
+    lost = (missed - words.OBSTACLES.keys()) | (words.OBSTACLES.keys() - {row["name"] for row in rows})
+    if lost:
+        reject(
+            "words.OBSTACLES", "a reason for every row that misses its aim, named as scripts/benchmark.py names it",
+            sorted(lost), "Add or rename what is listed there.",
+        )  # fmt: skip
+    return {name: words.OBSTACLES[name] for name in missed}
+
+
+def _met(row: dict, key: str) -> bool | None:
+    """Whether the median keeps to the bound "must" or "aim"; None where there is none."""
+    if row[key] is None:
+        return None
+    return row["median"] >= row[key] if row["more_is_better"] else row["median"] <= row[key]
 
 
 def _bound(row: dict, key: str) -> str:
     if row[key] is None:
         return ""
-    met = row["median"] >= row[key] if row["more_is_better"] else row["median"] <= row[key]
-    return f"{'≥' if row['more_is_better'] else '≤'} {row[key]:g}: {'yes' if met else '**no**'}"
+    return f"{'≥' if row['more_is_better'] else '≤'} {row[key]:g}: {'yes' if _met(row, key) else '**no**'}"
 
 
 def calibration(path: Path) -> str:
@@ -183,20 +207,19 @@ def straight(found: Sequence[Row]) -> list[Row]:
 def trends(found: Sequence[Row]) -> tuple[Trend, Trend] | None:
     """Slopes of the true and of the reported error over the straight part; None where it is short."""
     used = straight(found)
-    if len(used) < 3 or np.log10(used[-1].cpu_seconds / used[0].cpu_seconds) < _LEAST_DECADES:
+    if len(used) < 3:
         return None
     seconds = [row.cpu_seconds for row in used]
     repeats = np.array([row.repeats for row in used], dtype=np.float64)
-    # A reported error is found from 64 batches a run.
-    return (
-        fit_trend(seconds, [row.error for row in used], repeats),
-        fit_trend(seconds, [row.reported for row in used], 32 * repeats),
-    )
+    true = fit_trend(seconds, [row.error for row in used], repeats)
+    if true.decades < _LEAST_DECADES:
+        return None
+    return true, fit_trend(seconds, [row.reported for row in used], 32 * repeats)  # 64 batches a run
 
 
 def slopes(rows: Sequence[Row]) -> str:
     """Slope of every curve that is long enough."""
-    lines = []
+    lines, widest = [], (0.0, 0.0)
     for scene in SCENES:
         for quantity in QUANTITIES:
             for method, found in curves(rows, scene, quantity).items():
@@ -204,6 +227,7 @@ def slopes(rows: Sequence[Row]) -> str:
                 if fitted is None or min(row.reported for row in found) <= 0:
                     continue
                 true, reported = fitted
+                widest = max(widest, (true.decades, np.log10(found[-1].cpu_seconds / found[0].cpu_seconds)))
                 lines.append(
                     (scene, method, quantity, f"{true.decades:.1f}", f"{true.slope:.2f} ± {true.slope_error:.2f}",
                      f"{reported.slope:.3f} ± {reported.slope_error:.3f}", f"{found[-1].error:.2g}",
@@ -213,7 +237,8 @@ def slopes(rows: Sequence[Row]) -> str:
         "## Slope\n\nError = factor × time^slope, fitted where the time is at least twice that of the smallest run "
         f"(below, fixed costs rule) and the error above {_ABOVE_FLOOR:g} times that of the reference. Independent "
         "paths give −½. The true error is a root mean square of few runs, the reported one of 64 batches in each, so "
-        "its slope is the sharper test; a bias shows as a true slope that is flatter than the reported one.\n\n"
+        "its slope is the sharper test; a bias shows as a true slope that is flatter than the reported one. The widest "
+        f"fit spans {widest[0]:.1f} decades of time, of {widest[1]:.1f} measured.\n\n"
         + _table(
             ("scene", "method", "quantity", "decades of time", "slope, true error", "slope, reported", "last error",
              "error of the reference"),
@@ -238,20 +263,27 @@ def smooth(found: Sequence[Row]) -> tuple[list[float], list[float]]:
 
     A closed form has one error from its time on.
     """
-    biased = found[-1].error > _BIASED * found[-1].reported
     seconds = [row.cpu_seconds for row in found]
-    errors = [row.error if biased else row.reported for row in found]
+    errors = [row.error if ends_level(found) else row.reported for row in found]
     return (seconds, errors) if len(found) > 1 else ([seconds[0], 1e6 * seconds[0]], [found[0].error] * 2)
+
+
+def ends_level(found: Sequence[Row]) -> bool:
+    """Whether a bias shows at the end of a curve: a closed form's, or an error far above the one that runs report."""
+    return len(found) == 1 or found[-1].error > _BIASED * found[-1].reported
 
 
 def crossings(rows: Sequence[Row]) -> str:
     """All crossover points, with the reason."""
-    lines = [
-        (scene, quantity, f"{one} / {other}", f"{seconds:.2g} s", f"{error:.2g}", words.crossing(one, other))
-        for scene in SCENES
-        for quantity in QUANTITIES
-        for one, other, seconds, error in found_crossings(rows, scene, quantity)
-    ]
+    lines = []
+    for scene in SCENES:
+        for quantity in QUANTITIES:
+            level = [method for method, found in curves(rows, scene, quantity).items() if ends_level(found)]
+            lines += [
+                (scene, quantity, f"{one} / {other}", f"{seconds:.2g} s", f"{error:.2g}",
+                 words.crossing(one, other, level))
+                for one, other, seconds, error in found_crossings(rows, scene, quantity)
+            ]  # fmt: skip
     return (
         "## Crossover points\n\nWhere the curves of two methods cross: left of it the one is better, right of it the "
         f"other, each by a factor {_MARGIN:g} somewhere. Reported errors, or the true ones where a bias shows.\n\n"
@@ -270,7 +302,7 @@ def section(name: str, rows: Sequence[Row], folder: Path) -> str:
             last = found[-1]
             gain = f"{last.efficiency / yardstick.efficiency:.3g}" if yardstick and last.reported > 0 else ""
             lines.append(
-                (method, quantity, str(len(found)), str(last.count), f"{last.cpu_seconds:.3g}",
+                (method, quantity, str(len(found)), str(last.count or ""), f"{last.cpu_seconds:.3g}",
                  f"{last.wall_seconds:.3g}", f"{last.memory_bytes / 2**20:.0f}" if last.memory_bytes >= 0 else "",
                  f"{last.error:.2g}", f"{last.reported:.2g}", f"{last.efficiency:.3g}", gain)
             )  # fmt: skip

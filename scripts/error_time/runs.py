@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from specklegen.benchmarking import SAMPLERS, Estimate, Probes, Sampler, measured
+from specklegen.benchmarking import Estimate, Probes, Sampler, measured, serving
 
 from .comparisons import COMPARISONS
 from .references import Reference, load
@@ -29,7 +29,7 @@ class Row:
     quantity : str
         "intensity" (of the points) or "tilt covariance" (between points).
     count : int
-        Paths, or placements of the wave solver.
+        Paths, or placements of the wave solver; 0 for a closed form.
     repeats : int
         Runs with seeds of their own.
     error : float
@@ -73,8 +73,7 @@ class Row:
 
 def methods(case: Case) -> list[Sampler]:
     """All samplers that serve a scene, and the comparisons that apply."""
-    serving = [sampler for sampler in SAMPLERS if sampler.obstacle(case.scene, case.probes) is None]
-    return serving + [COMPARISONS[name] for name in case.comparisons]
+    return serving(case.scene, case.probes) + [COMPARISONS[name] for name in case.comparisons]
 
 
 def run(name: str, case: Case, longest: float, *, budgets: int = BUDGETS) -> Iterator[Row]:

@@ -1,6 +1,6 @@
 """Error against run time: what a sampler's run estimates, how far off it says it is, and what that cost."""
 
-from specklegen.benchmarking.bench import Row, bench
+from specklegen.benchmarking.bench import Row, bench, serving
 from specklegen.benchmarking.estimates import Estimate
 from specklegen.benchmarking.measuring import Cost, measured
 from specklegen.benchmarking.probes import Probes, probes_of
@@ -20,4 +20,5 @@ __all__ = [
     "fit_trend",
     "measured",
     "probes_of",
+    "serving",
 ]

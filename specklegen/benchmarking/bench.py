@@ -25,7 +25,7 @@ class Row:
     ----------
     sampler : str
     count : int
-        Paths.
+        Paths; 0 for a closed form.
     cost : Cost
     standard_error : float
         Root mean square over the probes of the standard error that the run reports, over sqrt(C_pp C_qq).

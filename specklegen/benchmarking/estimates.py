@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from scipy.special import j0
 
 from specklegen.benchmarking.probes import Probes, only
 from specklegen.covariances import covariance
@@ -25,7 +26,7 @@ from specklegen.stationary.kernel import MemoryKernel
 from specklegen.stationary.objects import object_sampler
 from specklegen.stationary.sampler import mean_intensity, stack_sampler
 from specklegen.stationary.skewed import SkewedKernel
-from specklegen.statistics import BATCHES
+from specklegen.statistics import batch_sums
 from specklegen.streams import Seed
 from specklegen.tracing import CHUNK, PathBank, trace
 
@@ -64,17 +65,13 @@ def paths_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Esti
     made = plan(scene, paths=paths, sampler="paths", threads=1)
     if made.proposal is None:
         return eigen_estimate(scene, probes, paths, seed, reverse=made.reverse)  # the same paths
-    batches = min(BATCHES, paths)
-    sums = np.zeros((batches, len(probes.ends)), np.complex128)
+    p, q = probes.ends.T
+    sums = np.zeros((), np.complex128)
     for first in range(0, paths, CHUNK):
         bank = trace(scene.slab, made.proposal, seed, min(CHUNK, paths - first), first=first, threads=1)
         for part, single in ((bank.single, True), (bank.multiple, False)):
             amplitudes = connection_amplitudes(made, part, probes.points, single=single)
-            batch = part.paths * batches // paths
-            for entry, (p, q) in enumerate(probes.ends):
-                product = amplitudes[p] * amplitudes[q].conj()
-                sums[:, entry] += np.bincount(batch, product.real, batches)
-                sums[:, entry] += 1j * np.bincount(batch, product.imag, batches)
+            sums = sums + batch_sums(amplitudes[p] * amplitudes[q].conj(), part.paths, paths)
     return Estimate.of_batches(sums, paths)
 
 
@@ -121,9 +118,10 @@ def eigen_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed, *, reve
 
 
 def single_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
-    """Single scattering alone, in closed form; its error is the share of the intensity that it leaves out."""
+    """Single scattering alone, in closed form; its error is the light that it leaves out, by the largest share."""
     found = covariance(scene, pairs=probes.quadruples, orders="single", threads=1)
-    return Estimate(found.value, found.rel_error * probes.scale(found.value))
+    share = min(found.rel_error, 1 - 1e-9)  # of all light, three standard errors included: may exceed 1
+    return Estimate(found.value, share / (1 - share) * probes.scale(found.value))
 
 
 def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
@@ -145,16 +143,11 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
 
 
 def _batch_sums(kernel: MemoryKernel | SkewedKernel, q: np.ndarray) -> np.ndarray:
-    """Sums of full weight times phasor over 64 batches of paths at q float64[P, 2], complex128[64, P]."""
+    """Sums of full weight times phasor over up to 64 batches of paths at q float64[P, 2], complex128[n, P]."""
     if isinstance(kernel, SkewedKernel):
-        rows = np.zeros((BATCHES, len(q)), np.complex128)
-        batch = np.minimum(kernel.owners * BATCHES // kernel.paths, BATCHES - 1)
-        np.add.at(rows, batch, kernel.weights[:, None] * np.exp(-1j * (kernel.displacement @ q.T)))
-        return rows
-    alone = [replace(kernel, weights=batch[None]) for batch in kernel.weights]
-    size = np.hypot(q[:, 0], q[:, 1])
-    rows = [each.weights.sum() * each(size) if each.weights.any() else 0 * size for each in alone]
-    return np.array(rows, np.complex128)
+        phasors = np.exp(-1j * (q @ kernel.displacement.T))
+        return batch_sums(kernel.weights * phasors, kernel.owners, kernel.paths)
+    return kernel.weights @ j0(np.hypot(*q.T)[:, None] * kernel.radius).T
 
 
 def _window_products(scene: Scene, probes: Probes, kernel: MemoryKernel | SkewedKernel) -> np.ndarray:

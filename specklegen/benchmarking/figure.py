@@ -24,8 +24,6 @@ class Panel:
         Method to the errors that its runs report, dashed.
     floor : float
         Below this nothing can be seen, because the reference is no better; 0 for none.
-    marks : sequence of (seconds, error)
-        Where curves cross.
     """
 
     title: str
@@ -33,7 +31,6 @@ class Panel:
     curves: Mapping[str, tuple[Sequence[float], Sequence[float]]]
     reported: Mapping[str, Sequence[float]] = field(default_factory=dict)
     floor: float = 0.0
-    marks: Sequence[tuple[float, float]] = ()
 
 
 def error_figure(panels: Sequence[Panel], out: Path, methods: Sequence[str] = ()) -> Path:
@@ -54,8 +51,6 @@ def error_figure(panels: Sequence[Panel], out: Path, methods: Sequence[str] = ()
                 axes.loglog(seconds, panel.reported[name], "--", color=style["color"], lw=0.8)
         if panel.floor > 0:
             shown["floor: error of the reference"] = axes.axhline(panel.floor, color="0.5", ls=":", lw=1.2)
-        for mark in panel.marks:
-            shown["curves cross"] = axes.plot(*mark, "kx", ms=8, mew=1.6)[0]
         _half_slope(axes)
         axes.set(xlabel="CPU seconds, one thread", ylabel=panel.label, title=panel.title)
         axes.grid(alpha=0.25, which="both", lw=0.5)

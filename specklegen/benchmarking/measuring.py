@@ -3,11 +3,11 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
+from specklegen.resident_memory import resident_memory
+
 Result = TypeVar("Result")
-_STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 @dataclass(frozen=True)
@@ -30,22 +30,16 @@ class Cost:
 
 def measured(call: Callable[[], Result]) -> tuple[Result, Cost]:
     """Make a call; its result and its cost."""
-    before = _resident("VmRSS", reset=True)
+    before = _memory()
     wall, cpu = time.perf_counter(), time.process_time()
     result = call()
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-    most = _resident("VmHWM")
-    grown = None if before is None or most is None else max(most - before, 0)
-    return result, Cost(cpu, wall, grown)
+    after = _memory()
+    return result, Cost(cpu, wall, max(after[1] - before[0], 0) if before and after else None)
 
 
-def _resident(key: str, *, reset: bool = False) -> int | None:
-    """Bytes that Linux reports under a key; the peak, VmHWM, counts from the last reset."""
-    # Not getrusage: its maximum cannot be reset.
+def _memory() -> tuple[int, int] | None:
     try:
-        if reset:
-            _RESET.write_text("5")
-        lines = dict(line.split(":", 1) for line in _STATUS.read_text().splitlines())
-        return int(lines[key].split()[0]) * 1024
+        return resident_memory()
     except (OSError, KeyError):
         return None

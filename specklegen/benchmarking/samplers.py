@@ -37,7 +37,7 @@ class Sampler(NamedTuple):
     check : callable
         (scene, probes), raising RuleError where the sampler cannot serve.
     first : int
-        Smallest count worth running.
+        Smallest count worth running; 0 for a closed form.
     counted : bool
         Whether a larger count makes it better; a closed form has one error only.
     """
@@ -112,6 +112,6 @@ SAMPLERS = (
             partial(_check_plan, "stationary")),
     Sampler("covariance, few points", covariance_estimate, finished, first=256),
     Sampler("covariance, eigen-sampling", partial(rendering, "covariance"), _after(eigen_estimate), _check_few, 256),
-    Sampler("single scattering, closed form", single_estimate, finished, _check_single, counted=False),
+    Sampler("single scattering, closed form", single_estimate, finished, _check_single, 0, counted=False),
 )  # fmt: skip
 """All samplers; which of them serve a scene, :meth:`Sampler.obstacle` says."""

@@ -14,26 +14,19 @@ from specklegen.values import reject
 
 @dataclass(frozen=True)
 class Trend:
-    """A power law error = factor * time^slope.
+    """Slope of a power law.
 
     Attributes
     ----------
-    slope, slope_error, factor : float
-        The slope with its standard error from the scatter that the errors themselves have.
-    points : int
-        Points fitted.
+    slope, slope_error : float
+        With its standard error from the scatter that the errors themselves have.
     decades : float
-        Decades of time that they cover.
-    misfit : float
-        Largest |residual| over its own standard error: far above 3, a power law is the wrong model.
+        Decades of time fitted.
     """
 
     slope: float
     slope_error: float
-    factor: float
-    points: int
     decades: float
-    misfit: float
 
 
 def fit_trend(seconds: ArrayLike, errors: ArrayLike, freedom: ArrayLike) -> Trend:
@@ -63,13 +56,8 @@ def fit_trend(seconds: ArrayLike, errors: ArrayLike, freedom: ArrayLike) -> Tren
     x, y, weight = np.log(x), np.log(y) + (np.log(half) - digamma(half)) / 2, 4 / polygamma(1, half)
     mean = np.average(x, weights=weight)
     spread = (weight * (x - mean) ** 2).sum()
-    slope = float((weight * (x - mean) * y).sum() / spread)
-    level = float(np.average(y, weights=weight) - slope * mean)
-    residual = (y - level - slope * x) * np.sqrt(weight)
-    return Trend(
-        slope, float(spread**-0.5), float(np.exp(level)), len(x), float(np.ptp(x) / np.log(10)),
-        float(np.abs(residual).max()),
-    )  # fmt: skip
+    slope = (weight * (x - mean) * y).sum() / spread
+    return Trend(float(slope), float(spread**-0.5), float(np.ptp(x) / np.log(10)))
 
 
 def crossover(

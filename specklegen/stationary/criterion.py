@@ -19,7 +19,7 @@ from specklegen.illumination import directions_of_sines, reference_direction
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
 from specklegen.stationary.skewed import face_to_face
-from specklegen.statistics import BATCHES, jackknife
+from specklegen.statistics import BATCHES, batch_sums, jackknife
 from specklegen.streams import Stream, pilot_seed
 from specklegen.tracing import Proposal, trace
 
@@ -123,7 +123,7 @@ class _Bank:
         self.scene, self.light = scene, proposal.reference
         self.optics = Optics.of_scene(scene)
         self.bank = trace(scene.slab, proposal, seed, paths, stream=Stream.PILOT)
-        self._batch = np.minimum(self.bank.paths * BATCHES // paths, BATCHES - 1)
+        self._paths = paths
         self._weights: dict[bytes, np.ndarray] = {}
         self._intensities: dict[bytes, np.ndarray] = {}
 
@@ -155,7 +155,7 @@ class _Bank:
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """Sums over 64 batches of paths, complex128[64]."""
-        return np.bincount(self._batch, values.real, BATCHES) + 1j * np.bincount(self._batch, values.imag, BATCHES)
+        return batch_sums(values, self.bank.paths, self._paths)
 
 
 def _probe_views(scene: Scene) -> np.ndarray:
