@@ -105,7 +105,7 @@ def test_pairs_are_images(count):
 
 @pytest.mark.parametrize("side", [2, 8, 30, N])
 def test_pairs_get_their_modulus_as_each_image_alone(side):
-    """By kernel and by arrays, as NumPy does for each image: double rounding, times what the partner is brighter."""
+    """By kernel and by arrays, as NumPy does for each image: rounding, times how much brighter the partner is."""
     generator = torch.Generator().manual_seed(side)
     images = torch.randn(2, 5, side, side, generator=generator, dtype=torch.float64)
     images[0, 1] *= 1e4  # a bright partner
