@@ -6,7 +6,7 @@ one or the other; both become a :class:`Geometry`.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import model_validator
 
@@ -22,12 +22,13 @@ class Window(Value):
     Parameters
     ----------
     width
-        Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian").
+        Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian"); or "fitted": for each medium
+        as wide as shows the object across ``field.pixels`` of the camera.
     profile
         Its shape.
     """
 
-    width: Positive
+    width: Positive | Literal["fitted"]
     profile: Profile = "square"
 
 

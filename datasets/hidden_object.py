@@ -9,6 +9,7 @@ import torch
 from pydantic import model_validator
 
 from specklegen.datasets.draws import Draw, drawn, ends, require_above
+from specklegen.datasets.geometry import Geometry
 from specklegen.datasets.light import draw_medium
 from specklegen.datasets.material import KnownMaterial
 from specklegen.datasets.objects import HiddenObjects
@@ -25,7 +26,7 @@ from specklegen.values import Positive, Value, reject
 
 
 class ObjectField(Value):
-    """How large the object appears: by one of two fields, which may vary from medium to medium.
+    """How large the object appears: by one of its first two fields. All may vary from medium to medium.
 
     Parameters
     ----------
@@ -33,16 +34,21 @@ class ObjectField(Value):
         Direction sine between object pixels, inside the medium.
     extent_over_range
         Full side of the object over the memory-effect range of the material, in direction sines.
+    pixels
+        Camera pixels across the object, for which the illuminated window is opened or closed: as one does in front of
+        a slab that nobody knows, lest the object be larger than the camera, or smaller than a grain. ``window.width``
+        is "fitted" then.
     """
 
     pitch: Draw | None = None
     extent_over_range: Draw | None = None
+    pixels: Draw | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.pitch is None) == (self.extent_over_range is None):
             reject("ObjectField", "given by one of pitch and extent_over_range", self.model_dump())
-        for name in ("pitch", "extent_over_range"):
+        for name in ("pitch", "extent_over_range", "pixels"):
             if getattr(self, name) is not None:
                 require_above(f"ObjectField.{name}", getattr(self, name), 0)
         return self
@@ -63,7 +69,14 @@ class HiddenObject(Recipe):
     def _check_field(self) -> Self:
         if (self.field is None) == (self.lab is None):
             reject("HiddenObject.field", "given, or else a table lab, and not both", self.field)
+        if self.fits_window and ends(self._pixels)[1] > min(self.camera_shape):
+            reject("ObjectField.pixels", f"at most the camera's {min(self.camera_shape)}", ends(self._pixels)[1])
         return self
+
+    @property
+    def fits_window(self) -> bool:
+        """Whether each medium has a window of its own."""
+        return self.field is not None and self.field.pixels is not None
 
     def physics(self) -> dict[str, Any]:
         """Everything that decides a pixel; a folder of pictures counts by its contents, not by its path."""
@@ -82,7 +95,7 @@ class HiddenObject(Recipe):
 
     def images_layout(self) -> dict[str, ArraySpec]:
         """Layout of what :meth:`images_of` names."""
-        return {"image": self.observation(self.geometry.grid.shape, ("y", "x"), "camera image")}
+        return {"image": self.observation(self.camera_shape, ("y", "x"), "camera image")}
 
     def images_of(self, images: np.ndarray, tilts: np.ndarray) -> dict[str, np.ndarray]:
         """Name what the camera saw, [n, H, W], under tilts float64[T, 2]."""
@@ -118,34 +131,44 @@ class HiddenObject(Recipe):
         if not np.isfinite(material.half_range):
             reject("ObjectField.extent_over_range", "left out for a material without a memory-effect range", share,
                    "Give the pitch instead.")  # fmt: skip
-        return share * material.range_sine(self.geometry.wavelength) / max(self.objects.shape)
+        return share * material.range_sine(self.wavelength) / max(self.objects.shape)
+
+    def geometry_of(self, pitch: float, pixels: float) -> Geometry:
+        """Window and camera for objects of a pitch; ``pixels`` across, where the window is fitted."""
+        if not self.fits_window:
+            return self.geometry
+        assert self.camera is not None
+        grains = pixels / self.camera.pixels_per_grain
+        return self.seen_through(self.wavelength * grains / (pitch * max(self.objects.shape)))
 
     @property
     def _field_number(self) -> Draw:
         return (self.field.pitch or self.field.extent_over_range or 0.0) if self.field is not None else 0.0
 
     @property
+    def _pixels(self) -> Draw:
+        return (self.field.pixels or 0.0) if self.field is not None else 0.0
+
+    @property
     def field_varies(self) -> bool:
         """Whether two media may show objects of different extent."""
-        low, high = ends(self._field_number)
-        return low < high
+        return any(low < high for low, high in map(ends, (self._field_number, self._pixels)))
 
     def plans(self) -> list[Plan]:
-        """Plans for a full object, as large as it can be, at the ends of every range of the material."""
-        return [plan(self.scene(slab), paths=self.material.kernel_paths) for slab in self.material.extremes()]
+        """Plans for a full object at the ends of every range of the material: as large as it can be, and, where the
+        window is fitted, behind the widest window and behind the narrowest, whose camera sees furthest from the axis.
+        """
+        across, slabs = sorted(set(ends(self._pixels))), self.material.extremes()
+        scenes = [self.scene(slab, pixels) for pixels in across for slab in slabs]
+        return [plan(scene, paths=self.material.kernel_paths) for scene in scenes]
 
-    def scene(self, slab: Slab) -> Scene:
-        """Scene of a slab with an object whose corners shine."""
+    def scene(self, slab: Slab, pixels: float | None = None) -> Scene:
+        """Scene of a slab with an object whose corners shine; where windows are fitted so many ``pixels`` across."""
         brightness = np.zeros(self.objects.shape)
         brightness[:: max(brightness.shape[0] - 1, 1), :: max(brightness.shape[1] - 1, 1)] = 1.0
-        seen = self.geometry
-        material = self.material.known(slab)
-        lights = IncoherentObject(
-            brightness=brightness,
-            pitch=self.pitch(material, ends(self._field_number)[1]),
-            width=seen.width,
-            profile=seen.profile,
-        )
+        pitch = self.pitch(self.material.known(slab), ends(self._field_number)[1])
+        seen = self.geometry_of(pitch, ends(self._pixels)[1] if pixels is None else pixels)
+        lights = IncoherentObject(brightness=brightness, pitch=pitch, width=seen.width, profile=seen.profile)
         return Scene(wavelength=seen.wavelength, medium=slab, illumination=lights, sensor=seen.grid)
 
     def tilts_of(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
@@ -161,12 +184,13 @@ class HiddenObject(Recipe):
     def prepare(self, seed: int, split: Split, medium: int) -> Prepared:
         """Make one medium ready, with all that is drawn for it."""
         material = self.material_of(seed, split, medium)
-        share = drawn(self._field_number, generator(substream(seed, split, Purpose.FIELD, medium)))
+        of_field = generator(substream(seed, split, Purpose.FIELD, medium))
+        share, pixels = drawn(self._field_number, of_field), drawn(self._pixels, of_field)
         angles, tilted = self.tilts_of(generator(substream(seed, split, Purpose.TILTS, medium)))
         pitch = self.pitch(material, share)
-        sampler = _sampler(self, material.slab, pitch, tuple(map(tuple, np.sin(angles).tolist())))
+        seen = self.geometry_of(pitch, pixels)
+        sampler = _sampler(self, material.slab, seen, pitch, tuple(map(tuple, np.sin(angles).tolist())))
         frames, moved = self.media_frames(sampler, seed, split, medium)
-        seen = self.geometry
         extent = pitch * max(self.objects.shape)
         parameters = material.parameters(seen.wavelength) | {
             "width": seen.width,
@@ -199,6 +223,6 @@ class HiddenObject(Recipe):
 
 
 @lru_cache(maxsize=8)
-def _sampler(recipe: HiddenObject, slab: Slab, pitch: float, base: tuple) -> ObjectSampler:
+def _sampler(recipe: HiddenObject, slab: Slab, seen: Geometry, pitch: float, base: tuple) -> ObjectSampler:
     material = recipe.material.known(slab)
-    return recipe.sampler(material, recipe.objects.shape, pitch, np.array(base), recipe.mode_tolerance)
+    return recipe.sampler(material, seen, recipe.objects.shape, pitch, np.array(base), recipe.mode_tolerance)

@@ -51,7 +51,7 @@ class DynamicSlab(HiddenObject):
 
     def images_layout(self) -> dict[str, ArraySpec]:
         """Layout of what :meth:`images_of` names."""
-        shape = (self.dynamics.frames, *self.geometry.grid.shape)
+        shape = (self.dynamics.frames, *self.camera_shape)
         return {"frames": self.observation(shape, ("frame", "y", "x"), "one camera image a frame")}
 
     def images_of(self, images: np.ndarray, tilts: np.ndarray) -> dict[str, np.ndarray]:  # noqa: ARG002
@@ -79,7 +79,7 @@ class TwoTilts(HiddenObject):
 
     def images_layout(self) -> dict[str, ArraySpec]:
         """Layout of what :meth:`images_of` names."""
-        shape = (self.tilts.count, *self.geometry.grid.shape)
+        shape = (self.tilts.count, *self.camera_shape)
         return {
             "stack": self.observation(shape, ("tilt", "y", "x"), "one camera image a tilt"),
             "tilts": self.tilts.layout,

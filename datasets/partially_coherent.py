@@ -55,7 +55,7 @@ class PartiallyCoherent(Recipe):
 
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""
-        image = self.observation(self.geometry.grid.shape, ("y", "x"), "camera image")
+        image = self.observation(self.camera_shape, ("y", "x"), "camera image")
         return {"image": image, "parameters": PARAMETERS}
 
     @property
@@ -116,4 +116,4 @@ class PartiallyCoherent(Recipe):
 @remembered(8)
 def _sampler(recipe: PartiallyCoherent, slab: Slab, count: int, pitch: float) -> ObjectSampler:
     material = recipe.material.known(slab)
-    return recipe.sampler(material, (count, count), pitch, np.zeros((1, 2)), recipe.mode_tolerance)
+    return recipe.sampler(material, recipe.geometry, (count, count), pitch, np.zeros((1, 2)), recipe.mode_tolerance)

@@ -25,6 +25,7 @@ from specklegen.datasets.material import Estimator, KnownMaterial, Material, kno
 from specklegen.datasets.prepared import Prepared
 from specklegen.datasets.protocol import ArraySpec
 from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
+from specklegen.illumination import Profile
 from specklegen.planning import Plan
 from specklegen.sensors import FarFieldGrid
 from specklegen.stationary.atlas import atlas_digest
@@ -114,6 +115,9 @@ class Recipe(Value):
             reject("Recipe.media_group", "1 where media are numbered", self.media_group, "Leave out media.")
         if self.lab is None:
             self._check_smear()
+        if self.window is not None and (self.window.width == "fitted") != self.fits_window:
+            reject("Window.width", '"fitted" where field.pixels is given, a length elsewhere', self.window.width,
+                   "Give one of window.width and field.pixels.")  # fmt: skip
         if self.exposure is not None and self.exposure.oversampling != 1:
             reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
         return self
@@ -150,22 +154,52 @@ class Recipe(Value):
         """Version of the pixels."""
         return DATA_VERSION
 
+    @property
+    def fits_window(self) -> bool:
+        """Whether each medium has a window of its own."""
+        return False
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength inside the medium."""
+        return self.lab.medium_wavelength if self.lab is not None else self.material.wavelength or 0.0
+
+    @property
+    def profile(self) -> Profile:
+        """Shape of the window."""
+        outline = self.lab or self.window
+        assert outline is not None
+        return outline.profile
+
+    @property
+    def camera_shape(self) -> tuple[int, int]:
+        """(rows, columns) of an image."""
+        if self.lab is not None:
+            return self.lab.pixels
+        assert self.camera is not None
+        return self.camera.shape
+
     @cached_property
     def geometry(self) -> Geometry:
-        """Window and camera as the engine sees them."""
+        """Window and camera as the engine sees them; of a recipe whose window is the same for every medium."""
         lab = self.lab
         if lab is not None:
             pitch = lab.view_pitch * lab.oversampling  # whole pixels: their area is integrated exactly
             grid = FarFieldGrid(shape=lab.pixels, pitch=pitch)
-            return Geometry(lab.medium_wavelength, lab.aperture, lab.profile, grid, lab.wavenumber_bandwidth, True)
+            return Geometry(self.wavelength, lab.aperture, lab.profile, grid, lab.wavenumber_bandwidth, True)
         assert self.window is not None
+        if self.window.width == "fitted":
+            reject("Recipe.geometry", "asked of a medium where the window is fitted", self.window.width)
+        return self.seen_through(self.window.width)
+
+    def seen_through(self, width: float) -> Geometry:
+        """Camera behind a window of some width, its grains always of the same number of pixels."""
         assert self.camera is not None
-        assert self.material.wavelength is not None
-        wavelength, width = self.material.wavelength, self.window.width
+        wavelength, light = self.wavelength, self.light
         grid = FarFieldGrid(shape=self.camera.shape, pitch=wavelength / (width * self.camera.pixels_per_grain))
         # d k = 2 pi n d(lambda_0) / lambda_0^2, and lambda_0 = n wavelength
-        bandwidth = 2 * np.pi * self.light.bandwidth / (self.light.refractive_index * wavelength**2)
-        return Geometry(wavelength, width, self.window.profile, grid, bandwidth, self.exposure is not None)
+        bandwidth = 2 * np.pi * light.bandwidth / (light.refractive_index * wavelength**2)
+        return Geometry(wavelength, width, self.profile, grid, bandwidth, self.exposure is not None)
 
     def physics(self) -> dict[str, Any]:
         """Everything that decides a pixel."""
@@ -199,10 +233,10 @@ class Recipe(Value):
         return self.material.known(self.material.draw(rng, split))
 
     def sampler(
-        self, material: KnownMaterial, shape: tuple[int, int], pitch: float, base: np.ndarray, tolerance: float = 0.01
-    ) -> ObjectSampler:
+        self, material: KnownMaterial, seen: Geometry, shape: tuple[int, int], pitch: float, base: np.ndarray,
+        tolerance: float = 0.01,
+    ) -> ObjectSampler:  # fmt: skip
         """Sampler of the engine for objects of a shape and pitch under base tilts float64[T, 2] (sines)."""
-        seen = self.geometry
         light = None
         if seen.bandwidth:
             light = known_light(material.slab, self.material.kernel_paths, seen.bandwidth, self.light.spectrum)

@@ -30,7 +30,7 @@ class TiltStack(Recipe):
 
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""
-        shape = (self.tilts.count, *self.geometry.grid.shape)
+        shape = (self.tilts.count, *self.camera_shape)
         return {
             "stack": self.observation(shape, ("tilt", "y", "x"), "one image a tilt"),
             "tilts": self.tilts.layout,
@@ -53,7 +53,7 @@ class TiltStack(Recipe):
         material = self.material_of(seed, split, medium)
         angles, tilted = self.tilts.drawn(generator(substream(seed, split, Purpose.TILTS, medium)))
         seen = self.geometry
-        sampler = self.sampler(material, (1, 1), seen.grid.pitch, np.sin(angles))
+        sampler = self.sampler(material, seen, (1, 1), seen.grid.pitch, np.sin(angles))
         parameters = material.parameters(seen.wavelength) | {
             "width": seen.width,
             "camera_pitch": seen.grid.pitch,

@@ -73,7 +73,7 @@ def katz(retrieval: Retrieval | None = None, recipe: HiddenObject | None = None,
             slab = Material.slab(*(drawn[name] for name in ("thickness", "optical_depth", "g", "albedo")))
             kernel = recipe.material.known(slab).kernel
             c_i = memory_effect_at_lags(kernel, drawn["wavelength"], drawn["object_pitch"], FRAME)
-            transfer = transfer_function(FRAME, grains, recipe.geometry.profile)
+            transfer = transfer_function(FRAME, grains, recipe.profile)
             made.append(retrieve(lags[n : n + 1], settings, memory_effect=c_i, transfer=transfer, seed=seed).image)
         return torch.cat(made)
 

@@ -99,7 +99,7 @@ def evaluate(
     named = {path.parent.name or str(path): Reconstructor.load(path) for path in models or []}
     named = named or {"packaged network": load_pretrained()}
     methods |= {name: model.reconstruct for name, model in named.items()}
-    found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.geometry.profile)
+    found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.profile)
     found.write(out)
     shown = evaluation.best_median_worst(cases, next(iter(named)))
     contact_sheet(shown, out / "cases.png")

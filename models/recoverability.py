@@ -182,14 +182,14 @@ def conditions_of(
     medium: int = 0,
 ) -> Conditions:
     """Conditions of a recipe's images through one of its media."""
-    ready, seen = recipe.prepare(seed, split, medium), recipe.geometry
+    ready = recipe.prepare(seed, split, medium)
     drawn = ready.parameters
     objects = np.stack([recipe.objects.image(seed, split, n) for n in range(_EXAMPLES)])
-    pitch, grain = drawn["object_pitch"], seen.wavelength / seen.width
+    pitch, pixel, grain = drawn["object_pitch"], drawn["camera_pitch"], recipe.wavelength / drawn["width"]
     kernel = recipe.material_of(seed, split, medium).kernel
     steps = np.arange(1 + int(np.ceil(np.hypot(*recipe.objects.shape))))
-    c_i = np.square(kernel(2 * np.pi / seen.wavelength * pitch * steps)).clip(0, 1)
-    electrons, saturation = _exposure(recipe, (grain / seen.grid.pitch) ** 2)
+    c_i = np.square(kernel(2 * np.pi / recipe.wavelength * pitch * steps)).clip(0, 1)
+    electrons, saturation = _exposure(recipe, (grain / pixel) ** 2)
     frames = 1.0
     if isinstance(recipe, DynamicSlab):
         # The spread of an autocorrelation decays with the square of the intensity's correlation.
@@ -198,9 +198,9 @@ def conditions_of(
         frames = recipe.dynamics.frames / (1 + 2 * float(kept.sum()))
     found = Conditions(
         objects=objects, object_pitch=pitch / grain, memory_effect=np.concatenate([[1.0], c_i[1:]]),
-        camera=seen.grid.pitch / grain * float(np.prod(seen.grid.shape)) ** 0.5, frames=frames,
+        camera=pixel / grain * float(np.prod(recipe.camera_shape)) ** 0.5, frames=frames,
         electrons=electrons, saturation=saturation, beam=beam, removal=removal, compensation=compensation,
-        profile=seen.profile,
+        profile=recipe.profile,
     )  # fmt: skip
     ratio = np.array([ready.expected_contrast(each) for each in objects]) / speckle_contrast(found)
     return found.replace(contrast=min(1.0, float(ratio.mean())))

@@ -56,7 +56,7 @@ def see_through(out: Path) -> None:
     """Reconstruct characters behind slabs of unknown material; neither slabs nor characters were in training."""
     recipe = load_recipe("unknown-slab", {"objects": {"disjoint": "character"}})
     batch = tensors(recipe.batch(0, "test", range(8)))
-    found, cases = evaluate({"network": load_pretrained().reconstruct}, [batch], recipe.geometry.profile)
+    found, cases = evaluate({"network": load_pretrained().reconstruct}, [batch], recipe.profile)
     print(f"  Pearson correlation to the hidden objects: {found.interval('network').mean:.2f} on average")
     contact_sheet(cases, out / "seeing-through.png")
 

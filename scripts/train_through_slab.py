@@ -122,7 +122,7 @@ class Example:
         store = self.store(title, recipe, split, self.images, seed)
         chosen = without_half_turns(recipe, seed, split, self.images)
         batches = (store.batch(chosen[first : first + 64]) for first in range(0, len(chosen), 64))
-        found, cases = evaluate(methods, batches, recipe.geometry.profile)
+        found, cases = evaluate(methods, batches, recipe.profile)
         found.write(self.out / title)
         print(f"\n{title}\n\n{found.markdown()}", flush=True)
         if models:
@@ -165,7 +165,7 @@ def leakage(example: Example) -> None:
     On the camera image, where a medium can be learned by heart: its autocorrelation hardly tells one from another.
     Objects are new in every test, of the same characters, so that only the media differ.
     """
-    samples, held_out = min(example.samples, 8192), 256
+    samples, held_out = min(example.samples, 16384), 256
     print(f"\nleakage, {samples} images\n\n| trained through | those media | new media |\n|---|---|---|")
     for name, media in (("one medium", 1), ("many media", samples // 8)):
         recipe = load_recipe("through-slab", {"media": media})

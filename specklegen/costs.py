@@ -30,7 +30,7 @@ NANOSECONDS = {
     "FFT point": 10,  # of the oversampled grid
     "pattern": 9.6,  # a view of one skeleton term
     "direct view": 7.7,  # a connection at a view, summed directly
-    "direct tilt": 1.9,  # and at a tilt there
+    "direct tilt": 0.4,  # and at a tilt there
     "normal": 22,  # a complex normal number
     "flop": 0.059,  # of the stationary sampler's products and transforms
     "stack view": 7.3,
@@ -98,7 +98,7 @@ def nufft_operations(nufft: NufftEvaluator, tilts: int, connections: float) -> d
     width = np.ceil(-np.log10(0.3 * nufft.tolerance)) + 1
     precision = np.dtype(nufft.dtype).itemsize // 8
     spreads = nufft.tiles * nufft.spreads * connections
-    views = nufft.tiles * float(np.prod(nufft.tiling.shape))
+    views = nufft.tiles * float(np.prod(nufft.tiling.shape)) * np.ceil(connections / nufft.points)
     return {
         "end": connections * tilts + spreads,
         "spread": float(spreads * tilts * (width / 5) ** 2 * precision),

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike
 from specklegen.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.gates import Reverse, Verdict, warn_of_dependence
 from specklegen.kernels.rng import fill_normals
-from specklegen.parallel import map_blocks
+from specklegen.parallel import map_blocks, one_blas_thread
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
-from specklegen.pathspace.blas import one_blas_thread
 from specklegen.pathspace.gates import scene_reversal
 from specklegen.pathspace.pilots import volume_pilot
 from specklegen.pathspace.single import Orders, all_quadruples, single_covariance, single_verdict

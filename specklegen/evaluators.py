@@ -4,6 +4,8 @@ from specklegen.costs import direct_operations, nufft_operations, seconds
 from specklegen.fields.ends import Optics
 from specklegen.fields.nufft import NufftEvaluator, build_evaluator
 from specklegen.fields.tiling import tilings
+from specklegen.fields.view_factor import constant_factor
+from specklegen.parallel import one_blas_thread
 from specklegen.pilots import scene_pilot
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
@@ -17,22 +19,27 @@ _PATHS = 100_000
 def scene_evaluator(scene: Scene, reverse: bool, tolerance: float) -> NufftEvaluator | None:
     """NUFFT with the cheapest tiles, by counted operations.
 
-    Ever smaller tiles are tried until they cost more than the best before, or than the direct sum; None where none
-    is possible within the tolerance and cheaper than that.
+    Ever smaller tiles are tried until they cost more than the best before, or than the direct sum, be their rank as
+    low as can be; None where none is possible within the tolerance and cheaper than that.
     """
     assert isinstance(scene.sensor, FarFieldGrid)
     pilot, optics = scene_pilot(scene, reverse), Optics.of_scene(scene)
     tilts = len(scene.beams.directions)
     rows, columns = scene.sensor.shape
     connections = _PATHS * len(pilot.bank) / max(pilot.bank.count, 1)
+
+    def cost(evaluator: NufftEvaluator) -> float:
+        return seconds(nufft_operations(evaluator, tilts, connections), 1)
+
     best, least = None, seconds(direct_operations(tilts, connections, rows * columns), 1)
     for tiling in tilings(scene.sensor):
-        found = build_evaluator(pilot.bank, optics, scene.sensor, tolerance, tiling)
-        if found is None:
-            continue
-        cost = seconds(nufft_operations(found, tilts, connections), 1)
-        if cost < least:
-            best, least = found, cost
-        elif best is not None or found.rank <= 2:
+        flat = constant_factor(tiling)
+        if cost(NufftEvaluator(tiling, flat, flat, 0.0, tolerance)) >= least:
+            break
+        with one_blas_thread():
+            found = build_evaluator(pilot.bank, optics, scene.sensor, tolerance, tiling)
+        if found is not None and cost(found) < least:
+            best, least = found, cost(found)
+        elif found is not None and best is not None:
             break
     return best

@@ -8,7 +8,10 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from threadpoolctl import threadpool_limits
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -54,6 +57,17 @@ def map_blocks(function: Callable[[A], B], blocks: Iterable[A], threads: int | N
         return [function(block) for block in blocks]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, blocks))
+
+
+def one_blas_thread() -> "threadpool_limits":
+    """Context in which NumPy's and SciPy's linear algebra runs on one thread.
+
+    More would change its last bits, and cost more than they bring where matrices are small or blocks around them are
+    parallel.
+    """
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(1, user_api="blas")
 
 
 @contextmanager

@@ -30,6 +30,8 @@ from specklegen.sensors import FarFieldGrid
 from specklegen.tracing import PathBank
 
 TILTS_AT_ONCE = 2
+_POINTS_AT_ONCE = 2**16  # connections of one transform, so that threads share them out evenly
+_POINTS_A_VIEW = 2  # or more where the grid is large: what a transform costs beside spreading stays small
 _RANKS_AT_ONCE = 4  # skeleton views that share a transform's plan, one after the other
 _SORT_FROM = 2**19  # bytes of a transform that no longer stays in the cache: finufft then sorts the points first
 _SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
@@ -80,6 +82,11 @@ class NufftEvaluator:
         """Number of tiles."""
         rows, columns = self.tiling.counts
         return rows * columns
+
+    @property
+    def points(self) -> int:
+        """Connections that one transform takes at most."""
+        return max(_POINTS_AT_ONCE, _POINTS_A_VIEW * int(np.prod(self.tiling.shape)))
 
     @property
     def error(self) -> float:
@@ -223,11 +230,12 @@ def _tile_field(
 ) -> np.ndarray:
     """Field on one tile, complex[T, h, w], times the root of the number of paths."""
     loads = [_load(light, tile, optics, evaluator, threads) for light in lights]
-    # Fixed groups of tilts and skeleton views, whatever the number of threads: the bits must not depend on it.
+    # Fixed parts of connections, skeleton views and tilts: the bits must not depend on the number of threads.
     groups = slices(len(optics.tilts), TILTS_AT_ONCE)
     parts = [
-        (load, ranks, group)
+        (load, points, ranks, group)
         for load in loads
+        for points in _shares(len(load.light.bank), evaluator.points)
         for ranks in slices(load.light.factor.rank, _RANKS_AT_ONCE)
         for group in groups
     ]
@@ -241,7 +249,7 @@ def _tile_field(
 
     def gather(group: slice) -> None:
         for load in loads:
-            mine = [t for part, t in zip(parts, transforms, strict=True) if part[0] is load and part[2] == group]
+            mine = [t for part, t in zip(parts, transforms, strict=True) if part[0] is load and part[3] == group]
             total = mine[0]
             for transform in mine[1:]:
                 total += transform
@@ -255,18 +263,23 @@ def _tile_field(
     return field[:, *tile.kept]
 
 
-def _transform(load: _Load, ranks: slice, tilts: slice, evaluator: NufftEvaluator) -> np.ndarray:
-    """Some terms of the field of some tilts, complex[tilts, h, w]."""
+def _shares(count: int, size: int) -> list[slice]:
+    """Cut ``count`` connections into even parts of at most ``size``."""
+    return slices(count, -(-count // max(1, -(-count // size))))
+
+
+def _transform(load: _Load, points: slice, ranks: slice, tilts: slice, evaluator: NufftEvaluator) -> np.ndarray:
+    """What some connections add to some terms of the field of some tilts, complex[tilts, h, w]."""
     dtype, shape = np.dtype(evaluator.dtype), evaluator.tiling.shape
-    strengths = load.light.strengths[tilts]
+    strengths = load.light.strengths[tilts, points]
     plan = finufft.Plan(
         1, shape, n_trans=len(strengths), eps=0.3 * evaluator.tolerance, isign=-1, dtype=dtype.name,
         nthreads=1, spread_sort=int(np.prod(shape) * dtype.itemsize > _SORT_FROM),
     )  # fmt: skip
-    plan.setpts(*load.points)
+    plan.setpts(*load.points[:, points])
     total = np.zeros((len(strengths), *shape), dtype)
     for r in range(ranks.start, ranks.stop):
-        transform = plan.execute((strengths * load.sensor[r]).astype(dtype)).reshape(total.shape)
+        transform = plan.execute((strengths * load.sensor[r, points]).astype(dtype)).reshape(total.shape)
         transform *= load.light.factor.pattern(r).astype(dtype)
         total += transform
     return total

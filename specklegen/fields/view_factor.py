@@ -124,7 +124,7 @@ def _decompose(
     bank: PathBank, optics: Optics, tiling: Tiling, tolerance: float, weight: np.ndarray, *, single: bool
 ) -> ViewFactor | None:
     if len(bank) < 2:
-        return _constant(tiling)
+        return constant_factor(tiling)
     tiles = tiling.tiles
     if min(abs(tile.middle[2]) for tile in tiles) < _GRAZING:
         return None  # the projection along such a view would throw connections far aside
@@ -222,7 +222,8 @@ def _outline(tiling: Tiling) -> list[int]:
     return (rows[:, None] * tiling.counts[1] + columns).ravel().tolist()
 
 
-def _constant(tiling: Tiling) -> ViewFactor:
+def constant_factor(tiling: Tiling) -> ViewFactor:
+    """The simplest view factor: the same at all views of a tile."""
     rows, columns = (np.ones((n, 1)) for n in tiling.shape)
     return ViewFactor(np.zeros((1, 2)), np.ones((1, 1, 1), complex), rows, columns, 0.0)
 

@@ -30,6 +30,7 @@ from specklegen.kernels.walk import (
 )
 
 ROOM = 128  # connections or views side by side; what they need stays in the first-level cache
+TOGETHER = 4  # connections whose ends are added to the sums of a tilt in one pass
 
 
 @kernel
@@ -166,15 +167,18 @@ def sensor_ends(records, single, g, sigma_t, thickness, directions, offsets, out
 def direct_sum(records, single, g, sigma_t, thickness, ends, directions, offsets, out):
     """Add sum_m ends[t, m] B_v(m) to ``out`` complex128[V, T], in the order of the connections.
 
-    The inner loops run over ROOM views at a time, side by side.
+    The inner loops run over ROOM views at a time, side by side; each tilt has a row of sums of its own, for a loop
+    whose index might be negative, as the compiler would fear of one long array, is no vector loop.
 
     ends : complex128[M, T]      factor sqrt(W) A, connection by connection
     directions, offsets : float64[V, 3]   as for :func:`sensor_ends`
     """
     tilts = ends.shape[1]
     views = np.empty(8 * ROOM)
-    end = np.empty(2 * ROOM)
-    sums = np.empty(2 * ROOM * tilts)
+    end = np.empty(2 * TOGETHER * ROOM)
+    rows = end.reshape(TOGETHER, 2 * ROOM)
+    sums = np.empty((tilts, 2 * ROOM))
+    whole = records.shape[0] - records.shape[0] % TOGETHER
     for first in range(0, directions.shape[0], ROOM):
         count = min(ROOM, directions.shape[0] - first)
         gather(directions, first, count, 0, 3, views, 0)
@@ -182,30 +186,55 @@ def direct_sum(records, single, g, sigma_t, thickness, ends, directions, offsets
         for v in range(count):
             views[6 * ROOM + v], views[7 * ROOM + v] = way_out(views[2 * ROOM + v], thickness, sigma_t)
         sums[:] = 0.0
-        for m in range(records.shape[0]):
-            row = records[m]
-            x, y, z = row[EXIT], row[EXIT + 1], row[EXIT + 2]
-            wx, wy, wz = row[EXIT_DIRECTION], row[EXIT_DIRECTION + 1], row[EXIT_DIRECTION + 2]
-            for v in range(count):
-                end[v], end[ROOM + v] = sensor_end(
-                    single, g, x, y, z, wx, wy, wz, views[v], views[ROOM + v], views[2 * ROOM + v],
-                    views[3 * ROOM + v], views[4 * ROOM + v], views[5 * ROOM + v],
-                    views[6 * ROOM + v], views[7 * ROOM + v],
-                )  # fmt: skip
+        for m in range(0, whole, TOGETHER):
+            for k in range(TOGETHER):
+                ends_of_views(records[m + k], single, g, views, rows[k], count)
             for t in range(tilts):
-                add_product(ends[m, t].real, ends[m, t].imag, end, sums, 2 * ROOM * t, count)
+                add_four(ends[m, t], ends[m + 1, t], ends[m + 2, t], ends[m + 3, t], end, sums[t], count)
+        for m in range(whole, records.shape[0]):
+            ends_of_views(records[m], single, g, views, rows[0], count)
+            for t in range(tilts):
+                add_one(ends[m, t], end, sums[t], count)
         for v in range(count):
             for t in range(tilts):
-                out[first + v, t] += complex(sums[2 * ROOM * t + v], sums[2 * ROOM * t + ROOM + v])
+                out[first + v, t] += complex(sums[t, v], sums[t, ROOM + v])
 
 
 @inlined
-def add_product(re, im, end, sums, start, count):
-    """Add (re + i im) times every end to the sums that begin at ``start``."""
+def ends_of_views(record, single, g, views, out, count):
+    """Fill ``out`` with B_v of one connection at the views of :func:`direct_sum`, real parts before imaginary ones."""
+    x, y, z = record[EXIT], record[EXIT + 1], record[EXIT + 2]
+    wx, wy, wz = record[EXIT_DIRECTION], record[EXIT_DIRECTION + 1], record[EXIT_DIRECTION + 2]
+    for v in range(count):
+        out[v], out[ROOM + v] = sensor_end(
+            single, g, x, y, z, wx, wy, wz, views[v], views[ROOM + v], views[2 * ROOM + v],
+            views[3 * ROOM + v], views[4 * ROOM + v], views[5 * ROOM + v], views[6 * ROOM + v], views[7 * ROOM + v],
+        )  # fmt: skip
+
+
+@inlined
+def add_one(z, end, sums, count):
+    """Add z times every end to the sums."""
     for v in range(count):
         a, b = end[v], end[ROOM + v]
-        sums[start + v] = fma(re, a, fma(-im, b, sums[start + v]))
-        sums[start + ROOM + v] = fma(re, b, fma(im, a, sums[start + ROOM + v]))
+        sums[v] = fma(z.real, a, fma(-z.imag, b, sums[v]))
+        sums[ROOM + v] = fma(z.real, b, fma(z.imag, a, sums[ROOM + v]))
+
+
+@inlined
+def add_four(z0, z1, z2, z3, end, sums, count):
+    """Add the products of four connections in their order: the bits of four calls of :func:`add_one`, in one pass."""
+    for v in range(count):
+        x, y = sums[v], sums[ROOM + v]
+        a, b = end[v], end[ROOM + v]
+        x, y = fma(z0.real, a, fma(-z0.imag, b, x)), fma(z0.real, b, fma(z0.imag, a, y))
+        a, b = end[2 * ROOM + v], end[3 * ROOM + v]
+        x, y = fma(z1.real, a, fma(-z1.imag, b, x)), fma(z1.real, b, fma(z1.imag, a, y))
+        a, b = end[4 * ROOM + v], end[5 * ROOM + v]
+        x, y = fma(z2.real, a, fma(-z2.imag, b, x)), fma(z2.real, b, fma(z2.imag, a, y))
+        a, b = end[6 * ROOM + v], end[7 * ROOM + v]
+        x, y = fma(z3.real, a, fma(-z3.imag, b, x)), fma(z3.real, b, fma(z3.imag, a, y))
+        sums[v], sums[ROOM + v] = x, y
 
 
 @kernel

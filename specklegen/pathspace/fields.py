@@ -6,9 +6,8 @@ u(t, v) = N^(-1/2) sum over connections of z sqrt(W) a_tv,    z = e^(2 pi i zeta
 import numpy as np
 
 from specklegen.kernels import sums
-from specklegen.parallel import map_blocks
+from specklegen.parallel import map_blocks, one_blas_thread
 from specklegen.pathspace.amplitudes import End, end_amplitudes, single_factors
-from specklegen.pathspace.blas import one_blas_thread
 from specklegen.pathspace.tracing import Tracer, VolumeBank
 from specklegen.streams import Seed, Stream, stream_key
 
