@@ -50,8 +50,7 @@ OBSTACLES = {
     "core's arithmetic busy, and a third are the normal random numbers, 15 000 a stack",
     "speed of two threads / one, tracing": "the spread of the repeats is the host's, whose two cores do not always run "
     "as two",
-    "speed of two threads / one, a whole render": "the same; and its parts wait for each other, chunk by chunk of "
-    "paths, of which the transforms are few and unequal jobs",
+    "speed of two threads / one, a whole render": "the same; and its parts wait for each other, chunk by chunk",
 }
 """Row of ``scripts/benchmark.py`` to what stands in the way where its aim is missed."""
 
