@@ -14,7 +14,7 @@ from specklegen.datasets.hidden_object import HiddenObject
 from specklegen.datasets.material import Material
 from specklegen.models.apodisation import transfer_function
 from specklegen.models.autocorrelation import memory_effect_at_lags
-from specklegen.models.inputs import LAGS, resampled_lags, speckle_autocorrelation
+from specklegen.models.inputs import LAGS, resampled_lags, speckle_autocorrelation, steps_of, without_background
 from specklegen.models.metrics import align
 from specklegen.models.phase_retrieval import Retrieval, retrieve
 
@@ -23,11 +23,6 @@ Method = Callable[[Batch], Tensor]
 
 FRAME = LAGS
 """Side of the frame that everything is scored on: an object, and a margin as wide."""
-
-
-def steps_of(batch: Batch) -> Tensor:
-    """Camera pixels in an object pixel, float64[B]."""
-    return batch["parameters"]["object_pitch"] / batch["parameters"]["camera_pitch"]
 
 
 def grain_pixels(batch: Batch) -> Tensor:
@@ -63,8 +58,7 @@ def katz(retrieval: Retrieval | None = None, recipe: HiddenObject | None = None,
         if settings.extent is None:
             settings = settings.replace(extent=max(batch["object"].shape[-2:]))
         lags = resampled_lags(speckle_autocorrelation(batch["image"].double()), steps_of(batch), FRAME)
-        edge = torch.cat([lags[:, :2].flatten(1), lags[:, -1:].flatten(1)], 1).mean(1)  # no object has such lags
-        lags = torch.fft.ifftshift(lags - edge[:, None, None], dim=(-2, -1))
+        lags = torch.fft.ifftshift(without_background(lags), dim=(-2, -1))
         if recipe is None:
             return retrieve(lags, settings, seed=seed).image
         made = []

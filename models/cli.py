@@ -1,14 +1,12 @@
 """The commands that learn and judge: ``specklegen train`` and ``specklegen evaluate``."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from specklegen.recipe_options import Seed, Set, load_hidden
 from specklegen.values import reject
-
-Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a field of the recipe.")]
-Seed = Annotated[int, typer.Option(help="Whole number that the result is a function of.")]
 
 
 def train(
@@ -51,7 +49,7 @@ def train(
             reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
         data, held_out = examples(SpeckleCache(what), input), examples(SpeckleCache(validation), input)
     else:
-        recipe = _recipe(what, changes)
+        recipe = load_hidden(what, changes)
         data = streamed(SpeckleStream(recipe, seed=seed, batch_size=batch_size), input, workers)
         held_out = examples(recipe, input, validation_samples, seed, "validation")
     rows: list[dict[str, float]] = []
@@ -89,15 +87,19 @@ def evaluate(
     from specklegen.models.phase_retrieval import Retrieval
     from specklegen.models.reconstructor import Reconstructor, load_pretrained
 
-    loaded = _recipe(recipe, changes)
+    loaded = load_hidden(recipe, changes)
+    if "image" not in loaded.images_layout():
+        reject("evaluate --recipe", "one with one image of each object", recipe)
+    if loaded.media_of(samples) < 2:
+        reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
+    named = {path.parent.name or str(path): Reconstructor.load(path) for path in models or []}
+    named = named or {"packaged network": load_pretrained()}
     objects = [torch.from_numpy(loaded.objects.image(seed, "train", n)) for n in range(256)]
     methods: dict[str, baselines.Method] = {"mean image": baselines.mean_image(torch.stack(objects))}
     if katz:
         settings = Retrieval(restarts=restarts)
         methods |= {"Katz": baselines.katz(settings, seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
-    named = {path.parent.name or str(path): Reconstructor.load(path) for path in models or []}
-    named = named or {"packaged network": load_pretrained()}
     methods |= {name: model.reconstruct for name, model in named.items()}
     found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.profile)
     found.write(out)
@@ -105,14 +107,3 @@ def evaluate(
     contact_sheet(shown, out / "cases.png")
     typer.echo(found.markdown())
     typer.echo(f"{out / 'summary.md'}, {out / 'summary.csv'}, {out / 'images.csv'}, {out / 'cases.png'}")
-
-
-def _recipe(name: str, changes: list[str] | None) -> Any:
-    from specklegen.datasets import load_recipe
-    from specklegen.datasets.changes import changes_of
-    from specklegen.datasets.hidden_object import HiddenObject
-
-    loaded = load_recipe(name, changes_of(changes or []))
-    if not isinstance(loaded, HiddenObject):
-        reject("recipe", "one with hidden objects", name)
-    return loaded

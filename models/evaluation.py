@@ -136,27 +136,33 @@ def evaluate(
     Raises
     ------
     RuleError
-        If there are no methods or no batches.
+        If there are no methods or no batches, or a batch has not one image of each object.
     """
+    if not methods:
+        reject("evaluate methods", "at least one", list(methods))
     values: dict[str, dict[str, dict[str, list[Tensor]]]] = {
         method: {target: {score: [] for score in SCORES} for target in TARGETS} for method in methods
     }
     media: list[Tensor] = []
     cases: list[Case] = []
     for batch in batches:
+        if "image" not in batch or "object" not in batch:
+            reject("evaluate batch", 'one with "object" and "image"', sorted(batch), "Films and stacks have several.")
         media.append(batch["parameters"]["medium"].long())
         truths = targets_of(batch, profile)
-        made = {name: method(batch) for name, method in methods.items()}
         shape = (batch["object"].shape[-2], batch["object"].shape[-1])
-        for name, images in made.items():
+        shown: dict[str, Tensor] = {}
+        for name, method in methods.items():
+            made = method(batch)
+            aligned = {target: aligned_to(made, truth, shape) for target, truth in truths.items()}
+            shown[name] = aligned["sharp"]
             for target, truth in truths.items():
-                aligned = aligned_to(images, truth, shape)
                 for score, function in SCORES.items():
-                    values[name][target][score].append(function(aligned, truth[..., : shape[0], : shape[1]]))
-        shown = {name: aligned_to(images, truths["sharp"], shape) for name, images in made.items()}
+                    found = function(aligned[target], truth[..., : shape[0], : shape[1]])
+                    values[name][target][score].append(found)
         cases += _cases(batch, shown, {name: values[name]["sharp"]["pearson"][-1] for name in methods})
-    if not methods or not media:
-        reject("evaluate", "given at least one method and one batch", (list(methods), len(media)))
+    if not media:
+        reject("evaluate batches", "at least one", 0)
     joined = {
         method: {
             target: {score: torch.cat(parts).double().numpy() for score, parts in scores.items()}

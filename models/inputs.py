@@ -59,13 +59,17 @@ def _triangles(count: int, step: Tensor, size: int) -> Tensor:
     return weights / weights.sum(-1, keepdim=True).clamp_min(1e-6)
 
 
+def without_background(lags: Tensor) -> Tensor:
+    """Lags float[B, n, n] less the mean of the longest, three rows of them, which no object has."""
+    return lags - torch.cat([lags[:, :2], lags[:, -1:]], dim=1).mean((1, 2), keepdim=True)
+
+
 def zero_phase(lags: Tensor) -> Tensor:
     """Image with the modulus that autocorrelations float[B, n, n] stand for and no phases, its middle equal to 1.
 
-    The background, the mean of the longest lags (three rows of them), is taken off; power below 0 is noise.
+    Power below 0 is noise.
     """
-    background = torch.cat([lags[:, :2], lags[:, -1:]], dim=1).mean((1, 2))
-    power = torch.fft.rfft2(torch.fft.ifftshift(lags - background[:, None, None], dim=(-2, -1))).real
+    power = torch.fft.rfft2(torch.fft.ifftshift(without_background(lags), dim=(-2, -1))).real
     image = torch.fft.irfft2(power.clamp_min(0).sqrt(), s=lags.shape[-2:])
     peak = image[:, :1, :1].clamp_min(torch.finfo(image.dtype).tiny)
     return torch.fft.fftshift(image / peak, dim=(-2, -1))
@@ -94,6 +98,11 @@ INPUTS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
 """Name to function of (images float[B, H, W], camera pixels in an object pixel float[B])."""
 
 
+def steps_of(batch: Mapping[str, Any]) -> Tensor:
+    """Camera pixels in an object pixel, float64[B]."""
+    return batch["parameters"]["object_pitch"] / batch["parameters"]["camera_pitch"]
+
+
 def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
     """Turn a batch of a hidden-object recipe into a network's input.
 
@@ -111,8 +120,8 @@ def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
     name = next((name for name in ("image", "stack", "frames") if name in batch), None)
     if name is None or "object" not in batch:
         reject("batch", 'one with "object", and "image", "stack" or "frames"', sorted(batch))
-    images, drawn = batch[name].float(), batch["parameters"]
-    step = (drawn["object_pitch"] / drawn["camera_pitch"]).to(images)
+    images = batch[name].float()
+    step = steps_of(batch).to(images)
     if images.ndim == 3:
         return INPUTS[kind](images, step)
     frames = images.shape[1]

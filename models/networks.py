@@ -15,6 +15,8 @@ from torch import Tensor, nn
 from specklegen.models.inputs import zero_phase
 from specklegen.values import reject
 
+CHANNELS = 2
+"""Of every input: the picture, and the scale."""
 DEPTH = 2
 """Times that the U-Net halves its picture."""
 UNFOLD = 2
@@ -44,8 +46,6 @@ class UNet(nn.Module):
         (rows, columns) of the object.
     width
         Channels at the top, a multiple of 4; twice as many after each halving.
-    channels
-        Channels of the input.
 
     Raises
     ------
@@ -53,7 +53,7 @@ class UNet(nn.Module):
         If the object is larger than the input, or the width is no multiple of 4.
     """
 
-    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 32, channels: int = 2) -> None:
+    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 32) -> None:
         super().__init__()
         if side < max(shape):
             reject("UNet.side", f"at least that of the object, {max(shape)}", side)
@@ -65,7 +65,7 @@ class UNet(nn.Module):
         self.fold = max(1, side // needed)
         self.inner = unit * -(-side // (unit * self.fold))
         widths = [width * 2**level for level in range(DEPTH + 1)]
-        self.stem = nn.Sequential(nn.PixelUnshuffle(self.fold), nn.Conv2d(channels * self.fold**2, width, 1))
+        self.stem = nn.Sequential(nn.PixelUnshuffle(self.fold), nn.Conv2d(CHANNELS * self.fold**2, width, 1))
         self.down = nn.ModuleList(_convolutions(widths[max(n - 1, 0)], widths[n]) for n in range(DEPTH + 1))
         bottom = widths[-1] * (self.inner // unit) ** 2
         self.mix = nn.Sequential(nn.Flatten(), nn.Linear(bottom, 8 * width), nn.SiLU(), nn.Linear(8 * width, bottom))
@@ -73,7 +73,7 @@ class UNet(nn.Module):
         self.head = nn.Sequential(nn.Conv2d(width, UNFOLD**2, 1), nn.PixelShuffle(UNFOLD))
 
     def features(self, pictures: Tensor) -> Tensor:
-        """Fold float[B, C, H, W] into channels, padded with zeros: float[B, width, s, s]."""
+        """Fold float[B, 2, H, W] into channels, padded with zeros: float[B, width, s, s]."""
         missing = [self.inner * self.fold - n for n in pictures.shape[-2:]]
         return self.stem(nn.functional.pad(pictures, (0, missing[1], 0, missing[0])))
 
@@ -90,7 +90,7 @@ class UNet(nn.Module):
         return self.head(x)[:, 0, top : top + self.shape[0], left : left + self.shape[1]]
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """Return logits float[B, h, w] of pictures float[B, C, H, W]."""
+        """Return logits float[B, h, w] of pictures float[B, 2, H, W]."""
         return self.reconstruct(self.features(pictures))
 
 
@@ -100,12 +100,12 @@ class StackUNet(UNet):
     The order of the images does not matter, and a stack may have any number of them.
     """
 
-    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 16, channels: int = 2) -> None:
-        super().__init__(side, shape, width, channels)
+    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 16) -> None:
+        super().__init__(side, shape, width)
         self.each = _convolutions(width, width)
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """Return logits float[B, h, w] of stacks float[B, T, C, H, W]."""
+        """Return logits float[B, h, w] of stacks float[B, T, 2, H, W]."""
         each = self.each(self.features(pictures.flatten(0, 1)))
         return self.reconstruct(each.unflatten(0, pictures.shape[:2]).mean(1))
 
@@ -113,16 +113,16 @@ class StackUNet(UNet):
 class DenseNet(nn.Module):
     """One hidden layer of 16 * ``width`` units: the least that can be called a network."""
 
-    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 16, channels: int = 2) -> None:
+    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 16) -> None:
         super().__init__()
         self.shape = shape
         hidden = 16 * width
         self.layers = nn.Sequential(
-            nn.Flatten(), nn.Linear(channels * side**2, hidden), nn.ReLU(), nn.Linear(hidden, shape[0] * shape[1])
+            nn.Flatten(), nn.Linear(CHANNELS * side**2, hidden), nn.ReLU(), nn.Linear(hidden, shape[0] * shape[1])
         )
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """Return logits float[B, h, w] of pictures float[B, C, H, W]."""
+        """Return logits float[B, h, w] of pictures float[B, 2, H, W]."""
         return self.layers(pictures).reshape(-1, *self.shape)
 
 
@@ -155,8 +155,6 @@ class ResidualNet(nn.Module):
         (rows, columns) of the object.
     width
         A sixteenth of the units that pass from block to block.
-    channels
-        Channels of the input; the first is the autocorrelation, the last the scale.
 
     Raises
     ------
@@ -166,7 +164,7 @@ class ResidualNet(nn.Module):
 
     BLOCKS = 3
 
-    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 26, channels: int = 2) -> None:
+    def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 26) -> None:
         super().__init__()
         if side < 2 * max(shape):
             reject("ResidualNet.side", f"at least twice that of the object, {2 * max(shape)}", side)
@@ -179,7 +177,7 @@ class ResidualNet(nn.Module):
         self.last = nn.Sequential(nn.LayerNorm(units), nn.Linear(units, rows * columns))
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """Return logits float[B, h, w] of pictures float[B, C, H, W]."""
+        """Return logits float[B, h, w] of pictures float[B, 2, H, W]."""
         lags = pictures[:, 0]
         halves = [x[:, self.rows, self.columns].flatten(1) for x in (lags, zero_phase(lags))]
         seen = torch.cat([*halves, pictures[:, -1, :1, 0]], dim=1)
@@ -189,7 +187,7 @@ class ResidualNet(nn.Module):
 NETWORKS: dict[str, Callable[..., nn.Module]] = {
     "residual": ResidualNet, "unet": UNet, "stack-unet": StackUNet, "dense": DenseNet,
 }  # fmt: skip
-"""Name to network of (side, shape, width, channels)."""
+"""Name to network of (side, shape, width)."""
 
 
 def build(name: str, side: int, shape: tuple[int, int], width: int, seed: int) -> nn.Module:

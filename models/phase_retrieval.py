@@ -18,7 +18,15 @@ from pydantic import Field
 from torch import Tensor
 
 from specklegen.models.autocorrelation import FLOOR, taper
-from specklegen.models.projections import error_reduction, fed_back, modulus_error, shrunk, with_modulus
+from specklegen.models.projections import (
+    error_reduction,
+    fed_back,
+    modulus_error,
+    paired,
+    shrunk,
+    unpaired,
+    with_modulus,
+)
 from specklegen.models.restarts import consensus
 from specklegen.parallel import map_blocks, one_torch_thread
 from specklegen.streams import Seed
@@ -43,7 +51,8 @@ class Retrieval(Value):
     shrink_wrap
         Share of the blurred image's maximum below which it is cut off; 0 for no support.
     extent
-        Largest extent of the object in pixels: longer lags are tapered away. None keeps the whole window.
+        Extent of the object in pixels: lags fade out between 0.85 and 1.2 times it, and no pair of its points should
+        be further apart than that end. None keeps the whole window.
     floor
         Smallest C_I to divide by.
     """
@@ -175,8 +184,8 @@ def hybrid_input_output(modulus: Tensor, start: Tensor, retrieval: Retrieval) ->
     retrieval
         Iterations and support.
     """
-    wanted = modulus[:, None]
-    image = start.expand(len(modulus), *start.shape).clone()
+    wanted, pairs = modulus[:, None], paired(start)
+    image = pairs.expand(len(modulus), *pairs.shape).clone()
     proposed, support = image, torch.ones_like(image)
     first = len(BETAS) // 4  # before, an image has no shape to shrink onto
     widths = np.interp(np.arange(len(BETAS)), [first, len(BETAS) - 1], _BLUR)
@@ -186,4 +195,5 @@ def hybrid_input_output(modulus: Tensor, start: Tensor, retrieval: Retrieval) ->
         for _ in range(retrieval.steps):
             proposed = with_modulus(image, wanted)
             image = fed_back(image, proposed, support, float(beta))
-    return error_reduction(proposed.clamp_min(0).mul_(support), wanted, retrieval.error_reduction, support)
+    found = error_reduction(proposed.clamp_min(0).mul_(support), wanted, retrieval.error_reduction, support)
+    return unpaired(found, len(start))

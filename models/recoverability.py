@@ -158,7 +158,7 @@ def recoverable(
     RuleError
         If the recipe has no hidden objects, or there are no media.
     """
-    loaded = recipe if isinstance(recipe, HiddenObject) else load_recipe(str(recipe))
+    loaded = load_recipe(recipe) if isinstance(recipe, str | Path) else recipe
     if not isinstance(loaded, HiddenObject):
         reject("recoverable recipe", "one with hidden objects", loaded.name)
     if media < 1:
@@ -223,66 +223,27 @@ def _across(conditions: Conditions) -> float:
     return float(table[min(max(conditions.objects.shape[1:]) - 1, len(table) - 1)])
 
 
-REPAIRS: dict[str, Callable[[Conditions], Conditions]] = {
-    "beyond the memory-effect range": lambda c: c.replace(memory_effect=[1.0]),
-    "no envelope removal": lambda c: c if c.removal else c.replace(beam=float("inf")),
-    "envelope removed over too short a distance": lambda c: (
-        c.replace(beam=float("inf"), removal=0.0) if c.removal else c
-    ),
-    "saturation": lambda c: c.replace(saturation=float("inf")),
-    "too few photons": lambda c: c.replace(electrons=100 * c.electrons),
-    "too low contrast": lambda c: c.replace(contrast=1.0),
-    "too few grains": lambda c: c.replace(camera=4 * c.camera),
-}
-"""Name of a failure mode to the scene without it."""
-COMPLEX = "too complex an object"
-"""The last failure mode: named where nothing else in the scene can be repaired."""
+class Mode(NamedTuple):
+    """A way to fail.
+
+    Attributes
+    ----------
+    repair : function of Conditions to Conditions
+        The scene without it; the same scene where there is nothing to repair.
+    numbers : function of Conditions to str
+        What the scene has.
+    remedy : function of Conditions to str
+        What would help the scene, as repaired so far.
+    """
+
+    repair: Callable[[Conditions], Conditions]
+    numbers: Callable[[Conditions], str]
+    remedy: Callable[[Conditions], str]
 
 
-def _reasons(conditions: Conditions, found: Residual) -> tuple[Reason, ...]:
-    """Greedy repairs: always the one that helps most, until the scene works."""
-    reasons, now, left = [], conditions, dict(REPAIRS)
-    value = logit(found)
-    while value < 0 and left:
-        tried = {name: repair(now) for name, repair in left.items()}
-        gains = {name: logit(residual(better)) for name, better in tried.items() if better != now}
-        best = max(gains, key=lambda name: gains[name], default=None)
-        if best is None or gains[best] <= value + 1e-9:
-            break
-        reasons.append(_reason(best, conditions, now))
-        now, value = tried[best], gains[best]
-        del left[best]
-    if value < 0:
-        reasons.append(_reason(COMPLEX, conditions, now))
-    return tuple(reasons)
-
-
-def _reason(name: str, conditions: Conditions, now: Conditions) -> Reason:
-    """Words for a failure mode; ``now`` is the scene as repaired so far."""
-    c = conditions
-    numbers = {
-        "beyond the memory-effect range": f"C_I falls to {_across(c):.2g} across the object",
-        "no envelope removal": f"a beam of sigma {c.beam:.2g} camera sides is left in the image",
-        "envelope removed over too short a distance": f"a mean over {c.removal * c.camera:.2g} grains takes the "
-        f"object along, which is {c.side:.2g} wide",
-        "saturation": f"pixels are full at {c.saturation:.2g} times the mean",
-        "too few photons": f"{c.electrons:.3g} electrons a grain, noise and background counted",
-        "too low contrast": f"{c.contrast:.2g} of full contrast",
-        "too few grains": f"{c.camera:.3g} a side, for an object of {c.side:.3g}",
-        COMPLEX: f"{residual(c).complexity:.3g} bright grains",
-    }
-    remedies = {
-        "beyond the memory-effect range": "a smaller object, or one further away"
-        + ("" if c.compensation else "; divide the autocorrelation by C_I"),
-        "no envelope removal": "divide by a mean over many grains (removal)",
-        "envelope removed over too short a distance": "a longer mean, a larger camera, or a wider beam",
-        "saturation": "a shorter exposure",
-        "too few photons": "a longer exposure, less background, or frames of other states of the medium",
-        "too low contrast": "a narrower filter, or a polariser",
-        "too few grains": _camera_needed(now),
-        COMPLEX: "fewer bright parts, or smaller ones",
-    }
-    return Reason(name, numbers[name], remedies[name])
+def _even(conditions: Conditions) -> Conditions:
+    """Without an envelope, and so without its removal."""
+    return conditions.replace(beam=float("inf"), removal=0.0)
 
 
 def _camera_needed(conditions: Conditions) -> str:
@@ -294,6 +255,74 @@ def _camera_needed(conditions: Conditions) -> str:
                 "through other states of the medium"
             )
     return "a larger camera, or many frames; alone they do not suffice"
+
+
+COMPLEX = "too complex an object"
+"""The last failure mode: named where nothing else in the scene can be repaired."""
+MODES: dict[str, Mode] = {
+    "beyond the memory-effect range": Mode(
+        lambda c: c.replace(memory_effect=[1.0]),
+        lambda c: f"C_I falls to {_across(c):.2g} across the object",
+        lambda c: "a smaller object, or one further away"
+        + ("" if c.compensation else "; divide the autocorrelation by C_I"),
+    ),
+    "no envelope removal": Mode(
+        lambda c: c if c.removal else _even(c),
+        lambda c: f"a beam of sigma {c.beam:.2g} camera sides is left in the image",
+        lambda _: "divide by a mean over many grains (removal)",
+    ),
+    "envelope removed over too short a distance": Mode(
+        lambda c: _even(c) if c.removal else c,
+        lambda c: f"a mean over {c.removal * c.camera:.2g} grains takes the object along, which is {c.side:.2g} wide",
+        lambda _: "a longer mean, a larger camera, or a wider beam",
+    ),
+    "saturation": Mode(
+        lambda c: c.replace(saturation=float("inf")),
+        lambda c: f"pixels are full at {c.saturation:.2g} times the mean",
+        lambda _: "a shorter exposure",
+    ),
+    "too few photons": Mode(
+        lambda c: c.replace(electrons=100 * c.electrons),
+        lambda c: f"{c.electrons:.3g} electrons a grain, noise and background counted",
+        lambda _: "a longer exposure, less background, or frames of other states of the medium",
+    ),
+    "too low contrast": Mode(
+        lambda c: c.replace(contrast=1.0),
+        lambda c: f"{c.contrast:.2g} of full contrast",
+        lambda _: "a narrower filter, or a polariser",
+    ),
+    "too few grains": Mode(
+        lambda c: c.replace(camera=4 * c.camera),
+        lambda c: f"{c.camera:.3g} a side, for an object of {c.side:.3g}",
+        _camera_needed,
+    ),
+    COMPLEX: Mode(
+        lambda c: c,
+        lambda c: f"{residual(c).complexity:.3g} bright grains",
+        lambda _: "fewer bright parts, or smaller ones",
+    ),
+}
+"""Name of a failure mode to its repair and its words."""
+
+
+def _reasons(conditions: Conditions, found: Residual) -> tuple[Reason, ...]:
+    """Greedy repairs: always the one that helps most, until the scene works."""
+    reasons, now, left = [], conditions, dict(MODES)
+    value = logit(found)
+
+    def said(name: str) -> Reason:
+        return Reason(name, MODES[name].numbers(conditions), MODES[name].remedy(now))
+
+    while value < 0:
+        tried = {name: mode.repair(now) for name, mode in left.items()}
+        gains = {name: logit(residual(better)) for name, better in tried.items() if better != now}
+        best = max(gains, key=lambda name: gains[name], default=COMPLEX)
+        if gains.get(best, value) <= value + 1e-9:
+            return (*reasons, said(COMPLEX))
+        reasons.append(said(best))
+        now, value = tried[best], gains[best]
+        del left[best]
+    return tuple(reasons)
 
 
 def _together(verdicts: list[Verdict]) -> Verdict:

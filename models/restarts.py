@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from specklegen.models.metrics import align
-from specklegen.models.projections import error_reduction, shrunk
+from specklegen.models.projections import error_reduction, paired, shrunk, unpaired
 
 _STEPS = 15  # of error reduction
 _BLUR = 1.5  # pixels, of the median
@@ -37,5 +37,6 @@ def consensus(restarts: Tensor, error: Tensor, modulus: Tensor, share: float = 0
     for _ in range(2):
         aligned = align(restarts, reference[:, None].expand_as(restarts))
         reference = aligned.mean(1)
-    support = shrunk(aligned.median(1, keepdim=True).values, _BLUR, share) if share else 1.0
-    return error_reduction(aligned, modulus[:, None], _STEPS, support).mean(1)
+    support = shrunk(paired(aligned.median(1, keepdim=True).values), _BLUR, share) if share else 1.0
+    settled = error_reduction(paired(aligned), modulus[:, None], _STEPS, support)
+    return unpaired(settled, restarts.shape[1]).mean(1)

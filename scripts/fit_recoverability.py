@@ -1,7 +1,7 @@
 """When phase retrieval works: simulate a table of cells, fit the verdict on half of them, judge it on the other half.
 
     python scripts/fit_recoverability.py simulate --out tests/data/recoverability.csv [--cells 200] [--media 6]
-    python scripts/fit_recoverability.py predict tests/data/recoverability.csv    (the predicted columns anew)
+    python scripts/fit_recoverability.py predict tests/data/recoverability.csv    (the predicted columns anew; --grid)
     python scripts/fit_recoverability.py fit tests/data/recoverability.csv
     python scripts/fit_recoverability.py simulate --grid fresh --cells 220 --out tests/data/recoverability_fresh.csv
     python scripts/fit_recoverability.py judge tests/data/recoverability_fresh.csv      (the packaged verdict)
@@ -23,7 +23,6 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import torch
 from scipy.optimize import minimize
-from scipy.stats import binomtest
 from torch import Tensor
 
 from specklegen.camera import Camera, NoiseStreams, expose
@@ -36,7 +35,8 @@ from specklegen.models.phase_retrieval import Retrieval, retrieve
 from specklegen.models.recoverability import COEFFICIENTS, conditions_of, total
 from specklegen.models.residual import GRID, REACH, Conditions, Residual, lag_window, residual
 from specklegen.parallel import one_torch_thread
-from specklegen.values import RuleError
+from specklegen.statistics import wilson
+from specklegen.values import RuleError, reject
 
 SUCCESS = 0.8
 RESTARTS = 4
@@ -91,6 +91,10 @@ class CellScene(NamedTuple):
     saturation: float = float("inf")
     beam: float = float("inf")
     removal: float = 0.0
+
+    def words(self) -> list[str]:
+        """As the table has it."""
+        return [value if isinstance(value, str) else f"{float(value):g}" for value in self]
 
     def recipe(self) -> HiddenObject:
         """Scene with object and camera of one pitch."""
@@ -207,22 +211,30 @@ def simulate(out: Path, cells: int, media: int, grid: Grid) -> None:
             predicted, found = residual(scene.conditions()), scores(scene, media, grid.media_seed(number))
             good = int((found > SUCCESS).sum())
             features = [f"{value:.6g}" for value in predicted]
-            row = [value if isinstance(value, str) else f"{float(value):g}" for value in scene]
-            writer.writerow([number, *row, *features, media, good, f"{found.mean():.4f}"])
+            writer.writerow([number, *scene.words(), *features, media, good, f"{found.mean():.4f}"])
             file.flush()
             print(f"{number}: {scene} {good}/{media}, {time.process_time() - begin:.0f} CPU s", file=sys.stderr)
 
 
-def predict_again(path: Path) -> None:
-    """Replace the predicted columns of a table: they follow from the scenes, which are drawn by number."""
+def predict_again(path: Path, grid: Grid) -> None:
+    """Replace the predicted columns of a table: they follow from the scenes, which are drawn by number.
+
+    Raises
+    ------
+    RuleError
+        If the table's scenes are not the grid's; the table is left as it is.
+    """
     with path.open() as file:
         rows = list(csv.DictReader(file))
+    for row in rows:
+        scene = drawn(int(row["cell"]), grid)
+        if scene.words() != [row[name] for name in SCENE]:
+            reject("predict --grid", "that of the table", f"another one (cell {row['cell']})")
+        row |= {name: f"{value:.6g}" for name, value in residual(scene.conditions())._asdict().items()}
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, HEAD, lineterminator="\n", extrasaction="ignore")
         writer.writeheader()
-        for row in rows:
-            predicted = residual(drawn(int(row["cell"])).conditions())
-            writer.writerow(row | {name: f"{value:.6g}" for name, value in predicted._asdict().items()})
+        writer.writerows(rows)
 
 
 class Table(NamedTuple):
@@ -297,12 +309,6 @@ def confusion(table: Table, coefficients: np.ndarray) -> Confusion:
     return Confusion(*(int(x.sum()) for x in pairs))
 
 
-def wilson(successes: int, n: int) -> str:
-    """Share in percent with Wilson's 95 % interval."""
-    low, high = binomtest(successes, n).proportion_ci(0.95, method="wilson")
-    return f"{successes} of {n}, {100 * successes / n:.0f} % ({100 * low:.0f}-{100 * high:.0f})"
-
-
 def spans(table: Table, coefficients: np.ndarray) -> dict[str, tuple[float, float]]:
     """Smallest and largest residual and complexity."""
     residuals = total(table.noise, table.distortion, coefficients[3])
@@ -313,10 +319,12 @@ def spans(table: Table, coefficients: np.ndarray) -> dict[str, tuple[float, floa
 def judged(name: str, table: Table, coefficients: np.ndarray) -> str:
     """How the verdicts on a table came out."""
     found = confusion(table, coefficients)
+    low, high = wilson(found.right, found.n)
     rate, z = table.successes / table.media, table.logit(coefficients)
     spread = np.sqrt(np.mean(np.square(rate - 1 / (1 + np.exp(-z)))))
     return (
-        f"{name}: {len(table.cell)} cells, {found.n} outside 0.3 to 0.7; right {wilson(found.right, found.n)}; "
+        f"{name}: {len(table.cell)} cells, {found.n} outside 0.3 to 0.7; right {found.right} of {found.n}, "
+        f"{100 * found.right / found.n:.0f} % ({100 * low:.0f}-{100 * high:.0f}); "
         f"rms error of the probability {spread:.3f}\n"
         f"  says works: {found.works_right} worked, {found.works_wrong} failed; "
         f"says fails: {found.fails_right} failed, {found.fails_wrong} worked"
@@ -336,7 +344,7 @@ def report(table: Table) -> str:
     return "\n".join([*lines, *halves.values()])
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     commands = parser.add_subparsers(required=True, dest="command")
@@ -344,14 +352,16 @@ def main() -> None:
     simulating.add_argument("--out", type=Path, required=True)
     simulating.add_argument("--cells", type=int, default=200)
     simulating.add_argument("--media", type=int, default=6)
-    simulating.add_argument("--grid", choices=GRIDS, default="fitted")
-    for name in ("predict", "fit", "judge"):
-        commands.add_parser(name).add_argument("table", type=Path)
-    chosen = parser.parse_args()
+    reading = {name: commands.add_parser(name) for name in ("predict", "fit", "judge")}
+    for command in reading.values():
+        command.add_argument("table", type=Path)
+    for command in (simulating, reading["predict"]):
+        command.add_argument("--grid", choices=GRIDS, default="fitted", help="what the cells are drawn from")
+    chosen = parser.parse_args(arguments)
     if chosen.command == "simulate":
         simulate(chosen.out, chosen.cells, chosen.media, GRIDS[chosen.grid])
     elif chosen.command == "predict":
-        predict_again(chosen.table)
+        predict_again(chosen.table, GRIDS[chosen.grid])
     elif chosen.command == "judge":
         print(judged("all", read(chosen.table), np.array(list(COEFFICIENTS.values()))))
     else:

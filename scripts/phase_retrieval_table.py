@@ -21,7 +21,6 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-from scipy.stats import binomtest
 from torch import Tensor
 
 from specklegen.datasets import load_recipe
@@ -34,6 +33,7 @@ from specklegen.models.phase_retrieval import BETAS, Retrieval, retrieve
 from specklegen.models.restarts import lowest_error
 from specklegen.parallel import one_torch_thread
 from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
+from specklegen.statistics import wilson
 
 FAMILIES: dict[str, ObjectFamily] = {"points": Points(), "glyphs": Glyphs(), "photographs": Photographs()}
 EXTENTS = {"points": (0.5, 1.0, 2.0, 3.0), "glyphs": (0.5, 1.0, 2.0), "photographs": (0.5,)}
@@ -220,8 +220,8 @@ def chosen_score(row: tuple) -> float:
 
 def interval(successes: int, n: int) -> str:
     """Success rate with Wilson's 95 % interval, in percent."""
-    bounds = binomtest(successes, n).proportion_ci(0.95, method="wilson")
-    return f"{100 * successes / n:.0f} ({100 * bounds.low:.0f}–{100 * bounds.high:.0f})"
+    low, high = wilson(successes, n)
+    return f"{100 * successes / n:.0f} ({100 * low:.0f}–{100 * high:.0f})"
 
 
 def difference(rows: list[tuple], place: tuple, name: str) -> str:

@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="a rough version in seconds")
     chosen = parser.parse_args(arguments)
     module = load(chosen.name)
-    module.main(chosen.out or getattr(module, "OUT", Path("docs") / chosen.name), chosen.quick)
+    module.main(chosen.out or module.OUT, chosen.quick)
 
 
 if __name__ == "__main__":

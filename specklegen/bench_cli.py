@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from specklegen.recipe_options import Seed, Set, load
 from specklegen.values import reject
 
 if TYPE_CHECKING:
@@ -18,10 +19,8 @@ _COLUMNS = ("sampler", "count", "CPU s", "wall s", "MiB", "standard error", "1/(
 def bench_command(
     what: Annotated[str, typer.Argument(help="A packaged recipe, a recipe's TOML file, or a scene as TOML or JSON.")],
     seconds: Annotated[float, typer.Option(help="Processor time for all samplers together.")] = 20.0,
-    seed: Annotated[int, typer.Option(help="Whole number that the results are a function of.")] = 0,
-    changes: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a field of the recipe.")
-    ] = None,
+    seed: Seed = 0,
+    changes: Set = None,
     table: Annotated[Path | None, typer.Option("--csv", help="CSV to write.")] = None,
     out: Annotated[Path | None, typer.Option(help="PNG to write: error against time.")] = None,
 ) -> None:
@@ -70,8 +69,6 @@ def bench_command(
 def scene_of(what: str, changes: list[str] | None) -> "Scene":
     """The scene of a file, or the first scene of a recipe."""
     import specklegen as sg
-    from specklegen.datasets import load_recipe
-    from specklegen.datasets.changes import changes_of
 
     path = Path(what)
     if path.suffix in (".json", ".toml") and path.is_file():
@@ -80,7 +77,7 @@ def scene_of(what: str, changes: list[str] | None) -> "Scene":
             if changes:
                 reject("bench --set", "left out where a file holds a scene", " ".join(changes), f"Change {what}.")
             return sg.Scene.from_json(text) if is_json else sg.Scene.from_toml(text)
-    plans = load_recipe(what, changes_of(changes or [])).plans()
+    plans = load(what, changes).plans()
     if not plans:
         reject("bench recipe", "one that renders scenes", what)
     return plans[0].scene

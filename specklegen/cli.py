@@ -9,13 +9,14 @@ import resource
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from specklegen import bench_cli
 from specklegen.models import cli as learning
 from specklegen.models import recoverable_cli
+from specklegen.recipe_options import Images, Seed, Set, load
 from specklegen.values import RuleError, reject
 
 app = typer.Typer(
@@ -27,14 +28,6 @@ app = typer.Typer(
 )
 
 Recipe = Annotated[str, typer.Argument(help="A packaged recipe (see `specklegen recipes`) or a TOML file.")]
-Set = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="Change a field, e.g. --set material.g=0.8 (TOML values; repeatable)."
-    ),
-]
-Images = Annotated[Path | None, typer.Option(help="Folder of your own images to hide (PNG, JPEG, TIFF, NPY).")]
-Seed = Annotated[int, typer.Option(help="Whole number that the result is a function of.")]
 Split = Annotated[str, typer.Option(help="train, validation or test; they share no medium and no object.")]
 Out = Annotated[Path | None, typer.Option(help="Where to write.")]
 Wavelength = Annotated[float, typer.Option(help="Inside the medium; fixes the unit of every length.")]
@@ -43,17 +36,6 @@ OpticalDepth = Annotated[float, typer.Option(help="Thickness over mean free path
 Anisotropy = Annotated[float, typer.Option("--g", help="Anisotropy of scattering, -1 < g < 1.")]
 Albedo = Annotated[float, typer.Option(help="Share of collisions that scatter.")]
 Paths = Annotated[int | None, typer.Option(help="Random paths to trace (default 100000).")]
-
-
-def load(recipe: str, changes: list[str] | None, images: Path | None):
-    """Read a recipe with the command line's changes."""
-    from specklegen.datasets import load_recipe
-    from specklegen.datasets.changes import changes_of
-
-    table: dict[str, Any] = changes_of(changes or [])
-    if images is not None:
-        table.setdefault("objects", {}).update({"type": "Folder", "path": str(images)})
-    return load_recipe(recipe, table)
 
 
 recipes = typer.Typer(help="List the packaged recipes, show one, or the schema of its kind.", rich_markup_mode=None)

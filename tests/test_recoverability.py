@@ -6,19 +6,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 from typer.testing import CliRunner
+from zscore import assert_mean, assert_z
 
 from specklegen import cli
+from specklegen.camera import Camera, NoiseStreams, expose
 from specklegen.datasets import load_recipe
-from specklegen.models import recoverable
-from specklegen.models.recoverability import COEFFICIENTS, COMPLEX, FITTED, REPAIRS, conditions_of, judge
+from specklegen.models import recoverability, recoverable
+from specklegen.models.recoverability import COEFFICIENTS, COMPLEX, FITTED, MODES, conditions_of, judge
 from specklegen.models.residual import Conditions, residual, speckle_contrast
+from specklegen.statistics import wilson
 from specklegen.values import RuleError
 
 ROOT = Path(__file__).parent.parent
 TABLE = ROOT / "tests/data/recoverability.csv"
 FRESH = ROOT / "tests/data/recoverability_fresh.csv"
+
+
+CHEAP = {"material": {"kernel_paths": 1000, "kernel": "estimate"}}
 
 
 def _script():
@@ -79,7 +84,18 @@ def test_each_failure_is_named_first(name):
 
 
 def test_every_failure_mode_has_its_scene():
-    assert FAILURES.keys() == REPAIRS.keys()
+    assert FAILURES.keys() | {COMPLEX} == MODES.keys()
+
+
+def test_a_reason_costs_no_more_than_what_it_says(monkeypatch):
+    """The camera that a scene needs is looked for only where its camera is too small: one residual a step."""
+    looked = []
+    monkeypatch.setattr(recoverability, "residual", lambda c: looked.append(c.camera) or residual(c))
+    assert [reason.name for reason in judge(scene(**FAILURES["saturation"])).reasons] == ["saturation"]
+    assert set(looked) == {120.0, 480.0}  # as it is, and repaired by a camera of four times the side
+    looked.clear()
+    judge(scene(**FAILURES["too few grains"]))
+    assert len(set(looked)) > 2
 
 
 def test_a_complex_object_is_named_when_nothing_else_is_wrong():
@@ -138,6 +154,52 @@ def test_ideal_scene_is_not_distorted():
     assert residual(scene()).distortion < 1e-6
 
 
+@pytest.mark.parametrize(
+    ("camera", "electrons", "saturation"),
+    [
+        ({"photons": 100.0}, 900.0, np.inf),  # a grain has 9 pixels
+        ({"photons": 100.0, "background": 100.0, "full_well": 300.0}, 450.0, 2.0),  # a third of the well is taken
+        ({"photons": 10.0, "dark_current": 3.0, "exposure": 5.0, "read_noise": 5.0}, 18.0, np.inf),  # noise 50
+        ({"photons": 10.0, "bit_depth": 4, "gain": 6.0, "offset": 5.0}, 9 * 100 / 13, 6.0),  # 6^2 / 12 of rounding
+    ],
+)
+def test_exposure_by_hand(camera, electrons, saturation):
+    found = conditions_of(load_recipe("through-slab", CHEAP | {"exposure": {"bit_depth": None} | camera}))
+    assert found.electrons == pytest.approx(electrons)
+    assert found.saturation == pytest.approx(saturation)
+
+
+def test_electrons_of_equal_noise_are_the_cameras():
+    """Variance of a flat field, a million pixels; that of a variance is 2/n, counts being nearly Gaussian."""
+    noisy = {"photons": 100.0, "background": 40.0, "dark_current": 5.0, "exposure": 2.0, "read_noise": 6.0, "gain": 9.0}
+    found = conditions_of(load_recipe("through-slab", CHEAP | {"exposure": noisy}))
+    counts = expose(Camera(**noisy), np.ones((1000, 1000)), NoiseStreams.of(1)) * 9.0
+    expected = 9 * 100.0**2 / found.electrons
+    assert_z(counts.var(), expected, expected * np.sqrt(2 / counts.size))
+
+
+def test_frames_of_a_film_by_hand():
+    """Half of the spread is kept from frame to frame, so (1 + 2 (2/3 1/2 + 1/3 1/4)) / 3 in the mean of three."""
+    film = {"frames": 3, "correlation_time": 4 / np.log(2)}
+    assert conditions_of(load_recipe("dynamic-slab", CHEAP | {"dynamics": film})).frames == pytest.approx(18 / 11)
+
+
+def test_frames_of_a_film_are_those_of_fields_that_change():
+    """Squared mean over 3 frames of a lag of the autocovariance, 200 000 pairs of pixels: its expectation is 1 / F."""
+    rng, kept = np.random.default_rng(0), np.exp(-1 / 3.0)
+    fresh = rng.standard_normal((3, 2, 200_000, 2)) @ [1, 1j] / np.sqrt(2)
+    fields = [fresh[0]]
+    for each in fresh[1:]:
+        fields.append(kept * fields[-1] + np.sqrt(1 - kept**2) * each)
+    one, other = np.moveaxis(np.square(np.abs(fields)) - 1, 1, 0)
+    film = {"frames": 3, "correlation_time": 3.0}
+    frames = conditions_of(load_recipe("dynamic-slab", CHEAP | {"dynamics": film})).frames
+    squares = np.square((one * other).mean(0)).reshape(100, -1).mean(1)
+    assert_mean(squares, 1 / frames)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(squares, 1.1 / frames)
+
+
 @pytest.mark.parametrize("polarised", [True, False])
 def test_contrast_agrees_with_the_sampler(polarised):
     """Two computations of one contrast; the sampler's modes leave out up to 1 % of the light."""
@@ -183,7 +245,7 @@ def test_fresh_verdicts():
     """The same bound on scenes that came when the verdict was finished; its interval's lower end (Wilson) as well."""
     found = fit.confusion(fit.read(FRESH), np.array(list(COEFFICIENTS.values())))
     assert found.n >= 150
-    assert binomtest(found.right, found.n).proportion_ci(0.95, method="wilson").low >= 0.85
+    assert wilson(found.right, found.n)[0] >= 0.85
 
 
 def test_fresh_scenes_are_others():
@@ -196,6 +258,23 @@ def test_fresh_scenes_are_others():
         found = residual(fit.drawn(number, grids[1]).conditions())
         kept = [table.noise[number], table.distortion[number], table.complexity[number]]
         assert kept == pytest.approx(list(found[:3]), rel=1e-4, abs=1e-6)
+
+
+def test_predictions_are_replaced_by_those_of_the_tables_own_grid(tmp_path):
+    """Two cells of the fresh table; of another grid's table nothing is changed."""
+    lines = FRESH.read_text().splitlines()[:3]
+    head, *cells = (line.split(",") for line in lines)
+    for cell in cells:
+        cell[head.index("noise")] = cell[head.index("complexity")] = "7"
+    table = tmp_path / "table.csv"
+    table.write_text("\n".join(map(",".join, (head, *cells))) + "\n")
+    spoilt = table.read_text()
+    with pytest.raises(RuleError, match="--grid must be that of the table"):
+        fit.main(["predict", str(table)])
+    assert table.read_text() == spoilt
+    fit.main(["predict", str(table), "--grid", "fresh"])
+    for found, kept in zip(fit.read(table), fit.read(FRESH), strict=True):
+        assert found == pytest.approx(kept[:2], rel=1e-4, abs=1e-6)
 
 
 def test_the_table_has_power():
@@ -223,6 +302,8 @@ def test_errors(changes, message):
 def test_recipes_without_hidden_objects_are_refused():
     with pytest.raises(RuleError, match="one with hidden objects"):
         recoverable("tilt-stack")
+    with pytest.raises(RuleError, match="one with hidden objects"):
+        recoverable(load_recipe("tilt-stack"))
     with pytest.raises(RuleError, match="at least 1"):
         recoverable("through-slab", media=0)
 
@@ -237,3 +318,13 @@ def test_command():
     assert not read["works"]
     assert read["numbers"]["electrons_a_grain"] is None
     assert read["reasons"][0]["name"] == "too few grains"
+    assert read["extrapolates"] == ["complexity"]  # glyphs of 28 grains, where the largest of the table have 9.3
+    assert "caution: complexity outside" in told.output
+
+
+@pytest.mark.parametrize("words", [["recoverable", "tilt-stack"], ["evaluate", "--recipe", "tilt-stack"],
+                                   ["train", "tilt-stack", "--out", "run"]])  # fmt: skip
+def test_commands_refuse_recipes_that_hide_nothing(words):
+    said = CliRunner().invoke(cli.app, words)
+    assert isinstance(said.exception, RuleError)
+    assert "recipe must be one with hidden objects; got 'tilt-stack'" in str(said.exception)

@@ -1,9 +1,8 @@
-"""What the figures of [Bar19] share: scenes, reference data, CPU clocks, rows of acceptance tables."""
+"""What the figures of [Bar19] share: scenes, reference data, CPU clocks, rows of acceptance tables, their folder."""
 
-import argparse
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -95,12 +94,3 @@ def save(figure: plt.Figure, path: Path, dpi: int = 80) -> None:
     pixels = np.asarray(figure.canvas.buffer_rgba())  # pyright: ignore[reportAttributeAccessIssue]
     Image.fromarray(pixels).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
     plt.close(figure)
-
-
-def run(main: Callable[[Path, bool], None], description: str | None) -> None:
-    """Call ``main(out, quick)`` with what the command line says."""
-    parser = argparse.ArgumentParser(description=(description or "").partition("\n\n")[0])
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="few paths: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)

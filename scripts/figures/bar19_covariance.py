@@ -10,7 +10,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import LIGHTS, REFERENCE, Row, clock, flatland_box, flatland_scene, report, run, save
+from _bar19 import LIGHTS, OUT, REFERENCE, Row, clock, flatland_box, flatland_scene, report, save
+from _command import run
 from scipy.stats import kstest
 
 import specklegen as sg
@@ -216,4 +217,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main, OUT, __doc__)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import Row, clock, report, run, save
+from _bar19 import OUT, Row, clock, report, save
+from _command import run
 
 import specklegen as sg
 from specklegen.single_scattering import box_covariance
@@ -109,4 +110,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main, OUT, __doc__)

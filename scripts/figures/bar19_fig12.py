@@ -8,7 +8,6 @@ autocorrelation at the lags from one source to another, over that at the zero la
 Draws bar19-fig12.png and prints its table (docs/imaging.md).
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib
@@ -17,6 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from _command import run
 from scipy.stats import binomtest
 
 from specklegen.datasets.objects import Points
@@ -30,6 +30,7 @@ from specklegen.scatterers import HenyeyGreenstein
 from specklegen.sensors import FarFieldGrid
 from specklegen.stationary.kernel import estimate_kernel
 from specklegen.stationary.objects import object_sampler
+from specklegen.statistics import wilson
 
 OUT = Path("docs/images")
 WAVELENGTH, STEP = 0.5, float(np.sin(np.deg2rad(0.0025)))
@@ -84,8 +85,8 @@ def mean(values: np.ndarray) -> str:
 def rate(values: np.ndarray) -> str:
     """Share above 0.8 with Wilson's 95 % interval, percent, and the mean."""
     good, n = int((values > 0.8).sum()), len(values)
-    bounds = binomtest(good, n).proportion_ci(0.95, method="wilson")
-    return f"{100 * good / n:.0f} % ({100 * bounds.low:.0f}–{100 * bounds.high:.0f}), mean {values.mean():.3f}"
+    low, high = wilson(good, n)
+    return f"{100 * good / n:.0f} % ({100 * low:.0f}–{100 * high:.0f}), mean {values.mean():.3f}"
 
 
 def sign_test(high: np.ndarray, low: np.ndarray) -> str:
@@ -153,8 +154,4 @@ def draw(path: Path, target: torch.Tensor, figures: dict, found: dict) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="four media")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, OUT, __doc__)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import LIGHTS, REFERENCE, Row, clock, flatland_box, flatland_scene, report, run, save
+from _bar19 import LIGHTS, OUT, REFERENCE, Row, clock, flatland_box, flatland_scene, report, save
+from _command import run
 
 import specklegen as sg
 from specklegen.oracles.coherent_wave import coherent_field
@@ -108,4 +109,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main, OUT, __doc__)

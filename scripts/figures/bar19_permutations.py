@@ -11,7 +11,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import Row, clock, report, run, save
+from _bar19 import OUT, Row, clock, report, save
+from _command import run
 
 from specklegen.oracles.box_media import box, henyey_greenstein
 from specklegen.oracles.path_permutations import permutation_covariance
@@ -73,4 +74,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main, OUT, __doc__)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _bar19 import LIGHTS, Row, clock, diagonal_pairs, flatland_box, flatland_scene, report, run, save
+from _bar19 import LIGHTS, OUT, Row, clock, diagonal_pairs, flatland_box, flatland_scene, report, save
+from _command import run
 
 import specklegen as sg
 from specklegen.single_scattering import box_covariance
@@ -149,4 +150,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main, OUT, __doc__)

@@ -5,7 +5,6 @@ Draws contrast.png and prints the tables of docs/coherence.md.
 Run it by itself: python scripts/figures/partially_coherent.py --out docs/coherence [--quick]
 """
 
-import argparse
 import time
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from _command import run
 
 import specklegen as sg
 from specklegen.gates import Sampler
@@ -136,8 +136,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="fewer media: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, OUT, __doc__)

@@ -7,7 +7,6 @@ and their captions were not at hand (only that figure 8 is the effect of the mea
 Run it by itself: python scripts/figures/prahl09.py --out docs/coherence [--quick]
 """
 
-import argparse
 import time
 from pathlib import Path
 from typing import Literal
@@ -17,6 +16,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from _command import run
 
 from specklegen.coherence import (
     gaussian_schell_model,
@@ -288,8 +288,4 @@ def main(out: Path, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--quick", action="store_true", help="fewer rays and fields: seconds")
-    arguments = parser.parse_args()
-    main(arguments.out, arguments.quick)
+    run(main, OUT, __doc__)

@@ -1,10 +1,11 @@
-"""Figures and tables of single-realization stochastic FDTD [Tan13]: ``main(out, quick)``.
+"""Figures and tables of single-realization stochastic FDTD [Tan13].
 
-Run by itself: ``python scripts/figures/tan13.py --out docs/fdtd [--quick]``. Times are CPU seconds of one
-process on one thread; quote ratios.
+Draws the figures of docs/fdtd.md and prints its numbers as JSON. Times are CPU seconds of one process on one thread;
+quote ratios.
+
+Run it by itself: python scripts/figures/tan13.py --out docs/fdtd [--quick]
 """
 
-import argparse
 import json
 import math
 import os
@@ -22,6 +23,7 @@ import matplotlib  # noqa: E402
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
+from _command import run  # noqa: E402
 
 from specklegen.fdtd import (  # noqa: E402
     MeanField,
@@ -47,18 +49,18 @@ CLAIMS = {  # name: (correlation length in um, modulated)
     "long correlation length": (3.0, True),
     "long, unmodulated pulse": (3.0, False),
 }
+OUT = Path("docs/fdtd")
 SIDES = ("back", "forward")
 K0 = 2 * math.pi / 0.6
 
 
-def main(out: Path, quick: bool = False) -> dict[str, Any]:
-    """Draw every figure into ``out`` and return the numbers of the tables."""
-    out = Path(out)
+def main(out: Path, quick: bool) -> None:
+    """Draw every figure into ``out`` and print the numbers of the tables; ``quick`` takes a tenth of the media."""
     out.mkdir(parents=True, exist_ok=True)
     media = 400 if quick else 4000
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*order not valid|.*white from cell to cell")
-        return {
+        numbers = {
             "claims": claims(out, media),
             "sweep": sweep(out, media),
             "run times": run_times(out, media, quick),
@@ -67,6 +69,7 @@ def main(out: Path, quick: bool = False) -> dict[str, Any]:
             "coherent": coherent(out, quick),
             "courant": limits(),
         }
+    print(json.dumps(numbers, indent=1))
 
 
 def difference(a: ScatteredField, b: ScatteredField, side: str) -> float:
@@ -323,8 +326,4 @@ def limits() -> list[dict[str, float]]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("docs/fdtd"))
-    parser.add_argument("--quick", action="store_true", help="a tenth of the media")
-    arguments = parser.parse_args()
-    print(json.dumps(main(arguments.out, arguments.quick), indent=1))
+    run(main, OUT, __doc__)

@@ -1,0 +1,14 @@
+"""The command line that the scripts of figures share."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+
+def run(main: Callable[[Path, bool], None], out: Path, description: str | None) -> None:
+    """Call ``main(out, quick)`` with what the command line says; ``out`` is the folder by default."""
+    parser = argparse.ArgumentParser(description=(description or "").partition("\n\n")[0])
+    parser.add_argument("--out", type=Path, default=out, help="folder for the figures (default: %(default)s)")
+    parser.add_argument("--quick", action="store_true", help="a rough version")
+    chosen = parser.parse_args()
+    main(chosen.out, chosen.quick)
