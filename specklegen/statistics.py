@@ -1,6 +1,7 @@
 """Measured statistics, each with its error: from independent batches, or for a share from its count."""
 
 from collections.abc import Callable
+from math import prod
 
 import numpy as np
 
@@ -24,7 +25,7 @@ def batch_sums(values: np.ndarray, paths: np.ndarray, count: int) -> np.ndarray:
     """
     batches = min(BATCHES, count)
     batch = paths * batches // count
-    rows = values.reshape(-1, len(paths))
+    rows = values.reshape(prod(values.shape[:-1]), len(paths))  # not -1: there may be no connections
     sums = [np.bincount(batch, row.real, batches) + 1j * np.bincount(batch, row.imag, batches) for row in rows]
     return np.array(sums).T.reshape(batches, *values.shape[:-1])
 

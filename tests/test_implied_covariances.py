@@ -90,11 +90,11 @@ def test_fields_have_the_covariance_that_they_are_drawn_from():
         assert_mean(square, 1.05 * power[p] * power[q] / count)
 
 
-@pytest.mark.parametrize("count", [200, 10])
-def test_batches_share_the_paths_out_evenly(count):
+@pytest.mark.parametrize(("count", "connections"), [(200, 500), (10, 500), (200, 0)])
+def test_batches_share_the_paths_out_evenly(count, connections):
     rng = np.random.default_rng(4)
-    paths = np.sort(rng.integers(0, count, 500))
-    values = rng.normal(size=(2, 3, 500)) + 1j * rng.normal(size=(2, 3, 500))
+    paths = np.sort(rng.integers(0, count, connections))
+    values = rng.normal(size=(2, 3, connections)) + 1j * rng.normal(size=(2, 3, connections))
     found = batch_sums(values, paths, count)
     assert len(found) == min(BATCHES, count)
     bounds = np.linspace(0, count, len(found) + 1)

@@ -74,9 +74,8 @@ def sampler_scores(sampler: Sampler, scene: str, paths: int, runs: int, *, facto
     case, truth = SCENES[scene](), load(scene)
     n = len(case.probes.points)
     found = [
-        sampler.estimate(case.scene, case.probes, paths, seed, done)
+        sampler.estimate(case.scene, case.probes, paths, seed, _needed(sampler, case, paths, seed))
         for seed in range(runs)
-        for done in (_needed(sampler, case, paths, seed),)
     ]
     error = np.array([each.value - truth.value for each in found])
     reported = factor * np.array([each.standard_error for each in found])

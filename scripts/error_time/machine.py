@@ -11,12 +11,17 @@ _FILE = "runs.json"
 
 def circumstances() -> dict[str, str | float]:
     """Of a measurement that ends now; the load is the mean over five minutes."""
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
     return {
         "machine": f"{_processor()}, {os.cpu_count()} cores",
         "load": round(os.getloadavg()[1], 1),
-        "commit": commit.stdout.strip() or "unknown",
+        "commit": commit(),
     }
+
+
+def commit() -> str:
+    """The checkout's commit, short."""
+    found = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
+    return found.stdout.strip() or "unknown"
 
 
 def _processor() -> str:

@@ -182,17 +182,12 @@ def calibration(path: Path) -> str:
     )
 
 
-def curve(rows: Iterable[Row]) -> list[Row]:
-    """Rows of one method on one scene and quantity, in the order of their times."""
-    return sorted(rows, key=lambda row: row.count)
-
-
 def curves(rows: Iterable[Row], scene: str, quantity: str) -> dict[str, list[Row]]:
-    """Method to rows."""
-    chosen = [row for row in rows if row.scene == scene and row.quantity == quantity]
-    return {
-        name: found for name in METHODS if (found := curve(row for row in chosen if row.method == name))
-    }  # fmt: skip
+    """Method to rows, in the order of their counts."""
+    chosen = sorted(
+        (row for row in rows if row.scene == scene and row.quantity == quantity), key=lambda row: row.count
+    )
+    return {name: found for name in METHODS if (found := [row for row in chosen if row.method == name])}
 
 
 def straight(found: Sequence[Row]) -> list[Row]:

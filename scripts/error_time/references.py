@@ -6,7 +6,6 @@ naive       Algorithm 1 as a plain Numba program (no thinning, its own generator
 literal     Algorithm 3 as a NumPy program, uniform starts.
 """
 
-import subprocess
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from specklegen.oracles import box_algorithms
 from specklegen.oracles.naive_covariance import naive_covariance
 from specklegen.statistics import BATCHES
 
+from . import machine
 from .literal import literal_setup
 from .scenes import SCENES, Case
 
@@ -30,6 +30,7 @@ SECONDS = 40.0
 """Processor time of a reference that is estimated."""
 LONGER = {"transmission-g09-od50": 180.0, "voxels": 210.0}
 """Where that is not enough."""
+_PATHS = 8192  # at a time
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,6 @@ def freeze(name: str, command: str) -> Reference:
         found, count = Estimate(value, np.zeros(len(value))), 0
     else:
         found, count = estimated(case, LONGER.get(name, SECONDS))
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
     source = {
         "transfer": "correlation transfer equation, no Monte Carlo",
         "naive": f"naive Numba Algorithm 1, {count} paths, seed {SEED}",
@@ -64,7 +64,7 @@ def freeze(name: str, command: str) -> Reference:
     FOLDER.mkdir(exist_ok=True)
     np.savez(
         FOLDER / f"{name}.npz", value=found.value, standard_error=found.standard_error,
-        source=f"{source}; `{command}` at {commit}",
+        source=f"{source}; `{command}` at {machine.commit()}",
     )  # fmt: skip
     return load(name)
 
@@ -89,14 +89,14 @@ def transfer(case: Case) -> np.ndarray:
 
 def estimated(case: Case, seconds: float) -> tuple[Estimate, int]:
     """Entries by the oracle that is none of the samplers, for a processor time: the estimate and the paths."""
-    batch, step = (_naive_batch, 8192) if case.reference == "naive" else (_literal_batch, 8192)
+    batch = _naive_batch if case.reference == "naive" else _literal_batch
     scene, probes = only(case.scene, case.probes)
     started, parts = time.process_time(), []
     while len(parts) < BATCHES or time.process_time() - started < seconds:
-        parts.append(batch(scene, probes, step, SEED + len(parts)))
+        parts.append(batch(scene, probes, _PATHS, SEED + len(parts)))
     used = len(parts) // BATCHES * BATCHES
     batches = np.array(parts[:used]).reshape(BATCHES, -1, len(parts[0])).sum(axis=1)
-    return Estimate.of_batches(batches, used), used * step
+    return Estimate.of_batches(batches, used), used * _PATHS
 
 
 def _naive_batch(scene: sg.Scene, probes: Probes, paths: int, seed: int) -> np.ndarray:

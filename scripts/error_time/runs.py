@@ -6,15 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from specklegen.benchmarking import Estimate, Probes, Sampler, measured, serving
+from specklegen.benchmarking import FACTOR, Estimate, Probes, Sampler, measured, serving
 
 from .comparisons import COMPARISONS
 from .references import Reference, load
 from .scenes import Case
 
-FACTOR = 4
 BUDGETS = 5
-"""At least so many, a factor 4 apart."""
+"""At least so many, as far apart as those of ``bench``."""
 _REPEATS = 16
 _FIRST_SEED = 1000
 

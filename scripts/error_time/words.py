@@ -9,13 +9,13 @@ REMARKS = {
     "sampler takes the skewed kernel of the direction itself (docs/planning.md).",
     "backscatter": "The closed form includes the cone: S + M + the same M between the reversed directions.",
     "wide-field": "No transform spans 80°: every connection is summed at every view, and the general engine for a "
-    "few points is close.",
+    "few points gets a third of the 1/(variance × time).",
     "flatland-box": "The wave equation is not transport theory: single views differ by some per cent (1/(kℓ), "
     "docs/validation.md), still below the noise of the most placements run here. Electric-field Monte Carlo has no "
     "reversed paths, and misses the backscattering peak.",
     "thin-box": "At optical depth 0.02 one scattering is nearly all: the closed form is exact for it and instant, and "
     "its error is the light that is scattered more often, which Monte Carlo passes after a while.",
-    "near-field": "Every sensor point is also where paths may start; that, not the sum, takes the time.",
+    "near-field": "Every sensor point is also where paths may start; tracing and the sum take half of the time each.",
     "voxels": "Rays walk through voxels one by one.",
     "hidden-object-within": "Nine beams at once. The object sampler's modes leave out up to 1 % of the light, put back "
     "evenly: a bias of .007 of the tilt covariances, which shows at the largest count.",
@@ -50,8 +50,7 @@ OBSTACLES = {
     "core's arithmetic busy, and a third are the normal random numbers, 15 000 a stack",
     "speed of two threads / one, tracing": "the spread of the repeats is the host's, whose two cores do not always run "
     "as two",
-    "speed of two threads / one, a whole render": "the same; and its parts wait for each other, chunk by chunk of "
-    "paths, of which the transforms are few and unequal jobs",
+    "speed of two threads / one, a whole render": "the same; and its parts wait for each other, chunk by chunk",
 }
 """Row of ``scripts/benchmark.py`` to what stands in the way where its aim is missed."""
 

@@ -1,6 +1,6 @@
 """Error against run time: what a sampler's run estimates, how far off it says it is, and what that cost."""
 
-from specklegen.benchmarking.bench import Row, bench, serving
+from specklegen.benchmarking.bench import FACTOR, Row, bench, serving
 from specklegen.benchmarking.estimates import Estimate
 from specklegen.benchmarking.measuring import Cost, measured
 from specklegen.benchmarking.probes import Probes, probes_of
@@ -8,6 +8,7 @@ from specklegen.benchmarking.samplers import SAMPLERS, Sampler
 from specklegen.benchmarking.trends import Trend, crossover, fit_trend
 
 __all__ = [
+    "FACTOR",
     "SAMPLERS",
     "Cost",
     "Estimate",
