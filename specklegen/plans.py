@@ -9,7 +9,7 @@ from specklegen.gates import Verdict
 from specklegen.gaussianity import Gaussianity
 from specklegen.illumination import CollimatedBeams, IncoherentObject
 from specklegen.mean import ballistic_fraction
-from specklegen.media import Medium, VoxelGrid
+from specklegen.media import Medium, Slab, VoxelGrid
 from specklegen.scene import Scene
 from specklegen.tracing import Proposal
 from specklegen.verdicts import Kernel
@@ -83,8 +83,7 @@ class Plan:
         """Tell in words what will be done, what is left out and why, what it costs and what else would cost."""
         shape = "x".join(str(n) for n in self.scene.sensor.shape)
         lines = [
-            f"{_described(self.scene.medium)}; {len(self.scene.lights)} "
-            f"{_LIGHTS.get(type(self.scene.illumination).__name__, 'tilts')}, {shape} views.",
+            f"{_described(self.scene.medium)}; {_lit(self.scene)}, {shape} views.",
             f"Sampler: {self.sampler} ({self.evaluator}), {self.paths} paths.",
         ]
         lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.verdicts]
@@ -100,6 +99,15 @@ class Plan:
         return "\n".join(lines)
 
 
+def _lit(scene: Scene) -> str:
+    """A few words about the lights."""
+    light = scene.illumination
+    words = f"{len(scene.lights)} {_LIGHTS.get(type(light).__name__, 'tilts')}"
+    if isinstance(light, CollimatedBeams | IncoherentObject):
+        words += f" through a window {light.width:.4g} wide"
+    return words
+
+
 def _described(medium: Medium) -> str:
     """One line about a medium."""
     if isinstance(medium, VoxelGrid):
@@ -108,7 +116,8 @@ def _described(medium: Medium) -> str:
             f"Grid of {shape} voxels of {len(medium.scatterers)} materials, optical depth at most "
             f"{medium.optical_depth:.4g}"
         )  # fmt: skip
+    size = f" {medium.thickness:.4g} thick" if isinstance(medium, Slab) else ""
     return (
-        f"{type(medium).__name__} of optical depth {medium.optical_depth:.4g}, anisotropy {medium.scatterer.g:.4g}, "
-        f"albedo {medium.albedo:g}"
+        f"{type(medium).__name__}{size} of optical depth {medium.optical_depth:.4g}, "
+        f"anisotropy {medium.scatterer.g:.4g}, albedo {medium.albedo:g}"
     )  # fmt: skip

@@ -40,8 +40,8 @@ def test_renders_are_functions_of_seed_and_number(name):
 @pytest.mark.parametrize("name", SCENES)
 def test_plans_tell_what_is_done(name):
     text = sg.plan(SCENES[name], paths=1000).explain()
-    kind = {"voxels": "Grid of 1x2 voxels", "slab": "Slab of optical depth 1.8"}.get(name, "Box of optical depth 2")
-    assert text.startswith(kind)
+    kinds = {"voxels": "Grid of 1x2 voxels", "slab": "Slab 9 thick of optical depth 1.8"}
+    assert text.startswith(kinds.get(name, "Box of optical depth 2"))
     assert "1000 paths" in text
     assert "fast engine for beams through a slab: left out" in text
     assert "nan" not in text
