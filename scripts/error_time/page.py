@@ -101,8 +101,8 @@ python scripts/error_vs_time.py --tables-only
 specklegen bench RECIPE                                                  # the same for your own scene
 ```
 
-The last budget of paths in transmission-g0-od10 (16 777 216 paths, four seeds, 36 s each) was measured apart, by the same
-functions, at a later commit; `--longest 32` would repeat it."""
+The last budget of paths in transmission-g0-od10 (16 777 216 paths, four seeds, 36 s each) was measured apart, by the
+same functions, at a later commit; `--longest 32` would repeat it."""
 
 
 def _seconds(longest: float, about: dict[str, dict]) -> str:

@@ -44,13 +44,13 @@ STOPS = {
 
 OBSTACLES = {
     "path tracing, per scattering event": "each event takes a logarithm, a sine and cosine and its random numbers; "
-    "by the plain program of the naive row, which takes 450 s on this kind of machine in a calm hour, the host was slow",
+    "by the plain program of the naive row, which takes 450 s here in a calm hour, the host was slow",
     "render / tracing alone, plan at hand": "the other side of the ratio is the tracing, which has become fast: what "
     "is left is the two ends of kept connections and their spreading by the NUFFT",
     "stationary five-stack 101 x 101": "two fifths of it are the matrix products from cells to views, which keep the "
     "core's arithmetic busy, and a third are the normal random numbers, 15 000 a stack",
-    "speed of two threads / one, tracing": "the row of two processes, which share nothing, says what this machine's two "
-    "cores can do at best",
+    "speed of two threads / one, tracing": "the row of two processes, which share nothing, says what two cores can do "
+    "here at best",
     "speed of two threads / one, a whole render": "the same; and its steps (tracing, ends of connections, transforms, "
     "their sum) wait for each other, chunk by chunk",
 }
