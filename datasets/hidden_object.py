@@ -162,12 +162,12 @@ class HiddenObject(Recipe):
         scenes = [self.scene(slab, pixels) for pixels in across for slab in slabs]
         return [plan(scene, paths=self.material.kernel_paths) for scene in scenes]
 
-    def scene(self, slab: Slab, pixels: float | None = None) -> Scene:
+    def scene(self, slab: Slab, pixels: float) -> Scene:
         """Scene of a slab with an object whose corners shine; where windows are fitted so many ``pixels`` across."""
         brightness = np.zeros(self.objects.shape)
         brightness[:: max(brightness.shape[0] - 1, 1), :: max(brightness.shape[1] - 1, 1)] = 1.0
         pitch = self.pitch(self.material.known(slab), ends(self._field_number)[1])
-        seen = self.geometry_of(pitch, ends(self._pixels)[1] if pixels is None else pixels)
+        seen = self.geometry_of(pitch, pixels)
         lights = IncoherentObject(brightness=brightness, pitch=pitch, width=seen.width, profile=seen.profile)
         return Scene(wavelength=seen.wavelength, medium=slab, illumination=lights, sensor=seen.grid)
 

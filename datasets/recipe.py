@@ -162,7 +162,10 @@ class Recipe(Value):
     @property
     def wavelength(self) -> float:
         """Wavelength inside the medium."""
-        return self.lab.medium_wavelength if self.lab is not None else self.material.wavelength or 0.0
+        if self.lab is not None:
+            return self.lab.medium_wavelength
+        assert self.material.wavelength is not None
+        return self.material.wavelength
 
     @property
     def profile(self) -> Profile:

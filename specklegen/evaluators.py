@@ -32,14 +32,16 @@ def scene_evaluator(scene: Scene, reverse: bool, tolerance: float) -> NufftEvalu
         return seconds(nufft_operations(evaluator, tilts, connections), 1)
 
     best, least = None, seconds(direct_operations(tilts, connections, rows * columns), 1)
-    for tiling in tilings(scene.sensor):
-        flat = constant_factor(tiling)
-        if cost(NufftEvaluator(tiling, flat, flat, 0.0, tolerance)) >= least:
-            break
-        with one_blas_thread():
+    with one_blas_thread():
+        for tiling in tilings(scene.sensor):
+            flat = constant_factor(tiling)
+            if cost(NufftEvaluator(tiling, flat, flat, 0.0, tolerance)) >= least:
+                break
             found = build_evaluator(pilot.bank, optics, scene.sensor, tolerance, tiling)
-        if found is not None and cost(found) < least:
-            best, least = found, cost(found)
-        elif found is not None and best is not None:
-            break
+            if found is None:
+                continue
+            if cost(found) < least:
+                best, least = found, cost(found)
+            elif best is not None:
+                break
     return best

@@ -241,10 +241,11 @@ def _plan_volume(
     )
 
 
-def _streams(scene: Scene) -> bool:
-    """Whether :func:`specklegen.render_tiles` serves a scene."""
-    beams, grid = isinstance(scene.illumination, CollimatedBeams), isinstance(scene.sensor, FarFieldGrid)
-    return beams and grid and slab_engine_obstacle(scene) is None
+def streaming_obstacle(scene: Scene) -> str | None:
+    """Why :func:`specklegen.render_tiles` does not serve a scene; None where it does."""
+    if not isinstance(scene.sensor, FarFieldGrid) or not isinstance(scene.illumination, CollimatedBeams):
+        return f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
+    return slab_engine_obstacle(scene)
 
 
 def _require_memory(scene: Scene, needed: int) -> None:
@@ -255,5 +256,5 @@ def _require_memory(scene: Scene, needed: int) -> None:
             f"renderable within {0.9 * total / 2**30:.1f} GiB",
             f"{needed / 2**30:.1f} GiB for {len(scene.lights)} tilts of {scene.sensor.shape} views",
             "Render fewer tilts or fewer views at a time"
-            + (", or stream the stack by render_tiles." if _streams(scene) else "."),
+            + (", or stream the stack by render_tiles." if streaming_obstacle(scene) is None else "."),
         )

@@ -21,11 +21,10 @@ from specklegen.fields.ends import Optics, random_phases
 from specklegen.fields.nufft import TILTS_AT_ONCE, nufft_tile
 from specklegen.fields.tiling import Tile, coarsest
 from specklegen.gates import Reverse, Sampler
-from specklegen.illumination import CollimatedBeams, directions_of_sines
+from specklegen.illumination import directions_of_sines
 from specklegen.mean import mean_field
 from specklegen.parallel import slices
-from specklegen.pathspace.gates import slab_engine_obstacle
-from specklegen.planning import plan
+from specklegen.planning import plan, streaming_obstacle
 from specklegen.plans import Plan
 from specklegen.rendering import stationary_stacks
 from specklegen.scene import Scene
@@ -76,12 +75,10 @@ def render_tiles(
     RuleError
         At once, for a scene of another kind, and as :func:`specklegen.plan` does.
     """
-    if not isinstance(scene.sensor, FarFieldGrid) or not isinstance(scene.illumination, CollimatedBeams):
-        kinds = f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
-        reject("render_tiles scene", "CollimatedBeams seen by a FarFieldGrid", kinds, "Use render.")
-    obstacle = slab_engine_obstacle(scene)
+    obstacle = streaming_obstacle(scene)
     if obstacle or sampler == "covariance":
-        reject("render_tiles scene", "one for the engine of beams through a slab", obstacle or sampler, "Use render.")
+        served = "CollimatedBeams through a slab of Henyey-Greenstein scatterers, seen by a FarFieldGrid"
+        reject("render_tiles scene", served, obstacle or sampler, "Use render.")
     made = plan(
         scene, paths=paths, rel_error=rel_error, sampler=sampler, reverse=reverse, mean=mean,
         field_tolerance=field_tolerance, streamed=True, threads=threads,

@@ -269,7 +269,10 @@ def test_curves_that_fall_have_not_ended_level():
 def test_page_says_how_long_runs_were():
     about = {name: {"machine": "m", "commit": "c", "load": 1.0, "longest": 1.0} for name in ("one", "two", "three")}
     about["two"]["longest"] = 4.0
-    assert "runs of 1 s, 4 s (two);" in page.introduction(list(about), about)
+    about["three"]["note"] = "a budget measured apart."
+    found = page.introduction(list(about), about)
+    assert "runs of 1 s, 4 s (two);" in found
+    assert found.endswith("```\n\nthree: a budget measured apart.")
 
 
 def test_page_is_written_from_the_tables(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
-from specklegen.fields import ends
+from specklegen.fields import ends, nufft
 from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import AXIS, Optics, random_phases
 from specklegen.fields.nufft import build_evaluator, nufft_field
@@ -296,6 +296,27 @@ def test_nufft_threads_do_not_matter():
     phases = random_phases(bank, 3)
     one, two = (nufft_field(bank, optics, phases, evaluator, threads=n) for n in (1, 2))
     assert one.tobytes() == two.tobytes()
+
+
+def test_connections_may_be_transformed_in_parts(monkeypatch):
+    """Which is linear: the same field within rounding, and the same bits on any number of threads."""
+    beams = sg.CollimatedBeams.tilts([0.0, 1e-4, 2e-4], width=1e5)
+    grid = sg.FarField.grid(shape=(20, 21), pitch=2e-5)
+    optics = Optics.of(1.0, EXAMPLE, beams)
+    bank = trace(EXAMPLE, beam_proposal(EXAMPLE, beams, AXIS), 1, 500)
+    evaluator = build_evaluator(bank, optics, grid, 1e-3)
+    assert evaluator is not None
+    phases = random_phases(bank, 3)
+    whole = nufft_field(bank, optics, phases, evaluator)
+    monkeypatch.setattr(nufft, "_POINTS_AT_ONCE", len(bank) // 7)
+    monkeypatch.setattr(nufft, "_POINTS_A_VIEW", 0)
+    one, two = (nufft_field(bank, optics, phases, evaluator, threads=n) for n in (1, 2))
+    assert one.tobytes() == two.tobytes()
+    assert relative(one, whole) < 1e-5
+    # Power: without the last part something is missing.
+    shares = nufft._shares
+    monkeypatch.setattr(nufft, "_shares", lambda count, size: shares(count, size)[:-1] or shares(count, size))
+    assert relative(nufft_field(bank, optics, phases, evaluator), whole) > 1e-2
 
 
 def test_nufft_of_nothing_is_zero():

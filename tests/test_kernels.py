@@ -181,7 +181,7 @@ def test_sincos_turns_is_exact_to_rounding(span):
 # ---- Henyey-Greenstein ---------------------------------------------------------------------------------
 
 
-def mean_cosine_z(g: float, drawn_with: float) -> None:
+def assert_mean_cosine(g: float, drawn_with: float) -> None:
     """Variance of the cosine is (1 - g^2)/3, from E[P2(cos)] = g^2."""
     x = lobe(drawn_with)
     assert_z(1 - x.mean(), g, np.sqrt((1 - g**2) / 3 / DRAWS))
@@ -189,7 +189,7 @@ def mean_cosine_z(g: float, drawn_with: float) -> None:
 
 @pytest.mark.parametrize("g", ANISOTROPIES)
 def test_mean_cosine_is_g(g):
-    mean_cosine_z(g, drawn_with=g)
+    assert_mean_cosine(g, drawn_with=g)
 
 
 def quantiles(g: float, u: np.ndarray) -> np.ndarray:
@@ -202,7 +202,7 @@ def quantiles(g: float, u: np.ndarray) -> np.ndarray:
     return ((root**2 - (1 - g) ** 2) / (2 * g)).astype(float)
 
 
-def lobe_chi2(g: float, drawn_with: float) -> None:
+def assert_density(g: float, drawn_with: float) -> None:
     """Sampler against density: 200 bins of 1 - cos, their probabilities by quadrature of the kernel's density."""
     edges = quantiles(g, np.linspace(0, 1, 201))
     edges[0], edges[-1] = 0.0, 2.0
@@ -226,17 +226,17 @@ def lobe_chi2(g: float, drawn_with: float) -> None:
 
 @pytest.mark.parametrize("g", ANISOTROPIES)
 def test_sampler_follows_its_density(g):
-    lobe_chi2(g, drawn_with=g)
+    assert_density(g, drawn_with=g)
 
 
 def test_one_per_cent_in_g_is_caught():
     """The power of the two tests above."""
     with pytest.raises(AssertionError, match="z ="):
-        mean_cosine_z(0.9, drawn_with=0.9 * 1.01)
+        assert_mean_cosine(0.9, drawn_with=0.9 * 1.01)
     with pytest.raises(AssertionError, match="chi-square"):
-        lobe_chi2(0.9, drawn_with=0.9 * 1.01)
+        assert_density(0.9, drawn_with=0.9 * 1.01)
     with pytest.raises(AssertionError, match="chi-square"):
-        lobe_chi2(0.999, drawn_with=1 - 0.001 * 1.1)
+        assert_density(0.999, drawn_with=1 - 0.001 * 1.1)
 
 
 @pytest.mark.parametrize("g", ANISOTROPIES)

@@ -74,7 +74,7 @@ FAST += [(3, 0.6, light, sensor) for light, sensor in product(LIGHTS[:3], SENSOR
 ISOTROPIC = [(dimension, 0.0, light, sensor) for dimension, _, light, sensor in FAST]
 
 
-def agree(case, paths, seed):
+def assert_agreement(case, paths, seed):
     scene, setup = both(*case)
     # One seed a case: cases that share random numbers would fail together.
     reverse = bool(seed % 2)
@@ -87,19 +87,19 @@ def agree(case, paths, seed):
 @pytest.mark.parametrize("number", range(len(FAST)), ids=["-".join(map(str, case)) for case in FAST])
 def test_boxes_against_the_literal_algorithms(number):
     """Lights and sensors near and far, inside and outside; cases take turns with and without reversed paths."""
-    agree(FAST[number], 100, 100 + number)
+    assert_agreement(FAST[number], 100, 100 + number)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [*FAST, *ISOTROPIC], ids=lambda case: "-".join(map(str, case)))
 def test_boxes_against_the_literal_algorithms_both_ways(case):
     number = [*FAST, *ISOTROPIC].index(case)
-    agree(case, 1000, 1000 + 2 * number)
-    agree(case, 1000, 1001 + 2 * number)
+    assert_agreement(case, 1000, 1000 + 2 * number)
+    assert_agreement(case, 1000, 1001 + 2 * number)
 
 
 def test_the_test_has_power():
-    ours, theirs = agree((2, 0.6, "plane", "far"), 300, 7)
+    ours, theirs = assert_agreement((2, 0.6, "plane", "far"), 300, 7)
     with pytest.raises(AssertionError, match="z ="):
         assert_same(1.1 * ours, theirs)
 

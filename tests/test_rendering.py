@@ -53,7 +53,7 @@ SAMPLERS = ["paths", "stationary"]
 # ---- Gaussianity (A05) ---------------------------------------------------------------------------------
 
 
-def gaussianity(u: np.ndarray) -> None:
+def assert_gaussian(u: np.ndarray) -> None:
     """A zero-mean circular Gaussian field: <u> = <u^2> = 0, <|u|^4> = 2 <|u|^2>^2, exponential intensity.
 
     ``u`` complex[R, V], independent along both axes, unit mean intensity in expectation at most up to a common factor.
@@ -72,22 +72,22 @@ def gaussianity(u: np.ndarray) -> None:
 def test_fields_are_circular_gaussian_by_paths():
     """At 2000 paths the finite-count excess is some 4/2000, inside the bounds; see the test of the promise below."""
     u = sg.render(sparse_scene(slab(1.0)), paths=2000, seed=1, realizations=500, sampler="paths").field[:, 0]
-    gaussianity(u.astype(complex))
+    assert_gaussian(u.astype(complex))
 
 
 def test_fields_are_circular_gaussian_by_the_stationary_sampler():
     grid = scene(tilts=[0.0], shape=(5, 5), pitch=0.5)
     u = sg.render(grid, paths=2000, seed=1, realizations=800, sampler="stationary").field[:, 0, ::4, ::4]
-    gaussianity(u.reshape(800, -1).astype(complex))
+    assert_gaussian(u.reshape(800, -1).astype(complex))
 
 
 def test_gaussianity_test_has_power():
     generator = np.random.default_rng(0)
     u = (generator.normal(size=(500, 6)) + 1j * generator.normal(size=(500, 6))) / np.sqrt(2)
-    gaussianity(u)
+    assert_gaussian(u)
     for wrong in (u + 0.2, u.real + 0.7j * u.imag, u * np.sqrt(generator.exponential(size=u.shape)), u / np.abs(u)):
         with pytest.raises(AssertionError):
-            gaussianity(wrong)
+            assert_gaussian(wrong)
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)

@@ -105,10 +105,10 @@ def test_an_interrupted_stack_has_no_name_and_is_made_anew(tmp_path, monkeypatch
 
 def test_what_cannot_be_streamed_is_refused_at_once():
     this = scene()
-    with pytest.raises(sg.RuleError, match="render_tiles scene must be CollimatedBeams seen by a FarFieldGrid; got"):
+    with pytest.raises(sg.RuleError, match="seen by a FarFieldGrid; got 'CollimatedBeams seen by FarField'"):
         sg.render_tiles(this.replace(sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]])))
     lobes = this.slab.replace(scatterer=sg.VonMisesFisher(concentration=5.0))
-    with pytest.raises(sg.RuleError, match="render_tiles scene must be one for the engine"):
+    with pytest.raises(sg.RuleError, match="got 'the scatterer is VonMisesFisher'. Use render"):
         sg.render_tiles(this.replace(medium=lobes), paths=1000)
 
 

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import specklegen as sg
+from specklegen import costs, evaluators
 from specklegen.evaluators import scene_evaluator
 from specklegen.fields import nufft, view_factor
 from specklegen.fields.direct import direct_field
@@ -15,6 +17,7 @@ from specklegen.fields.tiling import Tiling, tilings
 from specklegen.fields.view_factor import sagitta
 from specklegen.illumination import directions_of_sines
 from specklegen.kernels import sums
+from specklegen.pilots import scene_pilot
 from specklegen.stationary.kernel import keep_threshold
 from specklegen.tracing import beam_proposal, trace
 
@@ -160,6 +163,30 @@ def test_the_planner_cuts_wide_views_and_leaves_narrow_ones_whole():
     assert none is None
     text = sg.plan(scene(8.0, 96, 2), paths=1000, sampler="paths").explain()
     assert f"rank {few.rank} in {few.tiling.counts[0]}x{few.tiling.counts[1]} tiles" in text
+
+
+def test_tiles_that_are_not_tried_would_not_pay(monkeypatch):
+    """And those that are tried are judged on one thread of linear algebra, whose last bits would else depend on it."""
+    this, tried = scene(0.5, 65), []
+    pilot, optics = scene_pilot(this, False), Optics.of_scene(this)
+
+    def build(bank, optics, grid, tolerance, tiling):
+        tried.append(tiling)
+        assert {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"} == {1}
+        return build_evaluator(bank, optics, grid, tolerance, tiling)
+
+    def cost(found) -> float:
+        connections = 1e5 * len(pilot.bank) / pilot.bank.count
+        return costs.seconds(costs.nufft_operations(found, 1, connections), 1)
+
+    monkeypatch.setattr(evaluators, "build_evaluator", build)
+    with threadpool_limits(2):
+        best = scene_evaluator(this, False, 1e-3)
+    left_out = [tiling for tiling in tilings(this.sensor) if tiling not in tried]
+    assert left_out
+    for tiling in left_out[:3]:
+        other = build_evaluator(pilot.bank, optics, this.sensor, 1e-3, tiling)
+        assert other is None or cost(other) > cost(best)
 
 
 def test_a_render_in_tiles_is_the_render_summed_directly():

@@ -71,6 +71,7 @@ def introduction(names: Sequence[str], about: dict[str, dict]) -> str:
     longest = ", ".join(_seconds(each, known) for each in unique["longest"])
     loads = [float(each["load"]) for each in known.values()]
     crowded = any(machine.busy(each) for each in known.values())
+    notes = "".join(f"\n\n{name}: {each['note']}" for name, each in known.items() if "note" in each)
     return f"""# Performance: error against run time
 
 Every sampler and every method to compare with, on {len(names)} scenes, judged against frozen right values that come
@@ -99,10 +100,7 @@ python scripts/error_vs_time.py --scenes transmission-g0-od10 --longest 8    # a
 python scripts/benchmark.py --json docs/performance/benchmark.json
 python scripts/error_vs_time.py --tables-only
 specklegen bench RECIPE                                                  # the same for your own scene
-```
-
-The last budget of paths in transmission-g0-od10 (16 777 216 paths, four seeds, 36 s each) was measured apart, by the
-same functions, at a later commit; `--longest 32` would repeat it."""
+```{notes}"""
 
 
 def _seconds(longest: float, about: dict[str, dict]) -> str:

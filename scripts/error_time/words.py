@@ -43,8 +43,7 @@ STOPS = {
 """Why a method's curve ends level, whatever crosses it."""
 
 OBSTACLES = {
-    "path tracing, per scattering event": "each event takes a logarithm, a sine and cosine and its random numbers; "
-    "by the plain program of the naive row, which takes 450 s here in a calm hour, the host was slow",
+    "path tracing, per scattering event": "each event takes a logarithm, a sine and cosine and its random numbers",
     "render / tracing alone, plan at hand": "the other side of the ratio is the tracing, which has become fast: what "
     "is left is the two ends of kept connections and their spreading by the NUFFT",
     "stationary five-stack 101 x 101": "two fifths of it are the matrix products from cells to views, which keep the "
