@@ -180,7 +180,7 @@ def thread_rows(repeats: int) -> list[Row]:
 
     What two cores can do at best is measured beside it: two processes that trace and share nothing.
     """
-    scene, paths, repeats = example(), 4 * PATHS, max(repeats, 7)
+    scene, paths, repeats = example(), 4 * PATHS, max(repeats, 15)
     made = sg.plan(scene, paths=paths, sampler="paths")
     work = {
         "tracing": lambda n, threads: trace(MEDIUM, made.proposal, n, paths, threads=threads),

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.covariances import COVARIANCE_ELEMENTS
+from specklegen.chunks import CONNECTIONS, Chunks
+from specklegen.covariances import COVARIANCE_ELEMENTS, batches_side_by_side
 from specklegen.fields.nufft import TILTS_AT_ONCE, NufftEvaluator
 from specklegen.fields.tiling import MOST_VIEWS, coarsest
 from specklegen.illumination import PointSources
@@ -19,7 +20,7 @@ from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid, NearField
 from specklegen.stationary.cells import fft_flops, matrix_flops, stack_axes
 from specklegen.statistics import BATCHES
-from specklegen.tracing import BLOCK, CHUNK
+from specklegen.tracing import BLOCK
 
 NANOSECONDS = {
     "path": 110,  # starting a path through a slab
@@ -73,6 +74,11 @@ class Work:
     skewed: bool = False
     streamed: bool = False
 
+    @property
+    def chunks(self) -> Chunks:
+        """Paths that are traced and summed at a time."""
+        return Chunks(self.paths, self.connections_per_path, self.nufft.points if self.nufft else CONNECTIONS)
+
 
 @dataclass(frozen=True)
 class VolumeWork:
@@ -85,6 +91,11 @@ class VolumeWork:
     ways: int
     covariance: bool
 
+    @property
+    def chunks(self) -> Chunks:
+        """Paths that are traced and summed at a time."""
+        return Chunks(self.paths, self.connections_per_path)
+
 
 def seconds(operations: Mapping[str, float], threads: int) -> float:
     """Seconds that operations take on so many threads."""
@@ -93,12 +104,12 @@ def seconds(operations: Mapping[str, float], threads: int) -> float:
     )
 
 
-def nufft_operations(nufft: NufftEvaluator, tilts: int, connections: float) -> dict[str, float]:
-    """Operations to evaluate connections by NUFFT on all tiles."""
+def nufft_operations(nufft: NufftEvaluator, tilts: int, connections: float, chunks: int) -> dict[str, float]:
+    """Operations to evaluate connections by NUFFT on all tiles, in so many chunks."""
     width = np.ceil(-np.log10(0.3 * nufft.tolerance)) + 1
     precision = np.dtype(nufft.dtype).itemsize // 8
     spreads = nufft.tiles * nufft.spreads * connections
-    views = nufft.tiles * float(np.prod(nufft.tiling.shape)) * np.ceil(connections / nufft.points)
+    views = nufft.tiles * float(np.prod(nufft.tiling.shape)) * chunks
     return {
         "end": connections * tilts + spreads,
         "spread": float(spreads * tilts * (width / 5) ** 2 * precision),
@@ -136,7 +147,7 @@ def operations(work: Work) -> dict[str, float]:
     if work.streamed and connections > CONNECTIONS_KEPT:
         tracing = {name: _pieces(work) * count for name, count in tracing.items()}
     if work.nufft:
-        return tracing | nufft_operations(work.nufft, tilts, connections)
+        return tracing | nufft_operations(work.nufft, tilts, connections, work.chunks.count)
     return tracing | direct_operations(tilts, connections * (2 if work.reverse else 1), views)
 
 
@@ -188,54 +199,59 @@ def volume_operations(work: VolumeWork) -> dict[str, float]:
 
 
 def memory_bytes(work: Work, threads: int) -> int:
-    """Bytes by which the process grows at most in its first plan and render."""
+    """Bytes by which the process grows at most in its first plan and render, of one realization."""
     views = float(np.prod(work.scene.sensor.shape))
     tilts = len(work.scene.beams.directions)
     if work.streamed:
-        return _streamed_bytes(work, tilts)
-    connections = min(work.paths, CHUNK) * work.connections_per_path
-    bank = connections * _RECORD * 2
+        return _streamed_bytes(work, tilts, threads)
     if work.stationary:
         return int(work.paths * work.connections_per_path * 160 + 8 * views * tilts * 4 + _TORCH + _FIXED)
+    connections, bank = work.chunks.connections, work.chunks.connections * _RECORD * 2
+    beside, inside = work.chunks.side_by_side(threads, tilts * views)
     if work.nufft:
         per = np.dtype(work.nufft.dtype).itemsize
-        beside = 1 if work.nufft.tiles == 1 else threads  # tiles held at a time
+        tiles, transforms = (1, inside) if work.nufft.tiles == 1 else (inside, 1)  # at a time
         tile = tilts * float(np.prod(work.nufft.tiling.shape)) * per
-        field = 2 * tilts * views * per + tile * (work.nufft.rank / 4 + 1 + threads) * beside
-        strengths = 16 * (tilts + beside * work.nufft.rank) + per * tilts * threads
-        return int(bank * 1.5 + connections * strengths + field + _FIXED)
+        field = 2 * tilts * views * per + tile * (work.nufft.rank / 4 + 1 + transforms) * tiles * beside
+        strengths = 16 * (tilts + tiles * work.nufft.rank) + per * tilts * transforms
+        return int((bank * 1.5 + connections * strengths) * beside + field + _FIXED)
     looked = _SEARCH if isinstance(work.scene.sensor, FarFieldGrid) and not work.reverse else 0
-    return int(bank + connections * 16 * 2 * tilts + tilts * views * 16 * 3 + looked + _FIXED)
+    held = bank + connections * 16 * 2 * tilts + tilts * views * 16 * 2
+    return int(held * beside + tilts * views * 16 + looked + _FIXED)
 
 
-def _streamed_bytes(work: Work, tilts: int) -> int:
+def _streamed_bytes(work: Work, tilts: int, threads: int) -> int:
     """Bytes by which the process grows where one tile, or one tilt, is in work at a time."""
-    connections = min(work.paths, CHUNK) * work.connections_per_path
     if work.stationary:
         x, y = stack_axes(work.scene)
         cells, period = float(x.count * y.count), float(x.period * y.period)
         kernel = work.paths * work.connections_per_path * 160
         views = float(np.prod(work.scene.sensor.shape))
         return int(kernel + cells * (8 * tilts + 64) + 8 * 4 * period + 48 * views + _TORCH + _FIXED)
-    bank = connections * (_RECORD * 3 + 16)
     together = min(tilts, TILTS_STREAMED)
     side = np.minimum(work.scene.sensor.shape, MOST_VIEWS)
-    tile = float(np.prod(side)) * together * 16
+    piece = together * float(np.prod(side))
+    beside, _ = work.chunks.side_by_side(threads, piece)
+    connections, kept = work.chunks.connections, work.paths * work.connections_per_path
+    kept = kept if kept <= CONNECTIONS_KEPT else connections * beside
     rank = work.nufft.rank if work.nufft else 0
-    return int(bank + connections * 16 * (2 * together + rank) + tile * (3 + rank / 4) + _FIXED)
+    ends = connections * (_RECORD * 2 + 16 * (2 * together + rank))
+    return int(kept * (_RECORD + 16) + (ends + 16 * piece * (2 + rank / 4)) * beside + 16 * piece + _FIXED)
 
 
 def volume_memory_bytes(work: VolumeWork, threads: int) -> int:
-    """Bytes by which the process grows at most in its first plan and render."""
+    """Bytes by which the process grows at most in its first plan and render, of one realization."""
     lights, views = len(work.scene.lights), len(work.scene.views)
     pairs = float(lights * views)
-    paths = min(work.paths, CHUNK)
     room = threads * 8 * min(work.paths, BLOCK) * _RECORD
     if work.covariance:
         paths = min(work.paths / BATCHES, 8 * BLOCK)
         amplitudes = min(paths * work.connections_per_path * pairs, COVARIANCE_ELEMENTS)
-        held = 3 * 16 * amplitudes + pairs**2 * (16 * 6 + 8 * 3)
-    else:
-        some = min(paths * work.connections_per_path, FIELD_ELEMENTS / max(lights + views, 1))
-        held = 16 * some * (lights + threads * min(views, VIEWS_AT_ONCE)) + pairs * 16 * 3
-    return int(paths * work.connections_per_path * _RECORD + room + held + _FIXED)
+        beside, _ = batches_side_by_side(int(pairs) ** 2, threads)
+        waiting = 32 * pairs**2 * (1 if beside == 1 else 3 * beside)
+        held = 3 * 16 * amplitudes + paths * work.connections_per_path * _RECORD
+        return int(room + held * beside + waiting + pairs**2 * (16 * 4 + 8 * 3) + _FIXED)
+    beside, inside = work.chunks.side_by_side(threads, pairs)
+    some = min(work.chunks.connections, FIELD_ELEMENTS / max(lights + views, 1))
+    held = 16 * some * (lights + inside * min(views, VIEWS_AT_ONCE)) + work.chunks.connections * _RECORD
+    return int(room + (held + pairs * 16 * 2) * beside + pairs * 16 + _FIXED)

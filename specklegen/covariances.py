@@ -8,6 +8,7 @@ A sum of outer products, so Hermitian and positive semidefinite by construction.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 from specklegen.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.gates import Reverse, Verdict, warn_of_dependence
 from specklegen.kernels.rng import fill_normals
-from specklegen.parallel import map_blocks, one_blas_thread
+from specklegen.parallel import in_turn, map_blocks, one_blas_thread, thread_count
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
 from specklegen.pathspace.gates import scene_reversal
 from specklegen.pathspace.pilots import volume_pilot
@@ -28,6 +29,7 @@ from specklegen.tracing import BLOCK
 from specklegen.values import available_memory, reject
 
 COVARIANCE_ELEMENTS = 2**22  # of the amplitudes held at a time
+_ENTRIES = 2**17  # of batches in work that are not the only one, a thread
 _BLOCK_ROWS = 256  # per block of parallel work
 _PATHS_AT_ONCE = 8 * BLOCK  # so that the connections in memory do not grow with the number of paths
 
@@ -164,7 +166,7 @@ def covariance(
     tracer, reversal = _prepare(scene, reverse, tolerance)
     reverse = reversal.needed
     if pairs is None:
-        chosen, seen, entries = None, tracer, _all_pairs(t * v, threads)
+        chosen, seen, entries = None, tracer, _all_pairs(t * v)
     else:
         chosen = _checked_pairs(pairs, t, v)
         seen, entries = _chosen_pairs(tracer, chosen)
@@ -226,19 +228,19 @@ def covariance_blocks(
 
 @dataclass(frozen=True)
 class _Entries:
-    """Which entries of C to estimate: their shape, how amplitudes [T * V, M] add to their sums, and their scale.
+    """Which entries of C to estimate: their shape, how amplitudes [T * V, M] add to their sums on threads, their scale.
 
     ``scale`` maps C_pp, float64[T * V], to sqrt(C_pp C_qq) of the entries.
     """
 
     shape: tuple[int, ...]
-    add: Callable[[np.ndarray, np.ndarray], None]
+    add: Callable[[np.ndarray, np.ndarray, int], None]
     scale: Callable[[np.ndarray], np.ndarray]
     symmetric: bool = False
 
 
-def _all_pairs(n: int, threads: int | None) -> _Entries:
-    def lower_triangle(out: np.ndarray, a: np.ndarray) -> None:
+def _all_pairs(n: int) -> _Entries:
+    def lower_triangle(out: np.ndarray, a: np.ndarray, threads: int) -> None:
         conjugate = a.conj().T
 
         def rows(start: int) -> None:
@@ -256,7 +258,7 @@ def _chosen_pairs(tracer: Tracer, pairs: np.ndarray) -> tuple[Tracer, _Entries]:
     views, view_numbers = np.unique(pairs[:, [1, 3]], return_inverse=True)
     left, right = (light_numbers.reshape(-1, 2) * len(views) + view_numbers.reshape(-1, 2)).T
 
-    def entries(out: np.ndarray, a: np.ndarray) -> None:
+    def entries(out: np.ndarray, a: np.ndarray, threads: int) -> None:
         out += np.einsum("pm,pm->p", a[left], a[right].conj())
 
     scale = _Entries((len(pairs),), entries, lambda power: np.sqrt(power[left] * power[right]))
@@ -264,7 +266,7 @@ def _chosen_pairs(tracer: Tracer, pairs: np.ndarray) -> tuple[Tracer, _Entries]:
 
 
 def _rows(part: slice, n: int) -> _Entries:
-    def rows(out: np.ndarray, a: np.ndarray) -> None:
+    def rows(out: np.ndarray, a: np.ndarray, threads: int) -> None:
         out += a[part] @ a.conj().T
 
     return _Entries((part.stop - part.start, n), rows, lambda power: np.sqrt(np.outer(power[part], power)))
@@ -297,36 +299,42 @@ def _estimate(
     pairs = len(seen.lights.vectors) * len(seen.views.vectors)
     power = np.zeros(pairs)
     unfinished = 0
-    edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
+    edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int).tolist()
     step = max(1, COVARIANCE_ELEMENTS // max(pairs, 1))
+    beside, inside = batches_side_by_side(total.size, threads)
 
-    def add(batch: np.ndarray, amplitudes: np.ndarray) -> None:
-        entries.add(batch, amplitudes)
-        power[:] += np.einsum("pm,pm->p", amplitudes, amplitudes.conj()).real
+    def batch(ends: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        once, often = np.zeros((2, *entries.shape), np.complex128)
+        lit, cut = np.zeros(pairs), 0
+        for start in range(*ends, _PATHS_AT_ONCE):
+            count = min(_PATHS_AT_ONCE, ends[1] - start)
+            bank = tracer.trace(seed, count, first=start, stream=stream, threads=inside)
+            cut += bank.unfinished
+            amplitudes = chain(
+                ((once, single_amplitudes(seen, part, inside)) for part in _pieces(bank.single, step)),
+                ((often, multiple_amplitudes(seen, part, reverse, inside)) for part in _pieces(bank.multiple, step)),
+            )
+            for out, some in amplitudes:
+                entries.add(out, some, inside)
+                lit += np.einsum("pm,pm->p", some, some.conj()).real
+        return once, often, lit, cut
 
     with one_blas_thread():
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
-            once, often = np.zeros((2, *entries.shape), np.complex128)
-            for start in range(first, last, _PATHS_AT_ONCE):
-                count = min(_PATHS_AT_ONCE, last - start)
-                bank = tracer.trace(seed, count, first=start, stream=stream, threads=threads)
-                unfinished += bank.unfinished
-                for part in _pieces(bank.single, step):
-                    add(once, single_amplitudes(seen, part, threads))
-                for part in _pieces(bank.multiple, step):
-                    add(often, multiple_amplitudes(seen, part, reverse, threads))
+        for once, often, lit, cut in in_turn(batch, zip(edges[:-1], edges[1:], strict=True), beside):
             single += once
             often += once
             total += often
             squares += np.square(often.real) + np.square(often.imag)
+            power += lit
+            unfinished += cut
     total /= paths
     single /= paths
     error = _standard_error(squares / paths**2, total, len(edges) - 1)
     if entries.symmetric:
         for matrix in (total, single, error):
             _mirror(matrix)
-    lit = entries.scale(power / paths)
-    relative = np.divide(error, lit, out=np.zeros_like(error), where=lit > 0).max(initial=0.0)
+    scale = entries.scale(power / paths)
+    relative = np.divide(error, scale, out=np.zeros_like(error), where=scale > 0).max(initial=0.0)
     return Covariance(total, error, single, total - single, paths, reverse, float(relative), unfinished)
 
 
@@ -336,6 +344,13 @@ def _standard_error(squares: np.ndarray, mean: np.ndarray, n: int) -> np.ndarray
         return np.full(mean.shape, np.nan)
     scatter = squares - (np.square(mean.real) + np.square(mean.imag)) / n
     return np.sqrt(np.clip(scatter, 0, None) * n / (n - 1))
+
+
+def batches_side_by_side(entries: int, threads: int | None) -> tuple[int, int]:
+    """Batches of paths in work at a time, and threads within each: of large covariances one after the other."""
+    total = thread_count(threads)
+    beside = max(1, min(total, total * _ENTRIES // max(entries, 1)))
+    return beside, max(1, total // beside)
 
 
 def _pieces(bank: VolumeBank, step: int) -> Iterator[VolumeBank]:

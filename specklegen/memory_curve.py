@@ -16,6 +16,7 @@ from specklegen.fields import ends
 from specklegen.gates import Reverse, reversal_verdict, warn_of_dependence
 from specklegen.illumination import directions_of_sines
 from specklegen.media import Slab
+from specklegen.parallel import in_turn, thread_count
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
 from specklegen.pathspace.tracing import plane_tracer
 from specklegen.scatterers import is_henyey_greenstein
@@ -193,7 +194,7 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
     s = np.diag(ends.single_amplitudes(pairs, views))[:, None]
 
     def amplitudes(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        bank = trace(medium, proposal, seed, last - first, first=first, threads=threads)
+        bank = trace(medium, proposal, seed, last - first, first=first, threads=1)
         ones, many = bank.single, bank.multiple
         alone = _pair_amplitudes(ones, pairs, views, np.ones(len(ones)), single=True) * s
         rest = _pair_amplitudes(many, pairs, views, np.ones(len(many)), single=False)
@@ -201,7 +202,7 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
             rest += _pair_amplitudes(bank.reversed(), pairs, views, ends.reversal_phases(bank, pairs), single=False)
         return alone, rest
 
-    return _correlation(amplitudes, paths, len(light))
+    return _correlation(amplitudes, paths, len(light), threads)
 
 
 def _any_scatterer(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
@@ -210,31 +211,31 @@ def _any_scatterer(medium, wavelength, light, view, views, side, paths, seed, re
     tracer = plane_tracer(medium, wavelength, lights, np.concatenate([view[None], views]), reverse)
 
     def amplitudes(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        bank = tracer.trace(seed, last - first, first=first, threads=threads)
+        bank = tracer.trace(seed, last - first, first=first, threads=1)
         ones, many = bank.single, bank.multiple
         matched = [tracer.of_ends(slice(n, n + 1), slice(n, n + 1)) for n in range(len(lights))]
         alone = np.concatenate([single_amplitudes(pair, ones) for pair in matched])
         return alone, np.concatenate([multiple_amplitudes(pair, many, reverse) for pair in matched])
 
-    return _correlation(amplitudes, paths, len(light))
+    return _correlation(amplitudes, paths, len(light), threads)
 
 
-def _correlation(amplitudes, paths, n):
+def _correlation(amplitudes, paths, n, threads):
     """K_t, |K_t|^2, its loss, its error, the single share; amplitudes(first, last) are two complex128[1 + n, M]."""
-    sums = []
-    single = total = 0.0
-    edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int)
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
-        alone, rest = amplitudes(first, last)
+    edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int).tolist()
+
+    def batch(ends: tuple[int, int]) -> tuple[np.ndarray, float]:
+        alone, rest = amplitudes(*ends)
         both = np.concatenate([alone, rest], axis=1)
         power = np.square(np.abs(both)).sum(axis=1)
         product = (both[0] * both[1:].conj()).sum(axis=1)
-        sums.append(np.concatenate([product, power[1:], power[:1]]))
-        single += np.square(np.abs(alone[0])).sum()
-        total += power[0]
+        return np.concatenate([product, power[1:], power[:1]]), np.square(np.abs(alone[0])).sum()
+
+    found = list(in_turn(batch, zip(edges[:-1], edges[1:], strict=True), thread_count(threads)))
+    sums, single = np.array([both for both, _ in found]), sum(alone for _, alone in found)
+    total = sums[:, 2 * n].real.sum()
     if total == 0:
         return _dark(n)
-    sums = np.array(sums)
 
     def normalised(part: np.ndarray) -> np.ndarray:
         # By one root after the other: the product of two faint intensities underflows.

@@ -5,13 +5,15 @@ back in the order of the blocks, so that every sum over them is the same for any
 """
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import lru_cache
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from threadpoolctl import threadpool_limits
+    from threadpoolctl import ThreadpoolController
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -59,15 +61,44 @@ def map_blocks(function: Callable[[A], B], blocks: Iterable[A], threads: int | N
         return list(pool.map(function, blocks))
 
 
-def one_blas_thread() -> "threadpool_limits":
+def in_turn(function: Callable[[A], B], jobs: Iterable[A], workers: int) -> Iterator[B]:
+    """Apply ``function`` to every job on ``workers`` threads; yield results in the order of the jobs.
+
+    For long jobs and large results: no more than twice ``workers`` are begun ahead of the one that is yielded.
+    """
+    if workers <= 1:
+        yield from map(function, jobs)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        ahead = deque()
+        try:
+            for job in jobs:
+                ahead.append(pool.submit(function, job))
+                if len(ahead) == 2 * workers:
+                    yield ahead.popleft().result()
+            while ahead:
+                yield ahead.popleft().result()
+        finally:
+            for begun in ahead:
+                begun.cancel()
+
+
+def one_blas_thread() -> AbstractContextManager[object]:
     """Context in which NumPy's and SciPy's linear algebra runs on one thread.
 
     More would change its last bits, and cost more than they bring where matrices are small or blocks around them are
     parallel.
     """
-    from threadpoolctl import threadpool_limits
+    return _linear_algebra().limit(limits=1, user_api="blas")
 
-    return threadpool_limits(1, user_api="blas")
+
+@lru_cache(1)
+def _linear_algebra() -> "ThreadpoolController":
+    """Controller of the libraries in this process: looking for them takes milliseconds."""
+    import scipy.linalg  # noqa: F401, whose library is another than NumPy's
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.chunks import CONNECTIONS, Chunks
 from specklegen.fields.nufft import NufftEvaluator
 from specklegen.gates import Verdict
 from specklegen.gaussianity import Gaussianity
@@ -78,6 +79,11 @@ class Plan:
     def field_dtype(self) -> type:
         """Precision in which fields are summed."""
         return self.nufft.dtype if self.nufft else np.complex128
+
+    @property
+    def chunks(self) -> Chunks:
+        """Paths that are traced and summed at a time."""
+        return Chunks(self.paths, self.connections_per_path, self.nufft.points if self.nufft else CONNECTIONS)
 
     def explain(self) -> str:
         """Tell in words what will be done, what is left out and why, what it costs and what else would cost."""

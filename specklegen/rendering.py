@@ -7,9 +7,11 @@ Scene -> plan -> covariance -> eigenvectors -> fields                    ("covar
 Beams through a slab have an engine of their own; any other geometry goes through ``specklegen.pathspace``.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,13 +25,14 @@ from specklegen.gates import Reverse, Sampler, Verdict
 from specklegen.gaussianity import Gaussianity
 from specklegen.illumination import IncoherentObject, reference_direction
 from specklegen.mean import mean_field
+from specklegen.parallel import in_turn, one_blas_thread, thread_count
 from specklegen.pathspace.fields import volume_field
 from specklegen.pathspace.tracing import scene_tracer
 from specklegen.planning import Plan, plan
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
 from specklegen.streams import Seed, pilot_seed
-from specklegen.tracing import CHUNK, trace
+from specklegen.tracing import PathBank, trace
 from specklegen.values import reject
 
 if TYPE_CHECKING:
@@ -183,8 +186,7 @@ def render(
 
 def _draw(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """Images of every realization, connections kept and paths unfinished, by the sampler that was planned."""
-    paths = _volume_paths if made.proposal is None else _paths
-    sampler = {"stationary": _stationary, "covariance": _covariance, "paths": paths}[made.sampler]
+    sampler = {"stationary": _stationary, "covariance": _covariance, "paths": _paths}[made.sampler]
     return sampler(made, seed, realizations, threads)
 
 
@@ -203,46 +205,59 @@ def _paths_within(
 
 
 def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
-    """Algorithm 2: fresh paths and phases for every realization, summed chunk by chunk in a fixed order."""
-    scene = made.scene
-    assert made.proposal is not None
-    optics = Optics.of_scene(scene)
-    views = scene.views
-    shape = scene.sensor.shape
+    """Algorithms 2 and 4: fresh paths and phases for every realization, summed chunk by chunk in a fixed order."""
+    scene, chunks = made.scene, made.chunks.slices
+    chunk_field = _volume_chunk(made) if made.proposal is None else _slab_chunk(made)
+    shape = (len(scene.lights), *scene.sensor.shape)
+    jobs = ((r, chunk) for r in range(realizations) for chunk in chunks)
+    beside, inside = made.chunks.side_by_side(thread_count(threads), float(np.prod(shape)), realizations)
     images, connections, unfinished = [], 0, 0
-    for r in range(realizations):
-        field = np.zeros((len(optics.tilts), *shape), made.field_dtype)
-        for first in range(0, made.paths, CHUNK):
-            count = min(CHUNK, made.paths - first)
-            bank = trace(scene.slab, made.proposal, seed, count, first=first, sample=r, threads=threads)
-            phases = random_phases(bank, seed, r, threads=threads)
-            if made.nufft:
-                part = nufft_field(bank, optics, phases, made.nufft, threads=threads)
-            else:
-                part = direct_field(bank, optics, phases, views, reverse=made.reverse, threads=threads)
-            field += (part * np.sqrt(count / made.paths)).reshape(field.shape)
-            connections += len(bank)
-            unfinished += bank.unfinished
-        images.append(_image(scene, field))
+    with one_blas_thread():
+        parts = in_turn(lambda job: chunk_field(seed, *job, inside), jobs, beside)
+        for _ in range(realizations):
+            field = np.zeros(shape, made.field_dtype)
+            for part, bank in islice(parts, len(chunks)):
+                field += part.reshape(shape)
+                connections += len(bank)
+                unfinished += bank.unfinished
+            images.append(_image(scene, field))
     return np.stack(images), connections, unfinished
 
 
-def _volume_paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
-    """Algorithms 2 and 4 in any geometry, chunk by chunk in a fixed order."""
-    scene = made.scene
-    tracer = scene_tracer(scene, made.reverse)
-    images, connections, unfinished = [], 0, 0
-    for r in range(realizations):
-        field = np.zeros((len(scene.lights), len(scene.views)), np.complex128)
-        for first in range(0, made.paths, CHUNK):
-            count = min(CHUNK, made.paths - first)
-            bank = tracer.trace(seed, count, first=first, sample=r, threads=threads)
-            part = volume_field(tracer, bank, seed, r, reverse=made.reverse, threads=threads)
-            field += part * np.sqrt(count / made.paths)
-            connections += len(bank)
-            unfinished += bank.unfinished
-        images.append(_image(scene, field))
-    return np.stack(images), connections, unfinished
+ChunkField = Callable[[Seed, int, slice, int], tuple[np.ndarray, PathBank]]
+"""(seed, realization, paths, threads) -> what a chunk of paths adds to the field, and its connections."""
+
+
+def _slab_chunk(made: Plan) -> ChunkField:
+    """Chunks of beams through a slab."""
+    scene, proposal = made.scene, made.proposal
+    assert proposal is not None
+    optics, views = Optics.of_scene(scene), scene.views
+
+    def field(seed: Seed, sample: int, chunk: slice, threads: int) -> tuple[np.ndarray, PathBank]:
+        count = chunk.stop - chunk.start
+        bank = trace(scene.slab, proposal, seed, count, first=chunk.start, sample=sample, threads=threads)
+        phases = random_phases(bank, seed, sample, threads=threads)
+        if made.nufft:
+            part = nufft_field(bank, optics, phases, made.nufft, threads=threads)
+        else:
+            part = direct_field(bank, optics, phases, views, reverse=made.reverse, threads=threads)
+        return part * math.sqrt(count / made.paths), bank
+
+    return field
+
+
+def _volume_chunk(made: Plan) -> ChunkField:
+    """Chunks in any geometry."""
+    tracer = scene_tracer(made.scene, made.reverse)
+
+    def field(seed: Seed, sample: int, chunk: slice, threads: int) -> tuple[np.ndarray, PathBank]:
+        count = chunk.stop - chunk.start
+        bank = tracer.trace(seed, count, first=chunk.start, sample=sample, threads=threads)
+        part = volume_field(tracer, bank, seed, sample, reverse=made.reverse, threads=threads)
+        return part * math.sqrt(count / made.paths), bank
+
+    return field
 
 
 def _covariance(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:

@@ -7,9 +7,10 @@ Path sums come in tiles of at most 512 x 512 views and sixteen tilts, stationary
 is traced once where its connections fit, else once a piece.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial, reduce
 from itertools import chain, islice
 from pathlib import Path
 
@@ -23,18 +24,21 @@ from specklegen.fields.tiling import Tile, coarsest
 from specklegen.gates import Reverse, Sampler
 from specklegen.illumination import directions_of_sines
 from specklegen.mean import mean_field
-from specklegen.parallel import slices
+from specklegen.parallel import in_turn, slices, thread_count
 from specklegen.planning import plan, streaming_obstacle
 from specklegen.plans import Plan
 from specklegen.rendering import stationary_stacks
 from specklegen.scene import Scene
 from specklegen.sensors import FarFieldGrid
 from specklegen.streams import Seed
-from specklegen.tracing import CHUNK, PathBank, trace
+from specklegen.tracing import PathBank, trace
 from specklegen.values import reject
 
 Where = tuple[slice, slice, slice]
 """Tilts, rows and columns of a piece in its stack."""
+
+Bank = Callable[[int], tuple[PathBank, np.ndarray]]
+"""Number of a chunk -> its connections and their random phases."""
 
 assert TILTS_STREAMED % TILTS_AT_ONCE == 0, "transforms must group the tilts of a part as those of the whole"
 
@@ -159,40 +163,42 @@ def _tile_by_tile(made: Plan, seed: Seed, realization: int, threads: int | None)
     scene, grid, proposal = made.scene, made.scene.sensor, made.proposal
     assert isinstance(grid, FarFieldGrid)
     assert proposal is not None
-    optics = Optics.of_scene(scene)
+    optics, chunks = Optics.of_scene(scene), made.chunks.slices
+    tiling = made.nufft.tiling if made.nufft else coarsest(grid)
+    groups = slices(len(optics.tilts), TILTS_STREAMED)
+    piece = float(np.prod(tiling.shape)) * groups[0].stop
+    beside, inside = made.chunks.side_by_side(thread_count(threads), piece)
 
-    def bank(first: int) -> tuple[PathBank, np.ndarray]:
-        count = min(CHUNK, made.paths - first)
-        traced = trace(scene.slab, proposal, seed, count, first=first, sample=realization, threads=threads)
-        return traced, random_phases(traced, seed, realization, threads=threads)
+    def bank(n: int) -> tuple[PathBank, np.ndarray]:
+        first, count = chunks[n].start, chunks[n].stop - chunks[n].start
+        traced = trace(scene.slab, proposal, seed, count, first=first, sample=realization, threads=inside)
+        return traced, random_phases(traced, seed, realization, threads=inside)
 
     if made.paths * made.connections_per_path <= CONNECTIONS_KEPT:
         bank = lru_cache(None)(bank)
-    tiling = made.nufft.tiling if made.nufft else coarsest(grid)
     for tile in tiling.tiles:
-        for tilts in slices(len(optics.tilts), TILTS_STREAMED):
-            where = (tilts, tile.rows, tile.columns)
-            yield where, _sum(made, replace(optics, tilts=optics.tilts[tilts]), tile, bank, threads)
+        for tilts in groups:
+            part = partial(_chunk, made, replace(optics, tilts=optics.tilts[tilts]), tile, bank, inside)
+            field = reduce(np.add, in_turn(part, range(len(chunks)), beside))
+            yield (tilts, tile.rows, tile.columns), field.astype(np.complex64)
 
 
-def _sum(made: Plan, optics: Optics, tile: Tile, bank, threads: int | None) -> np.ndarray:
-    """Field of some tilts on one tile, chunk by chunk."""
+def _chunk(made: Plan, optics: Optics, tile: Tile, bank: Bank, threads: int, n: int) -> np.ndarray:
+    """What chunk ``n`` of the paths adds to the field of some tilts on one tile."""
+    some, phases = bank(n)
+    if made.nufft:
+        field = nufft_tile(some, optics, phases, made.nufft, tile, threads=threads)
+    else:
+        views = _views(made.scene, tile)
+        field = direct_field(some, optics, phases, views, reverse=made.reverse, threads=threads)
     shape = (len(optics.tilts), tile.rows.stop - tile.rows.start, tile.columns.stop - tile.columns.start)
-    field = np.zeros(shape, made.field_dtype)
-    grid = made.scene.sensor
-    assert isinstance(grid, FarFieldGrid)
-    for first in range(0, made.paths, CHUNK):
-        some, phases = bank(first)
-        if made.nufft:
-            part = nufft_tile(some, optics, phases, made.nufft, tile, threads=threads)
-        else:
-            part = direct_field(some, optics, phases, _views(grid, tile), reverse=made.reverse, threads=threads)
-        field += (part * np.sqrt(some.count / made.paths)).reshape(shape)
-    return field.astype(np.complex64)
+    return (field * math.sqrt(some.count / made.paths)).reshape(shape)
 
 
-def _views(grid: FarFieldGrid, tile: Tile) -> np.ndarray:
+def _views(scene: Scene, tile: Tile) -> np.ndarray:
     """float64[n, 3], the views of a tile."""
+    grid = scene.sensor
+    assert isinstance(grid, FarFieldGrid)
     x, y = grid.sines
     y, x = np.meshgrid(y[tile.rows], x[tile.columns], indexing="ij")
     return directions_of_sines("tile", np.stack([x.ravel(), y.ravel()], -1), grid.sign)

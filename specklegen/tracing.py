@@ -21,9 +21,6 @@ from specklegen.streams import Seed, Stream, stream_key
 BLOCK = 4096
 """Paths per block: the unit of parallel work, and of every fixed-order sum."""
 
-CHUNK = 131072
-"""Paths traced and summed at a time; fixed, so that sums do not depend on the machine's size."""
-
 
 @dataclass(frozen=True)
 class Proposal:

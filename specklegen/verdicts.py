@@ -22,7 +22,7 @@ from specklegen.pilots import Pilot, scene_pilot, scene_stationary_error
 from specklegen.scene import Scene
 from specklegen.sensors import FarField, FarFieldGrid, Sensor
 from specklegen.stationary.criterion import StationaryError
-from specklegen.values import RuleError, reject
+from specklegen.values import RuleError, reject, remembered
 
 SIMPLER = Verdict(
     "near-field terms, voxels and mixtures", False,
@@ -66,20 +66,22 @@ def mean_verdict(scene: Scene, mean: bool, tolerance: float) -> Verdict:
         return Verdict(_MEAN, True, "asked for")
     if not len(scene.beams.directions):
         return Verdict(_MEAN, False, "there is no light")
-    ratio = _strongest_mean(scene, _nearest_tilt(scene)) / max(scene_pilot(scene, False).intensity, 1e-300)
+    ratio = _strongest_mean(scene) / max(scene_pilot(scene, False).intensity, 1e-300)
     verdict = _mean_left_out(ratio, tolerance)
     if ratio > tolerance and isinstance(scene.illumination, IncoherentObject):
         return replace(verdict, reason=_NO_BALLISTIC_IMAGE.format(ratio))
     return verdict
 
 
-def _strongest_mean(scene: Scene, tilt: np.ndarray) -> float:
-    """Largest intensity of one tilt's mean field over the views.
+@remembered(64)
+def _strongest_mean(scene: Scene) -> float:
+    """Largest intensity of the nearest tilt's mean field over the views.
 
     Over a grid it is found without looking at every view. A window's diffraction pattern is the product of its
     sections (square, Gaussian), so that the best column and the best row of the cross through the nearest view have
     the maximum; or it falls off in rings (disc), so that a block about the nearest view holds it.
     """
+    tilt = _nearest_tilt(scene)
     beam = scene.beams.replace(directions=tilt[None])
 
     def intensity(sensor: Sensor) -> np.ndarray:

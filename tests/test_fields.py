@@ -8,10 +8,11 @@ import pytest
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
-from specklegen.fields import ends, nufft
+from specklegen.fields import ends
 from specklegen.fields.direct import direct_field
 from specklegen.fields.ends import AXIS, Optics, random_phases
-from specklegen.fields.nufft import build_evaluator, nufft_field
+from specklegen.fields.nufft import build_evaluator, nufft_field, together
+from specklegen.fields.view_factor import error_of_single
 from specklegen.illumination import directions_of_sines
 from specklegen.stationary.kernel import keep_threshold, plane_optics
 from specklegen.tracing import beam_proposal, plane_proposal, trace
@@ -298,25 +299,53 @@ def test_nufft_threads_do_not_matter():
     assert one.tobytes() == two.tobytes()
 
 
-def test_connections_may_be_transformed_in_parts(monkeypatch):
-    """Which is linear: the same field within rounding, and the same bits on any number of threads."""
-    beams = sg.CollimatedBeams.tilts([0.0, 1e-4, 2e-4], width=1e5)
+SINGLE_TILTS = {"narrow": [0.0, 1e-4], "wide": [0.0, 0.3, 0.5]}
+
+
+@pytest.mark.parametrize("tilts", SINGLE_TILTS)
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+def test_single_scattering_may_share_the_transforms(tilts, tolerance, monkeypatch):
+    beams = sg.CollimatedBeams.tilts(SINGLE_TILTS[tilts], width=1e5)
     grid = sg.FarField.grid(shape=(20, 21), pitch=2e-5)
     optics = Optics.of(1.0, EXAMPLE, beams)
-    bank = trace(EXAMPLE, beam_proposal(EXAMPLE, beams, AXIS), 1, 500)
+    bank = trace(EXAMPLE, beam_proposal(EXAMPLE, beams, AXIS), 1, 1000)
+    alone = build_evaluator(bank, optics, grid, tolerance)
+    assert alone is not None
+    both = together(alone, optics)
+    assert both is not None
+    assert both.rank < alone.rank
+    phases = random_phases(bank, 3)
+    once = replace(bank.single, count=bank.count)
+    for part, z in ((bank, phases), (once, phases[bank.orders == 1])):
+        expected = direct_field(part, optics, z, grid.directions.reshape(-1, 3))
+        for evaluator in (alone, both):
+            found = nufft_field(part, optics, z, evaluator)
+            assert relative(found.reshape(expected.shape), expected) < 1.5 * tolerance
+    # Power: an amplitude s(i . v) that is off by twice the tolerance is seen.
+    amplitudes = ends.single_amplitudes
+    monkeypatch.setattr(ends, "single_amplitudes", lambda *known: (1 + 2 * tolerance) * amplitudes(*known))
+    wrong = nufft_field(once, optics, phases[bank.orders == 1], both)
+    assert relative(wrong.reshape(expected.shape), expected) > 1.5 * tolerance
+
+
+def test_single_scattering_keeps_its_own_transforms_where_it_must():
+    """Thin, strongly forward scattering: s(i . v) of a tilt is steeper than what the multiple scattering is made of."""
+    medium = sg.Slab(thickness=2000.0, mean_free_path=2000.0, scatterer=sg.HenyeyGreenstein(g=0.97))
+    beams = sg.CollimatedBeams.tilts([0.0, 0.02], width=1e5)
+    grid = sg.FarField.grid(shape=(65, 65), pitch=np.sin(np.deg2rad(1.0)) / 32)
+    optics = Optics.of(1.0, medium, beams)
+    bank = trace(medium, beam_proposal(medium, beams, AXIS), 1, 1500)
     evaluator = build_evaluator(bank, optics, grid, 1e-3)
     assert evaluator is not None
-    phases = random_phases(bank, 3)
-    whole = nufft_field(bank, optics, phases, evaluator)
-    monkeypatch.setattr(nufft, "_POINTS_AT_ONCE", len(bank) // 7)
-    monkeypatch.setattr(nufft, "_POINTS_A_VIEW", 0)
-    one, two = (nufft_field(bank, optics, phases, evaluator, threads=n) for n in (1, 2))
-    assert one.tobytes() == two.tobytes()
-    assert relative(one, whole) < 1e-5
-    # Power: without the last part something is missing.
-    shares = nufft._shares
-    monkeypatch.setattr(nufft, "_shares", lambda count, size: shares(count, size)[:-1] or shares(count, size))
-    assert relative(nufft_field(bank, optics, phases, evaluator), whole) > 1e-2
+    assert together(evaluator, optics) is None
+    once, phases = bank.single, random_phases(bank.single, 3)
+    expected = direct_field(once, optics, phases, grid.directions.reshape(-1, 3))
+    forced = nufft_field(once, optics, phases, replace(evaluator, single=None)).reshape(expected.shape)
+    own = nufft_field(once, optics, phases, evaluator).reshape(expected.shape)
+    assert relative(own, expected) < 1.5e-3
+    # It may be forced, and then is as wrong as the criterion says.
+    stated = error_of_single(evaluator.multiple, optics, evaluator.tiling)
+    assert 0.5 * stated < relative(forced, expected) < 2 * stated
 
 
 def test_nufft_of_nothing_is_zero():

@@ -6,6 +6,7 @@ from test_covariance import flat_box, views
 from volume_batches import BATCHES, assert_same, engine_batches
 
 import specklegen as sg
+from specklegen.chunks import Chunks
 
 SCENE = flat_box([0.0, 4.0], views([0, 4, 180]), half=5.0, mean_free_path=5.0)
 BEAMS = sg.CollimatedBeams.tilts([0.0, 0.05], width=4.0, dimensions=2)
@@ -67,10 +68,8 @@ def test_images_have_the_covariance(sampler):
 
 def test_chunks_of_paths_join(monkeypatch):
     """In one piece or in several, the same field to rounding."""
-    from specklegen import rendering
-
     whole = sg.render(SCENE, paths=300, seed=8, reverse=True).field
-    monkeypatch.setattr(rendering, "CHUNK", 128)
+    monkeypatch.setattr(Chunks, "count", 3)
     parts = sg.render(SCENE, paths=300, seed=8, reverse=True).field
     np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-6 * np.abs(whole).max())
 

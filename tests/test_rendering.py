@@ -14,6 +14,7 @@ from zscore import FALSE_ALARM, assert_mean, assert_z, limit
 
 import specklegen as sg
 from specklegen import evaluators, pilots
+from specklegen.chunks import Chunks
 from specklegen.gates import reversal_verdict
 from specklegen.illumination import directions_of_sines
 from specklegen.statistics import jackknife
@@ -187,9 +188,7 @@ def test_the_case_names_say_what_runs():
 def test_chunks_join_as_one_bank(monkeypatch):
     this = sparse_scene()
     whole = sg.render(this, paths=3000, seed=1, sampler="paths").field
-    from specklegen import rendering
-
-    monkeypatch.setattr(rendering, "CHUNK", 700)
+    monkeypatch.setattr(Chunks, "count", 5)
     parts = sg.render(this, paths=3000, seed=1, sampler="paths").field
     # Only the order of the float64 sums differs, and the rounding to complex64.
     np.testing.assert_allclose(parts, whole, rtol=1e-6, atol=1e-6 * np.abs(whole).max())

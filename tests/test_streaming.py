@@ -5,6 +5,7 @@ import pytest
 
 import specklegen as sg
 from specklegen import evaluators, streaming
+from specklegen.chunks import Chunks
 from specklegen.costs import Work, memory_bytes
 from specklegen.fields import tiling
 
@@ -32,12 +33,11 @@ CASES = {
 
 @pytest.fixture
 def small_pieces(monkeypatch):
-    """Pieces of 16 views a side and two tilts; chunks of 1024 paths, traced anew for each."""
+    """Pieces of 16 views a side and two tilts; three chunks of paths, traced anew for each."""
     monkeypatch.setattr(tiling, "MOST_VIEWS", 16)
     monkeypatch.setattr(streaming, "TILTS_STREAMED", 2)
     monkeypatch.setattr(streaming, "CONNECTIONS_KEPT", 0)
-    monkeypatch.setattr(streaming, "CHUNK", 1024)
-    monkeypatch.setattr("specklegen.rendering.CHUNK", 1024)
+    monkeypatch.setattr(Chunks, "count", 3)
     evaluators.scene_evaluator.cache_clear()
     yield
     evaluators.scene_evaluator.cache_clear()
@@ -86,15 +86,15 @@ def test_a_stack_goes_to_zarr(tmp_path):
 @pytest.mark.usefixtures("small_pieces")
 def test_an_interrupted_stack_has_no_name_and_is_made_anew(tmp_path, monkeypatch):
     this, options = CASES["nufft"]
-    real = streaming._sum
+    real = streaming._chunk
 
-    def fails(made, optics, tile, bank, threads):
+    def fails(made, optics, tile, *rest):
         if tile.rows.start:
             raise KeyboardInterrupt
-        return real(made, optics, tile, bank, threads)
+        return real(made, optics, tile, *rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr(streaming, "_sum", fails)
+        patch.setattr(streaming, "_chunk", fails)
         with pytest.raises(KeyboardInterrupt):
             sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
     assert not (tmp_path / "stack.zarr").exists()

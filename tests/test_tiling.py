@@ -8,6 +8,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import specklegen as sg
 from specklegen import costs, evaluators
+from specklegen.chunks import Chunks
 from specklegen.evaluators import scene_evaluator
 from specklegen.fields import nufft, view_factor
 from specklegen.fields.direct import direct_field
@@ -176,8 +177,9 @@ def test_tiles_that_are_not_tried_would_not_pay(monkeypatch):
         return build_evaluator(bank, optics, grid, tolerance, tiling)
 
     def cost(found) -> float:
-        connections = 1e5 * len(pilot.bank) / pilot.bank.count
-        return costs.seconds(costs.nufft_operations(found, 1, connections), 1)
+        per_path = len(pilot.bank) / pilot.bank.count
+        chunks = Chunks(100_000, per_path, found.points).count
+        return costs.seconds(costs.nufft_operations(found, 1, 1e5 * per_path, chunks), 1)
 
     monkeypatch.setattr(evaluators, "build_evaluator", build)
     with threadpool_limits(2):

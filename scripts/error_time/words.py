@@ -50,8 +50,8 @@ OBSTACLES = {
     "core's arithmetic busy, and a third are the normal random numbers, 15 000 a stack",
     "speed of two threads / one, tracing": "the row of two processes, which share nothing, says what two cores can do "
     "here at best",
-    "speed of two threads / one, a whole render": "the same; and its steps (tracing, ends of connections, transforms, "
-    "their sum) wait for each other, chunk by chunk",
+    "speed of two threads / one, a whole render": "the same: a thread traces and sums a chunk of paths on its own, and "
+    "waits for none but the last",
 }
 """Row of ``scripts/benchmark.py`` to what stands in the way where its aim is missed."""
 

@@ -28,7 +28,7 @@ from specklegen.stationary.sampler import mean_intensity, stack_sampler
 from specklegen.stationary.skewed import SkewedKernel
 from specklegen.statistics import batch_sums
 from specklegen.streams import Seed
-from specklegen.tracing import CHUNK, PathBank, trace
+from specklegen.tracing import PathBank, trace
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ def paths_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Esti
         return eigen_estimate(scene, probes, paths, seed, reverse=made.reverse)  # the same paths
     p, q = probes.ends.T
     sums = np.zeros((), np.complex128)
-    for first in range(0, paths, CHUNK):
-        bank = trace(scene.slab, made.proposal, seed, min(CHUNK, paths - first), first=first, threads=1)
+    for chunk in made.chunks.slices:
+        bank = trace(scene.slab, made.proposal, seed, chunk.stop - chunk.start, first=chunk.start, threads=1)
         for part, single in ((bank.single, True), (bank.multiple, False)):
             amplitudes = connection_amplitudes(made, part, probes.points, single=single)
             sums = sums + batch_sums(amplitudes[p] * amplitudes[q].conj(), part.paths, paths)

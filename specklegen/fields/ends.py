@@ -17,7 +17,7 @@ from specklegen.scene import Scene
 from specklegen.streams import Seed, Stream, stream_key
 from specklegen.tracing import PathBank
 
-BLOCK = 4096
+BLOCK = 16384
 """Connections whose ends are found at a time; each end stands alone, so the size changes no bit."""
 
 AXIS = np.array([0.0, 0.0, 1.0])

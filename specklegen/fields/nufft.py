@@ -12,39 +12,41 @@ from dataclasses import dataclass, replace
 import finufft
 import numpy as np
 
+from specklegen.chunks import CONNECTIONS
 from specklegen.fields import ends
 from specklegen.fields.ends import Optics
 from specklegen.fields.tiling import Tile, Tiling
 from specklegen.fields.view_factor import (
     ViewFactor,
+    error_of_single,
     face_depth,
     factor_values,
     multiple_factor,
     sagitta,
     single_factor,
 )
-from specklegen.illumination import directions_of_sines
 from specklegen.kernels import sums
 from specklegen.parallel import map_blocks, slices
 from specklegen.sensors import FarFieldGrid
 from specklegen.tracing import PathBank
 
 TILTS_AT_ONCE = 2
-_POINTS_AT_ONCE = 2**16  # connections of one transform, so that threads share them out evenly
-_POINTS_A_VIEW = 2  # or more where the grid is large: what a transform costs beside spreading stays small
 _RANKS_AT_ONCE = 4  # skeleton views that share a transform's plan, one after the other
 _SORT_FROM = 2**19  # bytes of a transform that no longer stays in the cache: finufft then sorts the points first
+_FACTOR_SHARE = 0.7  # of the tolerance for view factors; transforms are asked for the rest
 _SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
 
 
 @dataclass(frozen=True)
 class NufftEvaluator:
-    """All that the NUFFT needs to know before the run: tiles, both view factors and the tolerance.
+    """All that the NUFFT needs to know before the run: tiles, view factors and the tolerance.
 
     Attributes
     ----------
     tiling : Tiling
-    single, multiple : ViewFactor
+    multiple : ViewFactor
+    single : ViewFactor or None
+        None where that of multiple scattering serves single scattering too: both are then transformed at once.
     single_share : float
         Share of single scattering among the connections of the pilot.
     tolerance : float
@@ -52,8 +54,8 @@ class NufftEvaluator:
     """
 
     tiling: Tiling
-    single: ViewFactor
     multiple: ViewFactor
+    single: ViewFactor | None
     single_share: float
     tolerance: float
 
@@ -65,12 +67,13 @@ class NufftEvaluator:
     @property
     def rank(self) -> int:
         """Transforms a tilt and tile."""
-        return self.single.rank + self.multiple.rank
+        return self.multiple.rank + (self.single.rank if self.single else 0)
 
     @property
     def spreads(self) -> float:
         """Mean number of transforms a tilt and tile that one connection takes part in."""
-        return self.single_share * self.single.rank + (1 - self.single_share) * self.multiple.rank
+        other = self.single or self.multiple
+        return self.single_share * other.rank + (1 - self.single_share) * self.multiple.rank
 
     @property
     def dtype(self) -> type:
@@ -85,8 +88,8 @@ class NufftEvaluator:
 
     @property
     def points(self) -> int:
-        """Connections that one transform takes at most."""
-        return max(_POINTS_AT_ONCE, _POINTS_A_VIEW * int(np.prod(self.tiling.shape)))
+        """Connections to transform at a time: on a large grid more, as its transforms cost much beside spreading."""
+        return max(CONNECTIONS, int(np.prod(self.tiling.shape)))
 
     @property
     def error(self) -> float:
@@ -99,12 +102,21 @@ def build_evaluator(
 ) -> NufftEvaluator | None:
     """Decompose a scene's view factors on a pilot bank; None where the tiles (by default, the grid) are too wide."""
     tiling = tiling or Tiling(grid, grid.shape)
-    multiple = multiple_factor(bank.multiple, optics, tiling, 0.7 * tolerance)
-    single = None if multiple is None else single_factor(optics, tiling, 0.7 * tolerance)
+    multiple = multiple_factor(bank.multiple, optics, tiling, _FACTOR_SHARE * tolerance)
+    single = None if multiple is None else single_factor(optics, tiling, _FACTOR_SHARE * tolerance)
     if multiple is None or single is None:
         return None
     share = float(np.mean(bank.orders == 1)) if len(bank) else 0.0
-    return NufftEvaluator(tiling, single, multiple, share, tolerance)
+    return NufftEvaluator(tiling, multiple, single, share, tolerance)
+
+
+def together(evaluator: NufftEvaluator, optics: Optics) -> NufftEvaluator | None:
+    """The same with single scattering among the rest; None where that leaves the tolerance.
+
+    It saves the transforms of single scattering, but spreads it at the rank of multiple scattering.
+    """
+    error = error_of_single(evaluator.multiple, optics, evaluator.tiling)
+    return replace(evaluator, single=None) if error <= _FACTOR_SHARE * evaluator.tolerance else None
 
 
 def nufft_field(
@@ -151,42 +163,52 @@ def nufft_tile(
 
 @dataclass(frozen=True)
 class _Light:
-    """Single or multiple scattering: its connections, and what they bring to every tile of views.
+    """Connections that share a view factor, and what they bring to every tile of views.
 
     Attributes
     ----------
     strengths : complex128[T, M]
         Illumination ends.
+    alone : bool
+        Whether these are connections of single scattering alone, whose s(i . v) is left to the end.
+    once : int64[...]
+        Else, which of them are of single scattering. Their directions are zero vectors, so that both of their ends
+        hold s(0), of which :func:`_load` makes s(i . v_r).
     """
 
-    single: bool
     factor: ViewFactor
     bank: PathBank
     strengths: np.ndarray
+    alone: bool
+    once: np.ndarray
 
 
 def _lights(
     bank: PathBank, optics: Optics, phases: np.ndarray, evaluator: NufftEvaluator, threads: int | None
 ) -> list[_Light]:
-    """Multiple and single scattering, whichever there are."""
-    lights = [_light(bank, optics, phases, evaluator, single, threads) for single in (False, True)]
+    """All connections, or multiple and single scattering, whichever there are."""
+    is_single = bank.orders == 1
+    if evaluator.single is None:
+        strengths = _strengths(bank, optics, phases, False, threads)
+        lights = [_Light(evaluator.multiple, bank, strengths, False, np.flatnonzero(is_single))]
+    else:
+        lights = []
+        for factor, chosen, alone in ((evaluator.multiple, ~is_single, False), (evaluator.single, is_single, True)):
+            own = bank.select(chosen)
+            strengths = _strengths(own, optics, phases[chosen], alone, threads)
+            lights.append(_Light(factor, own, strengths, alone, np.empty(0, np.int64)))
     return [light for light in lights if light.strengths.size]
 
 
-def _light(
-    bank: PathBank, optics: Optics, phases: np.ndarray, evaluator: NufftEvaluator, single: bool, threads: int | None
-) -> _Light:
-    chosen = np.flatnonzero((bank.orders == 1) == single)
-    strengths = np.empty((len(optics.tilts), len(chosen)), np.complex128)
-    records = np.empty((len(chosen), bank.records.shape[1]))
-    own = replace(bank, records=records, orders=bank.orders[chosen], paths=bank.paths[chosen])
+def _strengths(bank: PathBank, optics: Optics, phases: np.ndarray, alone: bool, threads: int | None) -> np.ndarray:
+    """Illumination ends, complex128[T, M], in blocks."""
+    strengths = np.empty((len(optics.tilts), len(bank)), np.complex128)
 
     def fill(part: slice) -> None:
-        bank.records.take(chosen[part], axis=0, out=records[part], mode="clip")
-        strengths[:, part] = ends.illumination_ends(own.select(part), optics, phases[chosen[part]], single=single)
+        strengths[:, part] = ends.illumination_ends(bank.select(part), optics, phases[part], single=alone)
 
-    map_blocks(fill, slices(len(chosen), ends.BLOCK), threads)
-    return _Light(single, evaluator.single if single else evaluator.multiple, own, strengths)
+    map_blocks(fill, slices(len(bank), ends.BLOCK), threads)
+    return strengths
 
 
 @dataclass(frozen=True)
@@ -199,15 +221,18 @@ class _Load:
         Phases a step of the grid along (y, x).
     sensor : complex128[R, M]
         Sensor ends at the skeleton views, with all that is common to the tile's views.
+    coupling : float64[R, T, 1]
+        s(i . v_r) / s(0)^2, a factor of the connections ``light.once``.
     """
 
     light: _Light
     points: np.ndarray
     sensor: np.ndarray
+    coupling: np.ndarray
 
 
 def _load(light: _Light, tile: Tile, optics: Optics, evaluator: NufftEvaluator, threads: int | None) -> _Load:
-    bank, pitch = light.bank, evaluator.grid.pitch
+    bank, steps, pitch = light.bank, light.factor.steps, evaluator.grid.pitch
     points = np.empty((2, len(bank)), evaluator.dtype().real.dtype)
     sensor = np.empty((light.factor.rank, len(bank)), np.complex128)
     slope_x, slope_y = tile.middle[:2] / tile.middle[2]
@@ -218,11 +243,13 @@ def _load(light: _Light, tile: Tile, optics: Optics, evaluator: NufftEvaluator, 
         sums.grid_points(
             some.records, pitch / optics.wavelength, slope_x, slope_y, offset, points[0, part], points[1, part], common
         )
-        sensor[:, part] = factor_values(some, optics, tile.middle, light.factor.steps, single=light.single)
+        sensor[:, part] = factor_values(some, optics, tile, steps, single=light.alone)
         sensor[:, part] *= common
 
     map_blocks(fill, slices(len(bank), ends.BLOCK), threads)
-    return _Load(light, points, sensor)
+    none = optics.medium.scatterer.amplitude(np.zeros(1))
+    coupling = ends.single_amplitudes(optics, tile.views(steps)) / none**2
+    return _Load(light, points, sensor, coupling.T[..., None])
 
 
 def _tile_field(
@@ -230,12 +257,11 @@ def _tile_field(
 ) -> np.ndarray:
     """Field on one tile, complex[T, h, w], times the root of the number of paths."""
     loads = [_load(light, tile, optics, evaluator, threads) for light in lights]
-    # Fixed parts of connections, skeleton views and tilts: the bits must not depend on the number of threads.
+    # Fixed parts of skeleton views and tilts: the bits must not depend on the number of threads.
     groups = slices(len(optics.tilts), TILTS_AT_ONCE)
     parts = [
-        (load, points, ranks, group)
+        (load, ranks, group)
         for load in loads
-        for points in _shares(len(load.light.bank), evaluator.points)
         for ranks in slices(load.light.factor.rank, _RANKS_AT_ONCE)
         for group in groups
     ]
@@ -243,18 +269,17 @@ def _tile_field(
     field = np.zeros((len(optics.tilts), *evaluator.tiling.shape), evaluator.dtype)
     x, y = evaluator.tiling.steps
     steps = np.stack(np.broadcast_arrays(x, y[:, None]), -1)
-    views = directions_of_sines("view", tile.middle[:2] + steps, evaluator.grid.sign)
     bend = np.exp(2j * np.pi * face_depth(optics) * sagitta(steps, tile.middle) / optics.wavelength)
     bend = bend.astype(field.dtype)
 
     def gather(group: slice) -> None:
         for load in loads:
-            mine = [t for part, t in zip(parts, transforms, strict=True) if part[0] is load and part[3] == group]
+            mine = [t for part, t in zip(parts, transforms, strict=True) if part[0] is load and part[2] == group]
             total = mine[0]
             for transform in mine[1:]:
                 total += transform
-            if load.light.single:
-                s = ends.single_amplitudes(replace(optics, tilts=optics.tilts[group]), views)
+            if load.light.alone:
+                s = ends.single_amplitudes(replace(optics, tilts=optics.tilts[group]), tile.views(steps))
                 total *= s.astype(total.real.dtype)
             field[group] += total
         field[group] *= bend
@@ -263,23 +288,20 @@ def _tile_field(
     return field[:, *tile.kept]
 
 
-def _shares(count: int, size: int) -> list[slice]:
-    """Cut ``count`` connections into even parts of at most ``size``."""
-    return slices(count, -(-count // max(1, -(-count // size))))
-
-
-def _transform(load: _Load, points: slice, ranks: slice, tilts: slice, evaluator: NufftEvaluator) -> np.ndarray:
-    """What some connections add to some terms of the field of some tilts, complex[tilts, h, w]."""
+def _transform(load: _Load, ranks: slice, tilts: slice, evaluator: NufftEvaluator) -> np.ndarray:
+    """What the connections add to some terms of the field of some tilts, complex[tilts, h, w]."""
     dtype, shape = np.dtype(evaluator.dtype), evaluator.tiling.shape
-    strengths = load.light.strengths[tilts, points]
+    strengths = load.light.strengths[tilts]
     plan = finufft.Plan(
         1, shape, n_trans=len(strengths), eps=0.3 * evaluator.tolerance, isign=-1, dtype=dtype.name,
         nthreads=1, spread_sort=int(np.prod(shape) * dtype.itemsize > _SORT_FROM),
     )  # fmt: skip
-    plan.setpts(*load.points[:, points])
+    plan.setpts(*load.points)
     total = np.zeros((len(strengths), *shape), dtype)
     for r in range(ranks.start, ranks.stop):
-        transform = plan.execute((strengths * load.sensor[r, points]).astype(dtype)).reshape(total.shape)
+        values = (strengths * load.sensor[r]).astype(dtype)
+        values[:, load.light.once] *= load.coupling[r, tilts]
+        transform = plan.execute(values).reshape(total.shape)
         transform *= load.light.factor.pattern(r).astype(dtype)
         total += transform
     return total

@@ -31,6 +31,10 @@ class Tile:
     kept: tuple[slice, slice]
     middle: np.ndarray
 
+    def views(self, steps: np.ndarray) -> np.ndarray:
+        """Directions float64[..., 3] whose sines lie ``steps`` float64[..., 2] from those of the middle."""
+        return directions_of_sines("tile", self.middle[:2] + steps, np.sign(self.middle[2]))
+
 
 @dataclass(frozen=True)
 class Tiling:

@@ -14,7 +14,7 @@ below what was asked, or the tiles are too wide.
 """
 
 from bisect import bisect_left
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
@@ -22,8 +22,8 @@ from scipy.linalg import qr, solve_triangular
 from specklegen.fields import ends
 from specklegen.fields.ends import AXIS, Optics
 from specklegen.fields.tiling import Tile, Tiling
-from specklegen.illumination import directions_of_sines
 from specklegen.kernels import walk
+from specklegen.media import Slab
 from specklegen.tracing import PathBank
 
 MAX_RANK = 128
@@ -33,6 +33,8 @@ _FEW = slice(0, 64)
 _HELD_OUT_VIEWS = 48
 _HELD_OUT_CONNECTIONS = 2**15  # over all tiles
 _GRAZING = 0.1
+_DEPTHS = 64
+_TILTS = 16
 
 
 @dataclass(frozen=True)
@@ -80,9 +82,9 @@ def face_depth(optics: Optics) -> float:
     return optics.medium.thickness if optics.view_reference[2] > 0 else 0.0
 
 
-def factor_values(bank: PathBank, optics: Optics, middle: np.ndarray, steps: np.ndarray, *, single: bool) -> np.ndarray:
-    """F of the connections of a bank at views given relative to ``middle``, complex128[R, M]."""
-    views = directions_of_sines("view", middle[:2] + steps, np.sign(middle[2]))
+def factor_values(bank: PathBank, optics: Optics, tile: Tile, steps: np.ndarray, *, single: bool) -> np.ndarray:
+    """F of the connections of a bank at views given relative to a tile's middle, complex128[R, M]."""
+    views, middle = tile.views(steps), tile.middle
     turns = np.zeros_like(views)
     turns[:, 2] = -sagitta(steps, middle) / optics.wavelength
     values = ends.sensor_ends(bank, optics, views, single=single, turns=turns)
@@ -114,10 +116,34 @@ def multiple_factor(bank: PathBank, optics: Optics, tiling: Tiling, tolerance: f
 
 def single_factor(optics: Optics, tiling: Tiling, tolerance: float) -> ViewFactor | None:
     """Decompose the view factor of single scattering, which depends on the depth alone."""
-    depth = optics.medium.thickness * (np.arange(64) + 0.5) / 64
-    bank = PathBank(np.zeros((64, walk.RECORD)), np.ones(64, np.int32), np.arange(64), 64)
-    bank.exit[:, 2] = depth
-    return _decompose(bank, optics, tiling, tolerance, np.ones(64), single=True)
+    return _decompose(_depths(optics.medium), optics, tiling, tolerance, np.ones(_DEPTHS), single=True)
+
+
+def error_of_single(factor: ViewFactor, optics: Optics, tiling: Tiling) -> float:
+    """Relative root mean square error of single scattering, s(i . v) included, by the view factor of another light.
+
+    Of the worst of a few tiles, over depths and at most 16 tilts.
+    """
+    bank, spots = _depths(optics.medium), _held_out_steps(tiling)
+    count = len(optics.tilts)
+    some = np.unique(np.linspace(0, count - 1, min(count, _TILTS)).round().astype(int))
+    optics = replace(optics, tilts=optics.tilts[some])
+    nodes = factor.mix.shape[-1]
+    patterns = _Lattice(tiling, nodes).at(factor.mix.reshape(factor.rank, nodes**2), spots)
+
+    def values(tile: Tile, steps: np.ndarray) -> np.ndarray:
+        s = ends.single_amplitudes(optics, tile.views(steps))
+        return np.einsum("tv,vm->tmv", s, factor_values(bank, optics, tile, steps, single=True))
+
+    tiles = [tiling.tiles[n] for n in _outline(tiling)]
+    return _worst([values(tile, factor.steps) for tile in tiles], patterns, [values(tile, spots) for tile in tiles])
+
+
+def _depths(medium: Slab) -> PathBank:
+    """Single scattering at depths spread over a slab."""
+    bank = PathBank(np.zeros((_DEPTHS, walk.RECORD)), np.ones(_DEPTHS, np.int32), np.arange(_DEPTHS), _DEPTHS)
+    bank.exit[:, 2] = medium.thickness * (np.arange(_DEPTHS) + 0.5) / _DEPTHS
+    return bank
 
 
 def _decompose(
@@ -136,7 +162,7 @@ def _decompose(
     few = [(tile, part.select(_FEW), weights[_FEW]) for tile, part, weights in (judges[n] for n in _outline(tiling))]
 
     def values(tile: Tile, part: PathBank, weights: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        return factor_values(part, optics, tile.middle, steps, single=single).T * weights[:, None]
+        return factor_values(part, optics, tile, steps, single=single).T * weights[:, None]
 
     rough = [values(*judge, spots) for judge in few]
     truths: list[np.ndarray] = []

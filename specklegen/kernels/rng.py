@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
+from specklegen.kernels.arithmetic import minus_log
 from specklegen.kernels.trigonometry import sincos_turns
 
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
@@ -19,6 +20,7 @@ _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _LOW = np.uint64(0xFFFFFFFF)
 _32 = np.uint64(32)
 _TO_UNIT = 2.0**-32
+ROOM = 128  # blocks of draws side by side; what they need stays in the first-level cache
 _HALF = 2.0**-33
 
 
@@ -26,17 +28,12 @@ _HALF = 2.0**-33
 def philox(key0, key1, c0, c1, c2, c3):
     """Four 32-bit words (held in uint64) for a key of two and a counter of four such words."""
     for _ in range(10):
-        p0 = c0 * _M0
-        p1 = c2 * _M1
-        c0, c1, c2, c3 = (
-            (p1 >> _32) ^ c1 ^ key0,
-            p1 & _LOW,
-            (p0 >> _32) ^ c3 ^ key1,
-            p0 & _LOW,
-        )
-        key0 = (key0 + _W0) & _LOW
-        key1 = (key1 + _W1) & _LOW
-    return c0, c1, c2, c3
+        p0 = (c0 & _LOW) * _M0  # a product of 32-bit numbers is one instruction, and drops what is above them
+        p1 = (c2 & _LOW) * _M1
+        c0, c1, c2, c3 = (p1 >> _32) ^ (c1 ^ key0), p1, (p0 >> _32) ^ (c3 ^ key1), p0
+        key0 += _W0
+        key1 += _W1
+    return c0 & _LOW, c1 & _LOW, c2 & _LOW, c3 & _LOW
 
 
 @inlined
@@ -70,19 +67,29 @@ def philox_words(key0, key1, counters, out):
         out[n, 3] = d
 
 
+@inlined
+def normal_pair(u, v):
+    """Two standard normals from two uniforms (Box-Muller)."""
+    radius = math.sqrt(2.0 * minus_log(u))
+    sine, cosine = sincos_turns(v)
+    return radius * cosine, radius * sine
+
+
 @kernel
 def fill_normals(key0, key1, sample, out):
-    """Fill ``out`` float32/float64[n, 2] with standard normals (Box-Muller), pair m from block m // 2."""
+    """Fill ``out`` float32/float64[n, 2] with standard normals, pair m from block m // 2."""
     k0, k1, sample = np.uint64(key0), np.uint64(key1), np.uint64(sample)
     pairs = out.shape[0]
-    for block in range((pairs + 1) // 2):
-        u0, u1, u2, u3 = uniforms(k0, k1, sample, np.uint64(block), np.uint64(0))
-        radius = math.sqrt(-2.0 * math.log(u0))
-        sine, cosine = sincos_turns(u1)
-        out[2 * block, 0] = radius * cosine
-        out[2 * block, 1] = radius * sine
-        if 2 * block + 1 < pairs:
-            radius = math.sqrt(-2.0 * math.log(u2))
-            sine, cosine = sincos_turns(u3)
-            out[2 * block + 1, 0] = radius * cosine
-            out[2 * block + 1, 1] = radius * sine
+    found = np.empty(4 * ROOM)  # contiguous, or the loop would not vectorise
+    for first in range(0, (pairs + 1) // 2, ROOM):
+        count = min(ROOM, (pairs + 1) // 2 - first)
+        for n in range(count):
+            u0, u1, u2, u3 = uniforms(k0, k1, sample, np.uint64(first + n), np.uint64(0))
+            found[n], found[ROOM + n] = normal_pair(u0, u1)
+            found[2 * ROOM + n], found[3 * ROOM + n] = normal_pair(u2, u3)
+        whole = min(count, pairs // 2 - first)
+        for n in range(count):
+            m = 2 * (first + n)
+            out[m, 0], out[m, 1] = found[n], found[ROOM + n]
+            if n < whole:
+                out[m + 1, 0], out[m + 1, 1] = found[2 * ROOM + n], found[3 * ROOM + n]

@@ -18,6 +18,7 @@ from scipy.special import j0
 from specklegen.fields.ends import AXIS, Optics, full_weights
 from specklegen.kernels import walk
 from specklegen.media import Slab
+from specklegen.parallel import map_blocks
 from specklegen.statistics import BATCHES, jackknife
 from specklegen.streams import Seed, Stream, pilot_seed
 from specklegen.tracing import PathBank, Proposal, plane_proposal, trace
@@ -168,16 +169,23 @@ def estimate_kernel(medium: Slab, paths: int, seed: Seed, *, threads: int | None
     optics = plane_optics(medium, 1.0, AXIS[None])
     edges = np.log(_told_apart(medium))
     rows = np.zeros((min(BATCHES, max(paths, 1)), _BINS))
-    squares = np.zeros(_BINS)
     bounds = np.linspace(0, paths, len(rows) + 1).astype(int)
     bank = axial_bank(medium, paths, seed, threads=threads)
-    radius, weight = lateral_distance(bank), full_weights(bank, optics, AXIS, AXIS)
-    with np.errstate(divide="ignore"):
-        place = (np.log(radius) - edges[0]) / (edges[1] - edges[0]) * (_BINS - 1)
-    place = np.where(radius > 0, np.clip(place, 0, _BINS - 2) + 1, 0).astype(np.int64)
-    batch = np.searchsorted(bounds, bank.paths, side="right") - 1
-    np.add.at(rows, (batch, place), weight)
-    squares += np.bincount(place, weight * radius**2, minlength=_BINS)
+    starts = np.searchsorted(bank.paths, bounds)
+    radius, weight = np.empty((2, len(bank)))
+    place = np.empty(len(bank), np.int64)
+
+    def batch(n: int) -> None:
+        part = slice(starts[n], starts[n + 1])
+        some = bank.select(part)
+        radius[part], weight[part] = lateral_distance(some), full_weights(some, optics, AXIS, AXIS)
+        with np.errstate(divide="ignore"):
+            bins = (np.log(radius[part]) - edges[0]) / (edges[1] - edges[0]) * (_BINS - 1)
+        place[part] = np.where(radius[part] > 0, np.clip(bins, 0, _BINS - 2) + 1, 0)
+        rows[n] = np.bincount(place[part], weight[part], minlength=_BINS)
+
+    map_blocks(batch, range(len(rows)), threads)
+    squares = np.bincount(place, weight * radius**2, minlength=_BINS)
     share = rows.sum(axis=0)
     total = share.sum()
     return MemoryKernel(

@@ -1,0 +1,70 @@
+"""How path sums are shared out: chunks of paths that threads trace and sum side by side.
+
+Chunks are fixed by the plan, and what they add is joined in their order, so that a sum does not depend on threads.
+A chunk stays on one thread where there are chunks enough: steps that threads do together wait for the slowest.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+CONNECTIONS = 2**16
+"""Connections of a chunk at most, unless its transforms are so large that more are better summed at a time."""
+
+_PATHS = 2**20  # of a chunk at most, however few connections they have
+_EVEN = 8  # the number of chunks is a power of two, or a multiple of this: no thread is without one in the end
+_ROOM = 2**17  # connections that a thread may hold ...
+_FIELDS = 8  # ... of which one takes the memory of so many values of a field
+
+
+@dataclass(frozen=True)
+class Chunks:
+    """The paths of one realization, cut into even chunks of at most about ``at_once`` connections.
+
+    Attributes
+    ----------
+    paths : int
+    connections_per_path : float
+        As a pilot found.
+    at_once : int
+    """
+
+    paths: int
+    connections_per_path: float
+    at_once: int = CONNECTIONS
+
+    @property
+    def count(self) -> int:
+        """Number of chunks."""
+        wanted = max(self.paths * self.connections_per_path / self.at_once, self.paths / _PATHS)
+        count = max(1, int(np.ceil(wanted)))
+        step = min(_EVEN, 1 << (count - 1).bit_length())
+        return max(1, min(self.paths, -(-count // step) * step))
+
+    @property
+    def connections(self) -> float:
+        """Connections of a chunk."""
+        return self.paths * self.connections_per_path / self.count
+
+    @property
+    def slices(self) -> list[slice]:
+        """Paths of every chunk."""
+        edges = np.linspace(0, self.paths, self.count + 1).astype(int).tolist()
+        return [slice(*ends) for ends in zip(edges[:-1], edges[1:], strict=True)]
+
+    def side_by_side(self, threads: int, fields: float, realizations: int = 1) -> tuple[int, int]:
+        """Chunks in work at a time, and threads within each.
+
+        Parameters
+        ----------
+        threads
+            Threads there are.
+        fields
+            Values of the field that a chunk adds to. Of large chunks fewer are in work, so that they take no more
+            memory than small ones.
+        realizations
+            Whose chunks may be in work together.
+        """
+        fit = int(threads * _ROOM / (self.connections + fields / _FIELDS + 1))
+        beside = max(1, min(threads, self.count * realizations, fit))
+        return beside, max(1, threads // beside)

@@ -1,0 +1,163 @@
+"""Chunks of paths: even, fixed by the plan, summed in their order whatever the threads."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import specklegen as sg
+from specklegen import rendering
+from specklegen.chunks import CONNECTIONS, Chunks
+from specklegen.parallel import in_turn
+
+
+@given(st.integers(1, 10**8), st.floats(0, 1e3), st.integers(1, 2**20))
+def test_chunks_are_the_paths_in_order_and_even(paths, per_path, at_once):
+    chunks = Chunks(paths, per_path, at_once)
+    if chunks.count > 10_000:
+        return
+    parts = chunks.slices
+    assert len(parts) == chunks.count
+    assert [parts[0].start, parts[-1].stop] == [0, paths]
+    assert all(a.stop == b.start for a, b in zip(parts[:-1], parts[1:], strict=True))
+    sizes = [part.stop - part.start for part in parts]
+    assert 1 <= min(sizes) <= max(sizes) <= min(sizes) + 1
+    assert min(sizes) == 1 or chunks.connections <= at_once * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4, 8])
+def test_threads_share_chunks_evenly(threads):
+    """As soon as there is work for each: no thread waits for others to end a last round."""
+    for paths in np.geomspace(CONNECTIONS * threads, 1e8, 200).astype(int):
+        assert Chunks(int(paths), 1.0).count % threads == 0
+
+
+@given(st.integers(1, 64), st.integers(1, 10**7), st.floats(0, 100), st.floats(1, 1e9), st.integers(1, 100))
+def test_what_is_in_work_is_bounded_by_the_threads(threads, paths, per_path, fields, realizations):
+    chunks = Chunks(paths, per_path)
+    beside, inside = chunks.side_by_side(threads, fields, realizations)
+    assert 1 <= beside <= min(threads, chunks.count * realizations)
+    assert 1 <= inside
+    assert beside * inside <= threads
+    assert beside == 1 or beside * (chunks.connections + fields / 8) <= threads * 2**17
+
+
+def test_large_transforms_get_more_connections_at_a_time():
+    """On a wide grid the transforms cost more than the connections: fewer chunks, but never beyond what one needs."""
+    counts = {}
+    for views in (64, 400):
+        grid = sg.FarField.grid(shape=(views, views), pitch=4e-6)
+        scene = sg.Scene(
+            wavelength=1.0,
+            medium=sg.Slab(thickness=500.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.8)),
+            illumination=sg.CollimatedBeams.tilts([0.0], width=1e5),
+            sensor=grid,
+        )
+        counts[views] = sg.plan(scene, paths=1_000_000, sampler="paths").chunks.count
+    assert counts[64] >= 2 * counts[400]
+
+
+# ---- In turn -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_results_come_in_the_order_of_the_jobs(workers):
+    def slow_first(n: int) -> int:
+        time.sleep(0.02 if n % 3 == 0 else 0.0)
+        return n * n
+
+    assert list(in_turn(slow_first, range(20), workers)) == [n * n for n in range(20)]
+    assert list(in_turn(slow_first, [], workers)) == []
+
+
+def test_few_jobs_are_begun_ahead_and_none_after_the_last_is_taken():
+    begun, lock = [], threading.Lock()
+
+    def job(n: int) -> int:
+        with lock:
+            begun.append(n)
+        return n
+
+    results = in_turn(job, range(1000), 2)
+    assert [next(results) for _ in range(3)] == [0, 1, 2]
+    assert max(begun) <= 3 + 2 * 2
+    results.close()
+    after = len(begun)
+    time.sleep(0.05)
+    assert len(begun) == after
+
+
+def test_an_error_comes_through_and_ends_the_work():
+    begun = []
+
+    def job(n: int) -> int:
+        begun.append(n)
+        if n == 3:
+            raise ValueError("the third")
+        return n
+
+    results = in_turn(job, range(1000), 2)
+    with pytest.raises(ValueError, match="the third"):
+        list(results)
+    assert max(begun) < 3 + 2 * 2 + 2
+
+
+# ---- Renders -------------------------------------------------------------------------------------------
+
+
+def slab_scene(**kwargs) -> sg.Scene:
+    return sg.Scene(
+        wavelength=1.0,
+        medium=sg.Slab(thickness=200.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.6)),
+        illumination=sg.CollimatedBeams.tilts([0.0, 1e-4, 2e-4], width=2e4),
+        sensor=sg.FarField.grid(shape=(24, 25), pitch=1e-5),
+        **kwargs,
+    )
+
+
+def box_scene() -> sg.Scene:
+    return sg.Scene(
+        wavelength=1.0,
+        medium=sg.Box(lower=(-10.0, -10.0, 0.0), upper=(10.0, 10.0, 20.0), mean_free_path=9.0, scatterer=sg.Isotropic()),
+        illumination=sg.PlaneWaves(directions=[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]),
+        sensor=sg.FarField(directions=[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.0, 0.0, -1.0]]),
+    )
+
+
+CASES = {
+    "slab, NUFFT": (slab_scene(), {}),
+    "slab, directly": (slab_scene().replace(sensor=sg.FarField(directions=[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])), {}),
+    "slab, reversed": (slab_scene(), {"reverse": True}),
+    "box": (box_scene(), {}),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("count", [1, 4])
+def test_bits_do_not_depend_on_threads(name, count, monkeypatch):
+    """Chunks side by side, of one realization or of several, and threads within a chunk."""
+    scene, options = CASES[name]
+    monkeypatch.setattr(Chunks, "count", count)
+    one = sg.render(scene, paths=2000, seed=4, sampler="paths", realizations=3, threads=1, **options)
+    for threads in (2, 3, 16):
+        more = sg.render(scene, paths=2000, seed=4, sampler="paths", realizations=3, threads=threads, **options)
+        assert more.field.tobytes() == one.field.tobytes()
+        assert more.report == one.report
+    alone = sg.render(scene, paths=2000, seed=4, sampler="paths", threads=2, **options)
+    assert alone.field.tobytes() == one.field[0].tobytes()
+
+
+def test_a_chunk_that_is_lost_or_counted_twice_is_seen(monkeypatch):
+    """Of the test above: a realization takes its own chunks and no other's."""
+    monkeypatch.setattr(Chunks, "count", 4)
+    scene = slab_scene()
+    right = sg.render(scene, paths=2000, seed=4, sampler="paths", realizations=2, threads=2)
+    taken = rendering.islice
+    monkeypatch.setattr(rendering, "islice", lambda parts, n: taken(parts, n - 1))
+    wrong = sg.render(scene, paths=2000, seed=4, sampler="paths", realizations=2, threads=2)
+    for a, b in zip(right.field, wrong.field, strict=True):
+        assert np.linalg.norm(a - b) > 0.1 * np.linalg.norm(a)
+    assert wrong.report.connections < right.report.connections
