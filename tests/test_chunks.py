@@ -121,7 +121,7 @@ def slab_scene(**kwargs) -> sg.Scene:
 def box_scene() -> sg.Scene:
     return sg.Scene(
         wavelength=1.0,
-        medium=sg.Box(lower=(-10.0, -10.0, 0.0), upper=(10.0, 10.0, 20.0), mean_free_path=9.0, scatterer=sg.Isotropic()),
+        medium=sg.Box(lower=(-9.0, -9.0, 0.0), upper=(9.0, 9.0, 20.0), mean_free_path=9.0, scatterer=sg.Isotropic()),
         illumination=sg.PlaneWaves(directions=[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]),
         sensor=sg.FarField(directions=[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.0, 0.0, -1.0]]),
     )
