@@ -8,7 +8,7 @@ from zscore import FALSE_ALARM, assert_z
 
 import specklegen as sg
 from specklegen.kernels import kernel
-from specklegen.kernels.phase_table import amplitude, choose_type, material_power, power, sample
+from specklegen.kernels.phase_table import amplitude, choose_type, closed_amplitude, material_power, power, sample
 from specklegen.phase_tables import phase_table
 from specklegen.tabulated import WIDEST_BIN
 from specklegen.values import RuleError
@@ -30,6 +30,12 @@ def _evaluate(table, t, cos, powers, amplitudes):
     for n in range(cos.size):
         powers[n] = power(table, t, cos[n])
         amplitudes[n] = amplitude(table, t, cos[n])
+
+
+@kernel
+def _evaluate_closed(kind, first, second, cos, amplitudes):
+    for n in range(cos.size):
+        amplitudes[n] = closed_amplitude(kind, first, second, cos[n])
 
 
 @kernel
@@ -325,3 +331,19 @@ def test_a_type_split_into_itself_scatters_as_before():
     cos = np.cos(np.linspace(0, PI, 500))
     u = np.full(cos.size, 0.5)
     np.testing.assert_allclose(chosen(split, 0, u, cos)[1], chosen(split, 1, u, cos)[1], rtol=1e-14)
+
+
+CLOSED = [sg.Isotropic(), *(sg.HenyeyGreenstein(g=g) for g in (-0.9999, -0.5, 0.0, 0.3, 0.9999))]
+CLOSED += [sg.VonMisesFisher(concentration=c) for c in (0.1, 5.0, 300.0)]
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+@pytest.mark.parametrize("scatterer", CLOSED, ids=str)
+def test_the_closed_amplitude_is_the_root_of_the_phase_function(scatterer, dimensions):
+    table = phase_table((scatterer,), dimensions)
+    cos = np.concatenate([1 - np.geomspace(1e-12, 2, 300), np.geomspace(1e-12, 2, 300) - 1])
+    powers, expected, found = np.empty(cos.size), np.empty(cos.size, complex), np.empty(cos.size)
+    _evaluate(table, 0, cos, powers, expected)
+    _evaluate_closed(table.kinds[0], *table.parameters[0], cos, found)
+    np.testing.assert_allclose(found, expected.real, rtol=1e-13, atol=1e-300)
+    np.testing.assert_allclose(found**2, powers, rtol=1e-13, atol=1e-300)

@@ -31,7 +31,8 @@ def henyey_greenstein(g, cos):
 @inlined
 def amplitude(g, cos):
     """Root of :func:`henyey_greenstein`, of arithmetic that vectorises."""
-    base = fma(2.0 * g, 1.0 - cos, (1.0 - g) * (1.0 - g))
+    forward, backward = fma(2.0 * g, 1.0 - cos, (1.0 - g) * (1.0 - g)), fma(-2.0 * g, 1.0 + cos, (1.0 + g) * (1.0 + g))
+    base = forward if g > 0.0 else backward  # as in _base, without its cancellation
     return math.sqrt((1.0 - g * g) / _FOUR_PI) * power_minus_three_quarters(base)
 
 

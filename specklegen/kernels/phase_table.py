@@ -18,6 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined, spliced
+from specklegen.kernels.arithmetic import exponential
+from specklegen.kernels.phase_functions import amplitude as henyey_greenstein_amplitude
 from specklegen.kernels.phase_functions import (
     henyey_greenstein,
     henyey_greenstein_2d,
@@ -77,6 +79,18 @@ def amplitude(table, t, cos):
     if kind == ISOTROPIC_3D or kind == ISOTROPIC_2D:
         return complex(table.parameters[t, 1], 0.0)
     return complex(math.sqrt(_closed_power(kind, table.parameters[t, 0], table.parameters[t, 1], cos)), 0.0)
+
+
+@inlined
+def closed_amplitude(kind, first, second, cos):
+    """Amplitude of a kind with a closed form, of arithmetic that vectorises where ``kind`` is a constant."""
+    if kind == HENYEY_3D:
+        return henyey_greenstein_amplitude(first, cos)
+    if kind == HENYEY_2D:
+        return math.sqrt(henyey_greenstein_2d(first, cos))
+    if kind == FISHER_3D or kind == FISHER_2D:
+        return math.sqrt(second * exponential(-first * (1.0 - cos)))
+    return second
 
 
 @spliced

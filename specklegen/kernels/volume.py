@@ -56,11 +56,8 @@ class Volume(NamedTuple):
 
 @inlined
 def _axis_exit(position, direction, lower, upper):
-    if direction > 0.0:
-        return (upper - position) / direction
-    if direction < 0.0:
-        return (lower - position) / direction
-    return math.inf
+    distance = ((upper if direction > 0.0 else lower) - position) / direction
+    return distance if direction != 0.0 else math.inf
 
 
 @inlined

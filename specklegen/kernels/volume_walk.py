@@ -18,12 +18,11 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
-from specklegen.kernels.phase_table import amplitude, choose_type, power, sample
+from specklegen.kernels.phase_table import choose_type, power, sample
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.sources import sample_start, start_densities, turn
-from specklegen.kernels.trigonometry import sincos_turns
 from specklegen.kernels.volume import EXTRA, exit_distance, free_flight, inside, optical_depth, voxel
-from specklegen.kernels.walk import profile, write_record
+from specklegen.kernels.walk import write_record
 
 FAR, NEAR = 0, 1
 _ONE = np.uint64(1)
@@ -188,68 +187,3 @@ def trace_volume(
             one_minus_cos = sample(table, choose_type(table, material, g), b, d)
             wx, wy, wz = turn(cells[EXTRA, 0], wx, wy, wz, one_minus_cos, c)
     return found, events, unfinished, unfinished_weight
-
-
-@kernel
-def ends(volume, table, records, column, sign, types, side, near_field, views, wavelength, footprint, radius, out):
-    """Fill ``out`` complex128[V, M] with xi tau s b of one end of every connection at every light or view.
-
-    column, sign : position's column in the records; +1 where the direction that follows it arrives, -1 where it leaves
-    types, side : int32[M, 2] and the column of the end's particle
-    near_field : 1 where ``views`` float64[V, 3] are points, 0 where they are directions away from the medium
-                 (for a light: the reversed direction of travel)
-    footprint, radius : beam profile on the entrance plane (radius 0: none)
-
-    Connections of single scattering have no direction: they get no s.
-    """
-    bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
-    for n in range(views.shape[0]):
-        px, py, pz = views[n, 0], views[n, 1], views[n, 2]
-        for m in range(records.shape[0]):
-            row = records[m]
-            x, y, z = row[column], row[column + 1], row[column + 2]
-            beam = 1.0
-            if radius > 0.0:
-                beam = face_profile(bounds, footprint, radius, px, py, pz, x, y, z)
-                if beam == 0.0:
-                    out[n, m] = 0.0
-                    continue
-            dx, dy, dz, decay, depth, r = end_geometry(bounds, cells, extinction, near_field, px, py, pz, x, y, z)
-            turns = r / wavelength if near_field else -(px * x + py * y + pz * z) / wavelength
-            sine, cosine = sincos_turns(turns)
-            value = beam * decay * math.exp(-0.5 * depth) * complex(cosine, sine)
-            wx, wy, wz = row[column + 3], row[column + 4], row[column + 5]
-            if wx != 0.0 or wy != 0.0 or wz != 0.0:
-                value *= amplitude(table, types[m, side], sign * (wx * dx + wy * dy + wz * dz))
-            out[n, m] = value
-
-
-@inlined
-def face_profile(bounds, footprint, radius, px, py, pz, x, y, z):
-    """Profile b of the ray through x against (px, py, pz) = -i, at the entrance plane; per area of that plane."""
-    t = (z - bounds[0, 2]) / -pz
-    return profile(footprint, radius, x + t * px, y + t * py) / math.sqrt(-pz)
-
-
-@kernel
-def single_amplitudes(table, records, types, near_light, lights, near_view, views, out):
-    """Fill ``out`` complex128[T, V, M] with s(i . v) of single scattering, directions taken at each vertex."""
-    for t in range(lights.shape[0]):
-        for v in range(views.shape[0]):
-            for m in range(records.shape[0]):
-                row = records[m]
-                ix, iy, iz = away(near_light, lights[t, 0], lights[t, 1], lights[t, 2], row[0], row[1], row[2])
-                vx, vy, vz = away(near_view, views[v, 0], views[v, 1], views[v, 2], row[0], row[1], row[2])
-                out[t, v, m] = amplitude(table, types[m, 0], -(ix * vx + iy * vy + iz * vz))
-
-
-@inlined
-def away(near_field, px, py, pz, x, y, z):
-    """Unit vector from x towards a direction or a point."""
-    if not near_field:
-        return px, py, pz
-    dx, dy, dz = px - x, py - y, pz - z
-    r = math.sqrt(dx * dx + dy * dy + dz * dz)
-    if r == 0.0:
-        return 0.0, 0.0, 1.0
-    return dx / r, dy / r, dz / r

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from specklegen.kernels import volume_walk, walk
+from specklegen.kernels import volume_ends, walk
 from specklegen.parallel import map_blocks
 from specklegen.pathspace.targets import Target
 from specklegen.pathspace.tracing import Tracer, VolumeBank
@@ -29,7 +29,7 @@ def end_amplitudes(
 
     def part(start: int) -> None:
         stop = start + _VIEWS_AT_ONCE
-        volume_walk.ends(
+        volume_ends.ends(
             tracer.volume, tracer.table, bank.records, column, sign, bank.types, side, target.near,
             target.vectors[start:stop], target.wavelength, target.footprint, target.radius, out[start:stop],
         )  # fmt: skip
@@ -45,7 +45,7 @@ def single_factors(tracer: Tracer, bank: VolumeBank) -> np.ndarray:
         bank = bank.select(slice(0, 1))
     lights, targets = tracer.lights, tracer.views
     out = np.empty((len(lights.vectors), len(targets.vectors), len(bank)), np.complex128)
-    volume_walk.single_amplitudes(
+    volume_ends.single_amplitudes(
         tracer.table, bank.records, bank.types, lights.near, lights.vectors,
         targets.near, targets.vectors, out,
     )  # fmt: skip
