@@ -32,19 +32,19 @@ NANOSECONDS = {
     "pattern": 9.6,  # a view of one skeleton term
     "direct view": 7.7,  # a connection at a view, summed directly
     "direct tilt": 0.4,  # and at a tilt there
-    "normal": 22,  # a complex normal number
-    "flop": 0.059,  # of the stationary sampler's products and transforms
+    "normal": 7,  # a complex normal number
+    "flop": 0.052,  # of the stationary sampler's products and transforms
     "stack view": 7.3,
     "phasor": 35,  # of a skewed kernel
-    "volume path": 320,
-    "volume event": 1000,  # a scattering event in any geometry
-    "voxel": 9.6,  # one that a flight or a connection crosses
-    "volume connection": 100,
-    "volume end": 96,  # one end of a connection there, at one light or view
-    "near end": 100,  # the same at a point
-    "product": 0.1,  # a complex multiplication and addition within a matrix product
-    "amplitude": 1.7,  # one of the amplitudes whose products are summed in a covariance
-    "batch": 3.3e5,  # of a covariance's paths
+    "volume path": 280,
+    "volume event": 900,  # a scattering event in any geometry
+    "voxel": 15,  # one that a flight or a connection crosses
+    "volume connection": 110,
+    "volume end": 21,  # one end of a connection there, at one light or view
+    "near end": 21,  # the same at a point
+    "product": 0.19,  # a complex multiplication and addition within a matrix product
+    "amplitude": 1.5,  # one of the amplitudes whose products are summed in a covariance
+    "batch": 3.4e4,  # of a covariance's paths
 }
 SERIAL = {"normal", "flop", "stack view", "phasor"}
 """Operations that any number of threads leaves to one."""
