@@ -178,40 +178,40 @@ def object_seconds(kernel: MemoryKernel, repeats: int, times: int) -> tuple[np.n
 def thread_rows(repeats: int) -> list[Row]:
     """Two threads against one, wall time, of tracing and of a whole render; means something only on two idle cores.
 
-    What two cores can do at best is measured beside it: two processes that trace and share nothing.
+    What two cores can do at best is measured in the same repeats: two processes that trace and share nothing. A
+    neighbour on the machine slows one core or the other for a while, so the ratio of the best times is stated too.
     """
-    scene, paths, repeats = example(), 4 * PATHS, max(repeats, 15)
+    scene, paths, repeats = example(), 4 * PATHS, max(repeats, 31)
     made = sg.plan(scene, paths=paths, sampler="paths")
-    work = {
-        "tracing": lambda n, threads: trace(MEDIUM, made.proposal, n, paths, threads=threads),
-        "a whole render": lambda n, threads: sg.render(scene, paths=paths, sampler="paths", seed=n, threads=threads),
-    }
-    rows = []
-    for name, function in work.items():
-        one, two = seconds(
-            lambda n, f=function: f(n, 1), lambda n, f=function: f(n, 2), repeats=repeats, clock=time.perf_counter,
-        )  # fmt: skip
-        note = f"wall time, 4e5 paths; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
-        rows.append(Row(f"speed of two threads / one, {name}", "", list(one / two), 1.8, 1.95, True, note))
-    return [*rows, Row("speed of two processes / one, tracing", "", processes(repeats), note="what the machine gives")]
-
-
-def processes(repeats: int) -> list[float]:
-    """Work of two processes at a time over that of one, wall time."""
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        found = []
-        for n in range(-1, repeats):  # the first round compiles
-            alone = pool.submit(traced_alone, n + 1).result()
-            found.append(2 * alone / max(pool.map(traced_alone, [n + 1, n + 1])))
-    return found[1:]
+
+        def processes(n: int, count: int) -> None:
+            list(pool.map(traced_alone, [n] * count))
+
+        work: dict[str, Callable[[int, int], object]] = {
+            "threads / one, tracing": lambda n, cores: trace(MEDIUM, made.proposal, n, paths, threads=cores),
+            "threads / one, a whole render": lambda n, cores: sg.render(
+                scene, paths=paths, sampler="paths", seed=n, threads=cores
+            ),
+            "processes / one, tracing": processes,
+        }
+        runs = [lambda n, f=f, c=cores: f(n, c) for f in work.values() for cores in (1, 2)]
+        processes(0, 2)  # compiles
+        found = seconds(*runs, repeats=repeats, clock=time.perf_counter).reshape(len(work), 2, repeats)
+    found[2, 0] *= 2  # two processes do twice the work
+    note = f"wall time, 4e5 paths, {repeats} repeats; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
+    rows = []
+    for name, (one, two) in zip(work, found, strict=True):
+        bounds = (1.8, 1.95) if "threads" in name else (None, None)
+        best = f"{note}; best of one / best of two {one.min() / two.min():.2f}"
+        rows.append(Row(f"speed of two {name}", "", list(one / two), *bounds, True, best))
+    return rows
 
 
-def traced_alone(seed: int) -> float:
-    """Seconds of tracing 4e5 paths on one thread, by the clock."""
+def traced_alone(seed: int) -> None:
+    """Trace 4e5 paths on one thread."""
     made = sg.plan(example(), paths=4 * PATHS, sampler="paths")
-    start = time.perf_counter()
     trace(MEDIUM, made.proposal, seed, 4 * PATHS, threads=1)
-    return time.perf_counter() - start
 
 
 # What the predictions of `plan` are compared for: scene, and arguments of plan and render.
