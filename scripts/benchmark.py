@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -178,40 +179,43 @@ def object_seconds(kernel: MemoryKernel, repeats: int, times: int) -> tuple[np.n
 def thread_rows(repeats: int) -> list[Row]:
     """Two threads against one, wall time, of tracing and of a whole render; means something only on two idle cores.
 
-    What two cores can do at best is measured in the same repeats: two processes that trace and share nothing. A
-    neighbour on the machine slows one core or the other for a while, so the ratio of the best times is stated too.
+    What two cores can do at best is measured in the same repeats: two processes that do the same and share nothing.
     """
-    scene, paths, repeats = example(), 4 * PATHS, max(repeats, 31)
-    made = sg.plan(scene, paths=paths, sampler="paths")
+    repeats = max(repeats, 31)
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
 
-        def processes(n: int, count: int) -> None:
-            list(pool.map(traced_alone, [n] * count))
+        def processes(function: Callable[[int, int], None], n: int, count: int) -> None:
+            list(pool.map(function, [n] * count, [1] * count))
 
-        work: dict[str, Callable[[int, int], object]] = {
-            "threads / one, tracing": lambda n, cores: trace(MEDIUM, made.proposal, n, paths, threads=cores),
-            "threads / one, a whole render": lambda n, cores: sg.render(
-                scene, paths=paths, sampler="paths", seed=n, threads=cores
-            ),
-            "processes / one, tracing": processes,
+        work = {
+            f"speed of two {kind} / one, {name}": partial(processes, function) if kind == "processes" else function
+            for name, function in (("tracing", traced), ("a whole render", rendered))
+            for kind in ("threads", "processes")
         }
         runs = [lambda n, f=f, c=cores: f(n, c) for f in work.values() for cores in (1, 2)]
-        processes(0, 2)  # compiles
+        for function in (traced, rendered):
+            processes(function, 0, 2)  # compiles
         found = seconds(*runs, repeats=repeats, clock=time.perf_counter).reshape(len(work), 2, repeats)
-    found[2, 0] *= 2  # two processes do twice the work
     note = f"wall time, 4e5 paths, {repeats} repeats; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     rows = []
     for name, (one, two) in zip(work, found, strict=True):
-        bounds = (1.8, 1.95) if "threads" in name else (None, None)
-        best = f"{note}; best of one / best of two {one.min() / two.min():.2f}"
-        rows.append(Row(f"speed of two {name}", "", list(one / two), *bounds, True, best))
+        if "processes" in name:  # which did twice the work
+            rows.append(Row(name, "", list(2 * one / two), note="the same work twice: what the machine gives"))
+        else:
+            rows.append(Row(name, "", list(one / two), 1.8, 1.95, True, note))
     return rows
 
 
-def traced_alone(seed: int) -> None:
-    """Trace 4e5 paths on one thread."""
+def traced(seed: int, threads: int) -> None:
+    """Trace 4e5 paths of the example."""
     made = sg.plan(example(), paths=4 * PATHS, sampler="paths")
-    trace(MEDIUM, made.proposal, seed, 4 * PATHS, threads=1)
+    assert made.proposal is not None
+    trace(MEDIUM, made.proposal, seed, 4 * PATHS, threads=threads)
+
+
+def rendered(seed: int, threads: int) -> None:
+    """Render the example from 4e5 paths."""
+    sg.render(example(), paths=4 * PATHS, sampler="paths", seed=seed, threads=threads)
 
 
 # What the predictions of `plan` are compared for: scene, and arguments of plan and render.

@@ -1,7 +1,7 @@
 """How path sums are shared out: chunks of paths that threads trace and sum side by side.
 
 Chunks are fixed by the plan, and what they add is joined in their order, so that a sum does not depend on threads.
-A chunk stays on one thread where there are chunks enough: steps that threads do together wait for the slowest.
+A chunk stays on one thread: steps that threads do together wait for the slowest. A thread without a chunk helps others.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,6 @@ CONNECTIONS = 2**16
 """Connections of a chunk at most, unless its transforms are so large that more are better summed at a time."""
 
 _PATHS = 2**20  # of a chunk at most, however few connections they have
-_EVEN = 8  # the number of chunks is a power of two, or a multiple of this: no thread is without one in the end
 _ROOM = 2**17  # connections that a thread may hold ...
 _FIELDS = 8  # ... of which one takes the memory of so many values of a field
 
@@ -37,9 +36,7 @@ class Chunks:
     def count(self) -> int:
         """Number of chunks."""
         wanted = max(self.paths * self.connections_per_path / self.at_once, self.paths / _PATHS)
-        count = max(1, int(np.ceil(wanted)))
-        step = min(_EVEN, 1 << (count - 1).bit_length())
-        return max(1, min(self.paths, -(-count // step) * step))
+        return max(1, min(self.paths, int(np.ceil(wanted))))
 
     @property
     def connections(self) -> float:
@@ -52,8 +49,8 @@ class Chunks:
         edges = np.linspace(0, self.paths, self.count + 1).astype(int).tolist()
         return [slice(*ends) for ends in zip(edges[:-1], edges[1:], strict=True)]
 
-    def side_by_side(self, threads: int, fields: float, realizations: int = 1) -> tuple[int, int]:
-        """Chunks in work at a time, and threads within each.
+    def side_by_side(self, threads: int, fields: float, realizations: int = 1) -> int:
+        """Chunks in work at a time.
 
         Parameters
         ----------
@@ -66,5 +63,4 @@ class Chunks:
             Whose chunks may be in work together.
         """
         fit = int(threads * _ROOM / (self.connections + fields / _FIELDS + 1))
-        beside = max(1, min(threads, self.count * realizations, fit))
-        return beside, max(1, threads // beside)
+        return max(1, min(threads, self.count * realizations, fit))

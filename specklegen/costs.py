@@ -207,14 +207,14 @@ def memory_bytes(work: Work, threads: int) -> int:
     if work.stationary:
         return int(work.paths * work.connections_per_path * 160 + 8 * views * tilts * 4 + _TORCH + _FIXED)
     connections, bank = work.chunks.connections, work.chunks.connections * _RECORD * 2
-    beside, inside = work.chunks.side_by_side(threads, tilts * views)
+    beside = work.chunks.side_by_side(threads, tilts * views)
     if work.nufft:
         per = np.dtype(work.nufft.dtype).itemsize
-        tiles, transforms = (1, inside) if work.nufft.tiles == 1 else (inside, 1)  # at a time
+        tiles = beside if work.nufft.tiles == 1 else threads  # at a time
         tile = tilts * float(np.prod(work.nufft.tiling.shape)) * per
-        field = 2 * tilts * views * per + tile * (work.nufft.rank / 4 + 1 + transforms) * tiles * beside
-        strengths = 16 * (tilts + tiles * work.nufft.rank) + per * tilts * transforms
-        return int((bank * 1.5 + connections * strengths) * beside + field + _FIXED)
+        field = 2 * tilts * views * per + tile * ((work.nufft.rank / 4 + 1) * tiles + threads)
+        strengths = 16 * (tilts * beside + work.nufft.rank * tiles) + per * tilts * threads
+        return int(bank * 1.5 * beside + connections * strengths + field + _FIXED)
     looked = _SEARCH if isinstance(work.scene.sensor, FarFieldGrid) and not work.reverse else 0
     held = bank + connections * 16 * 2 * tilts + tilts * views * 16 * 2
     return int(held * beside + tilts * views * 16 + looked + _FIXED)
@@ -231,7 +231,7 @@ def _streamed_bytes(work: Work, tilts: int, threads: int) -> int:
     together = min(tilts, TILTS_STREAMED)
     side = np.minimum(work.scene.sensor.shape, MOST_VIEWS)
     piece = together * float(np.prod(side))
-    beside, _ = work.chunks.side_by_side(threads, piece)
+    beside = work.chunks.side_by_side(threads, piece)
     connections, kept = work.chunks.connections, work.paths * work.connections_per_path
     kept = kept if kept <= CONNECTIONS_KEPT else connections * beside
     rank = work.nufft.rank if work.nufft else 0
@@ -247,11 +247,11 @@ def volume_memory_bytes(work: VolumeWork, threads: int) -> int:
     if work.covariance:
         paths = min(work.paths / BATCHES, 8 * BLOCK)
         amplitudes = min(paths * work.connections_per_path * pairs, COVARIANCE_ELEMENTS)
-        beside, _ = batches_side_by_side(int(pairs) ** 2, threads)
+        beside = batches_side_by_side(int(pairs) ** 2, threads)
         waiting = 32 * pairs**2 * (1 if beside == 1 else 3 * beside)
         held = 3 * 16 * amplitudes + paths * work.connections_per_path * _RECORD
         return int(room + held * beside + waiting + pairs**2 * (16 * 4 + 8 * 3) + _FIXED)
-    beside, inside = work.chunks.side_by_side(threads, pairs)
+    beside = work.chunks.side_by_side(threads, pairs)
     some = min(work.chunks.connections, FIELD_ELEMENTS / max(lights + views, 1))
-    held = 16 * some * (lights + inside * min(views, VIEWS_AT_ONCE)) + work.chunks.connections * _RECORD
-    return int(room + (held + pairs * 16 * 2) * beside + pairs * 16 + _FIXED)
+    held = 16 * some * lights + work.chunks.connections * _RECORD + pairs * 16 * 2
+    return int(room + held * beside + 16 * some * threads * min(views, VIEWS_AT_ONCE) + pairs * 16 + _FIXED)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from specklegen.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.gates import Reverse, Verdict, warn_of_dependence
 from specklegen.kernels.rng import fill_normals
-from specklegen.parallel import in_turn, map_blocks, one_blas_thread, thread_count
+from specklegen.parallel import Threads, in_turn, map_blocks, one_blas_thread, thread_count
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
 from specklegen.pathspace.gates import scene_reversal
 from specklegen.pathspace.pilots import volume_pilot
@@ -234,13 +234,13 @@ class _Entries:
     """
 
     shape: tuple[int, ...]
-    add: Callable[[np.ndarray, np.ndarray, int], None]
+    add: Callable[[np.ndarray, np.ndarray, Threads], None]
     scale: Callable[[np.ndarray], np.ndarray]
     symmetric: bool = False
 
 
 def _all_pairs(n: int) -> _Entries:
-    def lower_triangle(out: np.ndarray, a: np.ndarray, threads: int) -> None:
+    def lower_triangle(out: np.ndarray, a: np.ndarray, threads: Threads) -> None:
         conjugate = a.conj().T
 
         def rows(start: int) -> None:
@@ -258,7 +258,7 @@ def _chosen_pairs(tracer: Tracer, pairs: np.ndarray) -> tuple[Tracer, _Entries]:
     views, view_numbers = np.unique(pairs[:, [1, 3]], return_inverse=True)
     left, right = (light_numbers.reshape(-1, 2) * len(views) + view_numbers.reshape(-1, 2)).T
 
-    def entries(out: np.ndarray, a: np.ndarray, threads: int) -> None:
+    def entries(out: np.ndarray, a: np.ndarray, threads: Threads) -> None:
         out += np.einsum("pm,pm->p", a[left], a[right].conj())
 
     scale = _Entries((len(pairs),), entries, lambda power: np.sqrt(power[left] * power[right]))
@@ -266,7 +266,7 @@ def _chosen_pairs(tracer: Tracer, pairs: np.ndarray) -> tuple[Tracer, _Entries]:
 
 
 def _rows(part: slice, n: int) -> _Entries:
-    def rows(out: np.ndarray, a: np.ndarray, threads: int) -> None:
+    def rows(out: np.ndarray, a: np.ndarray, threads: Threads) -> None:
         out += a[part] @ a.conj().T
 
     return _Entries((part.stop - part.start, n), rows, lambda power: np.sqrt(np.outer(power[part], power)))
@@ -301,26 +301,27 @@ def _estimate(
     unfinished = 0
     edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int).tolist()
     step = max(1, COVARIANCE_ELEMENTS // max(pairs, 1))
-    beside, inside = batches_side_by_side(total.size, threads)
+    members = thread_count(threads)
 
-    def batch(ends: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def batch(ends: tuple[int, int], threads: Threads) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         once, often = np.zeros((2, *entries.shape), np.complex128)
         lit, cut = np.zeros(pairs), 0
         for start in range(*ends, _PATHS_AT_ONCE):
             count = min(_PATHS_AT_ONCE, ends[1] - start)
-            bank = tracer.trace(seed, count, first=start, stream=stream, threads=inside)
+            bank = tracer.trace(seed, count, first=start, stream=stream, threads=threads)
             cut += bank.unfinished
             amplitudes = chain(
-                ((once, single_amplitudes(seen, part, inside)) for part in _pieces(bank.single, step)),
-                ((often, multiple_amplitudes(seen, part, reverse, inside)) for part in _pieces(bank.multiple, step)),
+                ((once, single_amplitudes(seen, part, threads)) for part in _pieces(bank.single, step)),
+                ((often, multiple_amplitudes(seen, part, reverse, threads)) for part in _pieces(bank.multiple, step)),
             )
             for out, some in amplitudes:
-                entries.add(out, some, inside)
+                entries.add(out, some, threads)
                 lit += np.einsum("pm,pm->p", some, some.conj()).real
         return once, often, lit, cut
 
     with one_blas_thread():
-        for once, often, lit, cut in in_turn(batch, zip(edges[:-1], edges[1:], strict=True), beside):
+        batches = zip(edges[:-1], edges[1:], strict=True)
+        for once, often, lit, cut in in_turn(batch, batches, members, batches_side_by_side(total.size, members)):
             single += once
             often += once
             total += often
@@ -346,11 +347,9 @@ def _standard_error(squares: np.ndarray, mean: np.ndarray, n: int) -> np.ndarray
     return np.sqrt(np.clip(scatter, 0, None) * n / (n - 1))
 
 
-def batches_side_by_side(entries: int, threads: int | None) -> tuple[int, int]:
-    """Batches of paths in work at a time, and threads within each: of large covariances one after the other."""
-    total = thread_count(threads)
-    beside = max(1, min(total, total * _ENTRIES // max(entries, 1)))
-    return beside, max(1, total // beside)
+def batches_side_by_side(entries: int, threads: int) -> int:
+    """Batches of paths in work at a time: of large covariances one after the other."""
+    return max(1, min(threads, threads * _ENTRIES // max(entries, 1)))
 
 
 def _pieces(bank: VolumeBank, step: int) -> Iterator[VolumeBank]:

@@ -16,7 +16,7 @@ from specklegen.fields import ends
 from specklegen.gates import Reverse, reversal_verdict, warn_of_dependence
 from specklegen.illumination import directions_of_sines
 from specklegen.media import Slab
-from specklegen.parallel import in_turn, thread_count
+from specklegen.parallel import Threads, in_turn, thread_count
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
 from specklegen.pathspace.tracing import plane_tracer
 from specklegen.scatterers import is_henyey_greenstein
@@ -193,8 +193,8 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         proposal = replace(proposal, threshold=threshold)
     s = np.diag(ends.single_amplitudes(pairs, views))[:, None]
 
-    def amplitudes(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        bank = trace(medium, proposal, seed, last - first, first=first, threads=1)
+    def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
+        bank = trace(medium, proposal, seed, last - first, first=first, threads=threads)
         ones, many = bank.single, bank.multiple
         alone = _pair_amplitudes(ones, pairs, views, np.ones(len(ones)), single=True) * s
         rest = _pair_amplitudes(many, pairs, views, np.ones(len(many)), single=False)
@@ -210,8 +210,8 @@ def _any_scatterer(medium, wavelength, light, view, views, side, paths, seed, re
     lights = np.concatenate([AXIS[None], light])
     tracer = plane_tracer(medium, wavelength, lights, np.concatenate([view[None], views]), reverse)
 
-    def amplitudes(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        bank = tracer.trace(seed, last - first, first=first, threads=1)
+    def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
+        bank = tracer.trace(seed, last - first, first=first, threads=threads)
         ones, many = bank.single, bank.multiple
         matched = [tracer.of_ends(slice(n, n + 1), slice(n, n + 1)) for n in range(len(lights))]
         alone = np.concatenate([single_amplitudes(pair, ones) for pair in matched])
@@ -221,11 +221,14 @@ def _any_scatterer(medium, wavelength, light, view, views, side, paths, seed, re
 
 
 def _correlation(amplitudes, paths, n, threads):
-    """K_t, |K_t|^2, its loss, its error, the single share; amplitudes(first, last) are two complex128[1 + n, M]."""
+    """K_t, |K_t|^2, its loss, its error and the single share.
+
+    amplitudes(first, last, threads) are two complex128[1 + n, M], of single scattering and of more.
+    """
     edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int).tolist()
 
-    def batch(ends: tuple[int, int]) -> tuple[np.ndarray, float]:
-        alone, rest = amplitudes(*ends)
+    def batch(ends: tuple[int, int], threads: Threads) -> tuple[np.ndarray, float]:
+        alone, rest = amplitudes(*ends, threads)
         both = np.concatenate([alone, rest], axis=1)
         power = np.square(np.abs(both)).sum(axis=1)
         product = (both[0] * both[1:].conj()).sum(axis=1)

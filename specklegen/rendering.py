@@ -25,7 +25,7 @@ from specklegen.gates import Reverse, Sampler, Verdict
 from specklegen.gaussianity import Gaussianity
 from specklegen.illumination import IncoherentObject, reference_direction
 from specklegen.mean import mean_field
-from specklegen.parallel import in_turn, one_blas_thread, thread_count
+from specklegen.parallel import Threads, in_turn, one_blas_thread, thread_count
 from specklegen.pathspace.fields import volume_field
 from specklegen.pathspace.tracing import scene_tracer
 from specklegen.planning import Plan, plan
@@ -210,10 +210,11 @@ def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
     chunk_field = _volume_chunk(made) if made.proposal is None else _slab_chunk(made)
     shape = (len(scene.lights), *scene.sensor.shape)
     jobs = ((r, chunk) for r in range(realizations) for chunk in chunks)
-    beside, inside = made.chunks.side_by_side(thread_count(threads), float(np.prod(shape)), realizations)
+    members = thread_count(threads)
+    beside = made.chunks.side_by_side(members, float(np.prod(shape)), realizations)
     images, connections, unfinished = [], 0, 0
     with one_blas_thread():
-        parts = in_turn(lambda job: chunk_field(seed, *job, inside), jobs, beside)
+        parts = in_turn(lambda job, crew: chunk_field(seed, *job, crew), jobs, members, beside)
         for _ in range(realizations):
             field = np.zeros(shape, made.field_dtype)
             for part, bank in islice(parts, len(chunks)):
@@ -224,7 +225,7 @@ def _paths(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
     return np.stack(images), connections, unfinished
 
 
-ChunkField = Callable[[Seed, int, slice, int], tuple[np.ndarray, PathBank]]
+ChunkField = Callable[[Seed, int, slice, Threads], tuple[np.ndarray, PathBank]]
 """(seed, realization, paths, threads) -> what a chunk of paths adds to the field, and its connections."""
 
 
@@ -234,7 +235,7 @@ def _slab_chunk(made: Plan) -> ChunkField:
     assert proposal is not None
     optics, views = Optics.of_scene(scene), scene.views
 
-    def field(seed: Seed, sample: int, chunk: slice, threads: int) -> tuple[np.ndarray, PathBank]:
+    def field(seed: Seed, sample: int, chunk: slice, threads: Threads) -> tuple[np.ndarray, PathBank]:
         count = chunk.stop - chunk.start
         bank = trace(scene.slab, proposal, seed, count, first=chunk.start, sample=sample, threads=threads)
         phases = random_phases(bank, seed, sample, threads=threads)
@@ -251,7 +252,7 @@ def _volume_chunk(made: Plan) -> ChunkField:
     """Chunks in any geometry."""
     tracer = scene_tracer(made.scene, made.reverse)
 
-    def field(seed: Seed, sample: int, chunk: slice, threads: int) -> tuple[np.ndarray, PathBank]:
+    def field(seed: Seed, sample: int, chunk: slice, threads: Threads) -> tuple[np.ndarray, PathBank]:
         count = chunk.stop - chunk.start
         bank = tracer.trace(seed, count, first=chunk.start, sample=sample, threads=threads)
         part = volume_field(tracer, bank, seed, sample, reverse=made.reverse, threads=threads)

@@ -10,7 +10,7 @@ is traced once where its connections fit, else once a piece.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache, partial, reduce
+from functools import partial, reduce
 from itertools import chain, islice
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from specklegen.fields.tiling import Tile, coarsest
 from specklegen.gates import Reverse, Sampler
 from specklegen.illumination import directions_of_sines
 from specklegen.mean import mean_field
-from specklegen.parallel import in_turn, slices, thread_count
+from specklegen.parallel import Threads, in_turn, slices, thread_count
 from specklegen.planning import plan, streaming_obstacle
 from specklegen.plans import Plan
 from specklegen.rendering import stationary_stacks
@@ -37,8 +37,8 @@ from specklegen.values import reject
 Where = tuple[slice, slice, slice]
 """Tilts, rows and columns of a piece in its stack."""
 
-Bank = Callable[[int], tuple[PathBank, np.ndarray]]
-"""Number of a chunk -> its connections and their random phases."""
+Bank = Callable[[int, Threads], tuple[PathBank, np.ndarray]]
+"""(number of a chunk, threads) -> its connections and their random phases."""
 
 assert TILTS_STREAMED % TILTS_AT_ONCE == 0, "transforms must group the tilts of a part as those of the whole"
 
@@ -167,25 +167,37 @@ def _tile_by_tile(made: Plan, seed: Seed, realization: int, threads: int | None)
     tiling = made.nufft.tiling if made.nufft else coarsest(grid)
     groups = slices(len(optics.tilts), TILTS_STREAMED)
     piece = float(np.prod(tiling.shape)) * groups[0].stop
-    beside, inside = made.chunks.side_by_side(thread_count(threads), piece)
+    members = thread_count(threads)
+    beside = made.chunks.side_by_side(members, piece)
 
-    def bank(n: int) -> tuple[PathBank, np.ndarray]:
+    def traced_chunk(n: int, threads: Threads) -> tuple[PathBank, np.ndarray]:
         first, count = chunks[n].start, chunks[n].stop - chunks[n].start
-        traced = trace(scene.slab, proposal, seed, count, first=first, sample=realization, threads=inside)
-        return traced, random_phases(traced, seed, realization, threads=inside)
+        traced = trace(scene.slab, proposal, seed, count, first=first, sample=realization, threads=threads)
+        return traced, random_phases(traced, seed, realization, threads=threads)
 
-    if made.paths * made.connections_per_path <= CONNECTIONS_KEPT:
-        bank = lru_cache(None)(bank)
+    bank = _kept(traced_chunk) if made.paths * made.connections_per_path <= CONNECTIONS_KEPT else traced_chunk
     for tile in tiling.tiles:
         for tilts in groups:
-            part = partial(_chunk, made, replace(optics, tilts=optics.tilts[tilts]), tile, bank, inside)
-            field = reduce(np.add, in_turn(part, range(len(chunks)), beside))
+            part = partial(_chunk, made, replace(optics, tilts=optics.tilts[tilts]), tile, bank)
+            field = reduce(np.add, in_turn(part, range(len(chunks)), members, beside))
             yield (tilts, tile.rows, tile.columns), field.astype(np.complex64)
 
 
-def _chunk(made: Plan, optics: Optics, tile: Tile, bank: Bank, threads: int, n: int) -> np.ndarray:
+def _kept(bank: Bank) -> Bank:
+    """The same, which remembers every chunk."""
+    found = {}
+
+    def kept(n: int, threads: Threads) -> tuple[PathBank, np.ndarray]:
+        if n not in found:
+            found[n] = bank(n, threads)
+        return found[n]
+
+    return kept
+
+
+def _chunk(made: Plan, optics: Optics, tile: Tile, bank: Bank, n: int, threads: Threads) -> np.ndarray:
     """What chunk ``n`` of the paths adds to the field of some tilts on one tile."""
-    some, phases = bank(n)
+    some, phases = bank(n, threads)
     if made.nufft:
         field = nufft_tile(some, optics, phases, made.nufft, tile, threads=threads)
     else:

@@ -14,7 +14,7 @@ import numpy as np
 from specklegen.illumination import CollimatedBeams, footprint_code, reference_direction
 from specklegen.kernels import walk
 from specklegen.media import Slab
-from specklegen.parallel import map_blocks
+from specklegen.parallel import Threads, map_blocks
 from specklegen.scatterers import anisotropy_alone
 from specklegen.streams import Seed, Stream, stream_key
 
@@ -151,7 +151,7 @@ class PathBank:
         return replace(self, records=records)
 
 
-def concatenate(banks: list[PathBank], threads: int | None = 1) -> PathBank:
+def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
     """Join banks in the order given."""
     ends = np.cumsum([0, *map(len, banks)])
     total = ends[-1]
@@ -221,7 +221,7 @@ def trace(
     first: int = 0,
     sample: int = 0,
     stream: Stream = Stream.PATHS,
-    threads: int | None = None,
+    threads: Threads = None,
 ) -> PathBank:
     """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``.
 

@@ -1,5 +1,6 @@
-"""Chunks of paths: even, fixed by the plan, summed in their order whatever the threads."""
+"""Chunks of paths: even, fixed by the plan, summed in their order whatever the threads; and threads that help."""
 
+import sys
 import threading
 import time
 
@@ -10,8 +11,8 @@ from hypothesis import strategies as st
 
 import specklegen as sg
 from specklegen import rendering
-from specklegen.chunks import CONNECTIONS, Chunks
-from specklegen.parallel import in_turn
+from specklegen.chunks import Chunks
+from specklegen.parallel import in_turn, map_blocks
 
 
 @given(st.integers(1, 10**8), st.floats(0, 1e3), st.integers(1, 2**20))
@@ -28,20 +29,11 @@ def test_chunks_are_the_paths_in_order_and_even(paths, per_path, at_once):
     assert min(sizes) == 1 or chunks.connections <= at_once * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("threads", [1, 2, 4, 8])
-def test_threads_share_chunks_evenly(threads):
-    """As soon as there is work for each: no thread waits for others to end a last round."""
-    for paths in np.geomspace(CONNECTIONS * threads, 1e8, 200).astype(int):
-        assert Chunks(int(paths), 1.0).count % threads == 0
-
-
 @given(st.integers(1, 64), st.integers(1, 10**7), st.floats(0, 100), st.floats(1, 1e9), st.integers(1, 100))
 def test_what_is_in_work_is_bounded_by_the_threads(threads, paths, per_path, fields, realizations):
     chunks = Chunks(paths, per_path)
-    beside, inside = chunks.side_by_side(threads, fields, realizations)
+    beside = chunks.side_by_side(threads, fields, realizations)
     assert 1 <= beside <= min(threads, chunks.count * realizations)
-    assert 1 <= inside
-    assert beside * inside <= threads
     assert beside == 1 or beside * (chunks.connections + fields / 8) <= threads * 2**17
 
 
@@ -65,7 +57,7 @@ def test_large_transforms_get_more_connections_at_a_time():
 
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_results_come_in_the_order_of_the_jobs(workers):
-    def slow_first(n: int) -> int:
+    def slow_first(n: int, _threads) -> int:
         time.sleep(0.02 if n % 3 == 0 else 0.0)
         return n * n
 
@@ -76,7 +68,7 @@ def test_results_come_in_the_order_of_the_jobs(workers):
 def test_few_jobs_are_begun_ahead_and_none_after_the_last_is_taken():
     begun, lock = [], threading.Lock()
 
-    def job(n: int) -> int:
+    def job(n: int, _threads) -> int:
         with lock:
             begun.append(n)
         return n
@@ -93,7 +85,7 @@ def test_few_jobs_are_begun_ahead_and_none_after_the_last_is_taken():
 def test_an_error_comes_through_and_ends_the_work():
     begun = []
 
-    def job(n: int) -> int:
+    def job(n: int, _threads) -> int:
         begun.append(n)
         if n == 3:
             raise ValueError("the third")
@@ -103,6 +95,72 @@ def test_an_error_comes_through_and_ends_the_work():
     with pytest.raises(ValueError, match="the third"):
         list(results)
     assert max(begun) < 3 + 2 * 2 + 2
+
+
+MEET = 20  # seconds within which threads that work side by side meet
+
+
+def test_a_thread_without_a_job_helps_with_the_blocks_of_another():
+    """Two blocks that wait for each other end only on two threads; nested blocks are helped with as well."""
+    outer, inner = threading.Barrier(2, timeout=MEET), threading.Barrier(2, timeout=MEET)
+
+    def job(n: int, crew) -> list[list[int]]:
+        def block(m: int) -> list[int]:
+            if m < 2:
+                outer.wait()
+                return [m]
+            return map_blocks(lambda k: (inner.wait(), 10 * n + k)[1], range(2), crew)
+
+        return map_blocks(block, range(3), crew)
+
+    assert list(in_turn(job, [1], 2)) == [[[0], [1], [10, 11]]]
+
+
+def test_one_job_at_a_time_where_more_would_not_fit():
+    running, most, lock = 0, 0, threading.Lock()
+
+    def job(n: int, crew) -> int:
+        nonlocal running, most
+        with lock:
+            running += 1
+            most = max(most, running)
+        total = sum(map_blocks(lambda m: m * n, range(50), crew))
+        with lock:
+            running -= 1
+        return total
+
+    assert list(in_turn(job, range(20), 4, 1)) == [1225 * n for n in range(20)]
+    assert most == 1
+
+
+@pytest.mark.parametrize("beside", [1, 2])
+def test_an_error_in_a_block_comes_through(beside):
+    def job(n: int, crew) -> list[int]:
+        return map_blocks(lambda m: m // (n - 3), range(10), crew)
+
+    with pytest.raises(ZeroDivisionError):
+        list(in_turn(job, range(1000), 2, beside))
+
+
+def test_many_small_blocks_of_many_jobs():
+    """Switching threads as often as it goes: every block is done once, results are those of one thread."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        done, lock = [], threading.Lock()
+
+        def block(known: tuple[int, int]) -> int:
+            with lock:
+                done.append(known)
+            return known[0] * known[1]
+
+        def job(n: int, crew) -> int:
+            return sum(map_blocks(block, [(n, m) for m in range(7)], crew))
+
+        assert list(in_turn(job, range(300), 4)) == [21 * n for n in range(300)]
+        assert sorted(done) == [(n, m) for n in range(300) for m in range(7)]
+    finally:
+        sys.setswitchinterval(before)
 
 
 # ---- Renders -------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ REMARKS = {
     "reversed paths, and misses the backscattering peak.",
     "thin-box": "At optical depth 0.02 one scattering is nearly all: the closed form is exact for it and instant, and "
     "its error is the light that is scattered more often, which Monte Carlo passes after a while.",
-    "near-field": "Every sensor point is also where paths may start; tracing and the sum take half of the time each.",
+    "near-field": "Every sensor point is also where paths may start.",
     "voxels": "Rays walk through voxels one by one.",
     "hidden-object-within": "Nine beams at once. The object sampler's modes leave out up to 1 % of the light, put back "
     "evenly: a bias of .007 of the tilt covariances, which shows at the largest count.",
@@ -48,10 +48,10 @@ OBSTACLES = {
     "is left is the two ends of kept connections and their spreading by the NUFFT",
     "stationary five-stack 101 x 101": "two fifths of it are the matrix products from cells to views, which keep the "
     "core's arithmetic busy, and a third are the normal random numbers, 15 000 a stack",
-    "speed of two threads / one, tracing": "the row of two processes, which share nothing, says what two cores can do "
-    "here at best",
-    "speed of two threads / one, a whole render": "the same: a thread traces and sums a chunk of paths on its own, and "
-    "waits for none but the last",
+    "speed of two threads / one, tracing": "two processes that share nothing, in the same repeats, say what two cores "
+    "can do here at best",
+    "speed of two threads / one, a whole render": "the same; a thread traces and sums a chunk of paths on its own, and "
+    "helps others when there is none left",
 }
 """Row of ``scripts/benchmark.py`` to what stands in the way where its aim is missed."""
 

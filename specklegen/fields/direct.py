@@ -10,7 +10,7 @@ from specklegen.fields.ends import (
     single_amplitudes,
 )
 from specklegen.kernels import sums
-from specklegen.parallel import map_blocks
+from specklegen.parallel import Threads, map_blocks
 from specklegen.tracing import PathBank
 
 
@@ -21,7 +21,7 @@ def direct_field(
     views: np.ndarray,
     *,
     reverse: bool = False,
-    threads: int | None = None,
+    threads: Threads = None,
 ) -> np.ndarray:
     """Sum over the connections of a bank, complex128[T, V], divided by the root of the number of paths.
 
@@ -56,7 +56,7 @@ def _sum(
     views: np.ndarray,
     *,
     single: bool,
-    threads: int | None,
+    threads: Threads,
 ) -> np.ndarray:
     field = np.zeros((len(views), len(optics.tilts)), np.complex128)
     if len(bank) == 0 or field.size == 0:

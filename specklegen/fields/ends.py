@@ -12,7 +12,7 @@ import numpy as np
 from specklegen.illumination import CollimatedBeams, footprint_code
 from specklegen.kernels import sums
 from specklegen.media import Slab
-from specklegen.parallel import map_blocks, slices
+from specklegen.parallel import Threads, map_blocks, slices
 from specklegen.scene import Scene
 from specklegen.streams import Seed, Stream, stream_key
 from specklegen.tracing import PathBank
@@ -69,7 +69,7 @@ def offsets(directions: np.ndarray, reference: np.ndarray, wavelength: float) ->
     return difference / wavelength
 
 
-def random_phases(bank: PathBank, seed: Seed, sample: int = 0, *, threads: int | None = 1) -> np.ndarray:
+def random_phases(bank: PathBank, seed: Seed, sample: int = 0, *, threads: Threads = 1) -> np.ndarray:
     """complex128[M], one unit phasor z per (path, order), the same for every tilt and view."""
     z = np.empty(len(bank), np.complex128)
     key = stream_key(seed, Stream.PHASES)

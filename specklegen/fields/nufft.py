@@ -26,7 +26,7 @@ from specklegen.fields.view_factor import (
     single_factor,
 )
 from specklegen.kernels import sums
-from specklegen.parallel import map_blocks, slices
+from specklegen.parallel import Threads, map_blocks, slices
 from specklegen.sensors import FarFieldGrid
 from specklegen.tracing import PathBank
 
@@ -125,7 +125,7 @@ def nufft_field(
     phases: np.ndarray,
     evaluator: NufftEvaluator,
     *,
-    threads: int | None = None,
+    threads: Threads = None,
 ) -> np.ndarray:
     """Sum over the connections of a bank, complex[T, H, W], divided by the root of the number of paths.
 
@@ -135,12 +135,12 @@ def nufft_field(
     lights = _lights(bank, optics, phases, evaluator, threads)
     field = np.zeros((len(optics.tilts), *evaluator.grid.shape), evaluator.dtype)
     tiles = evaluator.tiling.tiles
-    inside, beside = (threads, 1) if len(tiles) == 1 else (1, threads)
+    inside = threads if len(tiles) == 1 else 1
 
     def fill(tile: Tile) -> None:
         field[:, tile.rows, tile.columns] = _tile_field(lights, tile, optics, evaluator, inside)
 
-    map_blocks(fill, tiles, beside)
+    map_blocks(fill, tiles, threads)
     field *= 1 / np.sqrt(max(bank.count, 1))
     return field
 
@@ -152,7 +152,7 @@ def nufft_tile(
     evaluator: NufftEvaluator,
     tile: Tile,
     *,
-    threads: int | None = None,
+    threads: Threads = None,
 ) -> np.ndarray:
     """The part of :func:`nufft_field` on one of the evaluator's tiles, complex[T, h, w]: the same bits."""
     lights = _lights(bank, optics, phases, evaluator, threads)
@@ -184,7 +184,7 @@ class _Light:
 
 
 def _lights(
-    bank: PathBank, optics: Optics, phases: np.ndarray, evaluator: NufftEvaluator, threads: int | None
+    bank: PathBank, optics: Optics, phases: np.ndarray, evaluator: NufftEvaluator, threads: Threads
 ) -> list[_Light]:
     """All connections, or multiple and single scattering, whichever there are."""
     is_single = bank.orders == 1
@@ -200,7 +200,7 @@ def _lights(
     return [light for light in lights if light.strengths.size]
 
 
-def _strengths(bank: PathBank, optics: Optics, phases: np.ndarray, alone: bool, threads: int | None) -> np.ndarray:
+def _strengths(bank: PathBank, optics: Optics, phases: np.ndarray, alone: bool, threads: Threads) -> np.ndarray:
     """Illumination ends, complex128[T, M], in blocks."""
     strengths = np.empty((len(optics.tilts), len(bank)), np.complex128)
 
@@ -231,7 +231,7 @@ class _Load:
     coupling: np.ndarray
 
 
-def _load(light: _Light, tile: Tile, optics: Optics, evaluator: NufftEvaluator, threads: int | None) -> _Load:
+def _load(light: _Light, tile: Tile, optics: Optics, evaluator: NufftEvaluator, threads: Threads) -> _Load:
     bank, steps, pitch = light.bank, light.factor.steps, evaluator.grid.pitch
     points = np.empty((2, len(bank)), evaluator.dtype().real.dtype)
     sensor = np.empty((light.factor.rank, len(bank)), np.complex128)
@@ -253,7 +253,7 @@ def _load(light: _Light, tile: Tile, optics: Optics, evaluator: NufftEvaluator, 
 
 
 def _tile_field(
-    lights: list[_Light], tile: Tile, optics: Optics, evaluator: NufftEvaluator, threads: int | None
+    lights: list[_Light], tile: Tile, optics: Optics, evaluator: NufftEvaluator, threads: Threads
 ) -> np.ndarray:
     """Field on one tile, complex[T, h, w], times the root of the number of paths."""
     loads = [_load(light, tile, optics, evaluator, threads) for light in lights]

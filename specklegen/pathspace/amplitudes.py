@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from specklegen.kernels import volume_ends, walk
-from specklegen.parallel import map_blocks
+from specklegen.parallel import Threads, map_blocks
 from specklegen.pathspace.targets import Target
 from specklegen.pathspace.tracing import Tracer, VolumeBank
 
@@ -21,7 +21,7 @@ _VIEWS_AT_ONCE = 64
 
 
 def end_amplitudes(
-    tracer: Tracer, bank: VolumeBank, target: Target, end: End, threads: int | None = 1
+    tracer: Tracer, bank: VolumeBank, target: Target, end: End, threads: Threads = 1
 ) -> np.ndarray:
     """complex128[n, M]: profile, attenuation, phase, decay and scattering between one end and each target."""
     column, sign, side = _COLUMNS[end]
@@ -52,7 +52,7 @@ def single_factors(tracer: Tracer, bank: VolumeBank) -> np.ndarray:
     return out
 
 
-def single_amplitudes(tracer: Tracer, bank: VolumeBank, threads: int | None = 1) -> np.ndarray:
+def single_amplitudes(tracer: Tracer, bank: VolumeBank, threads: Threads = 1) -> np.ndarray:
     """Amplitudes sqrt(W) a of a bank of single scattering, complex128[T * V, M]."""
     lights = end_amplitudes(tracer, bank, tracer.lights, "entry", threads) * np.sqrt(bank.weight)
     views = end_amplitudes(tracer, bank, tracer.views, "exit", threads)
@@ -60,7 +60,7 @@ def single_amplitudes(tracer: Tracer, bank: VolumeBank, threads: int | None = 1)
     return pairs * single_factors(tracer, bank).reshape(len(pairs), -1) if pairs.size else pairs
 
 
-def multiple_amplitudes(tracer: Tracer, bank: VolumeBank, reverse: bool, threads: int | None = 1) -> np.ndarray:
+def multiple_amplitudes(tracer: Tracer, bank: VolumeBank, reverse: bool, threads: Threads = 1) -> np.ndarray:
     """Amplitudes sqrt(W) a of a bank of multiple scattering, complex128[T * V, n].
 
     Where paths serve both ways, ``reverse`` adds both amplitudes into one column; without it the two ways

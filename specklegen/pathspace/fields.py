@@ -6,7 +6,7 @@ u(t, v) = N^(-1/2) sum over connections of z sqrt(W) a_tv,    z = e^(2 pi i zeta
 import numpy as np
 
 from specklegen.kernels import sums
-from specklegen.parallel import map_blocks, one_blas_thread
+from specklegen.parallel import Threads, map_blocks, one_blas_thread
 from specklegen.pathspace.amplitudes import End, end_amplitudes, single_factors
 from specklegen.pathspace.tracing import Tracer, VolumeBank
 from specklegen.streams import Seed, Stream, stream_key
@@ -22,7 +22,7 @@ def volume_field(
     sample: int = 0,
     *,
     reverse: bool,
-    threads: int | None = None,
+    threads: Threads = None,
 ) -> np.ndarray:
     """Field of a bank, complex128[T, V], divided by the root of the number of paths.
 
@@ -39,7 +39,7 @@ def volume_field(
 
 
 def _add(
-    tracer: Tracer, bank: VolumeBank, seed: Seed, sample: int, reverse: bool, field: np.ndarray, threads: int | None
+    tracer: Tracer, bank: VolumeBank, seed: Seed, sample: int, reverse: bool, field: np.ndarray, threads: Threads
 ) -> None:
     once, more = bank.single, bank.multiple
     z_once, _ = random_phases(once, seed, sample)

@@ -10,7 +10,7 @@ from specklegen.kernels.phase_table import PhaseTable
 from specklegen.kernels.sources import Sources
 from specklegen.kernels.volume import Volume
 from specklegen.media import Medium, Slab
-from specklegen.parallel import map_blocks
+from specklegen.parallel import Threads, map_blocks
 from specklegen.pathspace.sources import close_points, plane_sources, scene_sources
 from specklegen.pathspace.targets import Target, light_target, probes, view_target
 from specklegen.pathspace.volumes import materials, volume_of
@@ -93,7 +93,7 @@ class Tracer:
         first: int = 0,
         sample: int = 0,
         stream: Stream = Stream.PATHS,
-        threads: int | None = None,
+        threads: Threads = None,
     ) -> VolumeBank:
         """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; see :func:`specklegen.trace`."""
         key = stream_key(seed, stream)
