@@ -181,7 +181,7 @@ def thread_rows(repeats: int) -> list[Row]:
 
     What two cores can do at best is measured in the same repeats: two processes that do the same and share nothing.
     """
-    repeats = max(repeats, 31)
+    repeats = max(repeats, 21)
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
 
         def processes(function: Callable[[int, int], None], n: int, count: int) -> None:
@@ -196,7 +196,7 @@ def thread_rows(repeats: int) -> list[Row]:
         for function in (traced, rendered):
             processes(function, 0, 2)  # compiles
         found = seconds(*runs, repeats=repeats, clock=time.perf_counter).reshape(len(work), 2, repeats)
-    note = f"wall time, 4e5 paths, {repeats} repeats; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
+    note = f"wall time, 8e5 paths, {repeats} repeats; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     rows = []
     for name, (one, two) in zip(work, found, strict=True):
         if "processes" in name:  # which did twice the work
@@ -207,15 +207,16 @@ def thread_rows(repeats: int) -> list[Row]:
 
 
 def traced(seed: int, threads: int) -> None:
-    """Trace 4e5 paths of the example."""
-    made = sg.plan(example(), paths=4 * PATHS, sampler="paths")
+    """Trace 8e5 paths of the example, 1e5 at a time, as no render holds more."""
+    made = sg.plan(example(), paths=8 * PATHS, sampler="paths")
     assert made.proposal is not None
-    trace(MEDIUM, made.proposal, seed, 4 * PATHS, threads=threads)
+    for n in range(8):
+        trace(MEDIUM, made.proposal, seed, PATHS, first=n * PATHS, threads=threads)
 
 
 def rendered(seed: int, threads: int) -> None:
-    """Render the example from 4e5 paths."""
-    sg.render(example(), paths=4 * PATHS, sampler="paths", seed=seed, threads=threads)
+    """Render the example from 8e5 paths."""
+    sg.render(example(), paths=8 * PATHS, sampler="paths", seed=seed, threads=threads)
 
 
 # What the predictions of `plan` are compared for: scene, and arguments of plan and render.
