@@ -6,6 +6,7 @@ dimension). Separate purposes use separate streams, so that a new kind of draw n
 
 from collections.abc import Sequence
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 
@@ -36,8 +37,13 @@ def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:
     words = list(seed) if isinstance(seed, Sequence) and not isinstance(seed, str) else [seed]
     if not words or any(isinstance(w, bool) or not isinstance(w, int | np.integer) or w < 0 for w in words):
         reject("seed", "a whole number of at least 0, or a sequence of them", seed)
+    return _key(int(stream), tuple(map(int, words)))
+
+
+@lru_cache(256)  # stack after stack asks for the same
+def _key(stream: int, words: tuple[int, ...]) -> tuple[int, int]:
     # The length enters, because SeedSequence treats (1,) and (1, 0) alike.
-    first, second = np.random.SeedSequence([int(stream), len(words), *map(int, words)]).generate_state(2)
+    first, second = np.random.SeedSequence([stream, len(words), *words]).generate_state(2)
     return int(first), int(second)
 
 

@@ -46,8 +46,8 @@ OBSTACLES = {
     "path tracing, per scattering event": "each event takes a logarithm, a sine and cosine and its random numbers",
     "render / tracing alone, plan at hand": "the other side of the ratio is the tracing, which has become fast: what "
     "is left is the two ends of kept connections and their spreading by the NUFFT",
-    "stationary five-stack 101 x 101": "two fifths of it are the matrix products from cells to views, which keep the "
-    "core's arithmetic busy, and a third are the normal random numbers, 15 000 a stack",
+    "stationary five-stack 101 x 101": "half of it are the matrix products from cells to views, which keep the core's "
+    "arithmetic busy, and a fifth are the normal random numbers, 15 000 a stack",
     "speed of two threads / one, tracing": "two processes that share nothing, in the same repeats, say what two cores "
     "can do here at best",
     "speed of two threads / one, a whole render": "the same; a thread traces and sums a chunk of paths on its own, and "

@@ -3,6 +3,8 @@
 On the CPU the Numba kernel draws them; elsewhere the same Philox rounds run as torch integer arithmetic.
 """
 
+import math
+
 import numpy as np
 import torch
 
@@ -18,7 +20,7 @@ def complex_normals(
 ) -> torch.Tensor:
     """Independent z with E|z|^2 = 1, complex[shape], keyed by (seed, sample)."""
     key = stream_key(seed, Stream.STATIONARY)
-    count = int(np.prod(shape))
+    count = math.prod(shape)
     real = torch.float32 if dtype == torch.complex64 else torch.float64
     if count == 0:
         return torch.empty(shape, dtype=dtype, device=device)
