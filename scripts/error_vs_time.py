@@ -33,7 +33,7 @@ BUDGETS_QUICK = 3
 LONGEST, LONGEST_QUICK = 2.0, 0.03
 """Processor seconds of the longest runs that are still repeated four times larger."""
 THOROUGH = ("transmission-g0-od10", "transmission-g09-od10")
-"""Scenes whose runs may be four times longer, for their slope; 3.0 decades of time are fitted with --longest 32."""
+"""Scenes whose runs may be four times longer, for their slope; 3.0 decades of time were fitted with runs up to 36 s."""
 
 
 def scene_rows(name: str, longest: float, budgets: int) -> list[Row]:

@@ -2,7 +2,7 @@
 
     python scripts/tiling_benchmark.py              about three minutes on one idle core
     python scripts/tiling_benchmark.py --streamed   4096 x 4096 views of --tilts tilts into a zarr array; a tilt of
-                                                    either sampler takes up to half a minute and 0.13 GiB of disk
+                                                    path sums takes 5 to 30 s and 0.13 GiB of disk
 
 One example: a slab of 2000 wavelengths, optical depth 10, g = 0.9; n x n views as far apart as 0.4 speckle grains.
 Both sides of a ratio are run in turn, best of three; the direct sum at 400 views, times the rest.

@@ -4,9 +4,10 @@ Chunks are fixed by the plan, and what they add is joined in their order, so tha
 A chunk stays on one thread: steps that threads do together wait for the slowest. A thread without a chunk helps others.
 """
 
+import math
 from dataclasses import dataclass
 
-import numpy as np
+from specklegen.parallel import even_slices
 
 CONNECTIONS = 2**16
 """Connections of a chunk at most, unless its transforms are so large that more are better summed at a time."""
@@ -36,7 +37,7 @@ class Chunks:
     def count(self) -> int:
         """Number of chunks."""
         wanted = max(self.paths * self.connections_per_path / self.at_once, self.paths / _PATHS)
-        return max(1, min(self.paths, int(np.ceil(wanted))))
+        return max(1, min(self.paths, math.ceil(wanted)))
 
     @property
     def connections(self) -> float:
@@ -46,8 +47,7 @@ class Chunks:
     @property
     def slices(self) -> list[slice]:
         """Paths of every chunk."""
-        edges = np.linspace(0, self.paths, self.count + 1).astype(int).tolist()
-        return [slice(*ends) for ends in zip(edges[:-1], edges[1:], strict=True)]
+        return even_slices(self.paths, self.count)
 
     def side_by_side(self, threads: int, fields: float, realizations: int = 1) -> int:
         """Chunks in work at a time.

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from specklegen.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.gates import Reverse, Verdict, warn_of_dependence
 from specklegen.kernels.rng import fill_normals
-from specklegen.parallel import Threads, in_turn, map_blocks, one_blas_thread, thread_count
+from specklegen.parallel import Threads, even_slices, in_turn, map_blocks, one_blas_thread, thread_count
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
 from specklegen.pathspace.gates import scene_reversal
 from specklegen.pathspace.pilots import volume_pilot
@@ -299,20 +299,20 @@ def _estimate(
     pairs = len(seen.lights.vectors) * len(seen.views.vectors)
     power = np.zeros(pairs)
     unfinished = 0
-    edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int).tolist()
+    batches = even_slices(paths, BATCHES)
     step = max(1, COVARIANCE_ELEMENTS // max(pairs, 1))
     members = thread_count(threads)
 
-    def batch(ends: tuple[int, int], threads: Threads) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         once, often = np.zeros((2, *entries.shape), np.complex128)
         lit, cut = np.zeros(pairs), 0
-        for start in range(*ends, _PATHS_AT_ONCE):
-            count = min(_PATHS_AT_ONCE, ends[1] - start)
+        for start in range(part.start, part.stop, _PATHS_AT_ONCE):
+            count = min(_PATHS_AT_ONCE, part.stop - start)
             bank = tracer.trace(seed, count, first=start, stream=stream, threads=threads)
             cut += bank.unfinished
             amplitudes = chain(
-                ((once, single_amplitudes(seen, part, threads)) for part in _pieces(bank.single, step)),
-                ((often, multiple_amplitudes(seen, part, reverse, threads)) for part in _pieces(bank.multiple, step)),
+                ((once, single_amplitudes(seen, piece, threads)) for piece in _pieces(bank.single, step)),
+                ((often, multiple_amplitudes(seen, piece, reverse, threads)) for piece in _pieces(bank.multiple, step)),
             )
             for out, some in amplitudes:
                 entries.add(out, some, threads)
@@ -320,7 +320,6 @@ def _estimate(
         return once, often, lit, cut
 
     with one_blas_thread():
-        batches = zip(edges[:-1], edges[1:], strict=True)
         for once, often, lit, cut in in_turn(batch, batches, members, batches_side_by_side(total.size, members)):
             single += once
             often += once
@@ -330,7 +329,7 @@ def _estimate(
             unfinished += cut
     total /= paths
     single /= paths
-    error = _standard_error(squares / paths**2, total, len(edges) - 1)
+    error = _standard_error(squares / paths**2, total, len(batches))
     if entries.symmetric:
         for matrix in (total, single, error):
             _mirror(matrix)

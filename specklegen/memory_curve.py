@@ -16,7 +16,7 @@ from specklegen.fields import ends
 from specklegen.gates import Reverse, reversal_verdict, warn_of_dependence
 from specklegen.illumination import directions_of_sines
 from specklegen.media import Slab
-from specklegen.parallel import Threads, in_turn, thread_count
+from specklegen.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
 from specklegen.pathspace.tracing import plane_tracer
 from specklegen.scatterers import is_henyey_greenstein
@@ -225,16 +225,15 @@ def _correlation(amplitudes, paths, n, threads):
 
     amplitudes(first, last, threads) are two complex128[1 + n, M], of single scattering and of more.
     """
-    edges = np.linspace(0, paths, min(BATCHES, paths) + 1).astype(int).tolist()
 
-    def batch(ends: tuple[int, int], threads: Threads) -> tuple[np.ndarray, float]:
-        alone, rest = amplitudes(*ends, threads)
+    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float]:
+        alone, rest = amplitudes(part.start, part.stop, threads)
         both = np.concatenate([alone, rest], axis=1)
         power = np.square(np.abs(both)).sum(axis=1)
         product = (both[0] * both[1:].conj()).sum(axis=1)
         return np.concatenate([product, power[1:], power[:1]]), np.square(np.abs(alone[0])).sum()
 
-    found = list(in_turn(batch, zip(edges[:-1], edges[1:], strict=True), thread_count(threads)))
+    found = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
     sums, single = np.array([both for both, _ in found]), sum(alone for _, alone in found)
     total = sums[:, 2 * n].real.sum()
     if total == 0:

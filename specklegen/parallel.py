@@ -6,10 +6,10 @@ back in the order of the blocks, so that every sum over them is the same for any
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from threading import Condition, Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -52,16 +52,19 @@ def slices(count: int, size: int) -> list[slice]:
     return [slice(first, min(first + size, count)) for first in range(0, count, size)]
 
 
+def even_slices(count: int, parts: int) -> list[slice]:
+    """Cut ``count`` things into ``parts`` blocks, or as many as there are things, whose sizes differ by one at most."""
+    edges = [count * n // min(parts, count) for n in range(min(parts, count) + 1)] if count else []
+    return [slice(*ends) for ends in pairwise(edges)]
+
+
 def map_blocks(function: Callable[[A], B], blocks: Iterable[A], threads: "Threads" = None) -> list[B]:
     """Apply ``function`` to every block on ``threads`` threads, or a crew; results in the order of the blocks."""
     blocks = list(blocks)
     if isinstance(threads, Crew):
         return threads.map(function, blocks)
     workers = min(thread_count(threads), len(blocks))
-    if workers <= 1:
-        return [function(block) for block in blocks]
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(function, blocks))
+    return list(in_turn(lambda block, _: function(block), blocks, workers))
 
 
 def in_turn(
@@ -79,7 +82,7 @@ def in_turn(
     yield from Crew().in_turn(function, jobs, threads, beside or threads)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Map:
     """A function to be applied to blocks, some of which have begun and ended."""
 

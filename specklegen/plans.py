@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.chunks import CONNECTIONS, Chunks
+from specklegen.chunks import Chunks
 from specklegen.fields.nufft import NufftEvaluator
 from specklegen.gates import Verdict
 from specklegen.gaussianity import Gaussianity
@@ -46,6 +46,8 @@ class Plan:
         Whether so many paths make Gaussian speckle.
     connections_per_path, events_per_path : float
         From the pilot.
+    chunks : Chunks
+        Paths that are traced and summed at a time.
     operations : dict
         Counted operations of one realization, by the names of :data:`specklegen.costs.NANOSECONDS`.
     seconds : float
@@ -70,6 +72,7 @@ class Plan:
     gaussianity: Gaussianity
     connections_per_path: float
     events_per_path: float
+    chunks: Chunks
     operations: dict[str, float]
     seconds: float
     memory_bytes: int
@@ -79,11 +82,6 @@ class Plan:
     def field_dtype(self) -> type:
         """Precision in which fields are summed."""
         return self.nufft.dtype if self.nufft else np.complex128
-
-    @property
-    def chunks(self) -> Chunks:
-        """Paths that are traced and summed at a time."""
-        return Chunks(self.paths, self.connections_per_path, self.nufft.points if self.nufft else CONNECTIONS)
 
     def explain(self) -> str:
         """Tell in words what will be done, what is left out and why, what it costs and what else would cost."""

@@ -24,7 +24,7 @@ from specklegen.fields.tiling import Tile, coarsest
 from specklegen.gates import Reverse, Sampler
 from specklegen.illumination import directions_of_sines
 from specklegen.mean import mean_field
-from specklegen.parallel import Threads, in_turn, slices, thread_count
+from specklegen.parallel import Threads, in_turn, one_blas_thread, slices, thread_count
 from specklegen.planning import plan, streaming_obstacle
 from specklegen.plans import Plan
 from specklegen.rendering import stationary_stacks
@@ -166,7 +166,7 @@ def _tile_by_tile(made: Plan, seed: Seed, realization: int, threads: int | None)
     optics, chunks = Optics.of_scene(scene), made.chunks.slices
     tiling = made.nufft.tiling if made.nufft else coarsest(grid)
     groups = slices(len(optics.tilts), TILTS_STREAMED)
-    piece = float(np.prod(tiling.shape)) * groups[0].stop
+    piece = float(np.prod(tiling.shape)) * min(len(optics.tilts), TILTS_STREAMED)
     members = thread_count(threads)
     beside = made.chunks.side_by_side(members, piece)
 
@@ -179,7 +179,8 @@ def _tile_by_tile(made: Plan, seed: Seed, realization: int, threads: int | None)
     for tile in tiling.tiles:
         for tilts in groups:
             part = partial(_chunk, made, replace(optics, tilts=optics.tilts[tilts]), tile, bank)
-            field = reduce(np.add, in_turn(part, range(len(chunks)), members, beside))
+            with one_blas_thread():
+                field = reduce(np.add, in_turn(part, range(len(chunks)), members, beside))
             yield (tilts, tile.rows, tile.columns), field.astype(np.complex64)
 
 

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import specklegen as sg
@@ -18,8 +18,7 @@ from specklegen.parallel import in_turn, map_blocks
 @given(st.integers(1, 10**8), st.floats(0, 1e3), st.integers(1, 2**20))
 def test_chunks_are_the_paths_in_order_and_even(paths, per_path, at_once):
     chunks = Chunks(paths, per_path, at_once)
-    if chunks.count > 10_000:
-        return
+    assume(chunks.count <= 10_000)
     parts = chunks.slices
     assert len(parts) == chunks.count
     assert [parts[0].start, parts[-1].stop] == [0, paths]
@@ -35,6 +34,15 @@ def test_what_is_in_work_is_bounded_by_the_threads(threads, paths, per_path, fie
     beside = chunks.side_by_side(threads, fields, realizations)
     assert 1 <= beside <= min(threads, chunks.count * realizations)
     assert beside == 1 or beside * (chunks.connections + fields / 8) <= threads * 2**17
+
+
+def test_every_thread_has_a_small_chunk_and_large_ones_are_fewer():
+    small, large = Chunks(10**6, 1.0), Chunks(10**7, 1.0, 2**18)
+    assert small.side_by_side(4, 5e4) == 4
+    assert large.side_by_side(4, 5e4) == 1
+    assert small.side_by_side(4, 1e8) == 1
+    assert Chunks(1000, 1.0).side_by_side(4, 5e4) == 1
+    assert Chunks(1000, 1.0).side_by_side(4, 5e4, realizations=3) == 3
 
 
 def test_large_transforms_get_more_connections_at_a_time():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import specklegen as sg
 from specklegen import evaluators, streaming
@@ -101,6 +102,32 @@ def test_an_interrupted_stack_has_no_name_and_is_made_anew(tmp_path, monkeypatch
     array = sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
     assert array[:].tobytes() == sg.render(this, seed=3, **options).field.tobytes()
     assert [file.name for file in tmp_path.iterdir()] == ["stack.zarr"]
+
+
+def test_no_tilts_are_no_pieces():
+    for sampler in ("paths", "stationary"):
+        assert gathered(scene(tilts=0), sampler=sampler, paths=100)[1] == 0
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_pieces_are_summed_with_one_thread_of_linear_algebra(monkeypatch):
+    """As a render is: more would change last bits. Between pieces the caller has them all again."""
+    real, seen = streaming.nufft_tile, []
+
+    def threads() -> set[int]:
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    def watched(*args, **kwargs):
+        seen.append(threads())
+        return real(*args, **kwargs)
+
+    monkeypatch.setattr(streaming, "nufft_tile", watched)
+    this, options = CASES["nufft"]
+    with threadpool_limits(2):
+        for _ in sg.render_tiles(this, seed=3, **options):
+            assert threads() == {2}
+    assert seen
+    assert all(each == {1} for each in seen)
 
 
 def test_what_cannot_be_streamed_is_refused_at_once():

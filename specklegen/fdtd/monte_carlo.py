@@ -16,7 +16,7 @@ from specklegen.fdtd.layers import RandomLayer
 from specklegen.fdtd.scattered import MeanField
 from specklegen.fdtd.yee import march
 from specklegen.kernels.fdtd import grid_scattering
-from specklegen.parallel import map_blocks
+from specklegen.parallel import even_slices, map_blocks
 from specklegen.values import reject
 
 _CHUNKS = 32
@@ -58,11 +58,10 @@ def monte_carlo_mean(
     else:
         reject("monte_carlo_mean.method", "one of 'transfer_matrix', 'fdtd'", method)
 
-    def chunk(bounds: tuple[int, int]):
-        return _sums(layer, incidence, seed, bounds, scattering, to_time is not None)
+    def chunk(part: slice):
+        return _sums(layer, incidence, seed, (part.start, part.stop), scattering, to_time is not None)
 
-    edges = np.linspace(0, n_realizations, min(_CHUNKS, n_realizations) + 1).astype(int)
-    sums = map_blocks(chunk, list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)), threads)
+    sums = map_blocks(chunk, even_slices(n_realizations, _CHUNKS), threads)
     back, back_error = _mean_and_error([s[0] for s in sums], n_realizations, to_time)
     forward, forward_error = _mean_and_error([s[1] for s in sums], n_realizations, to_time)
     incident = incidence.series(np.ones(incidence.bins.size))

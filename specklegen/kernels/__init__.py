@@ -21,6 +21,9 @@ from typing import Any
 import numba
 from numba import njit
 
+ROOM = 128
+"""Draws, connections or views that a kernel takes side by side; what they need stays in the first-level cache."""
+
 
 def _source_digest() -> str:
     digest = hashlib.sha256(numba.__version__.encode())

@@ -76,9 +76,7 @@ def amplitude(table, t, cos):
     kind = table.kinds[t]
     if kind == TABULATED_3D or kind == TABULATED_2D:
         return _interpolated(table, t, cos)
-    if kind == ISOTROPIC_3D or kind == ISOTROPIC_2D:
-        return complex(table.parameters[t, 1], 0.0)
-    return complex(math.sqrt(_closed_power(kind, table.parameters[t, 0], table.parameters[t, 1], cos)), 0.0)
+    return complex(closed_amplitude(kind, table.parameters[t, 0], table.parameters[t, 1], cos), 0.0)
 
 
 @inlined

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel
+from specklegen.kernels import ROOM, inlined, kernel
 from specklegen.kernels.arithmetic import minus_log
 from specklegen.kernels.trigonometry import sincos_turns
 
@@ -20,7 +20,6 @@ _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _LOW = np.uint64(0xFFFFFFFF)
 _32 = np.uint64(32)
 _TO_UNIT = 2.0**-32
-ROOM = 128  # blocks of draws side by side; what they need stays in the first-level cache
 _HALF = 2.0**-33
 
 

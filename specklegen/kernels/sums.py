@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel
+from specklegen.kernels import ROOM, inlined, kernel
 from specklegen.kernels.arithmetic import exponential, fma
 from specklegen.kernels.phase_functions import amplitude, henyey_greenstein
 from specklegen.kernels.rng import uniforms
@@ -29,7 +29,6 @@ from specklegen.kernels.walk import (
     profile,
 )
 
-ROOM = 128  # connections or views side by side; what they need stays in the first-level cache
 TOGETHER = 4  # connections whose ends are added to the sums of a tilt in one pass
 
 

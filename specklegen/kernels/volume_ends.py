@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel
+from specklegen.kernels import ROOM, inlined, kernel
 from specklegen.kernels.arithmetic import exponential
 from specklegen.kernels.phase_table import (
     FISHER_2D,
@@ -20,7 +20,7 @@ from specklegen.kernels.phase_table import (
     amplitude,
     closed_amplitude,
 )
-from specklegen.kernels.sums import ROOM, gather
+from specklegen.kernels.sums import gather
 from specklegen.kernels.trigonometry import sincos_turns
 from specklegen.kernels.volume import EXTRA, VOXELS, exit_distance, optical_depth
 from specklegen.kernels.walk import profile

@@ -32,19 +32,19 @@ _FLOOR = 0.1  # of isotropic scattering: no connection is judged by a zero of th
 
 @inlined
 def end_geometry(bounds, cells, extinction, near_field, px, py, pz, x, y, z):
-    """Towards one view (direction or point): unit vector, decay 1/r^((d-1)/2), optical depth, distance."""
+    """Towards one view (direction or point): unit vector, decay 1/r^((d-1)/2), optical depth."""
     if not near_field:
         far = exit_distance(bounds, x, y, z, px, py, pz)
         depth = optical_depth(bounds, cells, extinction, x, y, z, px, py, pz, 0.0, far)
-        return px, py, pz, 1.0, depth, 0.0
+        return px, py, pz, 1.0, depth
     dx, dy, dz = px - x, py - y, pz - z
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
     if r == 0.0:
-        return 0.0, 0.0, 1.0, 0.0, 0.0, 0.0  # a point on a vertex: measure zero, left out
+        return 0.0, 0.0, 1.0, 0.0, 0.0  # a point on a vertex: measure zero, left out
     dx, dy, dz = dx / r, dy / r, dz / r
     reach = min(r, exit_distance(bounds, x, y, z, dx, dy, dz))
     depth = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, reach)
-    return dx, dy, dz, (1.0 / math.sqrt(r) if cells[EXTRA, 0] == 2 else 1.0 / r), depth, r
+    return dx, dy, dz, (1.0 / math.sqrt(r) if cells[EXTRA, 0] == 2 else 1.0 / r), depth
 
 
 @inlined
@@ -54,7 +54,7 @@ def _probe_power(volume, table, kinds, points, x, y, z, wx, wy, wz, kind, scatte
     even = _FLOOR / (2.0 * math.pi if cells[EXTRA, 0] == 2 else 4.0 * math.pi)
     best = 0.0
     for n in range(kinds.shape[0]):
-        dx, dy, dz, decay, depth, _ = end_geometry(
+        dx, dy, dz, decay, depth = end_geometry(
             bounds, cells, extinction, kinds[n] == NEAR, points[n, 0], points[n, 1], points[n, 2], x, y, z
         )
         s2 = max(power(table, kind, wx * dx + wy * dy + wz * dz), even) if scatters else 1.0
