@@ -1,25 +1,9 @@
 """Data sets: recipes, and samples of them streamed or stored.
 
-Names load when they are first used: torch and zarr are not needed to read a recipe.
+Public names stand in ``__init__.pyi`` and load when they are first used: neither torch nor zarr is needed to read a
+recipe.
 """
 
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from specklegen.lazy import lazily
-
-if TYPE_CHECKING:
-    from specklegen.datasets.cache import SpeckleCache
-    from specklegen.datasets.presets import load_recipe
-    from specklegen.datasets.recipe import Recipe, recipe_names
-    from specklegen.datasets.stream import SpeckleStream
-
-_HOME = {
-    "Recipe": "recipe",
-    "SpeckleCache": "cache",
-    "SpeckleStream": "stream",
-    "load_recipe": "presets",
-    "recipe_names": "recipe",
-}
-__all__ = ["Recipe", "SpeckleCache", "SpeckleStream", "load_recipe", "recipe_names"]
-
-__getattr__ = lazily(__name__, _HOME)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

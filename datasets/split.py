@@ -17,7 +17,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from specklegen.values import reject
+from specklegen.core.errors import reject
 
 Split = Literal["train", "validation", "test"]
 Seed = int | Sequence[int]

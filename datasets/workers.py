@@ -10,9 +10,9 @@ import os
 import threading
 from multiprocessing.context import BaseContext
 
-from specklegen.parallel import run_serial_in_this_process
+from specklegen.core.parallel import run_serial_in_this_process
 
-PRELOAD = ["torch", "zarr", "numba", "specklegen.datasets.workers", "specklegen.datasets.generate"]
+PRELOAD = ["torch", "zarr", "numba", "specklegen.datasets.workers", "specklegen.datasets.store.generate"]
 
 
 def worker_context() -> BaseContext:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from specklegen.values import reject
+from specklegen.core.errors import reject
 
 _WINDOW, _SIGMA = 11, 1.5  # of Wang et al. 2004
 _K1, _K2 = 0.01, 0.03

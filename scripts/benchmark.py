@@ -27,16 +27,16 @@ import numpy as np
 from error_time.machine import circumstances
 
 import specklegen as sg
-from specklegen.fields.direct import direct_field
-from specklegen.fields.ends import Optics, random_phases
-from specklegen.fields.nufft import nufft_field
+from specklegen.core.memory import resident_memory
 from specklegen.oracles.naive_numba import naive_field
-from specklegen.resident_memory import resident_memory
-from specklegen.sensors import Side
-from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
-from specklegen.stationary.objects import object_sampler
-from specklegen.stationary.sampler import stack_sampler
-from specklegen.tracing import trace
+from specklegen.paths.slab_optics import Optics, random_phases
+from specklegen.paths.slab_tracer import trace
+from specklegen.samplers.path_sums.direct import direct_field
+from specklegen.samplers.path_sums.nufft import nufft_field
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
+from specklegen.samplers.stationary.objects import object_sampler
+from specklegen.samplers.stationary.stacks import stack_sampler
+from specklegen.scene.sensors import Side
 
 PATHS = 100_000
 WIDTH = 1e5
@@ -147,7 +147,7 @@ def field_error(made: sg.Plan) -> float:
 
 def stationary_rows(repeats: int) -> list[Row]:
     """Stacks and images of hidden objects by the stationary sampler, once K is known."""
-    kernel = estimate_kernel(MEDIUM, PATHS, 0, threads=1)
+    kernel = estimate_correlation(MEDIUM, PATHS, 0, threads=1)
     stacks, times = stack_sampler(example(), kernel), 20
     (stack,) = seconds(lambda n: [stacks.sample(n, r) for r in range(times)], repeats=repeats)
     fresh, shared, rank = object_seconds(kernel, repeats, times)
@@ -158,7 +158,7 @@ def stationary_rows(repeats: int) -> list[Row]:
     ]
 
 
-def object_seconds(kernel: MemoryKernel, repeats: int, times: int) -> tuple[np.ndarray, np.ndarray, int]:
+def object_seconds(kernel: MemoryEffectCorrelation, repeats: int, times: int) -> tuple[np.ndarray, np.ndarray, int]:
     """Seconds for ``times`` images of objects (35 % filled) over half a memory-effect range, and the modes used."""
     extent = 0.5 * kernel.half_range() / (2 * np.pi)  # direction sine of the full side, wavelength 1
     camera = sg.FarField.grid(shape=(128, 128), pitch=0.5 / WIDTH)

@@ -15,13 +15,13 @@ import numpy as np
 
 import specklegen as sg
 from specklegen import pictures
-from specklegen.cli import Progress
+from specklegen.cli.commands import Progress
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
-from specklegen.datasets.generate import generate
-from specklegen.datasets.stream import tensors
+from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.store.generate import generate
 from specklegen.models import load_pretrained
-from specklegen.models.charts import contact_sheet
-from specklegen.models.evaluation import evaluate
+from specklegen.models.judging.charts import contact_sheet
+from specklegen.models.judging.evaluation import evaluate
 
 SAMPLES = 512
 

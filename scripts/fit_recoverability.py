@@ -25,18 +25,25 @@ import torch
 from scipy.optimize import minimize
 from torch import Tensor
 
-from specklegen.camera import Camera, NoiseStreams, expose
+from specklegen.core.errors import RuleError, reject
+from specklegen.core.parallel import one_torch_thread
+from specklegen.core.statistics import wilson
 from specklegen.datasets import load_recipe
-from specklegen.datasets.hidden_object import HiddenObject
-from specklegen.models.apodisation import diffraction_limited, transfer_function
-from specklegen.models.autocorrelation import autocorrelation, memory_effect_at_lags
+from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.instrument.camera import Camera, NoiseStreams, expose
 from specklegen.models.metrics import align, pearson
-from specklegen.models.phase_retrieval import Retrieval, retrieve
-from specklegen.models.recoverability import COEFFICIENTS, conditions_of, total
-from specklegen.models.residual import GRID, REACH, Conditions, Residual, lag_window, residual
-from specklegen.parallel import one_torch_thread
-from specklegen.statistics import wilson
-from specklegen.values import RuleError, reject
+from specklegen.models.recoverability.autocorrelation_error import (
+    GRID,
+    REACH,
+    Conditions,
+    Residual,
+    lag_size,
+    residual,
+)
+from specklegen.models.recoverability.verdict import COEFFICIENTS, conditions_of, total
+from specklegen.models.retrieval.apodisation import diffraction_limited, transfer_function
+from specklegen.models.retrieval.autocorrelation import autocorrelation, memory_effect_at_lags
+from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
 
 SUCCESS = 0.8
 RESTARTS = 4
@@ -156,7 +163,7 @@ def exposed(image: np.ndarray, scene: CellScene, medium: int, seed: int) -> np.n
 def observed(scene: CellScene, media: int, seed: int = 0) -> tuple[Tensor, Tensor, np.ndarray]:
     """Autocorrelations [B, n, n], objects [B, h, w] and the first camera image."""
     recipe, found, objects, first = scene.recipe(), [], [], None
-    window = lag_window(scene.side)
+    window = lag_size(scene.side)
     for medium in range(media):
         brightness = recipe.objects.image(seed, "test", medium)
         image = exposed(recipe.prepare(seed, "test", medium).images(brightness)[0], scene, medium, seed)

@@ -19,13 +19,13 @@ import numpy as np
 import torch
 
 import specklegen as sg
-from specklegen.fields.device import device_field
-from specklegen.fields.direct import direct_field
-from specklegen.fields.ends import Optics, random_phases
-from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
-from specklegen.stationary.objects import object_sampler
-from specklegen.stationary.sampler import stack_sampler
-from specklegen.tracing import beam_proposal, trace
+from specklegen.paths.slab_optics import Optics, random_phases
+from specklegen.paths.slab_tracer import beam_proposal, trace
+from specklegen.samplers.path_sums.device import device_field
+from specklegen.samplers.path_sums.direct import direct_field
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
+from specklegen.samplers.stationary.objects import object_sampler
+from specklegen.samplers.stationary.stacks import stack_sampler
 
 WIDTH = 1e5
 MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
@@ -70,7 +70,7 @@ def agreement(found: torch.Tensor, expected: torch.Tensor | np.ndarray, bound: f
     return error
 
 
-def stationary(kernel: MemoryKernel, device: torch.device, repeats: int) -> dict[str, float]:
+def stationary(kernel: MemoryEffectCorrelation, device: torch.device, repeats: int) -> dict[str, float]:
     """Stacks of five tilts and 101 x 101 views."""
     scene = sg.Scene(
         wavelength=1.0, medium=MEDIUM,
@@ -95,7 +95,7 @@ def stationary(kernel: MemoryKernel, device: torch.device, repeats: int) -> dict
     }  # fmt: skip
 
 
-def hidden_objects(kernel: MemoryKernel, device: torch.device, repeats: int) -> dict[str, float]:
+def hidden_objects(kernel: MemoryEffectCorrelation, device: torch.device, repeats: int) -> dict[str, float]:
     """Images of 28 x 28 objects over half a memory-effect range on 128 x 128 views, a fresh medium each."""
     pitch = 0.5 * kernel.half_range() / (2 * np.pi) / 28
     camera = sg.FarField.grid((128, 128), pitch=0.5 / WIDTH)
@@ -151,7 +151,7 @@ def main() -> None:
     name = torch.cuda.get_device_name(device) if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     able = limits(device, options.repeats)
     print(f"{name}: copy {able['bytes'] / 1e9:.4g} GB/s, complex64 product {able['operations'] / 1e12:.4g} Tflop/s")
-    kernel = estimate_kernel(MEDIUM, 20_000, 0)
+    kernel = estimate_correlation(MEDIUM, 20_000, 0)
     found = {
         "stationary, 5 x 101 x 101 stacks": stationary(kernel, device, options.repeats),
         "hidden object, 128 x 128 images": hidden_objects(kernel, device, options.repeats),

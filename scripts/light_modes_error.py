@@ -7,10 +7,10 @@ effect for all). Run: python scripts/light_modes_error.py
 
 import numpy as np
 
-from specklegen.media import Slab
-from specklegen.scatterers import HenyeyGreenstein
-from specklegen.stationary.kernel import estimate_kernel
-from specklegen.stationary.spectrum import SpectralCorrelation, estimate_spectral_correlation, light_modes
+from specklegen.samplers.stationary.correlation import estimate_correlation
+from specklegen.samplers.stationary.spectrum import SpectralCorrelation, estimate_spectral_correlation, light_modes
+from specklegen.scene.media import Slab
+from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
 
 PATHS, THICKNESS = 100_000, 1000.0
 MATERIALS = ((10.0, 0.9), (10.0, 0.0), (5.0, 0.7), (20.0, 0.95))
@@ -35,7 +35,7 @@ def main() -> None:
     for depth, g in MATERIALS:
         medium = Slab(thickness=THICKNESS, mean_free_path=THICKNESS / depth, scatterer=HenyeyGreenstein(g=g))
         correlation = estimate_spectral_correlation(medium, PATHS, 1)
-        kernel = estimate_kernel(medium, PATHS, 1)
+        kernel = estimate_correlation(medium, PATHS, 1)
         for share in WIDTHS:
             width = share * correlation.half_width()
             light = light_modes(correlation, width)

@@ -16,13 +16,14 @@ import numpy as np
 from scipy.special import j0
 from tqdm import tqdm
 
-from specklegen.fields.ends import AXIS, full_weights
-from specklegen.media import Slab
-from specklegen.scatterers import HenyeyGreenstein
-from specklegen.stationary.atlas import Atlas, loss_at, single_intensity, stencil
-from specklegen.stationary.kernel import MemoryKernel, keep_threshold, lateral_distance, plane_optics
-from specklegen.statistics import BATCHES, jackknife
-from specklegen.tracing import plane_proposal, trace
+from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.paths.roulette import roulette_threshold
+from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
+from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.samplers.stationary.atlas import Atlas, loss_at, single_intensity, stencil
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, lateral_distance
+from specklegen.scene.media import Slab
+from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
 
 VERSION = 1  # part of every node's seed: a change of it is a new, independent table
 DEPTHS = 0.4 * 2 ** (np.arange(23) / 3)  # 0.4 ... 64.5
@@ -91,7 +92,7 @@ def estimate(depth: float, drop: float, seed: tuple[int, ...]) -> Node:
     """Trace one node."""
     slab = Slab(thickness=1.0, mean_free_path=1 / depth, scatterer=HenyeyGreenstein(g=1 - drop))
     proposal, optics = plane_proposal(slab, AXIS, AXIS), plane_optics(slab, 1.0, AXIS[None])
-    proposal = replace(proposal, threshold=0.3 * keep_threshold(slab, proposal, optics, AXIS, seed))
+    proposal = replace(proposal, threshold=0.3 * roulette_threshold(slab, proposal, optics, AXIS, seed))
     loss = loss_at(ABSORPTIONS, depth, drop)  # -ln albedo
     share, square = np.zeros((len(loss), BATCHES, BINS)), np.zeros((len(loss), BINS))
     paths, spent = 0, 0
@@ -100,7 +101,7 @@ def estimate(depth: float, drop: float, seed: tuple[int, ...]) -> Node:
         spent += bank.events
         batch = (bank.paths - paths) // (CHUNK // BATCHES)
         many = bank.orders > 1
-        radius, weight = lateral_distance(bank)[many], full_weights(bank, optics, AXIS, AXIS)[many]
+        radius, weight = lateral_distance(bank)[many], contributions(bank, optics, AXIS, AXIS)[many]
         place = (np.log(radius) - LOWEST) * (BINS / (HIGHEST - LOWEST))
         place = np.clip(place, 0, BINS - 1).astype(np.int64)
         cell = batch[many] * BINS + place
@@ -129,7 +130,7 @@ def errors_of(depth, drop, loss, share, square, paths) -> np.ndarray:
     radius = np.sqrt(np.divide(square, total, out=np.zeros_like(total), where=total > 0))
     single = single_intensity(depth, drop, np.exp(-loss)) * paths / BATCHES  # in each batch
     weights = np.append(single * BATCHES, total)
-    kernel = MemoryKernel(np.append(0.0, radius), weights[None], paths, weights[0] / weights.sum())
+    kernel = MemoryEffectCorrelation(np.append(0.0, radius), weights[None], paths, weights[0] / weights.sum())
     half = kernel.half_range()
     q = COMPARED / np.exp(np.interp(0.5, np.cumsum(total) / total.sum(), np.log(np.maximum(radius, 1e-12))))
     q = np.append(q, half * np.array([0.98, 1.0, 1.02]) if np.isfinite(half) else np.zeros(3))
@@ -181,7 +182,7 @@ def describe(row: np.ndarray, depth: float, drop: float, loss: float, q: np.ndar
     shares, albedo = np.diff(levels()), np.exp(-loss)
     single, multiple = single_intensity(depth, drop, albedo), albedo**2 * np.exp(row[-1])
     weights = np.append(single, multiple * shares)
-    kernel = MemoryKernel(np.append(0.0, np.exp(row[:-1])), weights[None], 1, single / weights.sum())
+    kernel = MemoryEffectCorrelation(np.append(0.0, np.exp(row[:-1])), weights[None], 1, single / weights.sum())
     return kernel(q) ** 2, np.log(weights.sum()), np.log(kernel.half_range())
 
 

@@ -23,17 +23,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from specklegen.core.parallel import one_torch_thread
+from specklegen.core.statistics import wilson
 from specklegen.datasets import load_recipe
-from specklegen.datasets.hidden_object import HiddenObject
 from specklegen.datasets.objects import Glyphs, ObjectFamily, Photographs, Points
-from specklegen.models.apodisation import diffraction_limited, framed, transfer_function
-from specklegen.models.autocorrelation import autocorrelation, memory_effect_at_lags
+from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models.metrics import align, pearson
-from specklegen.models.phase_retrieval import BETAS, Retrieval, retrieve
-from specklegen.models.restarts import lowest_error
-from specklegen.parallel import one_torch_thread
-from specklegen.stationary.kernel import MemoryKernel, estimate_kernel
-from specklegen.statistics import wilson
+from specklegen.models.retrieval.apodisation import diffraction_limited, framed, transfer_function
+from specklegen.models.retrieval.autocorrelation import autocorrelation, memory_effect_at_lags
+from specklegen.models.retrieval.phase_retrieval import BETAS, Retrieval, retrieve
+from specklegen.models.retrieval.restarts import lowest_error
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 
 FAMILIES: dict[str, ObjectFamily] = {"points": Points(), "glyphs": Glyphs(), "photographs": Photographs()}
 EXTENTS = {"points": (0.5, 1.0, 2.0, 3.0), "glyphs": (0.5, 1.0, 2.0), "photographs": (0.5,)}
@@ -49,7 +49,7 @@ HEAD = ("family", "extent", "variant", "medium", "consensus", "lowest_error", "b
 class Variant(NamedTuple):
     """One way to retrieve: which autocorrelation, which C_I, whether apodised, and the options."""
 
-    c_i: Callable[[MemoryKernel], Callable[[np.ndarray], np.ndarray]] | None
+    c_i: Callable[[MemoryEffectCorrelation], Callable[[np.ndarray], np.ndarray]] | None
     apodised: bool
     retrieval: Retrieval
     measured: str = "whole"
@@ -63,7 +63,7 @@ class Cell(NamedTuple):
     objects: Tensor
     autocorrelations: dict[str, Tensor]
     image: Tensor
-    kernel: MemoryKernel
+    kernel: MemoryEffectCorrelation
     pitch: float
 
 
@@ -72,9 +72,9 @@ def stretched(factor: float):
     return lambda kernel: lambda q: kernel(q / factor)
 
 
-def another_run(kernel: MemoryKernel):
+def another_run(kernel: MemoryEffectCorrelation):
     """K from paths that the simulation has not seen."""
-    return estimate_kernel(slab(), 100_000, 1)
+    return estimate_correlation(slab(), 100_000, 1)
 
 
 def slab():

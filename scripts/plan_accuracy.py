@@ -3,8 +3,8 @@
 Each scene is planned and rendered in a process of its own; the growth of memory is counted from the import on, the
 seconds from a first small render on (which loads compiled kernels), the best of three. A scalar loop, the yardstick,
 is timed beside every render, and seconds are given at its reference speed, so that a busy or slower machine does not
-pass for a wrong prediction. `--fit` then fits the nanoseconds of `specklegen.costs.NANOSECONDS` to the table and prints
-them. One thread, about three minutes.
+pass for a wrong prediction. `--fit` then fits the nanoseconds of `specklegen.core.nanoseconds.NANOSECONDS` to the table
+and prints them. One thread, about three minutes.
 
     python scripts/plan_accuracy.py [--only WORD] [--fit] [--json PATH]
 """
@@ -26,9 +26,9 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 import specklegen as sg
-from specklegen import costs
-from specklegen.illumination import directions_of_sines
-from specklegen.resident_memory import resident_memory
+from specklegen.core.memory import resident_memory
+from specklegen.core.nanoseconds import NANOSECONDS
+from specklegen.scene.illumination import directions_of_sines
 
 YARDSTICK = 55.0
 """Nanoseconds that an iteration of the yardstick took where the nanoseconds of `costs` were fitted."""
@@ -167,7 +167,7 @@ def measured(name: str) -> dict[str, Any]:
     start = time.process_time()
     sg.plan(fresh, threads=1, **arguments)
     return {
-        "name": name, "way": f"{made.sampler}, {made.evaluator}", "operations": made.operations, "seconds": min(found),
+        "name": name, "way": f"{made.sampler}, {made.summation}", "operations": made.operations, "seconds": min(found),
         "planning": (time.process_time() - start) * YARDSTICK / yardstick(), "bytes": most - before,
         "predicted_bytes": made.memory_bytes,
     }  # fmt: skip
@@ -175,8 +175,8 @@ def measured(name: str) -> dict[str, Any]:
 
 def fitted(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Nanoseconds of least squared relative error; an operation that no case tells apart stays as it is."""
-    names = list(costs.NANOSECONDS)
-    now = np.array([costs.NANOSECONDS[name] for name in names])
+    names = list(NANOSECONDS)
+    now = np.array([NANOSECONDS[name] for name in names])
     matrix = np.array([[1e-9 * row["operations"].get(name, 0.0) / row["seconds"] for name in names] for row in rows])
     held = 0.05 * np.eye(len(names))  # in units of what they are now
     solution = lsq_linear(
@@ -219,7 +219,7 @@ def main() -> None:
             print(rows[-1]["name"], rows[-1]["way"], f"{rows[-1]['seconds']:.3f} s", file=sys.stderr, flush=True)
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1) + "\n")
-    print(table(rows, costs.NANOSECONDS))
+    print(table(rows, NANOSECONDS))
     if options.fit:
         found = fitted(rows)
         print(json.dumps(found, indent=4), table(rows, found), sep="\n")

@@ -15,7 +15,7 @@ import torch
 from fit_recoverability import CellScene, observed, read, retrieved
 
 from specklegen.models.metrics import pearson
-from specklegen.models.recoverability import COEFFICIENTS, Verdict, judge
+from specklegen.models.recoverability.verdict import COEFFICIENTS, Verdict, judge
 
 TABLE = Path(__file__).parent.parent / "tests/data/recoverability.csv"
 GOOD = CellScene("glyphs", 28, 420, 0.3, True, True)

@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 
 import specklegen as sg
-from specklegen.evaluators import scene_evaluator
-from specklegen.fields.direct import direct_field
-from specklegen.fields.ends import Optics, random_phases
-from specklegen.fields.nufft import nufft_field
-from specklegen.pilots import scene_pilot
-from specklegen.resident_memory import resident_memory
-from specklegen.tracing import trace
+from specklegen.core.memory import resident_memory
+from specklegen.paths.pilot import scene_pilot
+from specklegen.paths.slab_optics import Optics, random_phases
+from specklegen.paths.slab_tracer import trace
+from specklegen.samplers.path_sums.direct import direct_field
+from specklegen.samplers.path_sums.nufft import nufft_field
+from specklegen.samplers.path_sums.summation import scene_nufft
 
 MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
 CONNECTIONS, VIEWS = 30_000, 400
@@ -44,7 +44,7 @@ def compare(half: float, views: int, tilts: int, tolerance: float) -> str:
     """One row."""
     this = scene(views, tilts, float(np.sin(np.deg2rad(half))) / (views // 2))
     start = time.process_time()
-    evaluator = scene_evaluator(this, False, tolerance)
+    evaluator = scene_nufft(this, False, tolerance)
     planning = time.process_time() - start
     optics = Optics.of_scene(this)
     bank = trace(this.slab, scene_pilot(this, False).proposal, 2, 2 * CONNECTIONS, threads=1)

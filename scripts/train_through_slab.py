@@ -15,17 +15,17 @@ from pathlib import Path
 
 import torch
 
-from specklegen.cli import Progress
+from specklegen.cli.commands import Progress
 from specklegen.datasets import SpeckleCache, load_recipe
-from specklegen.datasets.generate import generate
-from specklegen.models import baselines
-from specklegen.models.charts import contact_sheet, score_curves, training_curves
-from specklegen.models.evaluation import best_median_worst, evaluate
-from specklegen.models.examples import Examples, batches_of, examples
-from specklegen.models.networks import parameter_count
-from specklegen.models.phase_retrieval import Retrieval
-from specklegen.models.reconstructor import Reconstructor
-from specklegen.models.training import Training, train
+from specklegen.datasets.store.generate import generate
+from specklegen.models.judging import baselines
+from specklegen.models.judging.charts import contact_sheet, score_curves, training_curves
+from specklegen.models.judging.evaluation import best_median_worst, evaluate
+from specklegen.models.learning.examples import Examples, batches_of, examples
+from specklegen.models.learning.networks import parameter_count
+from specklegen.models.learning.reconstructor import Reconstructor
+from specklegen.models.learning.training import Training, train
+from specklegen.models.retrieval.phase_retrieval import Retrieval
 
 CLASSES = {"objects": {"disjoint": "character"}}
 GROUPED = CLASSES | {"media_group": 8}

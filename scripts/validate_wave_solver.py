@@ -23,8 +23,8 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 
 import specklegen as sg  # noqa: E402
-from specklegen.oracles.coherent_wave import coherent_field  # noqa: E402
 from specklegen.oracles.cylinder import Cylinder  # noqa: E402
+from specklegen.oracles.mean_wave import coherent_field  # noqa: E402
 from specklegen.oracles.wave_ensemble import CylinderGas, ensemble  # noqa: E402
 from specklegen.oracles.wave_solver import PlaneLights, directions_of  # noqa: E402
 

@@ -1,6 +1,6 @@
 """``python -m specklegen``: the command line."""
 
-from specklegen.cli import main
+from specklegen.cli.commands import main
 
 if __name__ == "__main__":
     main()

@@ -1,7 +1,7 @@
 """The memory-effect curve of a slab: how speckle decorrelates under tilt, with error bars.
 
 Along the axis, in transmission and at small tilts, from the distribution of lateral distances
-(:mod:`specklegen.stationary.kernel`, symmetric in azimuth and so less noisy). Otherwise from the exact
+(:mod:`specklegen.samplers.stationary.correlation`, symmetric in azimuth and so less noisy). Otherwise from the exact
 amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter.
 """
 
@@ -11,20 +11,23 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.budgets import DEFAULT_PATHS, checked_budget, paths_for
-from specklegen.fields import ends
-from specklegen.gates import Reverse, reversal_verdict, warn_of_dependence
-from specklegen.illumination import directions_of_sines
-from specklegen.media import Slab
-from specklegen.parallel import Threads, even_slices, in_turn, thread_count
-from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
-from specklegen.pathspace.tracing import plane_tracer
-from specklegen.scatterers import is_henyey_greenstein
-from specklegen.stationary.kernel import AXIS, estimate_kernel, keep_threshold, plane_optics
-from specklegen.statistics import BATCHES, jackknife
-from specklegen.streams import Seed, pilot_seed
-from specklegen.tracing import plane_proposal, trace
-from specklegen.values import reject
+from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
+from specklegen.core.errors import reject
+from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
+from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.paths import slab_optics
+from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.paths.reversal import Reverse, reversal_decision
+from specklegen.paths.roulette import roulette_threshold
+from specklegen.paths.slab_optics import plane_optics
+from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.paths.tracer import plane_tracer
+from specklegen.samplers.stationary.correlation import AXIS, estimate_correlation
+from specklegen.scene.illumination import directions_of_sines
+from specklegen.scene.media import Slab
+from specklegen.scene.scatterers.scatterer import is_henyey_greenstein
+from specklegen.scene.validity import warn_of_dependence
 
 Mode = Literal["transmission", "reflection"]
 _OFF_BACKSCATTER = np.deg2rad(5.0)
@@ -146,7 +149,7 @@ def memory_effect(
 
     light = directions_of_sines("memory_effect tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines("memory_effect view + tilts", view[:2] + light[:, :2], side)
-    reversal = reversal_verdict(medium.mean_free_path, wavelength, light, views, reverse, tolerance)
+    reversal = reversal_decision(medium.mean_free_path, wavelength, light, views, reverse, tolerance)
     fast = is_henyey_greenstein(medium.scatterer)
     small = np.abs(tilts).max(initial=0.0) <= 0.02 * (1 - abs(medium.scatterer.g))
     symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
@@ -174,7 +177,7 @@ def memory_effect(
 
 
 def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
-    kernel = estimate_kernel(medium, paths, seed, threads=threads)
+    kernel = estimate_correlation(medium, paths, seed, threads=threads)
     if not kernel.weights.any():
         return _dark(len(light))
     q = 2 * np.pi / wavelength * light[:, 0]
@@ -189,9 +192,9 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
     pairs = plane_optics(medium, wavelength, np.concatenate([AXIS[None], light]), side)
     views = np.concatenate([view[None], views])
     if not reverse:
-        threshold = keep_threshold(medium, proposal, pairs, AXIS, pilot_seed(medium.fingerprint()))
+        threshold = roulette_threshold(medium, proposal, pairs, AXIS, pilot_seed(medium.fingerprint()))
         proposal = replace(proposal, threshold=threshold)
-    s = np.diag(ends.single_amplitudes(pairs, views))[:, None]
+    s = np.diag(slab_optics.single_amplitudes(pairs, views))[:, None]
 
     def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
         bank = trace(medium, proposal, seed, last - first, first=first, threads=threads)
@@ -199,7 +202,8 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         alone = _pair_amplitudes(ones, pairs, views, np.ones(len(ones)), single=True) * s
         rest = _pair_amplitudes(many, pairs, views, np.ones(len(many)), single=False)
         if reverse:
-            rest += _pair_amplitudes(bank.reversed(), pairs, views, ends.reversal_phases(bank, pairs), single=False)
+            turned = slab_optics.reversal_phases(bank, pairs)
+            rest += _pair_amplitudes(bank.reversed(), pairs, views, turned, single=False)
         return alone, rest
 
     return _correlation(amplitudes, paths, len(light), threads)
@@ -252,8 +256,8 @@ def _correlation(amplitudes, paths, n, threads):
 
 def _pair_amplitudes(bank, pairs, views, factors, *, single):
     """complex128[T, M], sqrt(W) A_t B_t of every connection at the T pairs (tilt t, view t)."""
-    a = ends.illumination_ends(bank, pairs, factors.astype(np.complex128), single=single)
-    return a * ends.sensor_ends(bank, pairs, views, single=single)
+    a = slab_optics.illumination_ends(bank, pairs, factors.astype(np.complex128), single=single)
+    return a * slab_optics.sensor_ends(bank, pairs, views, single=single)
 
 
 def _dark(n: int):

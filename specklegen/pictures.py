@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from specklegen.core.statistics import autocorrelation
 from specklegen.memory_curve import MemoryEffect
-from specklegen.statistics import autocorrelation
-from specklegen.theory import memory_effect_diffusion
+from specklegen.theory.slab import memory_effect_diffusion
 
 
 def _figure(rows: int, columns: int, width: float, height: float):

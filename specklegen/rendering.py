@@ -16,29 +16,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from specklegen.budgets import checked_budget, paths_for
-from specklegen.covariances import covariance
-from specklegen.fields.direct import direct_field
-from specklegen.fields.ends import Optics, random_phases
-from specklegen.fields.nufft import nufft_field
-from specklegen.gates import Reverse, Sampler, Verdict
-from specklegen.gaussianity import Gaussianity
-from specklegen.illumination import IncoherentObject, reference_direction
-from specklegen.mean import mean_field
-from specklegen.parallel import Threads, in_turn, one_blas_thread, thread_count
-from specklegen.pathspace.fields import volume_field
-from specklegen.pathspace.tracing import scene_tracer
-from specklegen.planning import Plan, plan
-from specklegen.scene import Scene
-from specklegen.sensors import FarFieldGrid
-from specklegen.streams import Seed, pilot_seed
-from specklegen.tracing import PathBank, trace
-from specklegen.values import reject
+from specklegen.core.budgets import checked_budget, paths_for
+from specklegen.core.decision import Decision
+from specklegen.core.errors import reject
+from specklegen.core.parallel import Threads, in_turn, one_blas_thread, thread_count
+from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.mean.field import mean_field
+from specklegen.paths.bank import PathBank
+from specklegen.paths.gaussianity import Gaussianity
+from specklegen.paths.reversal import Reverse
+from specklegen.paths.slab_optics import Optics, random_phases
+from specklegen.paths.slab_tracer import trace
+from specklegen.paths.tracer import scene_tracer
+from specklegen.planning.planning import Plan, plan
+from specklegen.samplers.covariance.covariance import covariance
+from specklegen.samplers.path_sums.direct import direct_field
+from specklegen.samplers.path_sums.nufft import nufft_field
+from specklegen.samplers.path_sums.volume_field import volume_field
+from specklegen.samplers.sampler import Sampler
+from specklegen.scene.illumination import IncoherentObject, reference_direction
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarFieldGrid
 
 if TYPE_CHECKING:
-    from specklegen.stationary.kernel import MemoryKernel
-    from specklegen.stationary.sampler import StackSampler
-    from specklegen.stationary.skewed import SkewedKernel
+    from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+    from specklegen.samplers.stationary.oblique import ObliqueCorrelation
+    from specklegen.samplers.stationary.stacks import StackSampler
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,8 @@ class Report:
 
     Attributes
     ----------
-    sampler, evaluator : str
-        As in :class:`specklegen.planning.Plan`.
+    sampler, summation : str
+        As in :class:`specklegen.planning.planning.Plan`.
     paths : int
         Paths traced a realization (or once, for the stationary sampler's kernel).
     connections : int
@@ -61,19 +64,19 @@ class Report:
         Whether the stack used enough paths to be Gaussian speckle, as in the plan.
     mean_added : bool
         Whether the mean field is part of ``field``.
-    verdicts : tuple of Verdict
+    decisions : tuple of Decision
         What was used and what left out, with reasons.
     """
 
     sampler: str
-    evaluator: str
+    summation: str
     paths: int
     connections: int
     unfinished: int
     expected_error: float
     gaussianity: Gaussianity
     mean_added: bool
-    verdicts: tuple[Verdict, ...]
+    decisions: tuple[Decision, ...]
 
 
 class SpeckleStack:
@@ -170,14 +173,14 @@ def render(
         images = images[0]
     report = Report(
         made.sampler,
-        made.evaluator,
+        made.summation,
         made.paths,
         connections,
         unfinished,
         made.expected_error,
         made.gaussianity,
         mean,
-        made.verdicts,
+        made.decisions,
     )
     if isinstance(scene.illumination, IncoherentObject):
         return SpeckleStack(None, images, report)
@@ -282,13 +285,13 @@ def _image(scene: Scene, field: np.ndarray) -> np.ndarray:
 
 def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """The memory-effect kernel once, then one transform per realization."""
-    from specklegen.stationary.kernel import MemoryKernel
-    from specklegen.stationary.objects import object_sampler
+    from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+    from specklegen.samplers.stationary.objects import object_sampler
 
     scene, beams, grid = made.scene, made.scene.illumination, made.scene.sensor
     if isinstance(beams, IncoherentObject) and isinstance(grid, FarFieldGrid):
-        kernel = stationary_kernel(made, seed, threads)
-        assert isinstance(kernel, MemoryKernel)  # an object's modes need the symmetry about the axis
+        kernel = stationary_correlation(made, seed, threads)
+        assert isinstance(kernel, MemoryEffectCorrelation)  # an object's modes need the symmetry about the axis
         objects = object_sampler(
             kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
             width=beams.width, profile=beams.profile, grid=grid,
@@ -302,19 +305,21 @@ def _stationary(made: Plan, seed: Seed, realizations: int, threads: int | None) 
 
 def stationary_stacks(made: Plan, seed: Seed, threads: int | None) -> "StackSampler":
     """The sampler of a plan's stacks; its memory-effect kernel is estimated here."""
-    from specklegen.stationary.sampler import stack_sampler
+    from specklegen.samplers.stationary.stacks import stack_sampler
 
-    return stack_sampler(made.scene, stationary_kernel(made, seed, threads))
+    return stack_sampler(made.scene, stationary_correlation(made, seed, threads))
 
 
-def stationary_kernel(made: Plan, seed: Seed, threads: int | None) -> "MemoryKernel | SkewedKernel":
+def stationary_correlation(
+    made: Plan, seed: Seed, threads: int | None
+) -> "MemoryEffectCorrelation | ObliqueCorrelation":
     """The memory-effect kernel of a plan: of the axis, or of the direction of its beams and views."""
-    from specklegen.stationary.kernel import estimate_kernel
-    from specklegen.stationary.skewed import estimate_skewed_kernel
+    from specklegen.samplers.stationary.correlation import estimate_correlation
+    from specklegen.samplers.stationary.oblique import estimate_oblique_correlation
 
     scene, grid = made.scene, made.scene.sensor
-    if made.kernel == "skewed":
+    if made.kernel == "oblique":
         assert isinstance(grid, FarFieldGrid)
         light = reference_direction(scene.beams.directions)
-        return estimate_skewed_kernel(scene.slab, light, grid.center_direction, made.paths, seed, threads=threads)
-    return estimate_kernel(scene.slab, made.paths, seed, threads=threads)
+        return estimate_oblique_correlation(scene.slab, light, grid.center_direction, made.paths, seed, threads=threads)
+    return estimate_correlation(scene.slab, made.paths, seed, threads=threads)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from specklegen.datasets.protocol import ArraySpec
+from specklegen.datasets.sample_schema import ArraySpec
 
 SPLITS = ("train", "validation", "test")
 

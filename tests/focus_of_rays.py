@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from specklegen.coherence import (
+from specklegen.coherence.cross_spectral_density import (
     gaussian_schell_model,
     spectral_degree_of_coherence,
     spectral_density,
 )
-from specklegen.greens import (
+from specklegen.coherence.cylindrical_focus import (
     AxialDetector,
     CylindricalFocus,
     TransverseDetector,

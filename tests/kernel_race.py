@@ -3,18 +3,18 @@
 import hashlib
 import os
 
-from specklegen.media import Slab
-from specklegen.scatterers import HenyeyGreenstein
-from specklegen.stationary import kernel_cache
-from specklegen.stationary.atlas import kernel_for
+from specklegen.samplers.stationary import correlation_cache
+from specklegen.samplers.stationary.atlas import correlation_for
+from specklegen.scene.media import Slab
+from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
 
 
 def use_and_delete(folder: str) -> list[str]:
     os.environ["SPECKLEGEN_CACHE"] = folder
     medium, seen = Slab(thickness=1.0, mean_free_path=5.0, scatterer=HenyeyGreenstein(g=0.5)), []
     for _ in range(15):
-        kernel = kernel_for(medium, paths=2000)
+        kernel = correlation_for(medium, paths=2000)
         seen.append(f"{kernel.source} {hashlib.sha256(kernel.weights.tobytes()).hexdigest()}")
-        for file in kernel_cache.folder().glob("*.kernel"):
+        for file in correlation_cache.folder().glob("*.kernel"):
             file.unlink(missing_ok=True)
     return seen

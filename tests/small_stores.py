@@ -6,8 +6,8 @@ import sys
 import numpy as np
 from fake_recipe import FakeRecipe, assert_same
 
-from specklegen.datasets.cache import SpeckleCache
-from specklegen.datasets.generate import generate
+from specklegen.datasets.loading.cache import SpeckleCache
+from specklegen.datasets.store.generate import generate
 
 TIMEOUT = 120
 
@@ -33,7 +33,7 @@ def contents(folder):
 def claiming(file, number):
     """Start a process that claims a piece and keeps it until it is killed."""
     code = (
-        "import sys, time; from pathlib import Path; from specklegen.datasets.claims import claim\n"
+        "import sys, time; from pathlib import Path; from specklegen.datasets.store.locks import claim\n"
         "with claim(Path(sys.argv[1]), int(sys.argv[2])) as state: print(state, flush=True); time.sleep(600)"
     )
     command = [sys.executable, "-c", code, file, str(number)]

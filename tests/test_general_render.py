@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from test_covariance import flat_box, views
+from scenes import flat_box, views
 from volume_batches import BATCHES, assert_same, engine_batches
 
 import specklegen as sg
-from specklegen.chunks import Chunks
+from specklegen.paths.chunks import Chunks
 
 SCENE = flat_box([0.0, 4.0], views([0, 4, 180]), half=5.0, mean_free_path=5.0)
 BEAMS = sg.CollimatedBeams.tilts([0.0, 0.05], width=4.0, dimensions=2)

@@ -9,12 +9,12 @@ from scipy.stats import chi2
 from zscore import FALSE_ALARM, assert_mean, assert_z
 
 import specklegen as sg
-from specklegen import theory
-from specklegen.fields.ends import AXIS, full_weights
-from specklegen.stationary.kernel import estimate_kernel, plane_optics
-from specklegen.statistics import BATCHES, jackknife
-from specklegen.tracing import plane_proposal, trace
-from specklegen.values import RuleError
+from specklegen.core.errors import RuleError
+from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
+from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.samplers.stationary.correlation import estimate_correlation
+from specklegen.theory import slab as theory
 
 THICKNESS, WAVELENGTH = 1000.0, 0.5
 DEGREES = BATCHES - 1
@@ -165,7 +165,7 @@ def test_closed_forms_refuse_what_they_cannot_say(call, message):
 
 @pytest.mark.parametrize(("optical_depth", "g", "expected"), [(10, 0.9, 0.396), (1, 0.0, 1.16)])
 def test_mean_square_distance(optical_depth, g, expected):
-    kernel = estimate_kernel(slab(optical_depth, g), 1_000_000, 1)
+    kernel = estimate_correlation(slab(optical_depth, g), 1_000_000, 1)
     sums = np.stack([kernel.weights @ kernel.radius**2, kernel.weights.sum(axis=1)], 1)
     value, error = jackknife(sums, lambda total: total[0] / total[1])
     assert_z(value / THICKNESS**2, expected, error / THICKNESS**2, degrees=DEGREES, slack=0.005)
@@ -178,7 +178,7 @@ def test_the_tiniest_tilt_has_its_parabola(optical_depth):
     theta = np.array([1e-9, 1e-12])
     found = sg.memory_effect(medium, wavelength=WAVELENGTH, tilts=theta, paths=200_000, seed=1)
     bank = trace(medium, plane_proposal(medium, AXIS, AXIS), 2, 64 * 1000)
-    w = full_weights(bank, plane_optics(medium, 1.0, AXIS[None]), AXIS, AXIS)
+    w = contributions(bank, plane_optics(medium, 1.0, AXIS[None]), AXIS, AXIS)
     r2 = np.square(bank.exit[:, :2] - bank.entry[:, :2]).sum(axis=1)
     batch = bank.paths // 1000
     sums = np.stack([np.bincount(batch, w * r2), np.bincount(batch, w)], 1)
@@ -310,7 +310,7 @@ def test_standard_errors_are_calibrated(options):
     z = (values - values.mean(axis=0)) / errors
     score = np.square(z).sum(axis=0)
     share = FALSE_ALARM / 4
-    # 64 batches of skewed weights spread the errors themselves: Student's t has variance 63/61, and as much again.
+    # 64 batches of oblique weights spread the errors themselves: Student's t has variance 63/61, and as much again.
     low, high = chi2.isf(1 - share, seeds - 1), chi2.isf(share, seeds - 1) * 1.1
     assert (low < score).all(), score / seeds
     assert (score < high).all(), score / seeds
@@ -345,11 +345,11 @@ def test_undefined_errors_are_nan():
 def test_kernel_is_the_bessel_mean_of_its_bank():
     """K(q) = E[w J0(q r)]/E[w]: the histogram of r against the sum over connections, on the same paths."""
     medium = slab(5, 0.5)
-    kernel = estimate_kernel(medium, 50_000, 1)
-    from specklegen.stationary.kernel import _axial_threshold, lateral_distance
+    kernel = estimate_correlation(medium, 50_000, 1)
+    from specklegen.samplers.stationary.correlation import _axial_threshold, lateral_distance
 
     bank = trace(medium, replace(plane_proposal(medium, AXIS, AXIS), threshold=_axial_threshold(medium)), 1, 50_000)
-    w = full_weights(bank, plane_optics(medium, 1.0, AXIS[None]), AXIS, AXIS)
+    w = contributions(bank, plane_optics(medium, 1.0, AXIS[None]), AXIS, AXIS)
     q = np.array([0.0, 0.1, 0.5, 1.0, 3.0, 10.0]) / THICKNESS
     expected = (w * j0(q[:, None] * lateral_distance(bank))).sum(axis=1) / w.sum()
     # Bins are 2.7 % wide about their mean square: the error is (0.027 q r)^2 / 24.
@@ -359,11 +359,11 @@ def test_kernel_is_the_bessel_mean_of_its_bank():
 
 
 def test_half_range_is_where_it_says():
-    kernel = estimate_kernel(slab(10, 0.9), 300_000, 1)
+    kernel = estimate_correlation(slab(10, 0.9), 300_000, 1)
     half, floor = kernel.half_range(), kernel.single_share**2
     assert kernel(half) ** 2 == pytest.approx(0.5 * (1 + floor), rel=1e-9)
     assert half * THICKNESS == pytest.approx(3.93, abs=0.1)  # physics.md 8
-    assert estimate_kernel(slab(2, albedo=1e-12), 1000, 1).half_range() == np.inf
+    assert estimate_correlation(slab(2, albedo=1e-12), 1000, 1).half_range() == np.inf
 
 
 def test_results_are_pure():

@@ -4,11 +4,10 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from pathlib import Path
 
 import pytest
+from scenes import ROOT
 
-ROOT = Path(__file__).parent.parent
 TREES = {"specklegen": "specklegen", "datasets": "specklegen.datasets", "models": "specklegen.models"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 

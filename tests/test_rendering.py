@@ -13,11 +13,13 @@ from scipy.stats import kstest
 from zscore import FALSE_ALARM, assert_mean, assert_z, limit
 
 import specklegen as sg
-from specklegen import evaluators, pilots
-from specklegen.chunks import Chunks
-from specklegen.gates import reversal_verdict
-from specklegen.illumination import directions_of_sines
-from specklegen.statistics import jackknife
+from specklegen.core.statistics import jackknife
+from specklegen.paths import pilot
+from specklegen.paths.chunks import Chunks
+from specklegen.paths.reversal import reversal_decision
+from specklegen.samplers.path_sums import summation
+from specklegen.samplers.stationary import rule
+from specklegen.scene.illumination import directions_of_sines
 
 WAVELENGTH, WIDTH = 0.5, 4000.0
 GRAIN = WAVELENGTH / WIDTH
@@ -178,7 +180,7 @@ def test_threads_and_the_number_of_realizations_do_not_matter(case):
 
 def test_the_case_names_say_what_runs():
     found = {case: sg.plan(this, paths=5000, **options) for case, (this, options) in CASES.items()}
-    assert {case: p.evaluator for case, p in found.items() if p.sampler == "paths"} == {
+    assert {case: p.summation for case, p in found.items() if p.sampler == "paths"} == {
         "nufft": "nufft",
         "direct": "direct",
         "reversed": "direct",
@@ -197,13 +199,13 @@ def test_chunks_join_as_one_bank(monkeypatch):
 def test_nufft_and_direct_render_the_same_field(monkeypatch):
     this = scene(shape=(40, 41))
     by_nufft = sg.render(this, paths=2000, seed=1, sampler="paths")
-    assert by_nufft.report.evaluator == "nufft"
+    assert by_nufft.report.summation == "nufft"
     views = this.replace(sensor=sg.FarField(directions=this.sensor.directions))
     # The pilots of the two scenes have different keys and so different thresholds: share the grid's proposal.
     made = sg.plan(this, paths=2000, sampler="paths")
-    from specklegen.fields.direct import direct_field
-    from specklegen.fields.ends import Optics, random_phases
-    from specklegen.tracing import trace
+    from specklegen.paths.slab_optics import Optics, random_phases
+    from specklegen.paths.slab_tracer import trace
+    from specklegen.samplers.path_sums.direct import direct_field
 
     bank = trace(this.medium, made.proposal, 1, 2000)
     optics = Optics.of_scene(views)
@@ -214,11 +216,11 @@ def test_nufft_and_direct_render_the_same_field(monkeypatch):
 
 def test_a_plan_is_a_pure_function_and_says_what_it_does():
     this = scene()
-    pilots.scene_pilot.cache_clear()
+    pilot.scene_pilot.cache_clear()
     first = sg.plan(this, paths=1000)
-    pilots.scene_pilot.cache_clear()
-    evaluators.scene_evaluator.cache_clear()
-    pilots.scene_stationary_error.cache_clear()
+    pilot.scene_pilot.cache_clear()
+    summation.scene_nufft.cache_clear()
+    rule.scene_stationary_error.cache_clear()
     again = sg.plan(this, paths=1000)
     assert first.explain() == again.explain()
     assert first.proposal.threshold == again.proposal.threshold
@@ -226,7 +228,7 @@ def test_a_plan_is_a_pure_function_and_says_what_it_does():
         assert word in first.explain()
     report = sg.render(this, paths=1000).report
     assert (report.sampler, report.paths, report.mean_added) == (first.sampler, 1000, False)
-    assert report.verdicts == first.verdicts
+    assert report.decisions == first.decisions
 
 
 # ---- The mean field ------------------------------------------------------------------------------------
@@ -252,7 +254,7 @@ def test_mean_field_is_the_diffraction_pattern_of_the_window(profile):
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
 def test_mean_field_carries_the_ballistic_power(profile):
     """The integral of |m|^2 over views is e^-OD times the power of the window, in area."""
-    from specklegen.illumination import illuminated_area
+    from specklegen.scene.illumination import illuminated_area
 
     this = scene(tilts=[0.0], shape=(801, 801), pitch=0.45, profile=profile)
     total = np.square(np.abs(sg.mean_field(this))).sum() * (0.45 * GRAIN) ** 2
@@ -281,14 +283,14 @@ def test_the_mean_is_added_only_when_asked(sampler):
     np.testing.assert_allclose(added.field - without.field, np.stack([mean, mean]), atol=1e-6 * np.abs(mean).max())
     assert added.report.mean_added
     assert not without.report.mean_added
-    said = next(v for v in without.report.verdicts if v.part.startswith("mean"))
+    said = next(v for v in without.report.decisions if v.part.startswith("mean"))
     assert "mean=True adds it" in said.reason
 
 
 def test_no_warning_of_the_mean_where_it_is_weak():
     weak = scene(medium=slab(30.0), tilts=[0.0])
     strong = scene(medium=slab(10.0), tilts=[0.0])
-    said = [next(v for v in sg.plan(s, paths=10).verdicts if v.part.startswith("mean")).reason for s in (weak, strong)]
+    said = [next(v for v in sg.plan(s, paths=10).decisions if v.part.startswith("mean")).reason for s in (weak, strong)]
     peak = np.square(np.abs(sg.mean_field(weak))).max()
     assert "at most" in said[0], (said, peak)
     assert "mean=True adds it" in said[1]
@@ -297,7 +299,7 @@ def test_no_warning_of_the_mean_where_it_is_weak():
 def test_a_mean_at_a_later_tilt_is_warned_of():
     """The first tilt's beam passes beside the grid, the second one's straight through it."""
     this = scene(tilts=[-4000.0, 0.0], shape=(4, 4), medium=slab(10.0))
-    reason = next(v for v in sg.plan(this, paths=10).verdicts if v.part.startswith("mean")).reason
+    reason = next(v for v in sg.plan(this, paths=10).decisions if v.part.startswith("mean")).reason
     assert "mean=True adds it" in reason
 
 
@@ -309,7 +311,7 @@ def test_reversed_paths_take_part_only_near_backscattering():
     light = directions_of_sines("light", [[0.0, 0.0], [0.1, 0.0]])
 
     def needed(sines, sign=-1.0, tolerance=0.02):
-        return reversal_verdict(
+        return reversal_decision(
             medium.mean_free_path, WAVELENGTH, light, directions_of_sines("v", sines, sign), "auto", tolerance
         ).needed
 
@@ -324,7 +326,7 @@ def test_reversed_paths_take_part_only_near_backscattering():
     assert not needed([[0.0, 0.0]], sign=1.0)
     for asked in (True, False):
         views = directions_of_sines("v", [[0.0, 0.0]], -1.0)
-        assert reversal_verdict(medium.mean_free_path, WAVELENGTH, light, views, asked, 0.02).needed is asked
+        assert reversal_decision(medium.mean_free_path, WAVELENGTH, light, views, asked, 0.02).needed is asked
 
 
 def test_doubtful_assumptions_are_said():
@@ -336,12 +338,12 @@ def test_doubtful_assumptions_are_said():
 
 
 def test_paths_ended_early_are_reported(monkeypatch):
-    import specklegen.tracing as tracing
+    import specklegen.paths.slab_tracer as tracing
 
-    pilots.scene_pilot.cache_clear()
+    pilot.scene_pilot.cache_clear()
     monkeypatch.setattr(tracing, "default_max_order", lambda medium: 3)
     report = sg.render(sparse_scene(slab(8.0)), paths=500, sampler="paths").report
-    pilots.scene_pilot.cache_clear()
+    pilot.scene_pilot.cache_clear()
     assert 50 < report.unfinished <= 500
 
 

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from scenes import ROOT
 
-ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "scripts" / "reproduce_figures.py"
 
 

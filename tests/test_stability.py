@@ -5,7 +5,7 @@ import pytest
 
 from scripts.stability import FAST, SLOW
 from scripts.stability.row import Row, holds, measured, refused, within
-from specklegen.values import reject
+from specklegen.core.errors import reject
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")

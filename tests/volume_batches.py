@@ -4,8 +4,8 @@ import numpy as np
 from zscore import assert_z
 
 from specklegen.oracles import box_algorithms as oracle
-from specklegen.pathspace.amplitudes import multiple_amplitudes, single_amplitudes
-from specklegen.pathspace.tracing import scene_tracer
+from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.paths.tracer import scene_tracer
 
 BATCHES = 64
 

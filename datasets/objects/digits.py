@@ -10,9 +10,9 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.errors import reject
 from specklegen.datasets.objects.family import ListedFamily, Source
 from specklegen.datasets.objects.pictures import resampled
-from specklegen.values import reject
 
 _COUNT = 1797
 

@@ -14,6 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
+from specklegen.core.errors import reject
+from specklegen.core.values import PositiveInt, Value
 from specklegen.datasets.split import (
     SPLITS,
     Purpose,
@@ -26,7 +28,6 @@ from specklegen.datasets.split import (
     split_of,
     substream,
 )
-from specklegen.values import PositiveInt, Value, reject
 
 Source = tuple[str | int, ...]
 

@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.errors import reject
 from specklegen.datasets.objects.family import ListedFamily, Source
 from specklegen.datasets.objects.pictures import SUFFIXES, fitted, read_grey
-from specklegen.values import reject
 
 
 class Folder(ListedFamily):

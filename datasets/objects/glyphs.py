@@ -13,8 +13,9 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.errors import reject
+from specklegen.core.values import NonNegative
 from specklegen.datasets.objects.family import ListedFamily, Source, place_within, source_key
-from specklegen.values import NonNegative, reject
 
 CHARACTERS = "0123456789ABCDEFGHJKLMNPQRSTUVWXYZabdefghnqrt"
 

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from specklegen.core.errors import reject
 from specklegen.datasets.objects.family import DrawnFamily, Source
-from specklegen.values import reject
 
 
 class Points(DrawnFamily):

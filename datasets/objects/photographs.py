@@ -14,9 +14,9 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.errors import reject
 from specklegen.datasets.objects.family import ListedFamily, Source, place_within
 from specklegen.datasets.objects.pictures import read_grey, resampled
-from specklegen.values import reject
 
 PHOTOGRAPHS = (
     "astronaut.png",

@@ -13,7 +13,7 @@ import numpy as np
 
 import specklegen as sg
 from specklegen.benchmarking import SAMPLERS, Sampler
-from specklegen.correlation_transfer import field_correlation
+from specklegen.theory.correlation_transfer import field_correlation
 
 from .references import load
 from .scenes import SCENES, Case, slab

@@ -11,12 +11,12 @@ import numpy as np
 
 import specklegen as sg
 from specklegen.benchmarking import Estimate, Probes, Sampler
+from specklegen.core.statistics import BATCHES
 from specklegen.oracles import algorithms, box_algorithms
 from specklegen.oracles.electric_field import electric_field
 from specklegen.oracles.naive_numba import naive_field
 from specklegen.oracles.wave_ensemble import CylinderGas, ensemble
 from specklegen.oracles.wave_solver import PlaneLights
-from specklegen.statistics import BATCHES
 
 from .literal import literal_setup
 from .scenes import CYLINDER

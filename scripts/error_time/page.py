@@ -10,7 +10,7 @@ import numpy as np
 
 from specklegen.benchmarking import SAMPLERS, Trend, crossover, fit_trend
 from specklegen.benchmarking.figure import Panel, error_figure
-from specklegen.values import reject
+from specklegen.core.errors import reject
 
 from . import machine, words
 from .calibration import LIMITS, Calibrated

@@ -15,10 +15,10 @@ import numpy as np
 import specklegen as sg
 from specklegen.benchmarking import Estimate, Probes
 from specklegen.benchmarking.probes import only
-from specklegen.correlation_transfer import quadruple
+from specklegen.core.statistics import BATCHES
 from specklegen.oracles import box_algorithms
 from specklegen.oracles.naive_covariance import naive_covariance
-from specklegen.statistics import BATCHES
+from specklegen.theory.correlation_transfer import quadruple
 
 from . import machine
 from .literal import literal_setup

@@ -12,9 +12,9 @@ from scipy.optimize import brentq
 
 import specklegen as sg
 from specklegen.benchmarking import Probes
-from specklegen.correlation_transfer import field_correlation
-from specklegen.illumination import directions_of_sines
 from specklegen.oracles.cylinder import Cylinder
+from specklegen.scene.illumination import directions_of_sines
+from specklegen.theory.correlation_transfer import field_correlation
 
 WIDTH = 1e5
 PITCH = 0.45 / WIDTH  # direction sine; half a grain is the coarsest that resolves the speckle

@@ -6,7 +6,7 @@ REMARKS = {
     "transmission-g09-od1": "Almost all light is scattered once or twice and straight on: nothing decorrelates.",
     "transmission-g09-od50": "The plain program pays for each of some 100 collisions a path; thinning keeps about one.",
     "oblique-view": "At 20° the kernel of the axis would put |C|² of these tilts .05 and .10 too high; the stationary "
-    "sampler takes the skewed kernel of the direction itself (docs/planning.md).",
+    "sampler takes the oblique kernel of the direction itself (docs/planning.md).",
     "backscatter": "The closed form includes the cone: S + M + the same M between the reversed directions.",
     "wide-field": "No transform spans 80°: every connection is summed at every view, and the general engine for a "
     "few points gets a third of the 1/(variance × time).",

@@ -14,9 +14,9 @@ from _bar19 import OUT, Row, clock, diagonal_pairs, flatland_box, flatland_scene
 from _command import run
 
 import specklegen as sg
+from specklegen.core.statistics import jackknife
 from specklegen.oracles import box_algorithms
 from specklegen.oracles.box_media import box, henyey_greenstein
-from specklegen.statistics import jackknife
 
 BOX = flatland_box(50.0, 50.0)
 KL = 2 * np.pi * 50.0  # wavenumber times mean free path

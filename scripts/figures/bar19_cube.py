@@ -14,8 +14,8 @@ from _bar19 import OUT, Row, clock, report, save
 from _command import run
 
 import specklegen as sg
-from specklegen.single_scattering import box_covariance
-from specklegen.statistics import jackknife
+from specklegen.core.statistics import jackknife
+from specklegen.theory.single_scattering import box_covariance
 
 KM = dict(zip((1, 2, 4, 6, 8, 10, 12, 20), (0.967, 0.876, 0.606, 0.369, 0.238, 0.173, 0.132, 0.067), strict=True))
 CUBE = sg.Box(lower=(-50.0,) * 3, upper=(50.0,) * 3, mean_free_path=20.0, scatterer=sg.Isotropic())

@@ -19,18 +19,18 @@ import torch
 from _command import run
 from scipy.stats import binomtest
 
+from specklegen.core.statistics import wilson
 from specklegen.datasets.objects import Points
-from specklegen.media import Slab
-from specklegen.models.apodisation import diffraction_limited, transfer_function
-from specklegen.models.autocorrelation import autocorrelation, memory_effect_at_lags
 from specklegen.models.metrics import align, pearson
-from specklegen.models.phase_retrieval import Retrieval, retrieve
-from specklegen.models.restarts import lowest_error
-from specklegen.scatterers import HenyeyGreenstein
-from specklegen.sensors import FarFieldGrid
-from specklegen.stationary.kernel import estimate_kernel
-from specklegen.stationary.objects import object_sampler
-from specklegen.statistics import wilson
+from specklegen.models.retrieval.apodisation import diffraction_limited, transfer_function
+from specklegen.models.retrieval.autocorrelation import autocorrelation, memory_effect_at_lags
+from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
+from specklegen.models.retrieval.restarts import lowest_error
+from specklegen.samplers.stationary.correlation import estimate_correlation
+from specklegen.samplers.stationary.objects import object_sampler
+from specklegen.scene.media import Slab
+from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+from specklegen.scene.sensors import FarFieldGrid
 
 OUT = Path("docs/images")
 WAVELENGTH, STEP = 0.5, float(np.sin(np.deg2rad(0.0025)))
@@ -64,12 +64,12 @@ def seen(g: float, sources: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Autocorrelations float64[B, n, n] of the images behind one material, and its C_I at the lags, of another run."""
     slab = Slab(thickness=1000.0, mean_free_path=100.0, scatterer=HenyeyGreenstein(g=g))
     sampler = object_sampler(
-        estimate_kernel(slab, 100_000, 0), wavelength=WAVELENGTH, object_shape=tuple(sources.shape[1:]),
+        estimate_correlation(slab, 100_000, 0), wavelength=WAVELENGTH, object_shape=tuple(sources.shape[1:]),
         object_pitch=PITCH, width=WAVELENGTH / (PER_GRAIN * PITCH), grid=CAMERA,
     )  # fmt: skip
     images = [sampler.image(sampler.medium(12, n), each.numpy(), form="points") for n, each in enumerate(sources)]
     lags = torch.cat([autocorrelation(image[None, None], FRAME) for image in images])
-    return lags, memory_effect_at_lags(estimate_kernel(slab, 100_000, 1), WAVELENGTH, PITCH, FRAME)
+    return lags, memory_effect_at_lags(estimate_correlation(slab, 100_000, 1), WAVELENGTH, PITCH, FRAME)
 
 
 def scores(images: torch.Tensor, target: torch.Tensor) -> torch.Tensor:

@@ -13,8 +13,8 @@ from _bar19 import LIGHTS, OUT, REFERENCE, Row, clock, flatland_box, flatland_sc
 from _command import run
 
 import specklegen as sg
-from specklegen.oracles.coherent_wave import coherent_field
 from specklegen.oracles.cylinder import Cylinder
+from specklegen.oracles.mean_wave import coherent_field
 from specklegen.oracles.wave_ensemble import CylinderGas
 
 MEAN_FREE_PATH = 10.0

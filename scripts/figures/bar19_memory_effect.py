@@ -14,8 +14,8 @@ from _bar19 import OUT, REFERENCE, Row, clock, report, save
 from _command import run
 
 import specklegen as sg
-from specklegen.correlation_transfer import field_correlation
-from specklegen.theory import memory_effect_diffusion, memory_effect_thick_slab
+from specklegen.theory.correlation_transfer import field_correlation
+from specklegen.theory.slab import memory_effect_diffusion, memory_effect_thick_slab
 
 WAVELENGTH, LENGTH = 0.5, 1000.0
 Q = np.array([0.5, 1, 1.491, 2.742, 4, 8])

@@ -13,7 +13,7 @@ from _bar19 import LIGHTS, OUT, Row, clock, diagonal_pairs, flatland_box, flatla
 from _command import run
 
 import specklegen as sg
-from specklegen.single_scattering import box_covariance
+from specklegen.theory.single_scattering import box_covariance
 
 FAINT = 1e-9  # an albedo at which multiple scattering is gone: C over it is single scattering alone
 

@@ -16,15 +16,15 @@ import numpy as np
 from _command import run
 
 import specklegen as sg
-from specklegen.gates import Sampler
-from specklegen.partially_coherent import (
+from specklegen.coherence.partially_coherent import (
     effective_source_modes,
     finite_path_excess,
     gaussian_schell_object,
     render_partially_coherent,
 )
-from specklegen.stationary.kernel import estimate_kernel
-from specklegen.statistics import jackknife
+from specklegen.core.statistics import jackknife
+from specklegen.samplers.sampler import Sampler
+from specklegen.samplers.stationary.correlation import estimate_correlation
 
 OUT = Path("docs/coherence")
 WAVELENGTH, PIXELS = 0.5, 48
@@ -67,7 +67,7 @@ def autocovariance_law(slab, width, length, shifts):
     """K(k d)^2 sum_jl p_j p_l W^(d - s_j + s_l)^2."""
     source = gaussian_schell_object(WAVELENGTH, length, width)
     power, s = source.brightness[source.brightness > 0], source.beams.directions[:, :2]
-    kernel = estimate_kernel(slab, 100_000, 1)
+    kernel = estimate_correlation(slab, 100_000, 1)
     grains = (s[:, None] - s) * width / WAVELENGTH
     pairs = power[:, None] * power * np.sinc(grains[..., 1]) ** 2
     blurred = np.array([(pairs * np.sinc(n / 2 - grains[..., 0]) ** 2).sum() for n in shifts])

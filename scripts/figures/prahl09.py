@@ -18,14 +18,19 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _command import run
 
-from specklegen.coherence import (
+from specklegen.coherence.cross_spectral_density import (
     gaussian_schell_model,
     propagate_csd,
     sample_fields,
     spectral_degree_of_coherence,
     spectral_density,
 )
-from specklegen.greens import AxialDetector, CylindricalFocus, TransverseDetector, flux_weighted_csd
+from specklegen.coherence.cylindrical_focus import (
+    AxialDetector,
+    CylindricalFocus,
+    TransverseDetector,
+    flux_weighted_csd,
+)
 
 OUT = Path("docs/coherence")
 SIGMAS = (2, 1, 0.6, 0.4, 0.2, 0.1)

@@ -6,14 +6,14 @@ from decimal import Decimal, localcontext
 import numpy as np
 
 import specklegen as sg
-from specklegen.correlation_transfer import field_correlation
-from specklegen.fields.ends import Optics, full_weights, illumination_ends
 from specklegen.kernels.volume import exit_distance, optical_depth
-from specklegen.pathspace.amplitudes import end_amplitudes
-from specklegen.pathspace.tracing import scene_tracer
-from specklegen.pathspace.volumes import volume_of
-from specklegen.single_scattering import box_covariance, slab_covariance
-from specklegen.tracing import beam_proposal, trace
+from specklegen.paths.endpoint_factors import endpoint_factors
+from specklegen.paths.layout import volume_of
+from specklegen.paths.slab_optics import Optics, contributions, illumination_ends
+from specklegen.paths.slab_tracer import beam_proposal, trace
+from specklegen.paths.tracer import scene_tracer
+from specklegen.theory.correlation_transfer import field_correlation
+from specklegen.theory.single_scattering import box_covariance, slab_covariance
 
 from .row import Row, measured, refused, within
 from .scenes import ACCEPTANCE, AXIS, beams, cube, exact_single, scene, slab, unit, views
@@ -102,7 +102,7 @@ def phases_far() -> Row:
     made = scene(slab(1.0, thickness=_LONG), beams([0.0, 0.3], width=_LONG / 2))
     tracer = scene_tracer(made, False)
     bank = tracer.trace(1, 16).single
-    general = end_amplitudes(tracer, bank, tracer.lights, "entry")
+    general = endpoint_factors(tracer, bank, tracer.lights, "entry")
     right = [[_turned(lambda i=i, x=x: _dot(i, x), 1.0) for x in bank.entry] for i in made.lights]
     fast = trace(made.slab, beam_proposal(made.slab, made.beams, AXIS[None]), 1, 16).single
     ends = illumination_ends(fast, Optics.of_scene(made), np.ones(len(fast)), single=True)
@@ -116,7 +116,7 @@ def phases_near() -> Row:
     made = scene(slab(1.0, thickness=_LONG), beams([0.0], width=1e3), sg.NearField(points=[[1e3, 0, 1.5 * _LONG]]))
     tracer = scene_tracer(made, False)
     bank = tracer.trace(1, 16).single
-    found = end_amplitudes(tracer, bank, tracer.views, "exit")[0]
+    found = endpoint_factors(tracer, bank, tracer.views, "exit")[0]
 
     def distance(x: np.ndarray) -> Decimal:
         gap = [Decimal(float(a)) - Decimal(float(b)) for a, b in zip(made.views[0], x, strict=True)]
@@ -165,7 +165,7 @@ def narrow_beam() -> Row:
     medium, width, batches = slab(2.0), 20.0, 64
     made = scene(medium, beams([0.0], width), views([0, 0, -1]))
     bank = trace(medium, beam_proposal(medium, made.beams, -AXIS[None]), 4, batches * 1000)
-    w = full_weights(bank, Optics.of_scene(made), AXIS, -AXIS)
+    w = contributions(bank, Optics.of_scene(made), AXIS, -AXIS)
     back = (bank.orders > 1) & (np.abs(bank.exit[:, :2]) <= width / 2).all(axis=1)
     sums = np.bincount(bank.paths // 1000, w * (1.0 + back), batches) / bank.count
     right, error = sums.sum(), np.sqrt(batches) * sums.std(ddof=1)

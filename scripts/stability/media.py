@@ -9,10 +9,10 @@ from scipy.stats import chi2
 import specklegen as sg
 from specklegen.kernels import kernel
 from specklegen.kernels.phase_table import sample
-from specklegen.pathspace.tracing import scene_tracer
-from specklegen.phase_tables import phase_table
-from specklegen.theory import double_to_single
-from specklegen.tracing import plane_proposal, trace
+from specklegen.paths.phase_tables import phase_table
+from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.paths.tracer import scene_tracer
+from specklegen.theory.slab import double_to_single
 
 from .row import FALSE_ALARM, Row, holds, measured, refused, within
 from .scenes import ACCEPTANCE, AXIS, beams, cube, exact_single, scene, slab, unit, views

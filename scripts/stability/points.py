@@ -3,9 +3,9 @@
 import numpy as np
 
 import specklegen as sg
-from specklegen.correlation_transfer import collision_density
-from specklegen.pathspace.amplitudes import end_amplitudes, single_amplitudes
-from specklegen.pathspace.tracing import scene_tracer
+from specklegen.paths.endpoint_factors import endpoint_factors, single_amplitudes
+from specklegen.paths.tracer import scene_tracer
+from specklegen.theory.correlation_transfer import collision_density
 
 from .row import Row, holds, measured, refused, within
 from .scenes import ACCEPTANCE, AXIS, beams, cube, scene, slab
@@ -53,7 +53,7 @@ def near_vertex() -> Row:
     hair = np.nextafter(x, np.inf)
     tracer = scene_tracer(made.replace(sensor=sg.NearField(points=[x, hair])), False)
     bank = scene_tracer(made, False).trace(1, 64)
-    ends = end_amplitudes(tracer, bank, tracer.views, "exit")
+    ends = endpoint_factors(tracer, bank, tracer.views, "exit")
     single = single_amplitudes(tracer, bank.single)
     found = sg.covariance(made.replace(sensor=sg.NearField(points=[x, hair])), paths=6400, seed=1)
     return holds(

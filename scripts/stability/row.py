@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from specklegen.statistics import BATCHES
-from specklegen.values import RuleError
+from specklegen.core.errors import RuleError
+from specklegen.core.statistics import BATCHES
 
 FALSE_ALARM = 1e-6  # chance that a right build fails a row, shared by the row's comparisons
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 import specklegen as sg
-from specklegen.single_scattering import slab_covariance
+from specklegen.theory.single_scattering import slab_covariance
 
 AXIS = np.array([0.0, 0.0, 1.0])
 ACCEPTANCE = "acceptance table"

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 import specklegen as sg
-from specklegen.pathspace.amplitudes import end_amplitudes
-from specklegen.pathspace.tracing import scene_tracer
+from specklegen.paths.endpoint_factors import endpoint_factors
+from specklegen.paths.tracer import scene_tracer
 
 from .row import Row, measured, within
 from .scenes import ACCEPTANCE, beams, scene, slab
@@ -33,7 +33,7 @@ def _leaving(made: sg.Scene, paths: int, seed: int) -> np.ndarray:
     area = float(np.prod((bounds[1] - bounds[0])[:2]))
     for n in range(64):
         bank = tracer.trace(seed, size, first=n * size)
-        power = bank.weight * np.square(np.abs(end_amplitudes(tracer, bank, tracer.lights, "entry")[0]))
+        power = bank.weight * np.square(np.abs(endpoint_factors(tracer, bank, tracer.lights, "entry")[0]))
         # One direction a connection, isotropic: what leaves there unscattered, and through which face.
         out = generator.normal(size=(len(bank), 3))
         out /= np.linalg.norm(out, axis=1, keepdims=True)

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.special import expn
 
 import specklegen as sg
-from specklegen.correlation_transfer import quadruple
-from specklegen.theory import slab_transmission
-from specklegen.tracing import plane_proposal, trace
+from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.theory.correlation_transfer import quadruple
+from specklegen.theory.slab import slab_transmission
 
 from .row import Row, holds, measured, within
 from .scenes import ACCEPTANCE, AXIS, scene, slab, views

@@ -10,8 +10,8 @@ from specklegen.benchmarking.estimates import Estimate
 from specklegen.benchmarking.measuring import Cost, measured
 from specklegen.benchmarking.probes import Probes, probes_of
 from specklegen.benchmarking.samplers import SAMPLERS, Sampler
-from specklegen.scene import Scene
-from specklegen.values import reject
+from specklegen.core.errors import reject
+from specklegen.scene.scene import Scene
 
 FACTOR = 4
 _WITH_ESTIMATE = 2  # finding what a run implies takes about as long as the run

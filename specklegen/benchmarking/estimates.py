@@ -14,21 +14,22 @@ import torch
 from scipy.special import j0
 
 from specklegen.benchmarking.probes import Probes, only
-from specklegen.covariances import covariance
-from specklegen.fields.ends import Optics, illumination_ends, reversal_phases, sensor_ends
-from specklegen.gates import Reverse
-from specklegen.illumination import IncoherentObject, illuminated_area
-from specklegen.planning import Plan, plan
-from specklegen.rendering import stationary_kernel
-from specklegen.scene import Scene
-from specklegen.sensors import FarFieldGrid
-from specklegen.stationary.kernel import MemoryKernel
-from specklegen.stationary.objects import object_sampler
-from specklegen.stationary.sampler import mean_intensity, stack_sampler
-from specklegen.stationary.skewed import SkewedKernel
-from specklegen.statistics import batch_sums
-from specklegen.streams import Seed
-from specklegen.tracing import PathBank, trace
+from specklegen.core.random_streams import Seed
+from specklegen.core.statistics import batch_sums
+from specklegen.paths.bank import PathBank
+from specklegen.paths.reversal import Reverse
+from specklegen.paths.slab_optics import Optics, illumination_ends, reversal_phases, sensor_ends
+from specklegen.paths.slab_tracer import trace
+from specklegen.planning.planning import Plan, plan
+from specklegen.rendering import stationary_correlation
+from specklegen.samplers.covariance.covariance import covariance
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+from specklegen.samplers.stationary.objects import object_sampler
+from specklegen.samplers.stationary.oblique import ObliqueCorrelation
+from specklegen.samplers.stationary.stacks import mean_intensity, stack_sampler
+from specklegen.scene.illumination import IncoherentObject, illuminated_area
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarFieldGrid
 
 
 @dataclass(frozen=True)
@@ -130,27 +131,27 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
     Of an incoherent object: between the beams of its lit pixels at views that have moved with them, as its modes
     have it.
     """
-    kernel = stationary_kernel(plan(scene, paths=paths, sampler="stationary", threads=1), seed, 1)
+    kernel = stationary_correlation(plan(scene, paths=paths, sampler="stationary", threads=1), seed, 1)
     lights = scene.lights[probes.points[:, 0]]
     q = -scene.wavenumber * np.diff(lights[probes.ends, :2], axis=1)[:, 0]
     area = illuminated_area(scene.beams.width, scene.beams.profile)
     found = Estimate.of_batches(area * _batch_sums(kernel, q), kernel.paths)
     if isinstance(scene.illumination, IncoherentObject):
-        assert isinstance(kernel, MemoryKernel)
+        assert isinstance(kernel, MemoryEffectCorrelation)
         return Estimate(mean_intensity(kernel, area) * _mode_products(scene, probes, kernel), found.standard_error)
     pattern = _window_products(scene, probes, kernel) / mean_intensity(kernel, area)
     return Estimate(pattern * found.value, np.abs(pattern) * found.standard_error)
 
 
-def _batch_sums(kernel: MemoryKernel | SkewedKernel, q: np.ndarray) -> np.ndarray:
-    """Sums of full weight times phasor over up to 64 batches of paths at q float64[P, 2], complex128[n, P]."""
-    if isinstance(kernel, SkewedKernel):
+def _batch_sums(kernel: MemoryEffectCorrelation | ObliqueCorrelation, q: np.ndarray) -> np.ndarray:
+    """Sums of contribution times phasor over up to 64 batches of paths at q float64[P, 2], complex128[n, P]."""
+    if isinstance(kernel, ObliqueCorrelation):
         phasors = np.exp(-1j * (q @ kernel.displacement.T))
         return batch_sums(kernel.weights * phasors, kernel.owners, kernel.paths)
     return kernel.weights @ j0(np.hypot(*q.T)[:, None] * kernel.radius).T
 
 
-def _window_products(scene: Scene, probes: Probes, kernel: MemoryKernel | SkewedKernel) -> np.ndarray:
+def _window_products(scene: Scene, probes: Probes, kernel: MemoryEffectCorrelation | ObliqueCorrelation) -> np.ndarray:
     """I W^(kappa) complex128[P] as the cells of the stack sampler have it."""
     stacks = stack_sampler(scene, kernel, dtype=torch.complex128)
     columns = stacks.shape[1]
@@ -162,7 +163,7 @@ def _window_products(scene: Scene, probes: Probes, kernel: MemoryKernel | Skewed
     return np.array([np.vdot(fields[q], fields[p]) for p, q in probes.ends])
 
 
-def _mode_products(scene: Scene, probes: Probes, kernel: MemoryKernel) -> np.ndarray:
+def _mode_products(scene: Scene, probes: Probes, kernel: MemoryEffectCorrelation) -> np.ndarray:
     """K float64[P] between an object's lit pixels, by the modes that its sampler keeps."""
     beams = scene.illumination
     assert isinstance(beams, IncoherentObject)

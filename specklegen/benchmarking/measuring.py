@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from specklegen.resident_memory import resident_memory
+from specklegen.core.memory import resident_memory
 
 Result = TypeVar("Result")
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.illumination import IncoherentObject, PointSources
-from specklegen.scene import Scene
-from specklegen.sensors import FarField, NearField
+from specklegen.scene.illumination import IncoherentObject, PointSources
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarField, NearField
 
 
 @dataclass(frozen=True)

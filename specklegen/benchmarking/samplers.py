@@ -13,12 +13,12 @@ from specklegen.benchmarking.estimates import (
     stationary_estimate,
 )
 from specklegen.benchmarking.probes import Probes
-from specklegen.gates import Sampler as SamplerName
-from specklegen.planning import plan
+from specklegen.core.errors import RuleError, reject
+from specklegen.planning.planning import plan
 from specklegen.rendering import SpeckleStack, render
-from specklegen.scene import Scene
-from specklegen.sensors import FarField, FarFieldGrid
-from specklegen.values import RuleError, reject
+from specklegen.samplers.sampler import Sampler as SamplerName
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarField, FarFieldGrid
 
 _MOST_POINTS = 400  # lights times views whose covariance matrix is worth its eigenvectors
 

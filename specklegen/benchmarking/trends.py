@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import digamma, polygamma
 
-from specklegen.values import reject
+from specklegen.core.errors import reject
 
 
 @dataclass(frozen=True)

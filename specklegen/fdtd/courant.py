@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from specklegen.values import reject
+from specklegen.core.errors import reject
 
 _PAD = 8  # background cells on either side: the mode of the largest eigenvalue may leak out of the layer
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.errors import reject
 from specklegen.fdtd.layers import Moments
-from specklegen.values import reject
 
 _HALVINGS = 11  # a 32nd of a period to 1e-4 rad, where the fit is flat to 1e-8
 

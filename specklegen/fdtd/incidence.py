@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.errors import reject
+from specklegen.core.values import Positive, Value
 from specklegen.fdtd.layers import RandomLayer
-from specklegen.values import Positive, Value, reject
 
 MARGIN = 20
 _SOURCE_DISTANCE = 10  # cells from the source to the layer

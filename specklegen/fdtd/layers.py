@@ -19,8 +19,9 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.errors import reject
+from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.kernels.fdtd import correlated_normals
-from specklegen.values import NonNegative, Positive, PositiveInt, Value, reject
 
 _STREAM = 0x1DF5  # keeps these draws apart from every other use of the same seed
 

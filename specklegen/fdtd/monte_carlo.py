@@ -10,14 +10,14 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.errors import reject
+from specklegen.core.parallel import even_slices, map_blocks
 from specklegen.fdtd.courant import check_courant
 from specklegen.fdtd.incidence import MARGIN, Incidence, Pulse, illuminate
 from specklegen.fdtd.layers import RandomLayer
 from specklegen.fdtd.scattered import MeanField
 from specklegen.fdtd.yee import march
 from specklegen.kernels.fdtd import grid_scattering
-from specklegen.parallel import even_slices, map_blocks
-from specklegen.values import reject
 
 _CHUNKS = 32
 _BLOCK = 128  # media held in memory at a time, per thread

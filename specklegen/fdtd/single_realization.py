@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.errors import reject
 from specklegen.fdtd.courant import check_courant, check_kappa
 from specklegen.fdtd.currents import mean_polarization, out_of_phase, radiated, single_delay
 from specklegen.fdtd.incidence import MARGIN, Incidence, Pulse, illuminate
@@ -20,7 +21,6 @@ from specklegen.fdtd.layers import Moments, RandomLayer, sample_moments
 from specklegen.fdtd.scattered import ScatteredField
 from specklegen.fdtd.validity import judge, warn_if_not_valid
 from specklegen.kernels.fdtd import march_currents
-from specklegen.values import reject
 
 _BLOCK = 64  # cells whose currents are transformed together
 

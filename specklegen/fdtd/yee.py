@@ -13,12 +13,12 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.errors import reject
 from specklegen.fdtd.courant import check_courant, check_kappa
 from specklegen.fdtd.incidence import MARGIN, Incidence, Pulse, illuminate
 from specklegen.fdtd.layers import RandomLayer
 from specklegen.fdtd.scattered import ScatteredField
 from specklegen.kernels.fdtd import march_scattered, march_total
-from specklegen.values import reject
 
 Form = Literal["total", "scattered"]
 

@@ -2,7 +2,7 @@
 
 A kernel knows no units and no physics object; the layers above validate, then call it with plain
 numbers. Every kernel is serial and releases the interpreter lock, so that one place above
-(`specklegen.parallel`) decides how blocks of work are spread over threads, and a data-loader worker
+(`specklegen.core.parallel`) decides how blocks of work are spread over threads, and a data-loader worker
 can run the same code on one.
 
 Compiled code is cached in the user's cache directory under a digest of *all* kernel sources: Numba

@@ -11,7 +11,7 @@ import numpy as np
 
 from specklegen.kernels import inlined
 from specklegen.kernels.arithmetic import fma, minus_log
-from specklegen.kernels.geometry import deflect
+from specklegen.kernels.frames import deflect
 from specklegen.kernels.phase_functions import sample_henyey_greenstein
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
@@ -50,7 +50,7 @@ def draw_coin(key0, key1, sample, dimension, address, state, count):
 
 @inlined
 def propose(g, least, vx, vy, vz, depth, slope, state, count):
-    """Mark the lanes whose full weight along v has an upper bound above ``least`` KEEP.
+    """Mark the lanes whose contribution along v has an upper bound above ``least`` KEEP.
 
     ``depth + slope z`` is the optical depth t to the outside along v. e^t >= 1 + t + t^2/2 + t^3/6 bounds without an
     exponential; squared and multiplied out, the Henyey-Greenstein power then needs neither a root nor a division.
@@ -68,7 +68,7 @@ def propose(g, least, vx, vy, vz, depth, slope, state, count):
 
 @inlined
 def mark_candidates(g, least, probes, state, count):
-    """Mark the lanes whose connection may have a full weight above ``least`` KEEP at any of the views."""
+    """Mark the lanes whose connection may have a contribution above ``least`` KEEP at any of the views."""
     for i in range(count):
         state[CANDIDATE + i] = 0.0 if least > 0.0 else 1.0
     if least > 0.0:

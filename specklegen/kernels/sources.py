@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined
-from specklegen.kernels.geometry import deflect
+from specklegen.kernels.frames import deflect
 from specklegen.kernels.phase_functions import (
     henyey_greenstein,
     henyey_greenstein_2d,

@@ -237,7 +237,7 @@ def add_four(z0, z1, z2, z3, end, sums, count):
 
 
 @kernel
-def full_weights(records, orders, g, sigma_t, thickness, footprint, radius, tilt, view, out):
+def contributions(records, orders, g, sigma_t, thickness, footprint, radius, tilt, view, out):
     """Fill ``out`` float64[M] with w = W |A_tilt|^2 |B_view|^2 of each connection, s(i . v) included."""
     ix, iy, iz = tilt[0], tilt[1], tilt[2]
     vx, vy, vz = view[0], view[1], view[2]

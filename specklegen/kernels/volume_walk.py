@@ -4,7 +4,7 @@ One call traces the paths ``first`` ... ``first + count - 1``; random numbers ar
 path, dimension) as in :mod:`specklegen.kernels.walk`, whose record is written here too, together with the
 particle types at both ends (physics.md 2, corrections 3 and 6).
 
-A path serves both ways: walked backwards it is as good a path from x_B to x_1. With ``two_way`` its weight is the
+A path serves both ways: walked backwards it is as good a path from x_B to x_1. With ``bidirectional`` its weight is the
 balance heuristic over both,
 
     W = sigma_s(x1) prod albedo / [ p(x1, w1) + p(x_B, -w_(B-1)) sigma_t(x1) / sigma_t(x_B) ],
@@ -64,16 +64,16 @@ def _probe_power(volume, table, kinds, points, x, y, z, wx, wy, wz, kind, scatte
 
 @kernel
 def trace_volume(
-    key0, key1, sample_index, first, count, volume, table, sources, two_way, light_kinds, lights, view_kinds, views,
-    threshold, max_order, records, orders, paths, types,
+    key0, key1, sample_index, first, count, volume, table, sources, bidirectional, light_kinds, lights, view_kinds,
+    views, threshold, max_order, records, orders, paths, types,
 ):  # fmt: skip
     """Trace paths and write their connections in path order.
 
     volume, table, sources : Volume, PhaseTable, Sources
-    two_way : whether weights are those of the path and its reverse together
+    bidirectional : whether weights are those of the path and its reverse together
     light_kinds, lights, view_kinds, views : int64[n], float64[n, 3]   probes for thinning: FAR directions (of lights
                                reversed, as seen from the medium) or NEAR points
-    threshold : full weight from which a connection is always kept; 0 keeps all
+    threshold : contribution from which a connection is always kept; 0 keeps all
     max_order : vertices after which a path is ended
     records, orders, paths, types : float64[cap, RECORD], int32[cap], int64[cap], int32[cap, 2]   output
 
@@ -162,7 +162,7 @@ def trace_volume(
             material = materials[here]
             type_end = choose_type(table, material, f)
             density = joint_density
-            if two_way:
+            if bidirectional:
                 _, backward = start_densities(
                     bounds, cells, extinction, source_kinds, source_rows, x, y, z, -wx, -wy, -wz
                 )
@@ -171,7 +171,7 @@ def trace_volume(
             w = threshold
             if threshold > 0.0:
                 w = light_forward * _probe_power(volume, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True)
-                if two_way:
+                if bidirectional:
                     back = _probe_power(volume, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True)
                     w = max(w, view_backward * back)
                 w *= weight

@@ -6,7 +6,7 @@ One call traces the paths ``first`` ... ``first + count - 1``. Every random numb
 A path (physics.md 2): the first vertex lies exponentially deep along the reference direction behind a
 point of the illuminated face, the first direction comes from a Henyey-Greenstein lobe about the
 reference direction, then free flights and scatterings as in radiative transfer, many paths in lock step
-(`specklegen.kernels.lanes`). At every vertex the full weight w of the connection to the sensor is found,
+(`specklegen.kernels.lanes`). At every vertex the contribution w of the connection to the sensor is found,
 and the connection is kept with probability min(1, w / threshold); its amplitude weight grows by the
 inverse probability.
 
@@ -154,8 +154,8 @@ def write_record(row, x1, y1, z1, ox, oy, oz, x, y, z, wx, wy, wz, weight, lengt
 
 
 @inlined
-def forward_full_weight(power, g, z, wx, wy, wz, probes):
-    """Largest full weight over the views of a vertex that light of ``power`` reaches."""
+def forward_contribution(power, g, z, wx, wy, wz, probes):
+    """Largest contribution over the views of a vertex that light of ``power`` reaches."""
     best = 0.0
     for n in range(probes.shape[0]):
         t = probes[n, 3] + probes[n, 4] * z
@@ -166,8 +166,8 @@ def forward_full_weight(power, g, z, wx, wy, wz, probes):
 
 
 @inlined
-def reversed_full_weight(power, g, ox, oy, oz, z1, thickness, sigma_t, probes):
-    """Largest full weight over the views of a path walked backwards, which leaves from its first vertex."""
+def reversed_contribution(power, g, ox, oy, oz, z1, thickness, sigma_t, probes):
+    """Largest contribution over the views of a path walked backwards, which leaves from its first vertex."""
     best = 0.0
     for n in range(probes.shape[0]):
         end = end_intensity(g, -ox, -oy, -oz, z1, thickness, sigma_t, probes[n, 0], probes[n, 1], probes[n, 2])
@@ -226,8 +226,8 @@ def leave(key0, key1, sample, g, lobe, mean_free_path, state, address, count):
 
 
 @inlined
-def kept_weight(weight, w, threshold, u):
-    """``weight`` over the probability min(1, w / threshold) of keeping a connection of full weight w; 0 if not kept."""
+def survivor_weight(weight, w, threshold, u):
+    """``weight`` over the probability min(1, w / threshold) that a connection of contribution w survives; else 0."""
     if w <= 0.0 or (w < threshold and u * threshold >= w):
         return 0.0
     return weight if w >= threshold else weight * threshold / w
@@ -237,7 +237,7 @@ def kept_weight(weight, w, threshold, u):
 def weigh_both_ways(
     state, i, thickness, sigma_t, albedo, chance, g, lobe, ix, iy, iz, footprint, extent, radius, probes
 ):
-    """W of the path in lane i drawn either way (balance heuristic), and its largest full weight of both directions."""
+    """W of the path in lane i drawn either way (balance heuristic), and its largest contribution of both directions."""
     x, y, z, wx, wy, wz = state[X + i], state[Y + i], state[Z + i], state[WX + i], state[WY + i], state[WZ + i]
     depth = z / iz
     fx, fy = x - depth * ix, y - depth * iy
@@ -249,8 +249,8 @@ def weigh_both_ways(
     beam = profile(footprint, radius, fx, fy)
     power = weight * beam * beam * passed * henyey_greenstein(g, back)
     ox, oy, oz, z1 = state[OX + i], state[OY + i], state[OZ + i], state[Z1 + i]
-    forward = forward_full_weight(weight * state[POWER + i], g, z, wx, wy, wz, probes)
-    return weight, max(forward, reversed_full_weight(power, g, ox, oy, oz, z1, thickness, sigma_t, probes))
+    forward = forward_contribution(weight * state[POWER + i], g, z, wx, wy, wz, probes)
+    return weight, max(forward, reversed_contribution(power, g, ox, oy, oz, z1, thickness, sigma_t, probes))
 
 
 @kernel
@@ -263,10 +263,10 @@ def trace_slab(
     thickness, sigma_t, albedo, g : the slab (length, 1/length, -, -)
     lobe : anisotropy of the first direction's lobe about the reference direction (ix, iy, iz), iz > 0
     footprint, extent, radius : kind of beam, size of the sampled footprint and of the profile
-    probes : float64[n, 5]     views at which the full weight is judged, and the optical depth to the outside
+    probes : float64[n, 5]     views at which the contribution is judged, and the optical depth to the outside
                                along each as (at z = 0, per length of z)
     reverse : 1 to weigh each path together with its reversal (balance heuristic), else 0
-    threshold : full weight from which a connection is always kept; 0 keeps all
+    threshold : contribution from which a connection is always kept; 0 keeps all
     max_order : vertices after which a path is ended
     records, orders, paths : float64[cap, RECORD], int32[cap], int64[cap]   output, as the walk finds them
     ranks : int64[cap]         output: where the first, second, ... connection in path order was written
@@ -307,8 +307,8 @@ def trace_slab(
                     continue
                 # Single scattering is its own reverse and is never doubled.
                 x, y, z, weight = fresh[X + i], fresh[Y + i], fresh[Z + i], fresh[AMOUNT + i]
-                w = forward_full_weight(weight * fresh[POWER + i], g, z, ix, iy, iz, probes)
-                kept = kept_weight(weight, w, threshold, fresh[KEEP + i])
+                w = forward_contribution(weight * fresh[POWER + i], g, z, ix, iy, iz, probes)
+                kept = survivor_weight(weight, w, threshold, fresh[KEEP + i])
                 if kept > 0.0:
                     if found < capacity:
                         write_record(records[found], x, y, z, 0.0, 0.0, 0.0, x, y, z, 0.0, 0.0, 0.0, kept, 0.0)
@@ -340,8 +340,8 @@ def trace_slab(
                 )
             else:
                 weight = state[AMOUNT + i]
-                w = forward_full_weight(weight * state[POWER + i], g, z, wx, wy, wz, probes)
-            kept = kept_weight(weight, w, threshold, state[KEEP + i])
+                w = forward_contribution(weight * state[POWER + i], g, z, wx, wy, wz, probes)
+            kept = survivor_weight(weight, w, threshold, state[KEEP + i])
             if kept > 0.0:
                 if found < capacity:
                     write_record(

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.media import Slab
+from specklegen.scene.media import Slab
 
 SOLID_ANGLE = 4 * np.pi
 

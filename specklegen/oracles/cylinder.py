@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import root_scalar
 from scipy.special import jn_zeros, jv, jvp, y0, y0_zeros, y1, yv, yvp
 
-from specklegen.values import reject
+from specklegen.core.errors import reject
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ The walk and the ends of ``naive_numba``, every connection kept, with the phases
 import numpy as np
 from numba import njit
 
-from specklegen.media import Slab
 from specklegen.oracles.naive_numba import (
     _amplitude,
     _deflect,
@@ -20,6 +19,7 @@ from specklegen.oracles.naive_numba import (
     _sensor_end,
     laid_out,
 )
+from specklegen.scene.media import Slab
 
 
 def naive_covariance(

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from specklegen.media import Slab
+from specklegen.scene.media import Slab
 
 
 def naive_field(

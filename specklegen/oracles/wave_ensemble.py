@@ -16,11 +16,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
+from specklegen.core.errors import reject
+from specklegen.core.parallel import map_blocks
+from specklegen.core.statistics import BATCHES
 from specklegen.oracles.cylinder import Cylinder
 from specklegen.oracles.wave_solver import Light, LineSources, Scattered, scatter
-from specklegen.parallel import map_blocks
-from specklegen.statistics import BATCHES
-from specklegen.values import reject
 
 CHUNK = 64
 """Placements whose fields are held before they are summed."""

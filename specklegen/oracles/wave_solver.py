@@ -21,8 +21,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import j0, j1, jv, y0, y1
 
+from specklegen.core.errors import reject
+from specklegen.core.values import unit_vectors
 from specklegen.oracles.cylinder import Cylinder
-from specklegen.values import reject, unit_vectors
 
 CHUNK = 1 << 20
 """Pairs of a point and a cylinder treated at once; bounds the memory of near fields."""

@@ -1,0 +1,1 @@
+"""Loading: streams, caches and their loaders for training."""

@@ -1,0 +1,224 @@
+"""The cache: a generated store as a torch data set that never hands out a sample that is not there."""
+
+import os
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from torch.utils.data import Dataset
+
+from specklegen.core.errors import reject
+from specklegen.core.parallel import one_torch_thread
+from specklegen.datasets.loading.epochs import EpochBatches
+from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.sample_schema import Renderable
+from specklegen.datasets.store.creation import require_same
+from specklegen.datasets.store.identity import identity
+from specklegen.datasets.store.shards import MissingSample
+from specklegen.datasets.store.store import Store
+
+_TABLES = 4096
+"""Shards whose rows of parameters are kept in memory."""
+
+
+class SpeckleCache(Dataset):
+    """A store as a map-style data set: ``cache[n]`` equals ``recipe.sample(seed, split, n)`` to the bit.
+
+    A sample is a dict of tensors, with "index" (int) and "parameters" (a dict of floats). Files are opened
+    when first read, in whichever process reads them.
+
+    Parameters
+    ----------
+    folder : path
+        The folder of the store; it may still be being filled.
+    missing : {"raise", "render"}
+        What to do with a sample that is not there: raise MissingSample, or render it from ``recipe``.
+    recipe : Renderable, optional
+        The recipe that the store was made from; needed to render.
+
+    Raises
+    ------
+    RuleError
+        If the folder is not a store, or the recipe is not that of the store.
+    MissingSample
+        On reading a sample that is not there.
+    DamagedShard
+        On reading bytes that are not those that were written.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike,
+        missing: Literal["raise", "render"] = "raise",
+        recipe: Renderable | None = None,
+    ) -> None:
+        if missing not in ("raise", "render"):
+            reject("SpeckleCache.missing", "one of 'raise', 'render'", missing)
+        if missing == "render" and recipe is None:
+            reject("SpeckleCache.recipe", "given where missing samples are to be rendered", recipe)
+        self.folder, self.missing, self.recipe = Path(folder).absolute(), missing, recipe
+        self._open()
+        stated = self.identity
+        if recipe is not None:
+            require_same(self._store, identity(recipe, stated["seed"], stated["split"], stated["dtype"]))
+
+    def _open(self) -> None:
+        self._store = Store(self.folder)
+        self._types = self._store.sample_types()
+        self._valid = np.zeros(self._store.samples, bool)
+        self._tables: OrderedDict[int, tuple[np.ndarray, np.ndarray]] = OrderedDict()
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What the store was made from: recipe, seed, split, dtype, data version."""
+        return self._store.attributes["identity"]
+
+    @property
+    def keys(self) -> list[str]:
+        """Names of the arrays of a sample."""
+        return self._store.keys
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of the identity."""
+        return self._store.attributes["fingerprint"]
+
+    @property
+    def shard_samples(self) -> int:
+        """Samples in a shard."""
+        return self._store.shard_samples
+
+    def __len__(self) -> int:
+        return self._store.samples
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in ("folder", "missing", "recipe")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._open()
+
+    def __getitem__(self, index: int) -> dict[str, Any]:
+        """Return a sample as tensors."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"sample {index} of a store of {len(self)}")
+        return tensors(self.numpy(int(index) % len(self)))
+
+    def numpy(self, index: int) -> dict[str, Any]:
+        """Return a sample as arrays."""
+        try:
+            return self._read(index)
+        except MissingSample:
+            if self.missing == "raise" or self.recipe is None:
+                raise
+        with one_torch_thread():
+            return self.recipe.sample(self.identity["seed"], self.identity["split"], index)
+
+    def _read(self, index: int) -> dict[str, Any]:
+        shard, row = divmod(index, self._store.shard_samples)
+        self._require_valid(index, shard)
+        numbers, parameters = self._table(shard)
+        sample: dict[str, Any] = {
+            key: np.array(files.read(index), self._types[key])
+            for key, files in self._store.shard_files.items()
+        }
+        sample["index"] = int(numbers[row])
+        sample["parameters"] = dict(zip(self._store.parameter_names, parameters[row].tolist(), strict=True))
+        return sample
+
+    def _require_valid(self, index: int, shard: int) -> None:
+        if self._valid[index]:
+            return
+        self._forget(shard)
+        span = self._store.span(shard)
+        self._valid[span.start : span.stop] = self._store.valid_in(shard)
+        if not self._valid[index]:
+            raise MissingSample(f"sample {index} of {self.folder} has not been generated yet")
+
+    def _forget(self, shard: int) -> None:
+        self._tables.pop(shard, None)
+        for files in self._store.shard_files.values():
+            files.close()
+
+    def _table(self, shard: int) -> tuple[np.ndarray, np.ndarray]:
+        if shard not in self._tables:
+            self._tables[shard] = self._store.table("index", shard), self._store.table("parameters", shard)
+            if len(self._tables) > _TABLES:
+                self._tables.popitem(last=False)
+        return self._tables[shard]
+
+    def batch(self, indices: Sequence[int]) -> dict[str, Any]:
+        """Return samples stacked along a new first axis, as tensors; read in the order of the shards."""
+        order = np.argsort(np.asarray(indices), kind="stable")
+        samples: list[dict[str, Any]] = [{}] * len(order)
+        for place in order.tolist():
+            samples[place] = self.numpy(int(indices[place]))
+        stacked = {key: np.stack([sample[key] for sample in samples]) for key in self.keys}
+        stacked["index"] = np.array([sample["index"] for sample in samples], np.int64)
+        names = self._store.parameter_names
+        drawn = {name: np.array([sample["parameters"][name] for sample in samples]) for name in names}
+        return tensors(stacked | {"parameters": drawn})
+
+    def shuffled(
+        self, batch_size: int = 32, seed: int = 0, buffer_shards: int = 4, **options: Any
+    ) -> "ShuffledCache":
+        """Return epochs of shuffled batches that read few shards at a time; see :class:`ShuffledCache`."""
+        return ShuffledCache(self, batch_size, seed, buffer_shards, **options)
+
+
+class ShuffledCache(EpochBatches):
+    """Shuffled batches of a cache in shard order, as a torch ``IterableDataset``.
+
+    The shards are shuffled; then the samples of every ``buffer_shards`` shards among themselves. So reading
+    stays within a few files at a time, and each epoch has another order: a pure function of (seed, epoch).
+    ``rank``, ``world``, ``drop_last`` and ``loader()`` are as in :class:`~specklegen.datasets.SpeckleStream`.
+    """
+
+    def __init__(
+        self,
+        cache: SpeckleCache,
+        batch_size: int = 32,
+        seed: int = 0,
+        buffer_shards: int = 4,
+        *,
+        rank: int | None = None,
+        world: int | None = None,
+        drop_last: bool = False,
+    ) -> None:
+        if buffer_shards < 1:
+            reject("ShuffledCache.buffer_shards", "at least 1", buffer_shards)
+        super().__init__(len(cache), batch_size, rank, world, drop_last)
+        self.cache, self.seed, self.buffer_shards = cache, seed, buffer_shards
+
+    def order(self, epoch: int) -> np.ndarray:
+        """Return the samples of an epoch in their order: int64[length]."""
+        random = np.random.default_rng(np.random.SeedSequence([self.seed, epoch]))
+        size = self.cache.shard_samples
+        shards = random.permutation(-(-self.length // size))
+        groups = [
+            random.permutation(
+                np.concatenate([np.arange(s * size, min((s + 1) * size, self.length)) for s in group])
+            )
+            for group in np.array_split(shards, range(self.buffer_shards, len(shards), self.buffer_shards))
+        ]
+        return np.concatenate(groups)
+
+    def make(self, epoch: int, numbers: Iterable[int]) -> Iterator[dict[str, Any]]:
+        """Read batches."""
+        order = self.order(epoch)
+        for number in numbers:
+            places = self.places(number)
+            yield self.cache.batch(order[places.start : places.stop].tolist())
+
+    def identity(self) -> dict[str, Any]:
+        """Return what the order depends on."""
+        return {
+            "seed": self.seed,
+            "split": self.cache.identity["split"],
+            "length": self.length,
+            "fingerprint": self.cache.fingerprint,
+            "buffer_shards": self.buffer_shards,
+            "shard_samples": self.cache.shard_samples,
+        }

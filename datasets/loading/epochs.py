@@ -1,0 +1,108 @@
+"""Epochs of batches: what the stream and the shuffled cache share with a DataLoader.
+
+Batches are made in the data set, so that their order is the same for any number of workers. Worker w makes
+every n-th batch of its rank, and the DataLoader takes from the workers in turn. Nothing here holds random
+state: batch b of epoch e is a pure function.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch.utils.data import IterableDataset, get_worker_info
+
+from specklegen.core.errors import reject
+from specklegen.core.parallel import one_torch_thread
+from specklegen.datasets.loading.partition import batch_count, batch_range
+from specklegen.datasets.workers import prepare_worker
+
+if TYPE_CHECKING:
+    from specklegen.datasets.loading.loader import EpochLoader
+
+
+def distributed_place() -> tuple[int, int]:
+    """Return (rank, world) of torch.distributed, or (0, 1) where it is not in use."""
+    distributed = torch.distributed
+    if distributed.is_available() and distributed.is_initialized():
+        return distributed.get_rank(), distributed.get_world_size()
+    return 0, 1
+
+
+class EpochBatches(IterableDataset):
+    """Batches of one rank, epoch after epoch; subclasses say how they are made.
+
+    One iteration is one epoch. The epoch lies in shared memory, where :meth:`set_epoch` reaches workers that
+    are already running. Set it between iterations.
+    """
+
+    def __init__(
+        self,
+        length: int,
+        batch_size: int,
+        rank: int | None = None,
+        world: int | None = None,
+        drop_last: bool = False,
+    ) -> None:
+        here_rank, here_world = distributed_place()
+        self.length, self.batch_size, self.drop_last = length, batch_size, drop_last
+        self.rank = here_rank if rank is None else rank
+        self.world = here_world if world is None else world
+        owner = type(self).__name__
+        if batch_size < 1:
+            reject(f"{owner}.batch_size", "at least 1", batch_size)
+        if not 0 <= self.rank < self.world:
+            reject(f"{owner}.rank", f"from 0 to world - 1 = {self.world - 1}", self.rank)
+        self._count = batch_count(length, batch_size, self.world, drop_last)
+        self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
+
+    def __len__(self) -> int:
+        """Return the number of batches in an epoch, the same for every rank."""
+        return self._count
+
+    @property
+    def epoch(self) -> int:
+        """The epoch that the next iteration goes through."""
+        return int(self._epoch)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the epoch of the next iteration, here and in workers that are already running."""
+        if epoch < 0:
+            reject(f"{type(self).__name__}.epoch", "at least 0", epoch)
+        self._epoch.fill_(epoch)
+
+    def places(self, number: int) -> range:
+        """Return the places in the epoch that make up batch ``number`` of this rank."""
+        return batch_range(self.length, self.batch_size, self.world, self.rank, number)
+
+    def identity(self) -> dict[str, Any]:
+        """Say what the order of the samples depends on, apart from the batches: for ``state_dict``."""
+        raise NotImplementedError
+
+    def make(self, epoch: int, numbers: Iterable[int]) -> Iterator[dict[str, Any]]:
+        """Make the batches with these numbers, one after the other."""
+        raise NotImplementedError
+
+    def warm(self) -> None:
+        """Do, in the process that starts workers, what each of them would otherwise do anew."""
+
+    def starting_at(self, first: int) -> Iterator[dict[str, Any]]:
+        """Iterate over the rest of the epoch from batch ``first`` on; in a worker, over its share of it."""
+        worker = get_worker_info()
+        if worker is None:
+            batches = self.make(self.epoch, range(first, self._count))
+            for _ in range(first, self._count):
+                with one_torch_thread():
+                    batch = next(batches)
+                yield batch
+            return
+        prepare_worker()
+        yield from self.make(self.epoch, range(first + worker.id, self._count, worker.num_workers))
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        return self.starting_at(0)
+
+    def loader(self, num_workers: int = 0, **options: Any) -> "EpochLoader":
+        """Return an iterable over epochs with exact resume: specklegen.datasets.loading.loader.EpochLoader."""
+        from specklegen.datasets.loading.loader import EpochLoader
+
+        return EpochLoader(self, num_workers, **options)

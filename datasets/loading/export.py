@@ -1,0 +1,115 @@
+"""Exporting samples from a store to files that every program reads: npy arrays and PNG pictures."""
+
+import csv
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from specklegen.core.errors import reject
+from specklegen.datasets.loading.cache import SpeckleCache
+
+
+def export(
+    folder: str | os.PathLike,
+    out: str | os.PathLike,
+    format: Literal["npy", "png"] = "npy",
+    samples: Sequence[int] | None = None,
+) -> list[Path]:
+    """Write samples of a store as files, with a table of their indices, seed and parameters.
+
+    "npy" writes one array a key, ``<key>.npy``, with the samples along the first axis. "png" writes one
+    picture a sample and key with at least two axes, ``<key>_<index>.png``: counts as 16 bits, unchanged;
+    other arrays as 16 bits from the picture's least to its greatest value, which the table gives. Frames of
+    a stack stand side by side. Both write ``samples.csv``.
+
+    Parameters
+    ----------
+    folder, out : path
+        The store, and the folder to write to.
+    format : {"npy", "png"}
+        Kind of files.
+    samples : sequence of int, optional
+        Which samples; by default all.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    RuleError
+        If the format is unknown or there is nothing to write.
+    MissingSample
+        If a sample has not been generated.
+    """
+    cache = SpeckleCache(folder)
+    chosen = list(range(len(cache))) if samples is None else [int(sample) for sample in samples]
+    if format not in _WRITERS:
+        reject("export.format", f"one of {', '.join(map(repr, _WRITERS))}", format)
+    if not chosen:
+        reject("export.samples", "at least one sample", samples)
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    files, columns = _WRITERS[format](cache, chosen, out)
+    table = out / "samples.csv"
+    with table.open("w", newline="") as handle:
+        writer = csv.writer(handle)
+        for row, sample in enumerate(chosen):
+            values = cache.numpy(sample)
+            line = (
+                {"index": values["index"], "seed": cache.identity["seed"]}
+                | values["parameters"]
+                | columns[row]
+            )
+            if row == 0:
+                writer.writerow(line)
+            writer.writerow(line.values())
+    return [*files, table]
+
+
+def _write_npy(cache: SpeckleCache, chosen: list[int], out: Path) -> tuple[list[Path], list[dict]]:
+    arrays = {}
+    for row, index in enumerate(chosen):
+        sample = cache.numpy(index)
+        for key in cache.keys:
+            if key not in arrays:
+                shape = (len(chosen), *sample[key].shape)
+                arrays[key] = np.lib.format.open_memmap(out / f"{key}.npy", "w+", sample[key].dtype, shape)
+            arrays[key][row] = sample[key]
+    for array in arrays.values():
+        array.flush()
+    return [out / f"{key}.npy" for key in arrays], [{}] * len(chosen)
+
+
+def _write_png(cache: SpeckleCache, chosen: list[int], out: Path) -> tuple[list[Path], list[dict]]:
+    from skimage.io import imsave
+
+    files, columns = [], []
+    for index in chosen:
+        sample, scales = cache.numpy(index), {}
+        for key in cache.keys:
+            if sample[key].ndim < 2:
+                continue
+            picture = _side_by_side(sample[key])
+            if picture.dtype != np.uint16:
+                least, greatest = float(picture.min()), float(picture.max())
+                scales |= {f"{key}_min": least, f"{key}_max": greatest}
+                picture = np.rint((picture - least) / ((greatest - least) or 1.0) * 65535).astype(np.uint16)
+            files.append(out / f"{key}_{index:06d}.png")
+            imsave(files[-1], picture, check_contrast=False)
+        columns.append(scales)
+    return files, columns
+
+
+def _side_by_side(array: np.ndarray) -> np.ndarray:
+    """Lay the frames of ``(..., H, W)`` out as one row: ``(H, frames · W)``."""
+    frames = np.abs(array) if np.iscomplexobj(array) else array
+    frames = frames.reshape(-1, *array.shape[-2:])
+    return np.moveaxis(frames, 0, 1).reshape(array.shape[-2], -1)
+
+
+_WRITERS = {"npy": _write_npy, "png": _write_png}

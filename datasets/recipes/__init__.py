@@ -1,0 +1,1 @@
+"""Recipes: what a data set is made of, one kind a file."""

@@ -1,0 +1,229 @@
+"""Recipe kind "hidden-object": an incoherent object seen through a slab, one camera image a sample."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, Literal, Self, cast
+
+import numpy as np
+import torch
+from pydantic import model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Positive, Value
+from specklegen.datasets.objects import HiddenObjects
+from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
+from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, require_above
+from specklegen.datasets.recipes.parts.light import draw_medium
+from specklegen.datasets.recipes.parts.material import KnownMaterial
+from specklegen.datasets.recipes.parts.viewing import Viewing
+from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
+from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.split import Purpose, Split, generator, substream
+from specklegen.planning.planning import Plan, plan
+from specklegen.samplers.stationary.objects import ObjectSampler
+from specklegen.scene.illumination import IncoherentObject
+from specklegen.scene.media import Slab
+from specklegen.scene.scene import Scene
+
+
+class ObjectField(Value):
+    """How large the object appears: by one of its first two fields. All may vary from medium to medium.
+
+    Parameters
+    ----------
+    pitch
+        Direction sine between object pixels, inside the medium.
+    extent_over_range
+        Full side of the object over the memory-effect range of the material, in direction sines.
+    pixels
+        Camera pixels across the object, for which the illuminated window is opened or closed: as one does in front of
+        a slab that nobody knows, lest the object be larger than the camera, or smaller than a grain. ``window.width``
+        is "fitted" then.
+    """
+
+    pitch: Draw | None = None
+    extent_over_range: Draw | None = None
+    pixels: Draw | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.pitch is None) == (self.extent_over_range is None):
+            reject("ObjectField", "given by one of pitch and extent_over_range", self.model_dump())
+        for name in ("pitch", "extent_over_range", "pixels"):
+            if getattr(self, name) is not None:
+                require_above(f"ObjectField.{name}", getattr(self, name), 0)
+        return self
+
+
+class HiddenObject(Recipe):
+    """Camera images of hidden incoherent objects; mean 1 over the expected intensity of the whole image.
+
+    Samples: ``image`` float32[H, W] (or uint16 counts), ``object`` float32[h, w] (brightness 0 to 1).
+    """
+
+    kind: Literal["hidden-object"] = "hidden-object"
+    objects: HiddenObjects
+    field: ObjectField | None = None
+    mode_tolerance: Positive = 0.01
+
+    @model_validator(mode="after")
+    def _check_field(self) -> Self:
+        if (self.field is None) == (self.lab is None):
+            reject("HiddenObject.field", "given, or else a table lab, and not both", self.field)
+        if self.fits_window and ends(self._pixels)[1] > min(self.camera_shape):
+            reject("ObjectField.pixels", f"at most the camera's {min(self.camera_shape)}", ends(self._pixels)[1])
+        return self
+
+    @property
+    def fits_window(self) -> bool:
+        """Whether each medium has a window of its own."""
+        return self.field is not None and self.field.pixels is not None
+
+    def physics(self) -> dict[str, Any]:
+        """Everything that decides a pixel; a folder of pictures counts by its contents, not by its path."""
+        return super().physics() | {"objects": self.objects.identity()}
+
+    def layout(self) -> Mapping[str, ArraySpec]:
+        """Shape, type, axes and unit of every array of a sample."""
+        return {
+            **self.images_layout(),
+            "object": ArraySpec(
+                shape=self.objects.shape, dtype="float32", dims=("object_y", "object_x"),
+                description="hidden object, brightness 0 to 1; its image appears turned by 180 degrees",
+            ),
+            "parameters": PARAMETERS,
+        }  # fmt: skip
+
+    def images_layout(self) -> dict[str, ArraySpec]:
+        """Layout of what :meth:`images_of` names."""
+        return {"image": self.observation(self.camera_shape, ("y", "x"), "camera image")}
+
+    def images_of(self, images: np.ndarray, tilts: np.ndarray) -> dict[str, np.ndarray]:
+        """Name what the camera saw, [n, H, W], under tilts float64[T, 2]."""
+        return {"image": images[0]}
+
+    def split_notes(self) -> str:
+        """What the splits share and what they do not, in Markdown sentences for the data card."""
+        return (
+            f"{super().split_notes()} No object of one split appears in another: "
+            f"the sources of `{self.objects.type}` are dealt to the splits before any sample is drawn."
+        )
+
+    def pitch(self, material: KnownMaterial, share: float) -> float:
+        """Direction sine between object pixels in front of a material.
+
+        Parameters
+        ----------
+        material
+            The material.
+        share
+            The drawn number of the field.
+
+        Raises
+        ------
+        RuleError
+            If the pitch follows from a range that the material does not have.
+        """
+        if self.lab is not None:
+            return self.lab.object_pitch(self.objects.shape)
+        assert self.field is not None
+        if self.field.pitch is not None:
+            return share
+        if not np.isfinite(material.half_range):
+            reject("ObjectField.extent_over_range", "left out for a material without a memory-effect range", share,
+                   "Give the pitch instead.")  # fmt: skip
+        return share * material.range_sine(self.wavelength) / max(self.objects.shape)
+
+    def geometry_of(self, pitch: float, pixels: float) -> Viewing:
+        """Window and camera for objects of a pitch; ``pixels`` across, where the window is fitted."""
+        if not self.fits_window:
+            return self.geometry
+        assert self.camera is not None
+        grains = pixels / self.camera.pixels_per_grain
+        return self.seen_through(self.wavelength * grains / (pitch * max(self.objects.shape)))
+
+    @property
+    def _field_number(self) -> Draw:
+        return (self.field.pitch or self.field.extent_over_range or 0.0) if self.field is not None else 0.0
+
+    @property
+    def _pixels(self) -> Draw:
+        return (self.field.pixels or 0.0) if self.field is not None else 0.0
+
+    @property
+    def field_varies(self) -> bool:
+        """Whether two media may show objects of different extent."""
+        return any(low < high for low, high in map(ends, (self._field_number, self._pixels)))
+
+    def plans(self) -> list[Plan]:
+        """Plans for a full object at the ends of every range of the material: as large as it can be, and, where the
+        window is fitted, behind the widest window and behind the narrowest, whose camera sees furthest from the axis.
+        """
+        across, slabs = sorted(set(ends(self._pixels))), self.material.extremes()
+        scenes = [self.scene(slab, pixels) for pixels in across for slab in slabs]
+        return [plan(scene, paths=self.material.kernel_paths) for scene in scenes]
+
+    def scene(self, slab: Slab, pixels: float) -> Scene:
+        """Scene of a slab with an object whose corners shine; where windows are fitted so many ``pixels`` across."""
+        brightness = np.zeros(self.objects.shape)
+        brightness[:: max(brightness.shape[0] - 1, 1), :: max(brightness.shape[1] - 1, 1)] = 1.0
+        pitch = self.pitch(self.material.known(slab), ends(self._field_number)[1])
+        seen = self.geometry_of(pitch, pixels)
+        lights = IncoherentObject(brightness=brightness, pitch=pitch, width=seen.width, profile=seen.profile)
+        return Scene(wavelength=seen.wavelength, medium=slab, illumination=lights, sensor=seen.grid)
+
+    def tilts_of(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
+        """Tilts float64[T, 2] of the illumination of one medium, radians, and what was drawn for them."""
+        return np.zeros((1, 2)), {}
+
+    def media_frames(
+        self, sampler: ObjectSampler, seed: int, split: Split, medium: int
+    ) -> tuple[list[torch.Tensor], dict[str, float]]:
+        """Fields of one medium, one a frame, and what was drawn for them."""
+        return [draw_medium(self.light, sampler, seed, split, medium)], {}
+
+    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
+        """Make one medium ready, with all that is drawn for it."""
+        material = self.material_of(seed, split, medium)
+        of_field = generator(substream(seed, split, Purpose.FIELD, medium))
+        share, pixels = drawn(self._field_number, of_field), drawn(self._pixels, of_field)
+        angles, tilted = self.tilts_of(generator(substream(seed, split, Purpose.TILTS, medium)))
+        pitch = self.pitch(material, share)
+        seen = self.geometry_of(pitch, pixels)
+        sampler = _sampler(self, material.slab, seen, pitch, tuple(map(tuple, np.sin(angles).tolist())))
+        frames, moved = self.media_frames(sampler, seed, split, medium)
+        extent = pitch * max(self.objects.shape)
+        parameters = material.parameters(seen.wavelength) | {
+            "width": seen.width,
+            "camera_pitch": seen.grid.pitch,
+            "object_pitch": pitch,
+            "extent_over_range": extent / material.range_sine(seen.wavelength),
+            **tilted,
+            **moved,
+        }
+        shared = self.media is not None or self.media_group > 1
+        return prepared(sampler, frames, parameters, halves=self.light.halves, share=shared, tilts=angles)
+
+    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+        """One image with its object and parameters; see :class:`Recipe`."""
+        which = cast(Split, split)
+        brightness = self.objects.image(seed, which, index)
+        medium = self.medium_number(index)
+        ready = medium_realization(self, seed, which, medium)
+        images = self.observed(ready.images(brightness), seed, which, index)
+        return {
+            **self.images_of(images, ready.tilts),
+            "object": brightness,
+            "index": np.int64(index),
+            "parameters": {
+                **ready.parameters,
+                "expected_contrast": ready.expected_contrast(brightness),
+                "medium": float(medium),
+            },
+        }
+
+
+@lru_cache(maxsize=8)
+def _sampler(recipe: HiddenObject, slab: Slab, seen: Viewing, pitch: float, base: tuple) -> ObjectSampler:
+    material = recipe.material.known(slab)
+    return recipe.sampler(material, seen, recipe.objects.shape, pitch, np.array(base), recipe.mode_tolerance)

@@ -1,0 +1,34 @@
+"""Changes to a recipe written as text: ``material.g=0.8``."""
+
+import tomllib
+from collections.abc import Iterable
+from typing import Any
+
+from specklegen.core.errors import reject
+from specklegen.datasets.recipes.recipe import merged
+
+
+def changes_of(texts: Iterable[str]) -> dict[str, Any]:
+    """Nested table of changes from texts KEY=VALUE; a key is dotted, a value is TOML (a bare word is a text).
+
+    Raises
+    ------
+    RuleError
+        If a text is not of that form.
+    """
+    table: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            reject("a change", "of the form KEY=VALUE", text)
+        table = merged(table, _parse(key.strip(), value.strip(), text))
+    return table
+
+
+def _parse(key: str, value: str, text: str) -> dict[str, Any]:
+    for candidate in (value, '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'):
+        try:
+            return tomllib.loads(f"{key} = {candidate}")
+        except tomllib.TOMLDecodeError:
+            continue
+    reject("a change", "of the form KEY=VALUE with a dotted key", text)

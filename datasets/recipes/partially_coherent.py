@@ -1,0 +1,119 @@
+"""Recipe kind "partially-coherent": a slab under partially coherent light, coherence length drawn sample by sample."""
+
+from collections.abc import Mapping
+from typing import Any, Literal, Self, cast
+
+import numpy as np
+from pydantic import model_validator
+
+from specklegen.coherence.partially_coherent import (
+    effective_source_modes,
+    gaussian_brightness,
+    gaussian_schell_object,
+    source_lattice,
+)
+from specklegen.core.values import Positive, remembered
+from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
+from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends
+from specklegen.datasets.recipes.parts.light import draw_medium
+from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
+from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.split import Purpose, Split, generator, substream
+from specklegen.planning.planning import Plan, plan
+from specklegen.samplers.stationary.objects import ObjectSampler
+from specklegen.scene.illumination import CollimatedBeams, Profile
+from specklegen.scene.media import Slab
+from specklegen.scene.scene import Scene
+
+
+class PartiallyCoherent(Recipe):
+    """Camera images of speckle from a Gaussian Schell-model beam along the axis, mean 1 over their expected intensity.
+
+    Samples: ``image`` float32[H, W]. The medium's draw does not depend on the coherence length, so that with
+    ``media`` set one medium is seen under many.
+
+    Parameters
+    ----------
+    coherence_length
+        sigma_g on the entrance face, in the unit of the wavelength; may vary from sample to sample.
+    mode_tolerance
+        Share of the intensity that the Karhunen-Loeve modes of the memory effect may leave out.
+    """
+
+    kind: Literal["partially-coherent"] = "partially-coherent"
+    coherence_length: Draw
+    mode_tolerance: Positive = 0.01
+
+    @model_validator(mode="after")
+    def _in_range(self) -> Self:
+        source_lattice(*self._window, *ends(self.coherence_length))
+        return self
+
+    @property
+    def _window(self) -> tuple[float, float, Profile]:
+        return self.geometry.wavelength, self.geometry.width, self.geometry.profile
+
+    def layout(self) -> Mapping[str, ArraySpec]:
+        """Shape, type, axes and unit of every array of a sample."""
+        image = self.observation(self.camera_shape, ("y", "x"), "camera image")
+        return {"image": image, "parameters": PARAMETERS}
+
+    @property
+    def lattice(self) -> tuple[int, float]:
+        """Beams of the source along each axis and their pitch, the same for all coherence lengths."""
+        return source_lattice(*self._window, *ends(self.coherence_length))
+
+    def plans(self) -> list[Plan]:
+        """Plans for the least coherent light at the ends of every range of the material."""
+        wavelength, width, profile = self._window
+        light = gaussian_schell_object(wavelength, ends(self.coherence_length)[0], width, profile)
+        scenes = [
+            Scene(wavelength=wavelength, medium=slab, illumination=light, sensor=self.geometry.grid)
+            for slab in self.material.extremes()
+        ]
+        return [plan(scene, paths=self.material.kernel_paths) for scene in scenes]
+
+    def scene(self, slab: Slab) -> Scene:
+        """Scene of a slab under coherent light, for :func:`specklegen.render_partially_coherent`."""
+        wavelength, width, profile = self._window
+        beam = CollimatedBeams.tilts([0.0], width=width, profile=profile)
+        return Scene(wavelength=wavelength, medium=slab, illumination=beam, sensor=self.geometry.grid)
+
+    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
+        """Make one medium ready, for light of every coherence length."""
+        material = self.material_of(seed, split, medium)
+        count, pitch = self.lattice
+        sampler = _sampler(self, material.slab, count, pitch)
+        fields = draw_medium(self.light, sampler, seed, split, medium)
+        parameters = material.parameters(self.geometry.wavelength) | {
+            "width": self.geometry.width,
+            "camera_pitch": self.geometry.grid.pitch,
+        }
+        tilts = np.zeros((1, 2))
+        return prepared(sampler, [fields], parameters, halves=self.light.halves, share=True, tilts=tilts)
+
+    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+        """One image with its parameters; see :class:`Recipe`."""
+        which = cast(Split, split)
+        medium = self.medium_number(index)
+        length = drawn(self.coherence_length, generator(substream(seed, which, Purpose.OBJECT, index)))
+        brightness = gaussian_brightness(*self.lattice, self.geometry.wavelength, length)
+        wavelength, width, profile = self._window
+        ready = medium_realization(self, seed, which, medium)
+        return {
+            "image": self.observed(ready.images(brightness), seed, which, index)[0],
+            "index": np.int64(index),
+            "parameters": {
+                **ready.parameters,
+                "coherence_length": length,
+                "effective_modes": effective_source_modes(brightness, self.lattice[1], wavelength, width, profile),
+                "expected_contrast": ready.expected_contrast(brightness),
+                "medium": float(medium),
+            },
+        }
+
+
+@remembered(8)
+def _sampler(recipe: PartiallyCoherent, slab: Slab, count: int, pitch: float) -> ObjectSampler:
+    material = recipe.material.known(slab)
+    return recipe.sampler(material, recipe.geometry, (count, count), pitch, np.zeros((1, 2)), recipe.mode_tolerance)

@@ -1,0 +1,209 @@
+"""The material of a recipe: a slab whose parameters may be drawn anew for every medium."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import lru_cache
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.random_streams import pilot_seed
+from specklegen.core.values import Positive, PositiveInt, Value
+from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends
+from specklegen.datasets.split import SPLITS, Split
+from specklegen.samplers.stationary.atlas import correlation_for
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
+from specklegen.samplers.stationary.spectrum import LightModes, Spectrum, estimate_spectral_correlation, light_modes
+from specklegen.scene.media import Slab
+from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+
+KernelSource = Literal["estimate", "atlas"]
+_PARAMETERS = ("thickness", "optical_depth", "g", "albedo")
+
+
+class Estimator(IntEnum):
+    """Where a material's memory-effect kernel comes from; the number is stored with every sample."""
+
+    PATHS = 1
+    ATLAS = 2
+
+
+class SplitRanges(Value):
+    """One parameter of the material, drawn from a range of its own in each split: a test of extrapolation.
+
+    Parameters
+    ----------
+    parameter
+        Which.
+    train, validation, test
+        What it is drawn from; no two ranges meet.
+    """
+
+    parameter: Literal["thickness", "optical_depth", "g", "albedo"]
+    train: Draw
+    validation: Draw
+    test: Draw
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        ranges = sorted(ends(getattr(self, split)) for split in SPLITS)
+        for (_, high), (low, _) in zip(ranges[:-1], ranges[1:], strict=True):
+            if not high < low:
+                reject("SplitRanges", "given by ranges that do not meet", ranges, "Leave a gap between the splits.")
+        return self
+
+
+class Material(Value):
+    """A Henyey-Greenstein slab; every number may be a constant, a range or a choice.
+
+    Parameters
+    ----------
+    wavelength
+        Inside the medium; fixes the unit of every length. Left out where a ``[lab]`` table gives it.
+    thickness
+        Of the slab, same unit.
+    optical_depth
+        Thickness over mean free path.
+    g
+        Anisotropy.
+    albedo
+        Share of collisions that scatter.
+    kernel_paths
+        Paths from which the memory-effect kernel of each material is estimated; the relative error of C_I at
+        half range is about sqrt(60 / kernel_paths).
+    kernel
+        "estimate" traces those paths for every material; "atlas" takes the kernel from the table of materials
+        where its error of C_I is at most ``kernel_tolerance``, and traces (and keeps on disk) only the others.
+    kernel_tolerance
+        Stated error of C_I (two sigma) up to which the atlas will do. At the default it serves all but a few of a
+        thousand materials of its range; a fresh estimate that good takes some 1e5 paths.
+    by_split
+        One parameter that each split draws from a range of its own, within the range given here.
+    """
+
+    wavelength: Positive | None = None
+    thickness: Draw
+    optical_depth: Draw
+    g: Draw
+    albedo: Draw = 1.0
+    kernel_paths: PositiveInt = 100_000
+    kernel: KernelSource = "estimate"
+    kernel_tolerance: Positive = 0.02
+    by_split: SplitRanges | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name, low, high in (("thickness", 0, np.inf), ("optical_depth", 0, np.inf), ("g", -1, 1)):
+            smallest, largest = ends(getattr(self, name))
+            if not low < smallest <= largest < high:
+                reject(f"Material.{name}", f"between {low} and {high}, both excluded", getattr(self, name))
+        if not 0 < ends(self.albedo)[0] <= ends(self.albedo)[1] <= 1:
+            reject("Material.albedo", "above 0 and at most 1", self.albedo)
+        if self.by_split is not None:
+            low, high = ends(getattr(self, self.by_split.parameter))
+            for split in SPLITS:
+                smallest, largest = ends(getattr(self.by_split, split))
+                if not low <= smallest <= largest <= high:
+                    reject(f"Material.by_split.{split}", f"within {self.by_split.parameter}, {low:g} to {high:g}",
+                           (smallest, largest))  # fmt: skip
+        return self
+
+    @property
+    def varies(self) -> bool:
+        """Whether two media may have different parameters."""
+        return any(low < high for low, high in map(ends, (self.thickness, self.optical_depth, self.g, self.albedo)))
+
+    def draw(self, rng: np.random.Generator, split: Split) -> Slab:
+        """One slab of a split."""
+        return self.slab(*(drawn(self._source(name, split), rng) for name in _PARAMETERS))
+
+    def _source(self, name: str, split: Split) -> Draw:
+        own = self.by_split is not None and self.by_split.parameter == name
+        return getattr(self.by_split, split) if own else getattr(self, name)
+
+    def known(self, slab: Slab) -> "KnownMaterial":
+        """Return a slab of this material with its kernel, found as the recipe says."""
+        return known(slab, self.kernel_paths, self.kernel, self.kernel_tolerance)
+
+    def extremes(self) -> list[Slab]:
+        """Slabs at the ends of every range: where a claim about all media is tested."""
+        ranges = [sorted(set(ends(n))) for n in (self.thickness, self.optical_depth, self.g)]
+        albedo = ends(self.albedo)[1]
+        return [self.slab(t, d, g, albedo) for t in ranges[0] for d in ranges[1] for g in ranges[2]]
+
+    @staticmethod
+    def slab(thickness: float, optical_depth: float, g: float, albedo: float) -> Slab:
+        """Slab of the engine."""
+        return Slab(
+            thickness=thickness,
+            mean_free_path=thickness / optical_depth,
+            albedo=albedo,
+            scatterer=HenyeyGreenstein(g=g),
+        )
+
+
+@dataclass(frozen=True)
+class KnownMaterial:
+    """A slab with its memory-effect kernel and what follows from it.
+
+    Attributes
+    ----------
+    slab : Slab
+    kernel : MemoryEffectCorrelation
+    half_range : float
+        Lateral wavevector difference at which C_I is half way to its floor, per unit length; inf where there is none.
+    estimator : Estimator
+        Where the kernel comes from.
+    """
+
+    slab: Slab
+    kernel: MemoryEffectCorrelation
+    half_range: float
+    estimator: Estimator = Estimator.PATHS
+
+    def range_sine(self, wavelength: float) -> float:
+        """Sine of the memory-effect range; inf where there is none."""
+        return self.half_range * wavelength / (2 * np.pi)
+
+    def parameters(self, wavelength: float) -> dict[str, float]:
+        """What is stored with every sample: the material, and what it does to light."""
+        slab = self.slab
+        sine = self.range_sine(wavelength)
+        return {
+            "wavelength": wavelength,
+            "thickness": slab.thickness,
+            "mean_free_path": slab.mean_free_path,
+            "optical_depth": slab.optical_depth,
+            "g": slab.scatterer.g,
+            "albedo": slab.albedo,
+            "ballistic_fraction": float(np.exp(-slab.optical_depth)),
+            "single_share": self.kernel.single_share,
+            "memory_effect_range": float(np.arcsin(min(sine, 1.0))) if np.isfinite(sine) else np.inf,
+            "estimator": float(self.estimator),
+        }
+
+
+@lru_cache(maxsize=256)
+def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: float = 0.02) -> KnownMaterial:
+    """Find a slab's kernel. It is a property of the material: its paths are keyed by the slab, not by a seed."""
+    if source == "atlas":
+        kernel = correlation_for(slab, paths=paths, tolerance=tolerance)
+    else:
+        kernel = estimate_correlation(slab, paths, pilot_seed(slab.fingerprint()))
+    estimator = Estimator.ATLAS if kernel.source == "atlas" else Estimator.PATHS
+    return KnownMaterial(slab, kernel, kernel.half_range(), estimator)
+
+
+@lru_cache(maxsize=64)
+def known_light(slab: Slab, paths: int, bandwidth: float, spectrum: Spectrum) -> LightModes:
+    """Modes of light of a band behind a slab, from the same paths as its kernel.
+
+    Raises
+    ------
+    RuleError
+        If the band makes too many modes.
+    """
+    correlation = estimate_spectral_correlation(slab, paths, pilot_seed(slab.fingerprint()))
+    return light_modes(correlation, bandwidth, spectrum)

@@ -1,0 +1,93 @@
+"""Where light comes from and where the camera looks: in the engine's terms, or in those of a laboratory.
+
+Engine: a wavelength inside the medium, an illuminated window, a grid of direction sines. Laboratory: a
+table ``[lab]`` with distances, pixels and an aperture (:class:`specklegen.LabSetup`). A recipe is written in
+one or the other; both become a :class:`Viewing`.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+from pydantic import model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Positive, PositiveInt, Value
+from specklegen.instrument.lab import LabSetup
+from specklegen.scene.illumination import Profile
+from specklegen.scene.sensors import FarFieldGrid
+
+
+class Window(Value):
+    """The illuminated window on the entrance face.
+
+    Parameters
+    ----------
+    width
+        Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian"); or "fitted": for each medium
+        as wide as shows the object across ``field.pixels`` of the camera.
+    profile
+        Its shape.
+    """
+
+    width: Positive | Literal["fitted"]
+    profile: Profile = "square"
+
+
+class CameraGrid(Value):
+    """The camera's pixels in the far field.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns).
+    pixels_per_grain
+        Pixels per speckle grain (wavelength / width); at least 2, below which intensities are undersampled.
+    """
+
+    shape: tuple[PositiveInt, PositiveInt]
+    pixels_per_grain: Positive = 3.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.pixels_per_grain < 2:
+            reject("CameraGrid.pixels_per_grain", "at least 2", self.pixels_per_grain, "Fewer undersample the speckle.")
+        return self
+
+
+class Lab(LabSetup):
+    """A laboratory, and the shape of its aperture: every field of :class:`~specklegen.instrument.lab.LabSetup`,
+    and one more.
+
+    Parameters
+    ----------
+    profile
+        Shape of the illuminated part of the layer, ``aperture`` across.
+    """
+
+    profile: Profile = "square"
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """What the engine needs to know of window and camera.
+
+    Attributes
+    ----------
+    wavelength : float
+        Inside the medium.
+    width, profile :
+        The illuminated window.
+    grid : FarFieldGrid
+        The camera's pixels.
+    bandwidth : float
+        Full width of the spectrum in wavenumber inside the medium.
+    pixel_integration : bool
+        Whether pixels average over their area.
+    """
+
+    wavelength: float
+    width: float
+    profile: Profile
+    grid: FarFieldGrid
+    bandwidth: float
+    pixel_integration: bool

@@ -1,0 +1,382 @@
+"""Recipes: what a data set is made of, and its samples as pure functions of (seed, split, index).
+
+A recipe is a frozen value, read from a packaged preset or a TOML file. ``inherits`` names another recipe to
+start from; tables are merged, everything else is replaced. The physics of each kind is in a file of its own:
+:mod:`tilt_stack`, :mod:`hidden_object`, :mod:`partially_coherent`.
+"""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BeforeValidator, PrivateAttr, WithJsonSchema, model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import PositiveInt, Value
+from specklegen.datasets.recipes.medium_realization import MediumRealization
+from specklegen.datasets.recipes.parts.distributions import ends
+from specklegen.datasets.recipes.parts.light import Light
+from specklegen.datasets.recipes.parts.material import Estimator, KnownMaterial, Material, known_light
+from specklegen.datasets.recipes.parts.viewing import CameraGrid, Lab, Viewing, Window
+from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
+from specklegen.instrument.camera import Camera, NoiseStreams, expose
+from specklegen.planning.planning import Plan
+from specklegen.samplers.stationary.atlas import atlas_digest
+from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
+from specklegen.scene.illumination import Profile
+from specklegen.scene.sensors import FarFieldGrid
+
+DATA_VERSION = 2
+"""Raised by hand whenever pixels change; a golden test guards it."""
+
+PARAMETERS = ArraySpec(
+    dtype="float64",
+    description="parameters drawn for the sample and what follows from them; lengths in the recipe's unit, angles in "
+    "radians, pitches in direction sines inside the medium; expected_contrast is that of the light at one pixel, "
+    "before the camera's noise; estimator: " + ", ".join(f"{e.value} kernel from {e.name.lower()}" for e in Estimator),
+)
+"""Layout of the parameters of every kind."""
+
+_NOISES = (Purpose.SHOT_NOISE, Purpose.BACKGROUND, Purpose.DARK_CURRENT, Purpose.READ_NOISE)
+
+COSMETIC = {"name", "description", "samples"}
+"""Fields that decide no pixel and so stay out of the fingerprint."""
+
+
+class Samples(Value):
+    """Samples an epoch, split by split."""
+
+    train: PositiveInt = 4096
+    validation: PositiveInt = 512
+    test: PositiveInt = 512
+
+
+Media = Annotated[
+    PositiveInt | None,
+    BeforeValidator(lambda media: None if media == "new" else media),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1}, {"const": "new"}, {"type": "null"}]}),
+]
+"""A number of media, or "new" for one that is never seen again (TOML has no null to override a number with)."""
+
+
+class Recipe(Value):
+    """What every kind of recipe has.
+
+    Parameters
+    ----------
+    name, description
+        For people; not part of the fingerprint.
+    samples
+        Samples an epoch.
+    media
+        Media a split; sample n is seen through medium n mod ``media``. "new" (None) never repeats one.
+    media_group
+        Neighbouring samples that share a medium, where media never repeat.
+    material, window, camera
+        The scene, in the engine's terms.
+    lab
+        Or in those of a laboratory, instead of wavelength, window, camera and field.
+    light
+        Bandwidth and polarisation.
+    exposure
+        Camera and its noises; where given, images are counts, and pixels average over their area.
+    """
+
+    name: str
+    description: str = ""
+    samples: Samples = Samples()
+    media: Media = None
+    media_group: PositiveInt = 1
+    material: Material
+    window: Window | None = None
+    camera: CameraGrid | None = None
+    lab: Lab | None = None
+    light: Light = Light()
+    exposure: Camera | None = None
+    _device: str = PrivateAttr("cpu")  # not written down: a file says what is rendered, not where
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        stated = {"material.wavelength": self.material.wavelength, "window": self.window, "camera": self.camera}
+        given = [name for name, value in stated.items() if value is not None]
+        if self.lab is not None and given:
+            reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
+        if self.lab is None and len(given) < len(stated):
+            reject("Recipe", f"given {', '.join(stated)}, or else a table lab", given)
+        if self.lab is not None and (self.light.bandwidth or self.light.refractive_index != 1):
+            reject("Recipe.light", "without bandwidth and refractive_index, which the lab gives", self.light)
+        if self.media is not None and self.media_group != 1:
+            reject("Recipe.media_group", "1 where media are numbered", self.media_group, "Leave out media.")
+        if self.lab is None:
+            self._check_smear()
+        if self.window is not None and (self.window.width == "fitted") != self.fits_window:
+            reject("Window.width", '"fitted" where field.pixels is given, a length elsewhere', self.window.width,
+                   "Give one of window.width and field.pixels.")  # fmt: skip
+        if self.exposure is not None and self.exposure.oversampling != 1:
+            reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
+        return self
+
+    def _check_smear(self) -> None:
+        """Speckle scales with the wavelength: over the band it must not move by more than its own size."""
+        assert self.material.wavelength is not None
+        assert self.camera is not None
+        grains = max(self.camera.shape) / self.camera.pixels_per_grain
+        largest = self.light.refractive_index * self.material.wavelength / grains
+        if self.light.bandwidth > largest:
+            reject("Light.bandwidth", f"at most {largest:.4g}, which moves the pattern by one speckle",
+                   self.light.bandwidth, "Use a narrower filter, or a smaller camera.")  # fmt: skip
+
+    @property
+    def device(self) -> str:
+        """Torch device that samples are rendered on."""
+        return self._device
+
+    def on(self, device: str) -> Self:
+        """Return this recipe rendering on another torch device: the same random numbers, other rounding."""
+        copy = self.model_copy()
+        copy._device = device
+        return copy
+
+    def __eq__(self, other: object) -> bool:
+        # What is kept for a recipe lies on its device.
+        return super().__eq__(other) and self._device == other._device  # type: ignore[attr-defined]
+
+    __hash__ = Value.__hash__
+
+    @property
+    def data_version(self) -> int:
+        """Version of the pixels."""
+        return DATA_VERSION
+
+    @property
+    def fits_window(self) -> bool:
+        """Whether each medium has a window of its own."""
+        return False
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength inside the medium."""
+        if self.lab is not None:
+            return self.lab.medium_wavelength
+        assert self.material.wavelength is not None
+        return self.material.wavelength
+
+    @property
+    def profile(self) -> Profile:
+        """Shape of the window."""
+        outline = self.lab or self.window
+        assert outline is not None
+        return outline.profile
+
+    @property
+    def camera_shape(self) -> tuple[int, int]:
+        """(rows, columns) of an image."""
+        if self.lab is not None:
+            return self.lab.pixels
+        assert self.camera is not None
+        return self.camera.shape
+
+    @cached_property
+    def geometry(self) -> Viewing:
+        """Window and camera as the engine sees them; of a recipe whose window is the same for every medium."""
+        lab = self.lab
+        if lab is not None:
+            pitch = lab.view_pitch * lab.oversampling  # whole pixels: their area is integrated exactly
+            grid = FarFieldGrid(shape=lab.pixels, pitch=pitch)
+            return Viewing(self.wavelength, lab.aperture, lab.profile, grid, lab.wavenumber_bandwidth, True)
+        assert self.window is not None
+        if self.window.width == "fitted":
+            reject("Recipe.geometry", "asked of a medium where the window is fitted", self.window.width)
+        return self.seen_through(self.window.width)
+
+    def seen_through(self, width: float) -> Viewing:
+        """Camera behind a window of some width, its grains always of the same number of pixels."""
+        assert self.camera is not None
+        wavelength, light = self.wavelength, self.light
+        grid = FarFieldGrid(shape=self.camera.shape, pitch=wavelength / (width * self.camera.pixels_per_grain))
+        # d k = 2 pi n d(lambda_0) / lambda_0^2, and lambda_0 = n wavelength
+        bandwidth = 2 * np.pi * light.bandwidth / (light.refractive_index * wavelength**2)
+        return Viewing(wavelength, width, self.profile, grid, bandwidth, self.exposure is not None)
+
+    def physics(self) -> dict[str, Any]:
+        """Everything that decides a pixel."""
+        decided = self.model_dump(mode="json", exclude=COSMETIC) | {"data_version": DATA_VERSION}
+        return decided | ({"atlas": atlas_digest()} if self.material.kernel == "atlas" else {})
+
+    @cached_property
+    def _canonical_json(self) -> str:
+        return json.dumps(self.physics(), sort_keys=True, separators=(",", ":"))
+
+    def fingerprint(self) -> str:
+        """SHA-256 of everything that decides a pixel, in hexadecimal."""
+        return hashlib.sha256(self.canonical_json().encode()).hexdigest()
+
+    def length(self, split: str) -> int:
+        """Samples in an epoch of a split."""
+        split_number(split)
+        return int(getattr(self.samples, split))
+
+    def medium_number(self, index: int) -> int:
+        """Number of the medium of sample ``index``."""
+        return index // self.media_group if self.media is None else medium_of(index, self.media)
+
+    def media_of(self, samples: int) -> int:
+        """Media behind the first ``samples`` samples of a split."""
+        return -(-samples // self.media_group) if self.media is None else min(samples, self.media)
+
+    def material_of(self, seed: int, split: Split, medium: int) -> KnownMaterial:
+        """Material of one medium, with its kernel."""
+        rng = generator(substream(seed, split, Purpose.MATERIAL, medium))
+        return self.material.known(self.material.draw(rng, split))
+
+    def sampler(
+        self, material: KnownMaterial, seen: Viewing, shape: tuple[int, int], pitch: float, base: np.ndarray,
+        tolerance: float = 0.01,
+    ) -> ObjectSampler:  # fmt: skip
+        """Sampler of the engine for objects of a shape and pitch under base tilts float64[T, 2] (sines)."""
+        light = None
+        if seen.bandwidth:
+            light = known_light(material.slab, self.material.kernel_paths, seen.bandwidth, self.light.spectrum)
+        return object_sampler(
+            material.kernel, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch, width=seen.width,
+            profile=seen.profile, grid=seen.grid, base=base, light=light, pixel_integration=seen.pixel_integration,
+            tolerance=tolerance, device=self.device,
+        )  # fmt: skip
+
+    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
+        """Make one medium ready, with all that is drawn for it."""
+        raise NotImplementedError
+
+    def observed(self, images: np.ndarray, seed: int, split: Split, index: int) -> np.ndarray:
+        """What the camera makes of expected intensities float[..., H, W]: float32, or counts if it is exposed."""
+        if self.exposure is None:
+            return images.astype(np.float32)
+        streams = NoiseStreams(*(substream(seed, split, purpose, index) for purpose in _NOISES))
+        # Rounding may leave a dark pixel a little below 0.
+        return expose(self.exposure, np.maximum(images, 0), streams)
+
+    def observation(self, shape: tuple[int, ...], dims: tuple[str, ...], what: str) -> ArraySpec:
+        """Layout of an array of camera images."""
+        if self.exposure is None:
+            return ArraySpec(shape=shape, dims=dims, description=f"{what}, intensity over its expected value")
+        counts = self.exposure.bit_depth is not None
+        return ArraySpec(
+            shape=shape, dims=dims, dtype="uint16" if counts else "float32", counts=counts, units="counts",
+            description=f"{what}, counts",
+        )  # fmt: skip
+
+    def split_notes(self) -> str:
+        """What the splits share and what they do not, in Markdown sentences for the data card."""
+        notes = ["No medium of one split appears in another: each has random streams of its own."]
+        ranges = self.material.by_split
+        if ranges is not None:
+            spans = "; ".join("{} {:g} to {:g}".format(split, *ends(getattr(ranges, split))) for split in SPLITS)
+            notes.append(f"The splits differ in the material: {ranges.parameter} is drawn from {spans}.")
+        elif self.material.varies:
+            notes.append("Materials of all splits are drawn from the same ranges, independently.")
+        else:
+            notes.append("All media are of one material.")
+        return " ".join(notes)
+
+    def layout(self) -> Mapping[str, ArraySpec]:
+        """Shape, type, axes and unit of every array of a sample."""
+        raise NotImplementedError
+
+    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+        """One sample: arrays, "index" and "parameters" (a flat dict of float64). Pure.
+
+        Raises
+        ------
+        RuleError
+            If the split is unknown, or the seed or the index is not a whole number of at least 0.
+        """
+        raise NotImplementedError
+
+    def plans(self) -> list[Plan]:
+        """Plans of the engine for the scene at the ends of every range of the material."""
+        raise NotImplementedError
+
+    def batch(self, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:
+        """Samples stacked along a new first axis, parameters as a dict of float64[B]; the same bits as alone."""
+        samples = [self.sample(seed, split, index) for index in indices]
+        if not samples:
+            reject("batch indices", "at least one index", list(indices))
+        batch = {key: np.stack([s[key] for s in samples]) for key in samples[0] if key != "parameters"}
+        names = samples[0]["parameters"]
+        return batch | {"parameters": {n: np.array([s["parameters"][n] for s in samples]) for n in names}}
+
+
+def recipe_names() -> list[str]:
+    """Names of the packaged recipes."""
+    folder = files("specklegen.datasets") / "recipes" / "packaged"
+    return sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
+
+
+def recipe_table(source: str | Path) -> dict[str, Any]:
+    """Table of a packaged recipe (by name) or of a TOML file (by path), what it inherits merged in.
+
+    Raises
+    ------
+    RuleError
+        If there is no such recipe, the file is not TOML, or recipes inherit one another in a circle.
+    """
+    return _table(str(source), ())
+
+
+def _table(source: str, heirs: tuple[str, ...]) -> dict[str, Any]:
+    if source in heirs:
+        reject("recipe.inherits", "free of circles", " -> ".join([*heirs, source]))
+    table = _parse(source)
+    parent = table.pop("inherits", None)
+    if parent is None:
+        return table
+    if parent not in recipe_names() and not Path(parent).is_absolute():
+        parent = str(Path(source).parent / parent)
+    return merged(_table(parent, (*heirs, source)), table)
+
+
+def _parse(source: str) -> dict[str, Any]:
+    if source in recipe_names():
+        text = (files("specklegen.datasets") / "recipes" / "packaged" / f"{source}.toml").read_text()
+    elif Path(source).is_file():
+        text = Path(source).read_text()
+    else:
+        reject(
+            "recipe", f"one of {', '.join(recipe_names())}, or the path of a TOML file", source,
+            "`specklegen recipes` lists the packaged ones.",
+        )  # fmt: skip
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        reject("recipe", "valid TOML", source, str(error))
+
+
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge tables: tables go into tables, everything else is replaced.
+
+    A table with another ``type`` replaces the old one whole, since their fields have nothing in common; so
+    does a distribution (``{uniform = ...}``).
+    """
+    result = dict(base)
+    for key, value in changes.items():
+        old = result.get(key)
+        both = isinstance(old, Mapping) and isinstance(value, Mapping)
+        if both and value.get("type", old.get("type")) == old.get("type") and not _is_draw(old):  # type: ignore[union-attr]
+            result[key] = merged(old, value)  # type: ignore[arg-type]
+        else:
+            result[key] = value
+    return result
+
+
+def _is_draw(table: Mapping[str, Any]) -> bool:
+    return bool({"uniform", "log_uniform", "choice"} & table.keys())
+
+
+__all__ = ["SPLITS", "Recipe", "merged", "recipe_names", "recipe_table"]

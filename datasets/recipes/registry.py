@@ -1,0 +1,57 @@
+"""Reading recipes: a name or a path, and changes, to a validated recipe."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from specklegen.core.errors import reject
+from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
+from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
+from specklegen.datasets.recipes.recipe import Recipe, merged, recipe_table
+from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
+
+KINDS: dict[str, type[Recipe]] = {
+    "tilt-stack": TiltStack,
+    "material-regression": MaterialRegression,
+    "hidden-object": HiddenObject,
+    "partially-coherent": PartiallyCoherent,
+    "dynamic-slab": DynamicSlab,
+    "two-tilts": TwoTilts,
+}
+
+
+def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) -> Recipe:
+    """Read a recipe.
+
+    Parameters
+    ----------
+    source
+        Name of a packaged recipe, or path of a TOML file.
+    changes
+        A nested table merged over it, such as ``{"objects": {"type": "Folder", "path": "my-images"}}``.
+
+    Raises
+    ------
+    RuleError
+        If there is no such recipe, or one of its fields breaks a rule.
+    """
+    table = merged(recipe_table(source), changes or {})
+    kind = table.get("kind")
+    if kind not in KINDS:
+        reject("recipe.kind", f"one of {', '.join(KINDS)}", kind)
+    return KINDS[kind](**table)
+
+
+def recipe_schema(name: str) -> dict[str, Any]:
+    """JSON schema of a kind of recipe, by its name or that of a recipe of the kind.
+
+    Raises
+    ------
+    RuleError
+        If there is neither.
+    """
+    kind = name if name in KINDS else recipe_table(name).get("kind")
+    if kind not in KINDS:
+        reject("recipe.kind", f"one of {', '.join(KINDS)}", kind)
+    return KINDS[kind].model_json_schema()

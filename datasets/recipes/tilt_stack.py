@@ -1,0 +1,103 @@
+"""Recipe kinds "tilt-stack" and "material-regression": the speckle of one medium under several tilts."""
+
+from collections.abc import Mapping
+from typing import Any, Literal, cast
+
+import numpy as np
+
+from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
+from specklegen.datasets.recipes.parts.light import draw_medium
+from specklegen.datasets.recipes.parts.tilts import Tilts
+from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
+from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.split import Purpose, Split, generator, substream
+from specklegen.planning.planning import Plan, plan
+from specklegen.scene.illumination import CollimatedBeams
+from specklegen.scene.media import Slab
+from specklegen.scene.scene import Scene
+
+_BEAM = np.ones((1, 1), np.float32)  # to the sampler, a beam is an object of one pixel
+
+
+class TiltStack(Recipe):
+    """Stacks of speckle images of one medium, one image a tilt, mean intensity 1.
+
+    Samples: ``stack`` float32[T, H, W] (or uint16 counts), ``tilts`` float64[T, 2] in radians.
+    """
+
+    kind: Literal["tilt-stack"] = "tilt-stack"
+    tilts: Tilts
+
+    def layout(self) -> Mapping[str, ArraySpec]:
+        """Shape, type, axes and unit of every array of a sample."""
+        shape = (self.tilts.count, *self.camera_shape)
+        return {
+            "stack": self.observation(shape, ("tilt", "y", "x"), "one image a tilt"),
+            "tilts": self.tilts.layout,
+            "parameters": PARAMETERS,
+        }
+
+    def scene(self, slab: Slab, angles: np.ndarray) -> Scene:
+        """Scene of one medium."""
+        seen = self.geometry
+        beams = CollimatedBeams.tilts(angles, width=seen.width, profile=seen.profile)
+        return Scene(wavelength=seen.wavelength, medium=slab, illumination=beams, sensor=seen.grid)
+
+    def plans(self) -> list[Plan]:
+        """Plans for the widest tilts at the ends of every range of the material."""
+        scenes = [self.scene(slab, self.tilts.widest) for slab in self.material.extremes()]
+        return [plan(scene, paths=self.material.kernel_paths) for scene in scenes]
+
+    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
+        """Make one medium ready, with all that is drawn for it."""
+        material = self.material_of(seed, split, medium)
+        angles, tilted = self.tilts.drawn(generator(substream(seed, split, Purpose.TILTS, medium)))
+        seen = self.geometry
+        sampler = self.sampler(material, seen, (1, 1), seen.grid.pitch, np.sin(angles))
+        parameters = material.parameters(seen.wavelength) | {
+            "width": seen.width,
+            "camera_pitch": seen.grid.pitch,
+            **tilted,
+        }
+        media = [draw_medium(self.light, sampler, seed, split, medium)]
+        return prepared(sampler, media, parameters, halves=self.light.halves, share=False, tilts=angles)
+
+    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+        """One stack with its tilts and parameters; see :class:`Recipe`."""
+        which = cast(Split, split)
+        medium = self.medium_number(index)
+        ready = medium_realization(self, seed, which, medium)
+        return {
+            "stack": self.observed(ready.images(_BEAM), seed, which, index),
+            "tilts": ready.tilts.copy(),
+            "index": np.int64(index),
+            "parameters": {
+                **ready.parameters,
+                "expected_contrast": ready.expected_contrast(_BEAM),
+                "medium": float(medium),
+            },
+        }
+
+
+class MaterialRegression(TiltStack):
+    """Stacks to tell the material from.
+
+    Samples: as of "tilt-stack", and ``target`` float32[3]: g, log10 of the optical depth, log10 of the
+    thickness in the recipe's unit of length.
+    """
+
+    kind: Literal["material-regression"] = "material-regression"  # type: ignore[assignment]
+
+    def layout(self) -> Mapping[str, ArraySpec]:
+        """Shape, type, axes and unit of every array of a sample."""
+        target = ArraySpec(
+            shape=(3,), dims=("target",), description="g, log10 of the optical depth, log10 of the thickness"
+        )
+        return {**super().layout(), "target": target}
+
+    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+        """One stack with its tilts, target and parameters; see :class:`Recipe`."""
+        sample = super().sample(seed, split, index)
+        drawn = sample["parameters"]
+        target = [drawn["g"], np.log10(drawn["optical_depth"]), np.log10(drawn["thickness"])]
+        return {**sample, "target": np.array(target, np.float32)}

@@ -1,0 +1,1 @@
+"""The store: samples on disk, written shard by shard, checked on reading."""

@@ -1,0 +1,81 @@
+"""The data card: a page in Markdown beside every store that says what is in it and how to read it."""
+
+import json
+import os
+from pathlib import Path
+
+from specklegen.datasets.store.store import Store
+
+_PAGE = """# {title}: {split} split
+
+{samples} samples rendered by specklegen from the recipe `{title}`, seed {seed}, data version {data_version}.
+Sample n is a pure function of (recipe, seed, split, n): it can be rendered again from what is stored with it.
+Fingerprint of the data set: `{fingerprint}`.
+
+## Arrays
+
+| name | stored as | axes | units | what it is |
+|---|---|---|---|---|
+{arrays}
+
+Each sample carries its `index`, its `seed` and the parameters that were drawn for it:
+`parameters[sample, :]`, in this order: {names}.
+
+## Splits
+
+Train, validation and test are rendered from separate streams of random numbers, never drawn from one pool.
+{notes}
+## Reading it
+
+Without specklegen, `zarr.open_group("{name}", mode="r")` or `xarray.open_zarr("{name}", consolidated=False)`.
+Only samples with `valid` true have been written; all others read as zeros there.
+`specklegen.datasets.SpeckleCache("{name}")` never hands out such a sample, and checks what it reads.
+
+Shards hold {shard_samples} samples. Files appear by renaming but are not flushed (no fsync): after a power
+cut, run `verify`.
+
+## Recipe
+
+```json
+{recipe}
+```
+"""
+
+
+def card(store: Store) -> str:
+    """Write the data card from the store alone; the notes that it was made with go under the splits."""
+    identity, described = store.attributes["identity"], store.describe()
+    notes = store.attributes["notes"].strip()
+    rows = [
+        f"| `{key}` | {row['dtype']} | {_axes(row)} | {row['units']} | {row['description']} |"
+        for key, row in described.items()
+    ]
+    return _PAGE.format(
+        **{key: identity[key] for key in ("split", "seed", "data_version")},
+        title=store.attributes["title"],
+        samples=store.samples,
+        fingerprint=store.attributes["fingerprint"],
+        arrays="\n".join(rows),
+        names=", ".join(f"`{name}`" for name in store.parameter_names) or "none",
+        notes=f"\n{notes}\n" if notes else "",
+        name=store.folder.name,
+        shard_samples=store.shard_samples,
+        recipe=json.dumps(store.attributes["recipe"], indent=2, sort_keys=True),
+    )
+
+
+def _axes(row: dict) -> str:
+    return " × ".join(["sample", *(f"{dim} {n}" for dim, n in zip(row["dims"], row["shape"], strict=True))])
+
+
+def card_file(folder: Path) -> Path:
+    """Return where the card of a store stands: beside it, since zarr warns of strangers inside a group."""
+    return folder.with_name(folder.name.removesuffix(".zarr") + ".card.md")
+
+
+def write_card(store: Store) -> Path:
+    """Write the card beside the store, by renaming."""
+    file = card_file(store.folder)
+    temporary = file.with_name(f".{file.name}.{os.getpid()}.partial")
+    temporary.write_text(card(store), encoding="utf-8")
+    return temporary.replace(file)

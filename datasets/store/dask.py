@@ -1,0 +1,134 @@
+"""Filling a store on a Dask cluster (extra ``dask``): the same shards as anywhere else, mapped over its workers.
+
+Shard numbers go out and an outcome of a few hundred bytes comes back; arrays go from the worker that
+rendered them straight into the store, whose folder every worker must see. The shard of a worker that is lost
+is given to another one, and a shard that met an OSError is tried again, as network folders have their
+moments. Any other failure would come back the same, and is reported.
+"""
+
+import os
+import pickle
+import sys
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from specklegen.core.errors import reject
+
+# Workers import this module to find `fill`, which has to be first to say how many threads Numba gets:
+# what loads Numba is imported inside functions.
+if TYPE_CHECKING:
+    from distributed import Client
+    from distributed.deploy import Cluster
+
+    from specklegen.datasets.sample_schema import Renderable
+    from specklegen.datasets.store.generate import Outcome
+    from specklegen.datasets.store.store import Store
+
+RETRIES = 3
+"""Times that a shard is tried again after an OSError."""
+
+_ONE_AT_A_TIME = threading.Lock()  # claims exclude processes, not the threads of one
+
+
+def run(
+    cluster: "str | Client | Cluster", store: "Store", recipe: "Renderable", shards: Iterable[int], wait: bool
+) -> Iterator["Outcome"]:
+    """Fill shards on a cluster; yield what became of each, in the order in which they end.
+
+    Parameters
+    ----------
+    cluster : str, Client or Cluster
+        Address of a scheduler, a client, or a cluster such as ``dask_jobqueue.SLURMCluster``.
+    store, recipe
+        What to fill, and what with.
+    shards : iterable of int
+        Which shards.
+    wait : bool
+        Wait for shards that another process is at, instead of reporting them as taken.
+
+    Raises
+    ------
+    RuleError
+        If no scheduler answers, or the extra is not installed.
+    """
+    shards = list(shards)
+    if not shards:
+        return
+    with _client(cluster) as client:
+        import cloudpickle
+        from distributed import as_completed
+
+        futures = client.map(
+            fill,
+            shards,
+            folder=str(store.folder),
+            recipe=cloudpickle.dumps(recipe),  # as bytes, since reading a recipe loads Numba
+            wait=wait,
+            caller=os.getpid(),
+            retries=RETRIES,
+            pure=False,
+        )
+        shard_of = dict(zip(futures, shards, strict=True))
+        try:
+            for future in as_completed(futures, loop=client.loop):
+                yield _outcome(shard_of[future], future)
+        finally:
+            client.cancel(futures)
+
+
+def _outcome(shard: int, future) -> "Outcome":
+    from specklegen.datasets.store.generate import Outcome
+
+    try:
+        return future.result()
+    except Exception as error:
+        return Outcome(shard, "failed", message=f"shard {shard}: {type(error).__name__}: {error}")
+
+
+@contextmanager
+def _client(cluster: "str | Client | Cluster") -> Iterator["Client"]:
+    try:
+        from distributed import Client
+    except ImportError:
+        reject("generate.cluster", "used with the extra dask installed", cluster, "pip install 'specklegen[dask]'")
+    if isinstance(cluster, Client):
+        yield cluster
+        return
+    try:
+        client = Client(cluster, set_as_default=False)
+    except (OSError, ValueError) as error:
+        reject("generate.cluster", "the address of a Dask scheduler that answers", cluster, f"Dask says: {error}.")
+    with client:
+        yield client
+
+
+def fill(shard: int, folder: str, recipe: bytes, wait: bool, caller: int) -> "Outcome":
+    """Render and write one shard; what a worker runs.
+
+    Raises
+    ------
+    OSError
+        If trying again may help.
+    RuleError
+        If this worker sees no store, or would render something else into it.
+    """
+    if "numba" not in sys.modules:
+        os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # Dask leaves it alone: dask/distributed#9075
+    from specklegen.datasets.store.creation import require_same
+    from specklegen.datasets.store.generate import fill_shard
+    from specklegen.datasets.store.identity import identity
+    from specklegen.datasets.store.store import Store
+    from specklegen.datasets.workers import prepare_worker
+
+    with _ONE_AT_A_TIME:
+        if os.getpid() != caller:  # not a cluster of threads in the process that called generate
+            prepare_worker()
+        store, loaded = Store(folder, writable=True), pickle.loads(recipe)
+        stated = store.attributes["identity"]
+        require_same(store, identity(loaded, stated["seed"], stated["split"], stated["dtype"]))
+        outcome = fill_shard(store, loaded, shard, wait)
+    if outcome.transient:
+        raise OSError(outcome.message)
+    return outcome

@@ -1,0 +1,66 @@
+"""What generating a data set will cost, from a few samples rendered and stored now."""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from specklegen.core.parallel import thread_count
+from specklegen.datasets.sample_schema import Renderable, stored_arrays
+from specklegen.datasets.store.creation import default_shard_samples, open_for, stored_type
+from specklegen.datasets.store.generate import GenerationError, fill_shard
+
+_PROBE = 32
+_COPIES = 2
+"""Of the largest array, beside a shard's columns: its encoded chunks, and the file made of them."""
+
+
+def estimate(
+    recipe: Renderable,
+    samples: int,
+    seed: int = 0,
+    split: str = "train",
+    *,
+    dtype: str = "uint16",
+    shard_samples: int | None = None,
+    processes: int | None = None,
+) -> dict[str, Any]:
+    """Predict the cost of :func:`specklegen.datasets.store.generate.generate` with the same arguments.
+
+    Up to 64 samples are rendered and stored, in a temporary folder.
+
+    Returns
+    -------
+    dict
+        bytes : length of the shard files; seconds : to render and write, the start of workers left out;
+        memory : bytes that a worker holds for a shard, beside what rendering itself takes; shards,
+        shard_samples, processes.
+
+    Raises
+    ------
+    GenerationError
+        If the samples cannot be rendered.
+    """
+    types = {key: (spec, stored_type(spec, dtype)) for key, spec in stored_arrays(recipe).items()}
+    raw = [int(np.prod(spec.shape)) * stored.itemsize for spec, stored in types.values()]
+    rows = min(shard_samples or default_shard_samples(samples, max(raw, default=1)), samples)
+    probe = min(_PROBE, samples)
+    with tempfile.TemporaryDirectory() as folder:
+        store = open_for(recipe, seed, split, dtype, Path(folder) / "probe.zarr", 2 * probe, probe)
+        for shard in (0, 1):  # the first pays for imports and compilation
+            outcome = fill_shard(store, recipe, shard)
+            if outcome.state == "failed":
+                raise GenerationError(outcome.message)
+        stored = sum(file.stat().st_size for file in store.files(1))
+        row = 8 * len(store.parameter_names) + 16
+    shards = -(-samples // rows)
+    workers = min(thread_count(processes), shards)
+    return {
+        "bytes": round(stored / probe * samples),
+        "seconds": outcome.seconds / probe * samples / workers,
+        "memory": rows * (sum(raw) + _COPIES * max(raw, default=0) + row),
+        "shards": shards,
+        "shard_samples": rows,
+        "processes": workers,
+    }

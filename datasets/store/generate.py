@@ -1,0 +1,296 @@
+"""Filling a store: every shard rendered once, by as many processes and machines as there are.
+
+What is there is kept; what is missing is rendered. Several calls may fill one store at the same time, on one
+machine or over a shared folder: each claims the shards that it renders. A call returns when all its shards
+are there.
+"""
+
+import os
+import pickle
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from specklegen.core.errors import reject
+from specklegen.core.parallel import one_torch_thread, thread_count
+from specklegen.datasets.sample_schema import Renderable
+from specklegen.datasets.store.card import write_card
+from specklegen.datasets.store.creation import open_for
+from specklegen.datasets.store.info import info
+from specklegen.datasets.store.store import Store
+from specklegen.datasets.workers import end_with_parent, prepare_worker, worker_context
+
+if TYPE_CHECKING:
+    from distributed import Client
+    from distributed.deploy import Cluster
+
+BATCH = 32
+"""Samples rendered at once: enough to share work, few enough that memory stays flat."""
+
+_POOL_RESTARTS = 2
+
+
+class GenerationError(RuntimeError):
+    """Samples that could not be rendered; all others are in the store."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one shard; small enough to send between machines.
+
+    ``transient`` failures were the system's (an OSError) and may not come back; all others would.
+    """
+
+    shard: int
+    state: Literal["written", "present", "busy", "failed"]
+    seconds: float = 0.0
+    checksum: str = ""
+    message: str = ""
+    transient: bool = False
+
+
+def generate(
+    recipe: Renderable,
+    seed: int = 0,
+    split: str = "train",
+    *,
+    samples: int,
+    folder: str | os.PathLike,
+    dtype: str = "uint16",
+    shard_samples: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    processes: int | None = None,
+    shard_range: tuple[int, int] = (0, 1),
+    cluster: "str | Client | Cluster | None" = None,
+    notes: str = "",
+) -> dict[str, Any]:
+    """Fill the store at ``folder`` with samples 0 to ``samples`` - 1, keeping those that are there.
+
+    Parameters
+    ----------
+    recipe, seed, split
+        What to render.
+    samples : int
+        Number of samples; more than the store holds makes it grow.
+    folder : path
+        The folder of the store, by custom ending in ``.zarr``.
+    dtype : {"uint16", "float32"}
+        How counts are stored; without loss either way. Other arrays keep the type of the layout.
+    shard_samples : int, optional
+        Samples in a shard of a new store; by default 32 MB, and at least sixteen shards.
+    progress : callable, optional
+        Called with (samples done, samples asked for) after every shard.
+    processes : int, optional
+        Worker processes; by default the cores that this process may use. 1 renders in this process.
+    shard_range : (i, n)
+        Do part i of n equal parts, 0 <= i < n: for n machines with a shared folder.
+    cluster : str, Client or Cluster, optional
+        Render on a Dask cluster: :mod:`specklegen.datasets.store.dask`.
+    notes : str
+        Markdown for the data card of a new store, such as what the splits share.
+
+    Returns
+    -------
+    dict
+        What :func:`specklegen.datasets.store.info.info` says of the store.
+
+    Raises
+    ------
+    RuleError
+        If the folder holds something else, or an argument breaks a rule.
+    GenerationError
+        If samples could not be rendered: the (seed, index) of the first of each shard; the rest is done.
+    """
+    _check(samples, shard_samples, shard_range)
+    if cluster is not None and processes is not None:
+        reject("generate.processes", "left out with a cluster, which has its own", processes)
+    store = open_for(recipe, seed, split, dtype, Path(folder).absolute(), samples, shard_samples, notes)
+    store.sweep()
+    write_card(store)
+    part, parts = shard_range
+    count = -(-samples // store.shard_samples)
+    shards = range(part * count // parts, (part + 1) * count // parts)
+    total = sum(len(store.span(shard)) for shard in shards)
+    missing = [shard for shard in shards if not store.is_complete(shard)]
+    done = total - sum(len(store.span(shard)) for shard in missing)
+    report = progress or (lambda done, total: None)
+    report(done, total)
+    failures = []
+    if cluster is None:
+        run = partial(_run, store, recipe, processes=thread_count(processes))
+    else:
+        from specklegen.datasets.store.dask import run as run_on
+
+        run = partial(run_on, cluster, store, recipe)
+    for outcome in _outcomes(run, missing):
+        if outcome.state == "failed":
+            failures.append(outcome.message)
+            continue
+        done += len(store.span(outcome.shard))
+        report(done, total)
+    if failures:
+        shown = "\n".join(failures[:5])
+        raise GenerationError(
+            f"{len(failures)} of {len(shards)} shards failed; the others are stored.\n{shown}"
+        )
+    return info(store.folder)
+
+
+def _check(samples: int, shard_samples: int | None, shard_range: tuple[int, int]) -> None:
+    if samples < 1:
+        reject("generate.samples", "at least 1", samples)
+    if shard_samples is not None and shard_samples < 1:
+        reject("generate.shard_samples", "at least 1", shard_samples, "Leave it out for shards of 32 MB.")
+    part, parts = shard_range
+    if not 0 <= part < parts:
+        reject("generate.shard_range", "(i, n) with 0 <= i < n", shard_range)
+
+
+def fill_shard(store: Store, recipe: Renderable, shard: int, wait: bool = False) -> Outcome:
+    """Render and write one shard, unless it is there or another process is at it (``wait``: wait for it)."""
+    start = time.perf_counter()
+    with store.claimed(shard, wait) as claimed:
+        if claimed == "busy":
+            return Outcome(shard, "busy")
+        if store.is_complete(shard):
+            return Outcome(shard, "present", checksum=store.recorded_digest(shard).hex())
+        try:
+            checksum = store.write_shard(shard, _render(store, recipe, store.span(shard)))
+        except Exception as error:  # a bad sample must not stop the others; it is reported with its address
+            message = f"shard {shard}: {type(error).__name__}: {error}"
+            transient = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
+            return Outcome(shard, "failed", message=message, transient=transient)
+    return Outcome(shard, "written", time.perf_counter() - start, checksum.hex())
+
+
+def _render(store: Store, recipe: Renderable, span: range) -> dict[str, np.ndarray]:
+    seed, split = store.attributes["identity"]["seed"], store.attributes["identity"]["split"]
+    types, kinds, names = store.stored_types(), store.sample_types(), store.parameter_names
+    columns = {key: np.empty((len(span), *shape), types[key]) for key, shape in store.sample_shapes().items()}
+    columns["parameters"] = np.empty((len(span), len(names)))
+    columns["index"] = np.empty(len(span), np.int64)
+    columns["seed"] = np.full(len(span), seed, np.int64)
+    for first in range(0, len(span), BATCH):
+        indices = span[first : first + BATCH]
+        place = slice(first, first + len(indices))
+        batch = _batch(recipe, seed, split, indices)
+        for key in store.keys:
+            columns[key][place] = _as_stored(key, np.asarray(batch[key]), kinds[key], types[key])
+        if list(batch["parameters"]) != names:
+            reject(f"{recipe.name}.parameters", f"{names} in every sample", list(batch["parameters"]))
+        for place_of_name, name in enumerate(names):
+            columns["parameters"][place, place_of_name] = batch["parameters"][name]
+        columns["index"][place] = batch["index"]
+    if not np.array_equal(columns["index"], np.arange(span.start, span.stop)):
+        reject(f"{recipe.name}.batch", "samples in the order of their indices", columns["index"])
+    return columns
+
+
+def _batch(recipe: Renderable, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:
+    """Render a batch; if that fails, find the sample that does, for the message."""
+    try:
+        with one_torch_thread():
+            return recipe.batch(seed, split, indices)
+    except Exception as error:
+        for index in indices:
+            try:
+                recipe.sample(seed, split, index)
+            except Exception as cause:
+                address = f"sample (seed={seed}, split={split!r}, index={index})"
+                raise GenerationError(f"{address} failed: {type(cause).__name__}: {cause}") from error
+        raise
+
+
+def _as_stored(key: str, array: np.ndarray, promised: np.dtype, stored: np.dtype) -> np.ndarray:
+    if array.dtype != promised:
+        reject(f"sample[{key!r}]", f"{promised}, as its layout says", array.dtype)
+    if stored == promised:
+        return array
+    cast = array.astype(stored)
+    if not np.array_equal(cast.astype(promised), array) or (array < 0).any() or (array > 65535).any():
+        reject(f"sample[{key!r}]", "whole counts from 0 to 65535, as its layout says", array.ravel()[:6])
+    return cast
+
+
+def _outcomes(run: Callable[..., Iterator[Outcome]], shards: list[int]) -> Iterator[Outcome]:
+    """Yield an outcome for each shard: first those that are free, then those that others had claimed."""
+    taken: list[int] = []
+    for outcome in run(shards=shards, wait=False):
+        if outcome.state == "busy":
+            taken.append(outcome.shard)
+        else:
+            yield outcome
+    yield from run(shards=taken, wait=True)
+
+
+def _run(
+    store: Store, recipe: Renderable, shards: list[int], processes: int, wait: bool
+) -> Iterator[Outcome]:
+    if min(processes, len(shards)) <= 1:
+        yield from (fill_shard(store, recipe, shard, wait) for shard in shards)
+        return
+    left = dict.fromkeys(shards)
+    for restart in range(_POOL_RESTARTS + 1):
+        before = len(left)
+        try:
+            for outcome in _pooled(store, recipe, list(left), processes, wait):
+                del left[outcome.shard]
+                yield outcome
+            return
+        except BrokenProcessPool:
+            if len(left) == before or restart == _POOL_RESTARTS:
+                raise GenerationError(
+                    f"worker processes died, with {len(left)} shards to do: perhaps for want of memory, "
+                    'or of an `if __name__ == "__main__":` in the script that called generate. '
+                    "Run it again with fewer processes: it resumes."
+                ) from None
+
+
+_job: tuple[Store, Renderable] | None = None
+
+
+def _start_worker(folder: str, recipe: bytes) -> None:
+    global _job
+    end_with_parent()
+    prepare_worker()
+    _job = Store(folder, writable=True), pickle.loads(recipe)
+
+
+def _fill_here(shard: int, wait: bool) -> Outcome:
+    assert _job is not None
+    return fill_shard(*_job, shard, wait)
+
+
+def _pooled(
+    store: Store, recipe: Renderable, shards: list[int], processes: int, wait: bool
+) -> Iterator[Outcome]:
+    recipe.sample(
+        store.attributes["identity"]["seed"], store.attributes["identity"]["split"], 0
+    )  # compiles once
+    pool = ProcessPoolExecutor(
+        min(processes, len(shards)),
+        mp_context=worker_context(),
+        initializer=_start_worker,
+        initargs=(str(store.folder), pickle.dumps(recipe)),
+    )
+    try:
+        futures: list[Future[Outcome]] = [pool.submit(_fill_here, shard, wait) for shard in shards]
+        broken = None
+        for future in as_completed(futures):
+            try:
+                outcome = future.result()
+            except BrokenProcessPool as error:
+                broken = error  # after those that were done
+                continue
+            yield outcome
+        if broken:
+            raise broken
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,12 @@
+from .judging.evaluation import evaluate as evaluate
+from .learning.reconstructor import Reconstructor as Reconstructor
+from .learning.reconstructor import load_pretrained as load_pretrained
+from .learning.training import Training as Training
+from .learning.training import train as train
+from .metrics import align as align
+from .metrics import bootstrap as bootstrap
+from .metrics import scores as scores
+from .recoverability.verdict import Verdict as Verdict
+from .recoverability.verdict import recoverable as recoverable
+from .retrieval.phase_retrieval import Retrieval as Retrieval
+from .retrieval.phase_retrieval import retrieve as retrieve

@@ -1,0 +1,58 @@
+"""Pictures of training and evaluation, as PNG."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from specklegen.models.judging.evaluation import Case
+from specklegen.models.metrics import Interval
+from specklegen.pictures import _figure, _save, _show
+
+
+def training_curves(runs: Mapping[str, Sequence[Mapping[str, float]]], out: Path) -> Path:
+    """Draw loss and validation over processor time, a colour a run; rows as in a run's log.csv."""
+    figure, axes = _figure(1, 2, 5.0, 3.6)
+    for label, rows in runs.items():
+        minutes = [row["seconds"] / 60 for row in rows]
+        axes[0, 0].plot(minutes, [row["train_loss"] for row in rows], "o-", ms=3, label=label)
+        axes[0, 1].plot(minutes, [row["validation_pearson"] for row in rows], "o-", ms=3, label=label)
+    for axis, title in zip(axes[0], ("training loss", "Pearson correlation, validation media"), strict=True):
+        axis.set_title(title, fontsize=10)
+        axis.set_xlabel("processor time, minutes")
+        axis.grid(alpha=0.3)
+    axes[0, 1].legend(frameon=False)
+    return _save(figure, out)
+
+
+def contact_sheet(cases: Sequence[Case], out: Path) -> Path:
+    """Draw cases, a column each: camera image, what each method made of it (with its Pearson correlation), object."""
+    methods = list(cases[0].reconstructions)
+    figure, axes = _figure(2 + len(methods), len(cases), 1.25, 1.36)
+    for column, case in enumerate(cases):
+        axis = axes[:, column]
+        _show(axis[0], case.image, low=0, high=float(np.percentile(case.image, 99.5)))
+        for row, name in enumerate(methods, 1):
+            made = case.reconstructions[name]
+            score = f"{case.scores[name]:.2f}"
+            _show(axis[row], made, score, low=min(0.0, float(made.min())), high=max(float(made.max()), 1e-6))
+        _show(axis[-1], case.object, low=0, high=1)
+    for axis, name in zip(axes[:, 0], ("camera sees", *methods, "hidden object"), strict=True):
+        axis.text(-0.08, 0.5, name, rotation=90, ha="right", va="center", fontsize=10, transform=axis.transAxes)
+    return _save(figure, out)
+
+
+def score_curves(curves: Mapping[str, Mapping[float, Interval]], label: str, out: Path) -> Path:
+    """Draw a score with its intervals over a number, a line a method."""
+    figure, axes = _figure(1, 1, 5.5, 3.8)
+    axis = axes[0, 0]
+    for method, points in curves.items():
+        places = sorted(points)
+        middle = np.array([points[x].mean for x in places])
+        ends = np.array([[points[x].mean - points[x].low, points[x].high - points[x].mean] for x in places]).T
+        axis.errorbar(places, middle, ends, fmt="o-", ms=4, capsize=2, label=method)
+    axis.set_xlabel(label)
+    axis.set_ylabel("Pearson correlation to the sharp object")
+    axis.grid(alpha=0.3)
+    axis.legend(frameon=False)
+    return _save(figure, out)

@@ -1,0 +1,90 @@
+"""Examples: what a network sees and what it should show, ready in memory."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from specklegen.core.parallel import one_torch_thread
+from specklegen.datasets import Recipe, SpeckleCache, SpeckleStream
+from specklegen.datasets.loading.stream import tensors
+from specklegen.models.learning.inputs import network_input
+
+_CHUNK = 64
+
+
+class Examples(NamedTuple):
+    """Inputs, targets and media of n samples.
+
+    Attributes
+    ----------
+    inputs : float16[n, C, H, W] or float16[n, T, C, H, W]
+        Of :func:`~specklegen.models.learning.inputs.network_input`; half precision keeps them in memory.
+    targets : float32[n, h, w]
+        Objects.
+    media : int64[n]
+        Medium of each.
+    """
+
+    inputs: Tensor
+    targets: Tensor
+    media: Tensor
+
+
+def batches_of(source: Recipe | SpeckleCache, samples: int, seed: int = 0, split: str = "test") -> Iterator[dict]:
+    """First ``samples`` samples of a store, or of a split of a recipe, in batches of tensors."""
+    for first in range(0, samples, _CHUNK):
+        indices = range(first, min(first + _CHUNK, samples))
+        if isinstance(source, SpeckleCache):
+            yield source.batch(indices)
+        else:
+            with one_torch_thread():
+                yield tensors(source.batch(seed, split, indices))
+
+
+def examples(
+    source: Recipe | SpeckleCache, kind: str, samples: int | None = None, seed: int = 0, split: str = "train"
+) -> Examples:
+    """Read or render samples and turn them into a network's input, once.
+
+    Parameters
+    ----------
+    source
+        A store, or a recipe.
+    kind
+        "camera" or "autocorrelation".
+    samples
+        How many; by default all of a store, or an epoch of the split.
+    seed, split
+        Of a recipe.
+    """
+    count = samples or (len(source) if isinstance(source, SpeckleCache) else source.length(split))
+    parts = [
+        Examples(network_input(batch, kind).half(), batch["object"].float(), batch["parameters"]["medium"].long())
+        for batch in batches_of(source, count, seed, split)
+    ]
+    return Examples(*(torch.cat(field) for field in zip(*parts, strict=True)))
+
+
+def streamed(stream: SpeckleStream, kind: str, workers: int = 0) -> tuple[Callable[[int, int], Iterator[Any]], int]:
+    """Batches that are rendered while the network trains, for ``train``: every epoch is new."""
+    loader = stream.loader(num_workers=workers)
+
+    def batches(epoch: int, first: int) -> Iterator[tuple[Tensor, Tensor]]:
+        loader.load_state_dict(loader.state_dict() | {"epoch": epoch, "next_batch": first})
+        for batch in loader:
+            yield network_input(batch, kind), batch["object"].float()
+
+    return batches, len(stream)
+
+
+def mirrored(inputs: Tensor, targets: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
+    """Mirror some samples left to right.
+
+    Zero lag stays where it is, in column n/2 of n: column 0, which has no counterpart, stays too. A camera image turns
+    about the same column; it is cyclic there by one pixel, which no network has noticed.
+    """
+    turned = torch.roll(inputs.flip(-1), 1, -1)
+    keep = which.reshape(-1, *[1] * (inputs.ndim - 1))
+    return torch.where(keep, turned, inputs), torch.where(which[:, None, None], targets.flip(-1), targets)

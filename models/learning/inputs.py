@@ -1,0 +1,129 @@
+"""What a network sees of a sample: the camera image, or the autocorrelation of its speckle around zero lag.
+
+The autocorrelation is that of the object times the material's memory effect, plus a speckle grain at zero lag (Freund
+1990; Katz et al. 2014), and all of it lies within one object's side of zero lag. So only those lags are handed over, on
+the pitch at which the object is to be reconstructed (``object_pitch``, chosen by whoever asks for an image; a material
+does not tell it). That takes scale out of the problem, and averages over pixels where they are finer than that pitch.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from specklegen.core.errors import reject
+from specklegen.models.retrieval.autocorrelation import lag_means
+
+LAGS = 64
+"""Side of the window of lags: up to 32 object pixels either way, for objects of at most 32 pixels."""
+
+
+def speckle_autocorrelation(images: Tensor) -> Tensor:
+    """Autocorrelation of fluctuations, float[..., 2H - 1, 2W - 1], zero lag in the middle and equal to 1.
+
+    Every lag is divided by the number of pixel pairs that it has.
+    """
+    rows, columns = images.shape[-2:]
+    fluctuation = images - images.mean((-2, -1), keepdim=True)
+    lags = lag_means(fluctuation, (rows - 1, columns - 1))
+    peak = lags[..., :1, :1].clamp_min(torch.finfo(lags.dtype).tiny)
+    return torch.fft.fftshift(lags / peak, dim=(-2, -1))
+
+
+def resampled_lags(lags: Tensor, step: Tensor, size: int) -> Tensor:
+    """Lags float[B, M, N] on another pitch, float[B, size, size]; zero lag at [size // 2, size // 2].
+
+    Each new lag is a weighted mean under a triangle as wide as the coarser of the two pitches, so that nothing is
+    aliased and noise is averaged. Where the input has no lag the output is 0.
+
+    Parameters
+    ----------
+    lags
+        Zero lag in the middle; M and N are odd.
+    step
+        Old pitches in a new one, float[B].
+    size
+        Side of the result.
+    """
+    rows, columns = (_triangles(n, step, size) for n in lags.shape[-2:])
+    return rows @ lags @ columns.transpose(-2, -1)
+
+
+def _triangles(count: int, step: Tensor, size: int) -> Tensor:
+    """Weights float[B, size, count] of one axis."""
+    old = torch.arange(count, device=step.device, dtype=step.dtype) - count // 2
+    new = (torch.arange(size, device=step.device, dtype=step.dtype) - size // 2) * step[:, None]
+    distance = (new[..., None] - old).abs() / step.clamp_min(1)[:, None, None]
+    weights = (1 - distance).clamp_min(0)
+    return weights / weights.sum(-1, keepdim=True).clamp_min(1e-6)
+
+
+def without_background(lags: Tensor) -> Tensor:
+    """Lags float[B, n, n] less the mean of the longest, three rows of them, which no object has."""
+    return lags - torch.cat([lags[:, :2], lags[:, -1:]], dim=1).mean((1, 2), keepdim=True)
+
+
+def zero_phase(lags: Tensor) -> Tensor:
+    """Image with the modulus that autocorrelations float[B, n, n] stand for and no phases, its middle equal to 1.
+
+    Power below 0 is noise.
+    """
+    power = torch.fft.rfft2(torch.fft.ifftshift(without_background(lags), dim=(-2, -1))).real
+    image = torch.fft.irfft2(power.clamp_min(0).sqrt(), s=lags.shape[-2:])
+    peak = image[:, :1, :1].clamp_min(torch.finfo(image.dtype).tiny)
+    return torch.fft.fftshift(image / peak, dim=(-2, -1))
+
+
+def camera_input(images: Tensor, step: Tensor) -> Tensor:
+    """Channels float[B, 2, H, W]: the image over its mean less 1, and the scale (the same in every pixel)."""
+    mean = images.mean((-2, -1), keepdim=True).clamp_min(torch.finfo(images.dtype).tiny)
+    return _with_scale(images / mean - 1, step)
+
+
+def autocorrelation_input(images: Tensor, step: Tensor) -> Tensor:
+    """Channels float[B, 2, LAGS, LAGS]: the autocorrelation on the object's pitch, and the scale."""
+    return _with_scale(resampled_lags(speckle_autocorrelation(images), step, LAGS), step)
+
+
+def _with_scale(picture: Tensor, step: Tensor) -> Tensor:
+    scale = torch.log2(step)[:, None, None].expand_as(picture)
+    return torch.stack([picture, scale], dim=1)
+
+
+INPUTS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
+    "camera": camera_input,
+    "autocorrelation": autocorrelation_input,
+}
+"""Name to function of (images float[B, H, W], camera pixels in an object pixel float[B])."""
+
+
+def steps_of(batch: Mapping[str, Any]) -> Tensor:
+    """Camera pixels in an object pixel, float64[B]."""
+    return batch["parameters"]["object_pitch"] / batch["parameters"]["camera_pitch"]
+
+
+def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
+    """Turn a batch of a hidden-object recipe into a network's input.
+
+    Returns
+    -------
+    float[B, 2, H, W], or float[B, T, 2, H, W] for recipes with "stack" or "frames".
+
+    Raises
+    ------
+    RuleError
+        If there is no such input, or the batch has no images of a hidden object.
+    """
+    if kind not in INPUTS:
+        reject("input", f"one of {', '.join(INPUTS)}", kind)
+    name = next((name for name in ("image", "stack", "frames") if name in batch), None)
+    if name is None or "object" not in batch:
+        reject("batch", 'one with "object", and "image", "stack" or "frames"', sorted(batch))
+    images = batch[name].float()
+    step = steps_of(batch).to(images)
+    if images.ndim == 3:
+        return INPUTS[kind](images, step)
+    frames = images.shape[1]
+    made = INPUTS[kind](images.flatten(0, 1), step.repeat_interleave(frames))
+    return made.unflatten(0, (-1, frames))

@@ -1,0 +1,337 @@
+"""When phase retrieval works: a verdict on a scene before a single image is rendered, with the reasons if it fails.
+
+The probability that an image comes back with a Pearson correlation above 0.8 is a logistic function of two logarithms,
+
+    logit p = a + b ln sqrt(noise^2 + (w distortion)^2) + c ln complexity
+
+noise and distortion being the errors of the autocorrelation that follow from the scene (:mod:`residual`), and the
+complexity the object's bright grains. Noise starts from W / (2N), W the autocorrelation's window, N the camera's side;
+distortion weighs more, since it is the same at neighbouring frequencies and no constraint averages it out. The four
+coefficients are fitted by scripts/fit_recoverability.py to half the cells of a table of simulated scenes,
+tests/data/recoverability.csv; a test derives them again. docs/recoverability.md has the judgement on the other half.
+
+A scene that fails is repaired in thought, each time by what helps most, until it works: those repairs are the reasons.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from specklegen.core.errors import reject
+from specklegen.datasets import load_recipe
+from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.datasets.recipes.multi_image import DynamicSlab
+from specklegen.datasets.split import Split
+from specklegen.models.recoverability.autocorrelation_error import Conditions, Residual, residual, speckle_contrast
+
+COEFFICIENTS = {"constant": -0.7623, "residual": -3.9259, "complexity": -2.1653, "distortion_weight": 1.7876}
+"""a, b, c and w, from the even cells of the table."""
+FITTED = {"residual": (0.0319, 2.277), "complexity": (2.5266, 16.5075)}
+"""Smallest and largest of the even cells: beyond, a verdict extrapolates."""
+_EXAMPLES = 12  # objects that stand for their family
+_LARGEST_CAMERA = 16.0  # times the camera's side: larger ones are no remedy
+
+
+class Reason(NamedTuple):
+    """What stands in the way.
+
+    Attributes
+    ----------
+    name : str
+        Of the failure mode.
+    numbers : str
+        What the scene has.
+    remedy : str
+        What would help.
+    """
+
+    name: str
+    numbers: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether phase retrieval works.
+
+    Attributes
+    ----------
+    probability : float
+        That an image comes back with a Pearson correlation above 0.8.
+    reasons : tuple of Reason
+        Why it fails, the weightiest first; empty where it works.
+    numbers : Mapping of str to float
+        What the verdict follows from.
+    """
+
+    probability: float
+    reasons: tuple[Reason, ...]
+    numbers: Mapping[str, float]
+
+    @property
+    def works(self) -> bool:
+        """Whether success is likelier than failure."""
+        return self.probability >= 0.5
+
+    @property
+    def extrapolates(self) -> tuple[str, ...]:
+        """Numbers outside what the verdict was fitted on."""
+        return tuple(name for name, (low, high) in FITTED.items() if not low <= self.numbers[name] <= high)
+
+    def explain(self) -> str:
+        """Verdict, numbers, reasons and remedies, as text."""
+        lines = [f"{'works' if self.works else 'fails'}: success probability {self.probability:.2f}"]
+        lines += [f"  {name.replace('_', ' '):22s} {value:.4g}" for name, value in self.numbers.items()]
+        for name in self.extrapolates:
+            low, high = FITTED[name]
+            lines.append(f"  caution: {name} outside {low:.3g} to {high:.3g}, on which this was fitted")
+        for reason in self.reasons:
+            lines.append(f"{reason.name}: {reason.numbers}\n  remedy: {reason.remedy}")
+        return "\n".join(lines)
+
+
+def total(noise: np.ndarray | float, distortion: np.ndarray | float, weight: float) -> np.ndarray:
+    """Noise and distortion together; of a table, arrays."""
+    return np.maximum(np.hypot(noise, weight * np.asarray(distortion)), 1e-9)
+
+
+def logit(found: Residual) -> float:
+    """Logarithm of the odds of success."""
+    constant, slope, per_grain, weight = COEFFICIENTS.values()
+    residual_ = total(found.noise, found.distortion, weight)
+    return float(constant + slope * np.log(residual_) + per_grain * np.log(found.complexity))
+
+
+def judge(conditions: Conditions) -> Verdict:
+    """Predict success from the conditions alone."""
+    found = residual(conditions)
+    value = logit(found)
+    numbers = {
+        "residual": float(total(found.noise, found.distortion, COEFFICIENTS["distortion_weight"])),
+        "noise": found.noise,
+        "distortion": found.distortion,
+        "complexity": found.complexity,
+        "window_over_2_cameras": found.window_over_camera,
+        "camera_grains": conditions.camera,
+        "object_grains": conditions.side,
+        "C_I_across_object": _across(conditions),
+        "contrast": conditions.contrast,
+        "electrons_a_grain": conditions.electrons,
+        "saturation_over_mean": conditions.saturation,
+    }
+    reasons = () if value >= 0 else _reasons(conditions, found)
+    return Verdict(float(1 / (1 + np.exp(-value))), reasons, MappingProxyType(numbers))
+
+
+def recoverable(
+    recipe: HiddenObject | str | Path,
+    *,
+    compensation: bool = True,
+    beam: float = float("inf"),
+    removal: float = 0.0,
+    media: int = 4,
+    seed: int = 0,
+) -> Verdict:
+    """Predict whether phase retrieval recovers the objects of a recipe.
+
+    Parameters
+    ----------
+    recipe
+        A recipe with hidden objects, the name of a packaged one, or a TOML file.
+    compensation
+        Divide the autocorrelation by the material's C_I.
+    beam
+        Sigma of a Gaussian envelope of the light on the camera, in camera sides; recipes have none.
+    removal
+        Sigma of the mean that the envelope is divided out with, in camera sides; 0 leaves it in.
+    media
+        Media drawn from the recipe; the verdict is on their mean.
+    seed
+        Of those media and of the example objects.
+
+    Raises
+    ------
+    RuleError
+        If the recipe has no hidden objects, or there are no media.
+    """
+    loaded = load_recipe(recipe) if isinstance(recipe, str | Path) else recipe
+    if not isinstance(loaded, HiddenObject):
+        reject("recoverable recipe", "one with hidden objects", loaded.name)
+    if media < 1:
+        reject("recoverable media", "at least 1", media)
+    count = media if loaded.material.varies or loaded.field_varies else 1
+    each = [
+        judge(conditions_of(loaded, seed=seed, medium=n, compensation=compensation, beam=beam, removal=removal))
+        for n in range(count)
+    ]
+    return _together(each)
+
+
+def conditions_of(
+    recipe: HiddenObject,
+    *,
+    compensation: bool = True,
+    beam: float = float("inf"),
+    removal: float = 0.0,
+    seed: int = 0,
+    split: Split = "train",
+    medium: int = 0,
+) -> Conditions:
+    """Conditions of a recipe's images through one of its media."""
+    ready = recipe.prepare(seed, split, medium)
+    drawn = ready.parameters
+    objects = np.stack([recipe.objects.image(seed, split, n) for n in range(_EXAMPLES)])
+    pitch, pixel, grain = drawn["object_pitch"], drawn["camera_pitch"], recipe.wavelength / drawn["width"]
+    kernel = recipe.material_of(seed, split, medium).kernel
+    steps = np.arange(1 + int(np.ceil(np.hypot(*recipe.objects.shape))))
+    c_i = np.square(kernel(2 * np.pi / recipe.wavelength * pitch * steps)).clip(0, 1)
+    electrons, saturation = _exposure(recipe, (grain / pixel) ** 2)
+    frames = 1.0
+    if isinstance(recipe, DynamicSlab):
+        # The spread of an autocorrelation decays with the square of the intensity's correlation.
+        steps_between = np.arange(1, recipe.dynamics.frames)
+        kept = (1 - steps_between / recipe.dynamics.frames) * np.exp(-4 * steps_between / drawn["correlation_time"])
+        frames = recipe.dynamics.frames / (1 + 2 * float(kept.sum()))
+    found = Conditions(
+        objects=objects, object_pitch=pitch / grain, memory_effect=np.concatenate([[1.0], c_i[1:]]),
+        camera=pixel / grain * float(np.prod(recipe.camera_shape)) ** 0.5, frames=frames,
+        electrons=electrons, saturation=saturation, beam=beam, removal=removal, compensation=compensation,
+        profile=recipe.profile,
+    )  # fmt: skip
+    ratio = np.array([ready.expected_contrast(each) for each in objects]) / speckle_contrast(found)
+    return found.replace(contrast=min(1.0, float(ratio.mean())))
+
+
+def _exposure(recipe: HiddenObject, pixels: float) -> tuple[float, float]:
+    """Electrons a grain of equal noise, and the saturation over the mean; a grain has so many ``pixels``."""
+    camera = recipe.exposure
+    if camera is None:
+        return float("inf"), float("inf")
+    dark = camera.background + camera.dark_current * camera.exposure
+    rounding = 0.0 if camera.bit_depth is None else camera.gain**2 / 12
+    noise = camera.photons + dark + camera.read_noise**2 + rounding
+    return pixels * camera.photons**2 / noise, max(camera.saturation - dark, 1e-6) / camera.photons
+
+
+def _across(conditions: Conditions) -> float:
+    """C_I between the ends of the longer side."""
+    table = conditions.memory_effect
+    return float(table[min(max(conditions.objects.shape[1:]) - 1, len(table) - 1)])
+
+
+class Mode(NamedTuple):
+    """A way to fail.
+
+    Attributes
+    ----------
+    repair : function of Conditions to Conditions
+        The scene without it; the same scene where there is nothing to repair.
+    numbers : function of Conditions to str
+        What the scene has.
+    remedy : function of Conditions to str
+        What would help the scene, as repaired so far.
+    """
+
+    repair: Callable[[Conditions], Conditions]
+    numbers: Callable[[Conditions], str]
+    remedy: Callable[[Conditions], str]
+
+
+def _even(conditions: Conditions) -> Conditions:
+    """Without an envelope, and so without its removal."""
+    return conditions.replace(beam=float("inf"), removal=0.0)
+
+
+def _camera_needed(conditions: Conditions) -> str:
+    """Smallest camera with which the scene would work."""
+    for factor in np.geomspace(1.1, _LARGEST_CAMERA, 29):
+        if logit(residual(conditions.replace(camera=conditions.camera * factor))) >= 0:
+            return (
+                f"a camera of {conditions.camera * factor:.0f} grains a side, or {np.ceil(factor**2):.0f} frames "
+                "through other states of the medium"
+            )
+    return "a larger camera, or many frames; alone they do not suffice"
+
+
+COMPLEX = "too complex an object"
+"""The last failure mode: named where nothing else in the scene can be repaired."""
+MODES: dict[str, Mode] = {
+    "beyond the memory-effect range": Mode(
+        lambda c: c.replace(memory_effect=[1.0]),
+        lambda c: f"C_I falls to {_across(c):.2g} across the object",
+        lambda c: "a smaller object, or one further away"
+        + ("" if c.compensation else "; divide the autocorrelation by C_I"),
+    ),
+    "no envelope removal": Mode(
+        lambda c: c if c.removal else _even(c),
+        lambda c: f"a beam of sigma {c.beam:.2g} camera sides is left in the image",
+        lambda _: "divide by a mean over many grains (removal)",
+    ),
+    "envelope removed over too short a distance": Mode(
+        lambda c: _even(c) if c.removal else c,
+        lambda c: f"a mean over {c.removal * c.camera:.2g} grains takes the object along, which is {c.side:.2g} wide",
+        lambda _: "a longer mean, a larger camera, or a wider beam",
+    ),
+    "saturation": Mode(
+        lambda c: c.replace(saturation=float("inf")),
+        lambda c: f"pixels are full at {c.saturation:.2g} times the mean",
+        lambda _: "a shorter exposure",
+    ),
+    "too few photons": Mode(
+        lambda c: c.replace(electrons=100 * c.electrons),
+        lambda c: f"{c.electrons:.3g} electrons a grain, noise and background counted",
+        lambda _: "a longer exposure, less background, or frames of other states of the medium",
+    ),
+    "too low contrast": Mode(
+        lambda c: c.replace(contrast=1.0),
+        lambda c: f"{c.contrast:.2g} of full contrast",
+        lambda _: "a narrower filter, or a polariser",
+    ),
+    "too few grains": Mode(
+        lambda c: c.replace(camera=4 * c.camera),
+        lambda c: f"{c.camera:.3g} a side, for an object of {c.side:.3g}",
+        _camera_needed,
+    ),
+    COMPLEX: Mode(
+        lambda c: c,
+        lambda c: f"{residual(c).complexity:.3g} bright grains",
+        lambda _: "fewer bright parts, or smaller ones",
+    ),
+}
+"""Name of a failure mode to its repair and its words."""
+
+
+def _reasons(conditions: Conditions, found: Residual) -> tuple[Reason, ...]:
+    """Greedy repairs: always the one that helps most, until the scene works."""
+    reasons, now, left = [], conditions, dict(MODES)
+    value = logit(found)
+
+    def said(name: str) -> Reason:
+        return Reason(name, MODES[name].numbers(conditions), MODES[name].remedy(now))
+
+    while value < 0:
+        tried = {name: mode.repair(now) for name, mode in left.items()}
+        gains = {name: logit(residual(better)) for name, better in tried.items() if better != now}
+        best = max(gains, key=lambda name: gains[name], default=COMPLEX)
+        if gains.get(best, value) <= value + 1e-9:
+            return (*reasons, said(COMPLEX))
+        reasons.append(said(best))
+        now, value = tried[best], gains[best]
+        del left[best]
+    return tuple(reasons)
+
+
+def _together(verdicts: list[Verdict]) -> Verdict:
+    """Verdict on several media: mean probability, median numbers, the reasons of those that fail."""
+    probability = float(np.mean([each.probability for each in verdicts]))
+    numbers = {name: float(np.median([v.numbers[name] for v in verdicts])) for name in verdicts[0].numbers}
+    reasons: dict[str, Reason] = {}
+    if probability < 0.5:
+        for each in sorted(verdicts, key=lambda v: v.probability):
+            for reason in each.reasons:
+                reasons.setdefault(reason.name, reason)
+    return Verdict(probability, tuple(reasons.values()), MappingProxyType(numbers))

@@ -1,0 +1,1 @@
+"""Phase retrieval from autocorrelations, which learns nothing."""

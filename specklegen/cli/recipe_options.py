@@ -1,0 +1,48 @@
+"""What every command that takes a recipe shares: the options that change it, and its reading."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from specklegen.core.errors import reject
+
+if TYPE_CHECKING:
+    from specklegen.datasets import Recipe
+    from specklegen.datasets.recipes.hidden_object import HiddenObject
+
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change a field, e.g. --set material.g=0.8 (TOML values; repeatable)."
+    ),
+]
+Images = Annotated[Path | None, typer.Option(help="Folder of your own images to hide (PNG, JPEG, TIFF, NPY).")]
+Seed = Annotated[int, typer.Option(help="Whole number that the result is a function of.")]
+
+
+def load(recipe: str, changes: list[str] | None, images: Path | None = None) -> "Recipe":
+    """Read a recipe with the command line's changes."""
+    from specklegen.datasets import load_recipe
+    from specklegen.datasets.recipes.overrides import changes_of
+
+    table = changes_of(changes or [])
+    if images is not None:
+        table.setdefault("objects", {}).update({"type": "Folder", "path": str(images)})
+    return load_recipe(recipe, table)
+
+
+def load_hidden(recipe: str, changes: list[str] | None, images: Path | None = None) -> "HiddenObject":
+    """Read a recipe that hides objects.
+
+    Raises
+    ------
+    RuleError
+        If it hides none.
+    """
+    from specklegen.datasets.recipes.hidden_object import HiddenObject
+
+    loaded = load(recipe, changes, images)
+    if not isinstance(loaded, HiddenObject):
+        reject("recipe", "one with hidden objects", recipe, "`specklegen recipes` lists what there is.")
+    return loaded

@@ -1,0 +1,380 @@
+"""Partially coherent light: cross-spectral densities, their coherent modes, and sampled fields.
+
+The cross-spectral density of fields U at points 1, 2 is the Hermitian, positive matrix
+
+    W[1, 2] = <U1 U2*>,   S = diag W,   mu[1, 2] = W[1, 2] / sqrt(S1 S2)     ([Prahl09] Eq. 4, conjugated)
+
+and W = G W0 G^H behind a linear system G (pixels x source points). With the Karhunen-Loeve (Mercer)
+modes of the source, W0 = Phi diag(lambda) Phi^H, an intensity needs no matrix W:
+
+    S = sum_k lambda_k |G phi_k|^2,
+
+which is how partially coherent light enters any system whose response to coherent light is known:
+a focus (`specklegen.coherence.cylindrical_focus`) or a scattering scene. Points may be pixels, modes or directions;
+lengths are in any one unit. See docs/coherence.md.
+"""
+
+import math
+import warnings
+from typing import Literal
+
+import numpy as np
+from scipy.stats import norm
+
+from specklegen.core.errors import reject
+
+_ROUNDING = 1e-10  # of the trace: what an estimated or rounded W may have of negative eigenvalues
+_COPULA_TOLERANCE = 0.02  # |mu| of the copula against W0; 0.0023 at phase_turns=1 for a Gaussian Schell model
+
+
+def gaussian_schell_model(x: np.ndarray, coherence_length: float, amplitude: np.ndarray | None = None) -> np.ndarray:
+    """Return the cross-spectral density of a Gaussian Schell-model line source.
+
+    W0[1, 2] = A1 A2* exp{-(x1 - x2)^2 / (2 coherence_length^2)}.
+
+    Parameters
+    ----------
+    x : float64[n]
+        Positions of the source points.
+    coherence_length : float
+        sigma_g, in the unit of ``x``: 0 gives independent points, infinity full coherence.
+    amplitude : float64[n] or complex128[n], optional
+        Amplitude A (and phase) along the source; ones by default.
+
+    Returns
+    -------
+    float64[n, n], or complex128[n, n] for a complex amplitude
+
+    Raises
+    ------
+    RuleError
+        If ``coherence_length`` is negative or NaN, or the shapes do not fit.
+
+    Warns
+    -----
+    UserWarning
+        If points lie farther apart than half a coherence length: results then depend on their number.
+    """
+    x = np.asarray(x, float)
+    if x.ndim != 1 or not x.size:
+        reject("gaussian_schell_model x", "a list of at least one position", x)
+    if not coherence_length >= 0:
+        reject("gaussian_schell_model coherence_length", "at least 0", coherence_length)
+    amplitude = np.ones(x.size) if amplitude is None else np.asarray(amplitude)
+    if amplitude.shape != x.shape:
+        reject("gaussian_schell_model amplitude", f"{x.size} numbers, one a position", amplitude.shape)
+    spacing = np.diff(np.sort(x)).max(initial=0.0)
+    if spacing > coherence_length / 2:
+        warnings.warn(
+            f"source points {spacing:.3g} apart undersample a coherence length of {coherence_length:.3g}: "
+            "the result depends on their number; space them at most half a coherence length apart",
+            stacklevel=2,
+        )
+    if coherence_length == 0:
+        degree = np.eye(x.size)
+    else:
+        degree = np.exp(-(((x[:, None] - x) / coherence_length) ** 2) / 2)
+    return amplitude[:, None] * degree * amplitude.conj()
+
+
+def coherent_modes(W0: np.ndarray, n_modes: int | None = None, energy: float = 0.99) -> tuple[np.ndarray, np.ndarray]:
+    """Return the strongest coherent modes of a source (Karhunen-Loeve, Mercer).
+
+    Parameters
+    ----------
+    W0 : float64[n, n] or complex128[n, n]
+        Cross-spectral density; Hermitian and positive. Eigenvalues down to -1e-10 of the trace, as an
+        estimate or rounding leaves them, count as 0.
+    n_modes : int, optional
+        How many; by default the fewest that hold the share ``energy`` of the trace.
+    energy : float
+        Between 0 and 1; 1 keeps all n modes.
+
+    Returns
+    -------
+    eigenvalues : float64[K]
+        Power of each mode, falling.
+    modes : [n, K]
+        Orthonormal columns: W0 ~ modes @ diag(eigenvalues) @ modes^H.
+
+    Raises
+    ------
+    RuleError
+        If W0 is not Hermitian or not positive, or a number is out of range.
+    """
+    eigenvalues, modes = _eigenvalues_falling("coherent_modes W0", W0)
+    kept = _kept("coherent_modes", eigenvalues, n_modes, energy)
+    return eigenvalues[:kept], modes[:, :kept]
+
+
+def separable_coherent_modes(
+    W0_y: np.ndarray, W0_x: np.ndarray, n_modes: int | None = None, energy: float = 0.99
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the strongest coherent modes of a two-dimensional source that is a product of two lines.
+
+    A Gaussian Schell model is: W0[(y1, x1), (y2, x2)] = W0_y[y1, y2] W0_x[x1, x2], so that its
+    eigenvalues and modes are products of one-dimensional ones; they are sorted, then cut.
+
+    Parameters
+    ----------
+    W0_y, W0_x : [ny, ny], [nx, nx]
+        Cross-spectral densities along the two axes.
+    n_modes, energy : as in `coherent_modes`
+
+    Returns
+    -------
+    eigenvalues : float64[K]
+        Power of each mode, falling.
+    modes : [ny * nx, K]
+        Orthonormal columns over the points in C order, x running fastest.
+
+    Raises
+    ------
+    RuleError
+        As `coherent_modes`.
+    """
+    along_y, modes_y = _eigenvalues_falling("separable_coherent_modes W0_y", W0_y)
+    along_x, modes_x = _eigenvalues_falling("separable_coherent_modes W0_x", W0_x)
+    products = np.outer(along_y, along_x).ravel()
+    order = np.argsort(-products, kind="stable")
+    order = order[: _kept("separable_coherent_modes", products[order], n_modes, energy)]
+    y, x = np.divmod(order, along_x.size)
+    modes = modes_y[:, None, y] * modes_x[None, :, x]
+    return products[order], modes.reshape(-1, order.size)
+
+
+def _eigenvalues_falling(field: str, W0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    W0 = np.asarray(W0)
+    if W0.ndim != 2 or W0.shape[0] != W0.shape[1] or not W0.size:
+        reject(field, "a square matrix", W0.shape)
+    if not np.abs(W0 - W0.conj().T).max() <= _ROUNDING * np.abs(W0).max():
+        reject(field, "Hermitian and finite", W0)
+    eigenvalues, modes = np.linalg.eigh(W0)
+    if eigenvalues[0] < -_ROUNDING * max(eigenvalues.sum(), 0):
+        remedy = "A cross-spectral density has no negative power in any mode."
+        reject(field, f"positive semidefinite to {_ROUNDING:g} of its trace", eigenvalues[0], remedy)
+    return np.maximum(eigenvalues[::-1], 0), modes[:, ::-1]
+
+
+def _kept(owner: str, eigenvalues: np.ndarray, n_modes: int | None, energy: float) -> int:
+    if n_modes is not None:
+        if not 1 <= n_modes <= eigenvalues.size:
+            reject(f"{owner} n_modes", f"from 1 to {eigenvalues.size}", n_modes)
+        return n_modes
+    _check_energy(owner, energy)
+    if energy == 1:
+        return eigenvalues.size
+    # Sums of the tail: from the small end, so that a share of 1 - 1e-12 still counts modes and not rounding.
+    left_out = np.cumsum(eigenvalues[::-1])[::-1]
+    return max(1, int(np.sum(left_out > (1 - energy) * left_out[0])))
+
+
+def _check_energy(owner: str, energy: float) -> None:
+    if not 0 < energy <= 1:
+        reject(f"{owner} energy", "greater than 0 and at most 1", energy)
+
+
+def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
+    """Return how many modes hold the share ``energy`` of a uniform Gaussian Schell-model line source.
+
+    K = ceil(2 q a / (pi sigma_g)) + ceil(-log10(1 - energy) / 2): the number of degrees of freedom of a
+    source of width 2 a in the band that holds the share ``energy`` of its Gaussian spectrum, +-q
+    standard deviations, and a few for its edges. For 99 %: ceil(1.64 a / sigma_g) + 1. It is never too
+    small and at most three too many (tested for a / sigma_g <= 50, energies 0.5 to 1 - 1e-6);
+    `coherent_modes` counts exactly.
+
+    Raises
+    ------
+    RuleError
+        If ``a_over_sigma``, half width over coherence length, is negative or not finite, or ``energy``
+        is not between 0 and 1.
+    """
+    if not 0 <= a_over_sigma < math.inf:
+        reject("number_of_modes a_over_sigma", "at least 0 and finite", a_over_sigma)
+    _check_energy("number_of_modes", energy)
+    if energy == 1:
+        reject("number_of_modes energy", "less than 1", energy, "A finite share needs finitely many modes.")
+    if a_over_sigma == 0:
+        return 1
+    quantile = float(norm.ppf((1 + energy) / 2))
+    return math.ceil(2 * quantile * a_over_sigma / math.pi) + math.ceil(-math.log10(1 - energy) / 2)
+
+
+def effective_modes(W: np.ndarray) -> float:
+    """Return N_eff = (tr W)^2 / tr W^2, the number of equally strong modes of the same contrast."""
+    return float(np.trace(W).real ** 2 / np.sum(np.abs(W) ** 2))
+
+
+def speckle_contrast(W: np.ndarray) -> float:
+    """Return the contrast (standard deviation over mean) of the speckle that a source makes.
+
+    C = 1 / sqrt(N_eff), for a transmission matrix of independent circular Gaussian entries. The memory effect
+    correlates the columns of a real medium, but at shifted views: at one pixel, behind a window much wider
+    than the slab is thick, the law holds (see :mod:`specklegen.coherence.partially_coherent`).
+
+    Parameters
+    ----------
+    W : [n, n]
+        Cross-spectral density of the source.
+    """
+    return effective_modes(W) ** -0.5
+
+
+def sample_fields(
+    W0: np.ndarray,
+    n: int,
+    method: Literal["kl", "copula"] = "kl",
+    *,
+    seed: int,
+    phase_turns: float = 1.0,
+) -> np.ndarray:
+    """Draw realizations of a source: W0[i, j] = <U[:, i] U[:, j]*>.
+
+    Parameters
+    ----------
+    W0 : [points, points]
+        Cross-spectral density.
+    n : int
+        Number of realizations.
+    method : {"kl", "copula"}
+        "kl" sums the coherent modes with independent circular Gaussian weights: exactly Gaussian, of
+        exactly this W0, independent of one another. "copula" is the method of [Prahl09] Eqs. 10-11:
+        the points carry unit phasors of correlated Gaussian phases in a disc, and a realization is one
+        pixel of their Fourier transforms, taken in a square twice as wide as the disc. It needs a
+        Gaussian Schell model, has it to 0.2 % at one turn, and its neighbouring realizations are
+        correlated: n of them count as 0.2 n.
+    seed : int
+        The result is a pure function of it.
+    phase_turns : float
+        m, the standard deviation of the phases of "copula" in turns.
+
+    Returns
+    -------
+    complex128[n, points]
+
+    Raises
+    ------
+    RuleError
+        If W0 is not positive, ``n`` < 1, ``method`` is unknown; for "copula" also if ``phase_turns`` <
+        0.3 (the fields would have a mean) or < a / (pi^2 sigma_g) (the correlation would rise again
+        across the source), or if W0 is no Gaussian Schell model.
+    """
+    if n < 1:
+        reject("sample_fields n", "at least 1", n)
+    random = np.random.default_rng(np.random.SeedSequence([seed]))
+    if method == "kl":
+        eigenvalues, modes = coherent_modes(W0, energy=1)
+        weights = random.normal(size=(n, eigenvalues.size, 2)) @ np.array([1, 1j]) / math.sqrt(2)
+        return (weights * np.sqrt(eigenvalues)) @ modes.T
+    if method != "copula":
+        reject("sample_fields method", "'kl' or 'copula'", method)
+    return _copula_fields(_copula_angles(W0, phase_turns), n, phase_turns, random) * np.sqrt(spectral_density(W0))
+
+
+def _copula_angles(W0: np.ndarray, turns: float) -> np.ndarray:
+    """Angles beta with |mu| = exp{-(2 pi m)^2 [1 - cos(beta_i - beta_j)]}, from neighbouring points."""
+    if not turns >= 0.3:
+        remedy = "Phases of less spread leave the fields a mean."
+        reject("sample_fields phase_turns", "at least 0.3", turns, remedy)
+    degree = spectral_degree_of_coherence(W0)
+    nearest = np.real(np.diagonal(degree, 1))
+    if np.abs(np.imag(degree)).max() > _ROUNDING or not np.all(nearest > 0):
+        remedy = "Use method='kl', which takes any W0."
+        reject("sample_fields W0", "a Gaussian Schell model for method='copula'", W0, remedy)
+    spread = (2 * math.pi * turns) ** 2
+    step = np.arccos(np.maximum(1 + np.log(np.minimum(nearest, 1)) / spread, -1))
+    beta = np.concatenate([[0.0], np.cumsum(step)])
+    if beta[-1] > math.pi:
+        remedy = f"Use phase_turns of at least {math.ceil(100 * turns * beta[-1] / math.pi) / 100:g}."
+        reject("sample_fields phase_turns", "so large that the angles span at most pi", turns, remedy)
+    made = np.exp(-spread * (1 - np.cos(beta[:, None] - beta)))
+    worst = np.abs(made - degree).max()
+    if worst > _COPULA_TOLERANCE:
+        reject(
+            "sample_fields W0",
+            f"a Gaussian Schell model to {_COPULA_TOLERANCE:g} for method='copula'",
+            f"a difference of {worst:.3g}",
+            "Raise phase_turns, or use method='kl', which takes any W0.",
+        )
+    return beta
+
+
+def _copula_fields(beta: np.ndarray, n: int, turns: float, random: np.random.Generator) -> np.ndarray:
+    """Fields of unit power from phases (cos beta Y1 + sin beta Y2) in a disc of a square of n pixels."""
+    diameter = max(8, math.ceil(math.sqrt(n) / 2))  # at least 52 phasors, for something like a Gaussian
+    square = 2 * diameter
+    across = np.arange(diameter) - (diameter - 1) / 2
+    disc = np.hypot(across, across[:, None]) <= diameter / 2
+    y1, y2 = random.normal(size=(2, disc.sum()))
+    phase = 2 * math.pi * turns * (np.cos(beta)[:, None] * y1 + np.sin(beta)[:, None] * y2)
+    grid = np.zeros((beta.size, square, square), complex)
+    grid[:, :diameter, :diameter][:, disc] = np.exp(1j * phase)
+    return np.fft.fft2(grid).reshape(beta.size, -1)[:, :n].T / math.sqrt(disc.sum())
+
+
+def propagate_csd(G: np.ndarray, W0: np.ndarray) -> np.ndarray:
+    """Return W = G W0 G^H, the cross-spectral density behind a linear system.
+
+    Parameters
+    ----------
+    G : [pixels, points]
+        Response of the system: any Green's function or transmission matrix.
+    W0 : [points, points]
+        Cross-spectral density of the source, Hermitian.
+
+    Returns
+    -------
+    complex128[pixels, pixels]
+        Hermitian and positive, of rank ``points`` at most. For intensities alone use
+        `intensity_from_modes`, which needs no such matrix.
+    """
+    return G @ W0 @ G.conj().T
+
+
+def intensity_from_modes(G: np.ndarray, modes: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
+    """Return the spectral density sum_k eigenvalues_k |G modes_k|^2 behind a linear system.
+
+    Parameters
+    ----------
+    G : [..., points]
+        Response of the system at pixels of any layout.
+    modes, eigenvalues : [points, K], float64[K]
+        From `coherent_modes` or `separable_coherent_modes`. With all modes this is the diagonal of
+        `propagate_csd` to rounding; with those of 99 % of the energy, 1 % of it is missing.
+
+    Returns
+    -------
+    float64[...]
+    """
+    fields = G @ (modes * np.sqrt(eigenvalues))
+    return np.sum(np.real(fields) ** 2 + np.imag(fields) ** 2, axis=-1)
+
+
+def spectral_density(W: np.ndarray) -> np.ndarray:
+    """Return S = diag W, the mean intensity: float64[n]."""
+    return np.real(np.diagonal(W)).copy()
+
+
+def spectral_degree_of_coherence(W: np.ndarray, reference: int | None = None) -> np.ndarray:
+    """Return mu[1, 2] = W[1, 2] / sqrt(S1 S2), of modulus at most 1.
+
+    Parameters
+    ----------
+    W : [n, n]
+        Cross-spectral density.
+    reference : int, optional
+        A point; then only mu[reference, :].
+
+    Returns
+    -------
+    complex128[n, n] or complex128[n]
+        0 wherever a point is dark: S at most 1e-15 of its largest, where W is rounding and mu has no
+        meaning. Rounding, and the slight indefiniteness of `specklegen.coherence.cylindrical_focus.flux_weighted_csd`,
+        may carry a modulus past 1; it is brought back to 1.
+    """
+    S = spectral_density(W)
+    bright = 1e-15 * S.max() < S
+    scale = np.where(bright, 1, 0) / np.sqrt(np.where(bright, S, 1))
+    rows = slice(None) if reference is None else reference
+    mu = np.asarray(W[rows] * scale * (scale[:, None] if reference is None else scale[reference]), complex)
+    return mu / np.maximum(np.abs(mu), 1)

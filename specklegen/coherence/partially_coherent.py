@@ -1,0 +1,259 @@
+"""Partially coherent illumination of a scene: the Gaussian Schell-model source, as tilted beams.
+
+Light of coherence length sigma_g under a window of amplitude b(x) has the cross-spectral density
+
+    W0(x, x') = b(x) b(x') exp{-|x - x'|^2 / (2 sigma_g^2)} = sum_j p_j [b(x) e^{ik s_j . x}] [b(x') e^{ik s_j . x'}]*
+
+where p is a Gaussian of standard deviation 1 / (k sigma_g) in direction sines s: it *is* an incoherent
+superposition of beams through the window, whatever the window's width. A lattice of sines repeats the
+coherence at distances of one wavelength over its pitch, which has to fall outside the window; with that the
+sum is as good as the integral. So a source is an `IncoherentObject` of Gaussian brightness, and every sampler
+of the engine renders it, the stationary one without ever forming its beams.
+
+The contrast at a pixel comes from the source alone. Two beams reach one view v with the correlation
+
+    <u_j(v) u_l(v)*> / I = W^(s_j - s_l),     W^ = Fourier transform of b^2 over its integral     (physics.md 4)
+
+without the memory effect, which correlates beams at views moved with them. Hence
+
+    contrast^2 = sum_jl p_j p_l W^(s_j - s_l)^2 / (sum p)^2 = tr W0^2 / (tr W0)^2 = 1 / N_eff,
+
+the law of independent entries (`specklegen.coherence.cross_spectral_density`), since points of the entrance face do
+scatter independently into one direction. What the memory effect decides is the *shape* of the speckle: inside its range
+images of two beams are shifted copies and partially coherent light blurs the speckle, beyond it grains keep their size.
+With K of `MemoryEffectCorrelation` and A(s) the autocorrelation of p over (sum p)^2,
+
+    cov(I(v), I(v + d)) / I^2 = K(k d)^2 sum_s A(s) W^(d - s)^2.
+"""
+
+import math
+
+import numpy as np
+from scipy.signal import correlate
+
+from specklegen.core.errors import reject
+from specklegen.core.random_streams import Seed, Stream, pilot_seed
+from specklegen.mean.field import window_transform
+from specklegen.paths.reversal import Reverse
+from specklegen.paths.slab_optics import AXIS, Optics, contributions
+from specklegen.paths.slab_tracer import trace
+from specklegen.planning.planning import plan
+from specklegen.rendering import SpeckleStack, render
+from specklegen.samplers.sampler import Sampler
+from specklegen.scene.illumination import (
+    CollimatedBeams,
+    IncoherentObject,
+    Profile,
+    directions_of_sines,
+    illuminated_area,
+    object_sines,
+)
+from specklegen.scene.scene import Scene
+
+REACH = 4.0
+"""Standard deviations kept of the angular spectrum, and of the coherence beyond the window: exp(-8) = 0.03 %."""
+_SUPPORT = {"square": 1.0, "disc": 1.0, "gaussian": 2.0}  # largest distance of lit points over the width
+_COHERENT = 100.0  # widths of coherence length from which light counts as coherent: 1 - |mu| <= 1e-4
+_FINEST = 800.0  # coherence lengths a width may hold
+
+
+def source_lattice(
+    wavelength: float, width: float, profile: Profile, shortest: float, longest: float
+) -> tuple[int, float]:
+    """Return a square lattice of sines that serves all coherence lengths of a range.
+
+    Parameters
+    ----------
+    wavelength, width, profile
+        As in `CollimatedBeams`.
+    shortest, longest
+        Coherence lengths at the ends, same unit.
+
+    Returns
+    -------
+    count, pitch
+        Directions along each axis, and the direction sine between neighbours.
+
+    Raises
+    ------
+    RuleError
+        If a coherence length is NaN, below the wavelength (the beams would leave the paraxial range), or
+        below width / 800 (a million beams).
+    """
+    least = max(wavelength, width / _FINEST)
+    if not shortest >= least:
+        remedy = "Shorter ones are incoherent light: the contrast is below 0.002, or the beams reach 90 degrees."
+        reject("coherence_length", f"at least {least:.4g} (wavelength, and width / {_FINEST:g})", shortest, remedy)
+    if not longest >= shortest:
+        reject("coherence_length", f"at least {shortest:.4g}, the shortest of the range", longest)
+    pitch = wavelength / (_SUPPORT[profile] * width + REACH * min(longest, _COHERENT * width))
+    spread = _angular_spread(wavelength, min(shortest, _COHERENT * width))
+    return 1 + 2 * math.ceil(REACH * spread / pitch), pitch
+
+
+def gaussian_brightness(count: int, pitch: float, wavelength: float, coherence_length: float) -> np.ndarray:
+    """Return the angular spectrum of a Gaussian Schell-model source: float64[count, count], of sum 1."""
+    steps = (np.arange(count) - (count - 1) / 2) * pitch / _angular_spread(wavelength, coherence_length)
+    square = steps[:, None] ** 2 + steps**2
+    brightness = np.where(square <= REACH**2, np.exp(-square / 2), 0.0)
+    return brightness / brightness.sum()
+
+
+def _angular_spread(wavelength: float, coherence_length: float) -> float:
+    return wavelength / (2 * np.pi * coherence_length)
+
+
+def gaussian_schell_object(
+    wavelength: float, coherence_length: float, width: float, profile: Profile = "square"
+) -> IncoherentObject:
+    """Return partially coherent light along the axis, as illumination of a `Scene`.
+
+    Parameters
+    ----------
+    wavelength
+        Inside the medium.
+    coherence_length
+        sigma_g on the entrance face, in the same unit: at least a wavelength and width / 800; infinity
+        (in fact 100 widths) is coherent light.
+    width, profile
+        The window, as in `CollimatedBeams`; the peak irradiance is 1.
+
+    Returns
+    -------
+    IncoherentObject
+        Its degree of coherence is the Gaussian to 0.1 % between any two points of the window.
+
+    Raises
+    ------
+    RuleError
+        As `source_lattice`.
+    """
+    count, pitch = source_lattice(wavelength, width, profile, coherence_length, coherence_length)
+    brightness = gaussian_brightness(count, pitch, wavelength, min(coherence_length, _COHERENT * width))
+    return IncoherentObject(brightness=brightness, pitch=pitch, width=width, profile=profile)
+
+
+def window_coherence(profile: Profile, width: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return W^, the correlation at one view of beams whose sines over the wavelength differ by x, y (any shape)."""
+    # The square of the Gaussian amplitude is a Gaussian narrower by the root of 2; the others are their square.
+    intensity_width = width / math.sqrt(2) if profile == "gaussian" else width
+    return window_transform(profile, intensity_width, x, y) / illuminated_area(width, profile)
+
+
+def effective_source_modes(
+    brightness: np.ndarray, pitch: float, wavelength: float, width: float, profile: Profile = "square"
+) -> float:
+    """Return N_eff = (tr W0)^2 / tr W0^2 of a lattice of mutually incoherent beams through one window.
+
+    The intensity contrast of the speckle that it makes is N_eff^(-1/2), behind any slab that scatters into
+    directions far wider than the source.
+
+    Parameters
+    ----------
+    brightness, pitch, width, profile
+        As in `IncoherentObject`, float64[h, w] not all 0.
+    wavelength
+        Inside the medium.
+    """
+    brightness = np.asarray(brightness, dtype=np.float64)
+    lags = np.maximum(correlate(brightness, brightness, method="fft"), 0)
+    y, x = ((np.arange(n) - n // 2) * pitch / wavelength for n in lags.shape)
+    shared = window_coherence(profile, width, *np.meshgrid(x, y))
+    return float(brightness.sum() ** 2 / (lags * shared**2).sum())
+
+
+def render_partially_coherent(
+    scene: Scene,
+    coherence_length: float,
+    *,
+    paths: int | None = None,
+    rel_error: float | None = None,
+    seed: Seed = 0,
+    realizations: int | None = None,
+    sampler: Sampler = "auto",
+    reverse: Reverse = "auto",
+    field_tolerance: float = 1e-3,
+    threads: int | None = None,
+) -> SpeckleStack:
+    """Render a scene whose beams are partially coherent instead of coherent.
+
+    Parameters
+    ----------
+    scene
+        With `CollimatedBeams`; every beam becomes a Gaussian Schell-model beam of its direction, window and
+        irradiance.
+    coherence_length
+        As in `gaussian_schell_object`.
+    paths, rel_error, seed, realizations, sampler, reverse, field_tolerance, threads
+        As in `specklegen.render`. A finite number of paths raises contrast^2 by `finite_path_excess`, however
+        small the contrast is.
+
+    Returns
+    -------
+    SpeckleStack
+        ``.intensity`` float32[(R,) T, *sensor], sum_j p_j |u_j|^2; all beams of all tilts see one medium.
+        It has no ``.field``.
+
+    Raises
+    ------
+    RuleError
+        As `specklegen.render`, and for a coherence length out of its range or other illumination.
+    """
+    beams = scene.illumination
+    if not isinstance(beams, CollimatedBeams):
+        reject("render_partially_coherent scene.illumination", "CollimatedBeams", type(beams).__name__)
+    source = gaussian_schell_object(scene.wavelength, coherence_length, beams.width, beams.profile)
+    on_axis = len(beams.directions) == 1 and not beams.directions[0, :2].any()
+    lit = scene.replace(illumination=source if on_axis else _spread(beams, source))
+    stack = render(
+        lit, paths=paths, rel_error=rel_error, seed=seed, realizations=realizations, sampler=sampler,
+        reverse=reverse, field_tolerance=field_tolerance, threads=threads,
+    )  # fmt: skip
+    tilt_axis = 0 if realizations is None else 1
+    if on_axis:
+        return SpeckleStack(None, np.expand_dims(stack.intensity, tilt_axis), stack.report)
+    powers = source.brightness[source.brightness > 0].astype(np.float32)
+    power = stack.intensity
+    lead, sensor = power.shape[:tilt_axis], power.shape[tilt_axis + 1 :]
+    power = power.reshape(*lead, len(beams.directions), len(powers), *sensor)
+    return SpeckleStack(None, np.tensordot(power, powers, (tilt_axis + 1, 0)), stack.report)
+
+
+def finite_path_excess(
+    scene: Scene, paths: int, *, shift: float = 0.0, samples: int = 50_000, threads: int | None = None
+) -> float:
+    """Return what a finite number of paths adds to contrast^2, or to the covariance over the squared mean.
+
+    {(E[w^2] - E[w]^2) + (E|sum_B w_B e^{-ik d x_B}|^2 - E[sum_B w_B^2])} / (N E[w]^2), w = sum_B w_B the full
+    weight of one path. The first part, ``Plan.expected_error`` squared, is the fluctuation of a bank's
+    intensity. The second is speckle between connections of different length on one path, which beams at one
+    view share, since all of them begin at the same point; it is as large where paths connect more than once.
+
+    Parameters
+    ----------
+    scene, paths
+        What the path sampler renders, reversed paths left out.
+    shift
+        Direction sine d between the two views, along x from the axis of transmission.
+    samples, threads
+        Paths from which the weights are known; keyed by the scene.
+    """
+    made = plan(scene, paths=paths, sampler="paths", reverse=False)
+    assert made.proposal is not None
+    bank = trace(
+        scene.slab, made.proposal, pilot_seed(scene.fingerprint()), samples, stream=Stream.PILOT, threads=threads
+    )
+    each = contributions(bank, Optics.of_scene(scene), made.proposal.reference, AXIS)
+    path = np.bincount(bank.paths, each, samples)
+    phase = scene.wavenumber * shift * bank.exit[:, 0]
+    real, imaginary = (np.bincount(bank.paths, each * part, samples) for part in (np.cos(phase), np.sin(phase)))
+    between = (real**2 + imaginary**2).sum() - (each**2).sum()
+    return float((path.var() + between / samples) / path.mean() ** 2 / paths)
+
+
+def _spread(beams: CollimatedBeams, source: IncoherentObject) -> CollimatedBeams:
+    """Beams of the source about every tilt, tilt by tilt."""
+    lit = source.brightness.ravel() > 0
+    offsets = object_sines("source", source.brightness.shape, source.pitch)[lit]
+    sines = beams.directions[:, None, :2] + offsets
+    return beams.replace(directions=directions_of_sines("CollimatedBeams.directions", sines.reshape(-1, 2)))

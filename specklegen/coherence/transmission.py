@@ -1,0 +1,163 @@
+"""The transmission matrix of a scattering scene: its own Green's function, illumination modes by pixels.
+
+    T[p, m] = u_{i_m}(v_p) = N^(-1/2) sum over paths of  z sqrt(W) A_{i_m} B_{v_p}        (physics.md 2)
+
+Every column comes from the same medium: the same paths and the same random phases. The basis is that of the
+engine, collimated beams of unit irradiance through one window of the entrance face (tilts). It is complete: an
+amplitude on the face of a window of side W is a Fourier series in beams whose sines are whole multiples of
+wavelength / W (`face_beams`, `face_modes`), and coherent modes of a source of beams are superpositions of
+them (`source_modes`). A partially coherent image is
+
+    I = sum_k lambda_k |T phi_k|^2 = intensity_from_modes(T.value, modes, eigenvalues).
+"""
+
+import numpy as np
+
+from specklegen.coherence.cross_spectral_density import coherent_modes
+from specklegen.coherence.cylindrical_focus import GreensMatrix
+from specklegen.coherence.partially_coherent import window_coherence
+from specklegen.core.errors import reject
+from specklegen.core.random_streams import Seed
+from specklegen.paths.reversal import Reverse
+from specklegen.rendering import render
+from specklegen.samplers.sampler import Sampler
+from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, directions_of_sines
+from specklegen.scene.scene import Scene
+
+_NULL = 1e-12  # of the trace: power below which a mode is rounding
+
+
+def transmission_matrix(
+    scene: Scene,
+    modes: np.ndarray | None = None,
+    *,
+    paths: int | None = None,
+    rel_error: float | None = None,
+    seed: Seed = 0,
+    sampler: Sampler = "paths",
+    reverse: Reverse = "auto",
+    mean: bool = False,
+    threads: int | None = None,
+) -> GreensMatrix:
+    """Return the transmission matrix of one medium, sensor pixels x illumination modes.
+
+    Parameters
+    ----------
+    scene
+        Its beams are the columns: those of `CollimatedBeams`, or of the shining pixels of an
+        `IncoherentObject` (in C order, at unit irradiance).
+    modes : complex128[beams, K], optional
+        Amplitudes over the beams; then the columns are these superpositions.
+    paths, rel_error, seed, sampler, reverse, mean, threads
+        As in `specklegen.render`. Two calls with the same seed see the same medium where the scenes are the
+        same; otherwise only about, since each scene has its own pilot.
+
+    Returns
+    -------
+    GreensMatrix
+        ``value`` complex128[pixels, K], pixels of the sensor in C order; |value|^2 is area per steradian for
+        unit irradiance. The entries are a realization of the medium, so with more paths they do not settle:
+        what the number of paths decides is how well the *scale* of their statistics is known. |T|^2 has
+        the relative standard error ``report.expected_error``, common to all entries, and
+        ``standard_error`` is half of it times |value|.
+
+    Raises
+    ------
+    RuleError
+        As `specklegen.render`, or if ``modes`` does not fit the beams.
+    """
+    beams = scene.beams
+    count = len(beams.directions)
+    modes = None if modes is None else np.asarray(modes)
+    if modes is not None and (modes.ndim != 2 or modes.shape[0] != count):
+        reject("transmission_matrix modes", f"of shape ({count}, K), one row a beam", modes.shape)
+    stack = render(
+        scene.replace(illumination=beams), paths=paths, rel_error=rel_error, seed=seed, sampler=sampler,
+        reverse=reverse, mean=mean, threads=threads,
+    )  # fmt: skip
+    value = stack.field.reshape(count, -1).T.astype(np.complex128)
+    if modes is not None:
+        value = value @ modes
+    return GreensMatrix(value, 0.5 * stack.report.expected_error * np.abs(value))
+
+
+def source_modes(
+    source: IncoherentObject, wavelength: float, n_modes: int | None = None, energy: float = 0.99
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the coherent modes of a source of mutually incoherent beams, as amplitudes over its beams.
+
+    The beams p_j overlap under the window, so fewer modes than beams carry the light. With the overlaps
+    W^ of `specklegen.coherence.partially_coherent.window_coherence`, the matrix sqrt(p_j p_l) W^(s_j - s_l) has the
+    eigenvalues of W0, and an eigenvector v gives the mode of amplitudes sqrt(p_j / lambda) v_j.
+
+    Parameters
+    ----------
+    source
+        Such as `specklegen.coherence.partially_coherent.gaussian_schell_object`.
+    wavelength
+        Inside the medium.
+    n_modes, energy
+        As in `specklegen.coherence.cross_spectral_density.coherent_modes`; modes of less than 1e-12 of the power are
+        left out.
+
+    Returns
+    -------
+    eigenvalues : float64[K]
+        Power of each mode, falling; the sum of all is that of the brightness.
+    modes : float64[beams, K]
+        For `transmission_matrix` or `specklegen.coherence.cross_spectral_density.intensity_from_modes`; of unit norm on
+        the window, relative to that of a beam.
+
+    Raises
+    ------
+    RuleError
+        As `coherent_modes`.
+    """
+    power = source.brightness[source.brightness > 0]
+    x, y = source.beams.directions[:, :2].T / wavelength
+    overlap = window_coherence(source.profile, source.width, x[:, None] - x, y[:, None] - y)
+    eigenvalues, vectors = coherent_modes(np.sqrt(power[:, None] * power) * overlap, n_modes, energy)
+    kept = eigenvalues > _NULL * power.sum()
+    return eigenvalues[kept], np.sqrt(power)[:, None] * vectors[:, kept] / np.sqrt(eigenvalues[kept])
+
+
+def face_beams(wavelength: float, width: float, count: int) -> CollimatedBeams:
+    """Return the beams of a Fourier series on a square window: count^2 sines, whole multiples of wavelength / width.
+
+    Raises
+    ------
+    RuleError
+        If the sines leave the unit circle: ``count`` pixels of at least a wavelength fit into any width.
+    """
+    along = np.fft.fftfreq(count, 1 / count) * wavelength / width
+    sines = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)  # y outside, x fastest
+    return CollimatedBeams(directions=directions_of_sines("face_beams count", sines), width=width)
+
+
+def face_modes(amplitudes: np.ndarray) -> np.ndarray:
+    """Return the amplitudes over `face_beams` that make given amplitudes on the pixels of the window.
+
+    Parameters
+    ----------
+    amplitudes : complex128[count * count, K]
+        Columns over the window's count x count pixels, row y and column x, both from the smallest position,
+        in C order: as `specklegen.coherence.cross_spectral_density.separable_coherent_modes` gives them.
+
+    Returns
+    -------
+    complex128[count * count, K]
+        Between pixel centres the field is the trigonometric interpolation, which joins opposite edges.
+
+    Raises
+    ------
+    RuleError
+        If the number of rows is not a square.
+    """
+    amplitudes = np.asarray(amplitudes)
+    count = round(len(amplitudes) ** 0.5)
+    if amplitudes.ndim != 2 or count**2 != len(amplitudes) or not count:
+        reject("face_modes amplitudes", "of shape (n * n, K), a square of pixels", amplitudes.shape)
+    series = np.fft.fft2(amplitudes.reshape(count, count, -1), axes=(0, 1), norm="forward")
+    # A transform counts positions from its first pixel, a beam from the middle of the window.
+    shift = np.exp(1j * np.pi * np.fft.fftfreq(count, 1 / count) * (count - 1) / count)
+    return (series * shift[:, None, None] * shift[:, None]).reshape(count * count, -1)

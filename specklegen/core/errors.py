@@ -1,0 +1,35 @@
+"""Errors and warnings, and the one place that words them.
+
+An error reads ``Owner.field must be RULE; got VALUE.`` and then the remedy, if there is one.
+"""
+
+from typing import NoReturn
+
+import numpy as np
+
+
+class RuleError(ValueError):
+    """A value that breaks a rule; the message names the field, the rule, the value and the remedy."""
+
+
+def reject(field: str, rule: str, value: object, remedy: str = "") -> NoReturn:
+    """Raise the house error: ``field must be rule; got value.`` and then the remedy.
+
+    Raises
+    ------
+    RuleError
+        Always; a subclass of :class:`ValueError`.
+    """
+    raise RuleError(f"{field} must be {rule}; got {shown(value)}." + (f" {remedy}" if remedy else ""))
+
+
+def shown(value: object) -> str:
+    """Write a value in one short line for an error message."""
+    text = np.array2string(value, threshold=6) if isinstance(value, np.ndarray) else repr(value)
+    text = " ".join(text.split())
+    return text if len(text) <= 120 else text[:117] + "..."
+
+
+
+class DoubtWarning(UserWarning):
+    """The model is applied where what it assumes is doubtful; results are finite, but may not be physical."""

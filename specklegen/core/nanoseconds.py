@@ -1,0 +1,40 @@
+"""Nanoseconds of counted operations, by name: those of one core of the machine of the README's table.
+
+``scripts/plan_accuracy.py`` fits them. They scale predictions; a choice rests on this table, never on a clock.
+"""
+
+from collections.abc import Mapping
+
+NANOSECONDS = {
+    "path": 110,  # starting a path through a slab
+    "event": 15,  # a scattering event, tracing of beams through a slab
+    "connection": 370,  # what a connection costs whoever evaluates it: kept, copied, given a phase
+    "end": 31,  # one end of a connection at one tilt or view
+    "spread": 15,  # spreading one strength, single precision at a tolerance of 1e-3
+    "FFT point": 10,  # of the oversampled grid
+    "pattern": 9.6,  # a view of one skeleton term
+    "direct view": 7.7,  # a connection at a view, summed directly
+    "direct tilt": 0.4,  # and at a tilt there
+    "normal": 7,  # a complex normal number
+    "flop": 0.052,  # of the stationary sampler's products and transforms
+    "stack view": 7.3,
+    "phasor": 35,  # of a oblique kernel
+    "volume path": 280,
+    "volume event": 900,  # a scattering event in any geometry
+    "voxel": 15,  # one that a flight or a connection crosses
+    "volume connection": 110,
+    "volume end": 21,  # one end of a connection there, at one light or view
+    "near end": 21,  # the same at a point
+    "product": 0.19,  # a complex multiplication and addition within a matrix product
+    "amplitude": 1.5,  # one of the amplitudes whose products are summed in a covariance
+    "batch": 3.4e4,  # of a covariance's paths
+}
+SERIAL = {"normal", "flop", "stack view", "phasor"}
+"""Operations that any number of threads leaves to one."""
+
+
+def seconds(operations: Mapping[str, float], threads: int) -> float:
+    """Seconds that operations take on so many threads."""
+    return 1e-9 * sum(
+        count * NANOSECONDS[name] / (1 if name in SERIAL else threads) for name, count in operations.items()
+    )

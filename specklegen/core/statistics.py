@@ -1,0 +1,113 @@
+"""Measured statistics, each with its error: from independent batches, or for a share from its count."""
+
+from collections.abc import Callable
+from math import prod
+
+import numpy as np
+
+from specklegen.core.errors import reject
+
+BATCHES = 64
+"""Independent batches behind every standard error; fewer give the heavy tails of Student's t."""
+
+
+def batch_sums(values: np.ndarray, paths: np.ndarray, count: int) -> np.ndarray:
+    """Sums over batches of equally many paths, complex128[n, ...], n = 64 or, where there are fewer paths, ``count``.
+
+    Parameters
+    ----------
+    values
+        float64 or complex128[..., M], what each connection adds.
+    paths
+        int64[M], the path of each connection, from 0.
+    count
+        Number of paths.
+    """
+    batches = min(BATCHES, count)
+    batch = paths * batches // count
+    rows = values.reshape(prod(values.shape[:-1]), len(paths))  # not -1: there may be no connections
+    sums = [np.bincount(batch, row.real, batches) + 1j * np.bincount(batch, row.imag, batches) for row in rows]
+    return np.array(sums).T.reshape(batches, *values.shape[:-1])
+
+
+def jackknife(batches: np.ndarray, function: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Value and standard error of a smooth function of sums over independent batches.
+
+    Leaving out one batch at a time removes the bias of order 1/n that a ratio or a squared modulus of
+    noisy sums carries (|K|^2 from a mean is too high by its own variance).
+
+    Parameters
+    ----------
+    batches
+        float64 or complex128[n, ...], what each batch adds to the sums.
+    function
+        Maps sums [...] to values [...]; a function of ratios of sums, since it is called with a batch less.
+
+    Returns
+    -------
+    value, standard_error
+        The bias-corrected value, and sqrt(E|error|^2). Where one batch holds all there is, or n < 2, the value is
+        left as it is and the standard error is NaN.
+    """
+    n = len(batches)
+    total = batches.sum(axis=0)
+    value = function(total)
+    if n < 2:
+        return value, np.full(np.shape(value), np.nan)
+    # Sums of the others, not the total less one batch: that would leave rounding where a batch holds nearly all.
+    none = np.zeros_like(batches[:1])
+    before = np.cumsum(np.concatenate([none, batches[:-1]]), axis=0)
+    after = np.cumsum(np.concatenate([none, batches[:0:-1]]), axis=0)[::-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = np.array([function(others) for others in before + after])
+        mean = left.mean(axis=0)
+        variance = (n - 1) / n * np.square(np.abs(left - mean)).sum(axis=0)
+        known = np.isfinite(variance)
+        return np.where(known, n * value - (n - 1) * mean, value), np.where(known, np.sqrt(variance), np.nan)
+
+
+def autocorrelation(image: np.ndarray) -> np.ndarray:
+    """Autocorrelation of an image's fluctuations, float64[2H - 1, 2W - 1], zero lag in the middle and equal to 1.
+
+    The mean is taken off, the image is padded so that nothing wraps around, and every lag is divided by the
+    number of pixel pairs that it has.
+    """
+    from scipy.signal import correlate
+
+    fluctuation = np.asarray(image, dtype=np.float64) - np.mean(image)
+    ones = np.ones_like(fluctuation)
+    pairs = np.asarray(correlate(ones, ones, method="fft"), dtype=np.float64).round()
+    lags = np.asarray(correlate(fluctuation, fluctuation, method="fft"), dtype=np.float64) / pairs
+    peak = lags[lags.shape[0] // 2, lags.shape[1] // 2]
+    return lags / peak if peak > 0 else lags
+
+
+def wilson(successes: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Ends of Wilson's score interval of a success rate: the rates p that ``successes / n`` lies z sigma(p) away from.
+
+    It stays between 0 and 1, and covers at its confidence on average even where few succeed or fail.
+    Source: Wilson, Journal of the American Statistical Association 22, 209 (1927); Brown, Cai and DasGupta,
+    Statistical Science 16, 101 (2001).
+
+    Parameters
+    ----------
+    successes, n
+        Of independent trials.
+    confidence
+        Coverage.
+
+    Raises
+    ------
+    RuleError
+        If there are no trials, more successes than trials, or the confidence is not between 0 and 1.
+    """
+    from scipy.special import ndtri
+
+    if not 0 <= successes <= n or n < 1:
+        reject("wilson successes", "from 0 to n, n at least 1", (successes, n))
+    if not 0 < confidence < 1:
+        reject("wilson confidence", "between 0 and 1", confidence)
+    z = float(ndtri((1 + confidence) / 2))
+    middle = (successes + z**2 / 2) / (n + z**2)
+    half = z / (n + z**2) * (successes * (n - successes) / n + z**2 / 4) ** 0.5
+    return max(middle - half, 0.0), min(middle + half, 1.0)  # rounding

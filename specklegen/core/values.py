@@ -1,0 +1,224 @@
+"""Frozen, validated values.
+
+Everything that describes a simulation is a :class:`Value`: keyword-only, immutable, checked once when
+it is made, equal by content, and serialisable to canonical JSON (whose SHA-256 is the fingerprint that
+keys pilots and stores) and to TOML.
+"""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Callable
+from functools import cached_property, lru_cache
+from typing import Annotated, Any, ParamSpec, Self, TypeVar, cast
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
+
+from specklegen.core.errors import RuleError, reject, shown
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+UnitInterval = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+PositiveInt = Annotated[int, Field(ge=1)]
+
+_RULES = {
+    "greater_than": "greater than {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than": "less than {lt}",
+    "less_than_equal": "at most {le}",
+    "finite_number": "finite",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "missing": "given",
+    "extra_forbidden": "absent: there is no such field",
+    "frozen_instance": "left as it is: values are frozen, use .replace(...)",
+    "literal_error": "one of {expected}",
+    "enum": "one of {expected}",
+    "bool_type": "True or False",
+    "bool_parsing": "True or False",
+    "string_type": "a text",
+    "union_tag_invalid": "one of the types {expected_tags}",
+    "union_tag_not_found": "an object with a known type",
+    "too_short": "at least {min_length} long",
+    "too_long": "at most {max_length} long",
+}
+
+
+def _house_message(owner: str, error: ValidationError) -> str:
+    lines = []
+    for item in error.errors():
+        context = item.get("ctx", {})
+        if isinstance(context.get("error"), RuleError):
+            lines.append(str(context["error"]))
+            continue
+        where = ".".join([owner, *(str(part) for part in item["loc"])])
+        rule = _RULES.get(item["type"])
+        rule = rule.format(**context) if rule else item["msg"].removeprefix("Value error, ")
+        lines.append(f"{where} must be {rule}; got {shown(item['input'])}.")
+    return "\n".join(lines)
+
+
+class Value(BaseModel):
+    """A frozen, validated, serialisable value; equal to another when their canonical JSON is equal."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="constants")
+
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise RuleError(_house_message(type(self).__name__, error)) from None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
+        except ValidationError as error:
+            raise RuleError(_house_message(type(self).__name__, error)) from None
+
+    def canonical_json(self) -> str:
+        """Write the value as JSON with sorted keys and shortest round-trip numbers; equal values, equal text."""
+        return self._canonical_json
+
+    @cached_property
+    def _canonical_json(self) -> str:
+        return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True, separators=(",", ":"))
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 of the canonical JSON, in hexadecimal."""
+        return hashlib.sha256(self.canonical_json().encode()).hexdigest()
+
+    def to_toml(self) -> str:
+        """Write the value as TOML."""
+        return tomli_w.dumps(self.model_dump(mode="json", by_alias=True, exclude_none=True))
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Read a value from JSON."""
+        return cls(**json.loads(text))
+
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
+        """Read a value from TOML."""
+        return cls(**tomllib.loads(text))
+
+    def replace(self, **changes: Any) -> Self:
+        """Return a copy with some fields changed, validated anew."""
+        fields = type(self).model_fields.items()
+        return type(self)(**{field.alias or name: getattr(self, name) for name, field in fields} | changes)
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self._canonical_json == other._canonical_json  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash(self._canonical_json)
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Remember the last ``size`` results of a pure function of values, keyed by their content."""
+
+    def wrap(function: Callable[P, R]) -> Callable[P, R]:
+        return cast("Callable[P, R]", lru_cache(maxsize=size)(function))
+
+    return wrap
+
+
+def _frozen_array(value: Any) -> np.ndarray:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError("an array of numbers") from None
+    if not np.isfinite(array).all():
+        raise ValueError("finite everywhere")
+    array.flags.writeable = False
+    return array
+
+
+Array = Annotated[np.ndarray, BeforeValidator(_frozen_array), PlainSerializer(lambda a: a.tolist())]
+"""A read-only float64 array of any shape, finite everywhere, written to JSON as nested lists."""
+
+
+def _complex_array(value: Any) -> np.ndarray:
+    if isinstance(value, dict):
+        if set(value) != {"real", "imag"}:
+            raise ValueError("an array of numbers, or its parts real and imag")
+        real, imag = _frozen_array(value["real"]), _frozen_array(value["imag"])
+        if real.shape != imag.shape:
+            raise ValueError("of as many imaginary parts as real ones")
+        array = np.asarray(real + 1j * imag)
+    else:
+        try:
+            array = np.array(value, dtype=np.complex128)
+        except (TypeError, ValueError):
+            raise ValueError("an array of numbers") from None
+    if not np.isfinite(array).all():
+        raise ValueError("finite everywhere")
+    array.flags.writeable = False
+    return array
+
+
+def _parts(array: np.ndarray) -> dict[str, Any]:
+    return {"real": array.real.tolist(), "imag": array.imag.tolist()}
+
+
+ComplexArray = Annotated[np.ndarray, BeforeValidator(_complex_array), PlainSerializer(_parts)]
+"""A read-only complex128 array of any shape, finite everywhere, written to JSON as its real and imaginary parts."""
+
+
+def _complex_number(value: Any) -> complex:
+    array = _complex_array(value)
+    if array.shape:
+        raise ValueError("one number")
+    return complex(array)
+
+
+ComplexNumber = Annotated[complex, BeforeValidator(_complex_number), PlainSerializer(lambda z: _parts(np.array(z)))]
+"""A complex number, finite, written to JSON as its real and imaginary parts."""
+
+
+def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:
+    """Check directions ``(..., d)``, d = 2 or 3, and return them normalised to the last bit.
+
+    Raises
+    ------
+    RuleError
+        If the last axis is not 2 or 3 long, or a vector's length differs from 1 by more than 1e-6.
+    """
+    if vectors.shape == (0,):  # no vectors at all: nested lists lose the last axis
+        vectors = vectors.reshape(0, 3)
+    if vectors.ndim < 1 or vectors.shape[-1] not in (2, 3):
+        reject(field, "unit vectors along the last axis, of length 2 or 3", vectors.shape)
+    lengths = np.linalg.norm(vectors, axis=-1)
+    if vectors.size and np.abs(lengths - 1).max() > 1e-6:
+        worst = vectors.reshape(-1, vectors.shape[-1])[np.abs(lengths - 1).argmax()]
+        reject(field, "unit vectors", worst, "Divide each direction by its length.")
+    # Left alone when already of unit length to rounding, so that normalising twice changes nothing.
+    vectors = np.where(np.abs(lengths - 1)[..., None] > 1e-15, vectors / lengths[..., None], vectors)
+    vectors.flags.writeable = False
+    return vectors
+
+
+def position_vectors(field: str, points: np.ndarray) -> np.ndarray:
+    """Check positions ``(..., d)``, d = 2 or 3.
+
+    Raises
+    ------
+    RuleError
+        If the last axis is not 2 or 3 long.
+    """
+    if points.shape == (0,):
+        points = points.reshape(0, 3)
+    if points.ndim < 1 or points.shape[-1] not in (2, 3):
+        reject(field, "positions along the last axis, of length 2 or 3", points.shape)
+    return points
+
+

@@ -1,0 +1,1 @@
+"""The laboratory: distances and pixels to directions, and the camera that counts photons."""

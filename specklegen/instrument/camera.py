@@ -1,0 +1,255 @@
+"""Camera: expected intensity to counts.
+
+One exposure, in photoelectrons ("electrons") a pixel, I the intensity averaged over the pixel:
+
+    charge  = Poisson(photons I) + Poisson(background) + Poisson(dark_current exposure)
+    signal  = min(charge, full_well) + Normal(0, read_noise)
+    counts  = signal / gain + offset, rounded and held within 0 ... 2**bit_depth - 1
+
+Below saturation a flat field of mean charge m therefore has mean m / gain + offset counts and variance
+m / gain**2 + (read_noise / gain)**2 + 1/12: the photon transfer curve, whose slope is 1 / gain. (1/12 is
+the rounding's, where the noise before it is wider than about half a count.)
+Source: Janesick, *Photon Transfer* (SPIE Press, 2007), chapters 2 and 5; EMVA Standard 1288, section 2.
+
+Each noise draws from a substream of its own, so that switching one on or off, or changing its strength,
+leaves the draws of the others as they were. Light that does not interfere is added before the
+exposure, by :func:`incoherent_sum`.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
+from specklegen.instrument.poisson import poisson_field
+
+Words = Sequence[int]
+
+
+class NoiseStreams(NamedTuple):
+    """Seeds of the noises: whole numbers of at least 0, each a sequence for `numpy.random.SeedSequence`."""
+
+    shot: Words
+    background: Words
+    dark: Words
+    read: Words
+
+    @classmethod
+    def of(cls, seed: int | Words) -> Self:
+        """Four different substreams of one seed: a whole number, or a sequence of 32-bit words.
+
+        Raises
+        ------
+        RuleError
+            If the seed is neither.
+        """
+        words = [seed] if isinstance(seed, int | np.integer) else [*seed]
+        if not words or any(word < 0 or (len(words) > 1 and word >= 2**32) for word in words):
+            reject("NoiseStreams.of seed", "a whole number >= 0, or a sequence of 32-bit words", seed)
+        # The noise's number goes first: SeedSequence treats (1,) and (1, 0) alike.
+        return cls(*([noise, len(words), *words] for noise in range(1, len(cls._fields) + 1)))
+
+
+class Camera(Value):
+    """A camera and its exposure.
+
+    Parameters
+    ----------
+    photons
+        Mean detected photons (electrons) a pixel where the intensity is 1.
+    oversampling
+        Image points along each side of a pixel; the pixel averages over them.
+    background
+        Mean detected photons a pixel from light that carries no image.
+    dark_current, exposure
+        Electrons a pixel and second, and seconds.
+    read_noise
+        Standard deviation of the readout, electrons.
+    gain
+        Electrons a count.
+    full_well
+        Largest charge of a pixel, electrons; None for no limit.
+    bit_depth
+        Bits a count, 1 to 16; None for float32 counts that are neither rounded nor held in a range.
+    offset
+        Counts at zero signal; keeps the read noise from being cut off at 0.
+
+    Raises
+    ------
+    RuleError
+        If a field breaks its rule, or the offset is not below the largest count.
+    """
+
+    photons: Positive
+    oversampling: PositiveInt = 1
+    background: NonNegative = 0.0
+    dark_current: NonNegative = 0.0
+    exposure: Positive = 1.0
+    read_noise: NonNegative = 0.0
+    gain: Positive = 1.0
+    full_well: Positive | None = None
+    bit_depth: Annotated[int, Field(ge=1, le=16)] | None = 16
+    offset: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.bit_depth is not None and self.offset >= self.largest_count:
+            reject("Camera.offset", f"below the largest count, {self.largest_count:g}", self.offset)
+        return self
+
+    @property
+    def largest_count(self) -> float:
+        """2**bit_depth - 1, or infinity."""
+        return np.inf if self.bit_depth is None else 2.0**self.bit_depth - 1
+
+    @property
+    def saturation(self) -> float:
+        """Electrons at which a pixel saturates: the full well or the largest count, whichever comes first."""
+        well = np.inf if self.full_well is None else self.full_well
+        return min(well, (self.largest_count - self.offset) * self.gain)
+
+
+def expose(camera: Camera, image: ArrayLike, streams: NoiseStreams) -> np.ndarray:
+    """Expose a camera to an expected intensity; a pure function.
+
+    Parameters
+    ----------
+    camera
+        See :class:`Camera`.
+    image
+        Intensity, float[..., H m, W m], m the camera's oversampling; 1 stands for ``camera.photons``.
+        Its mean is not brought to 1: that of a speckle image truly varies.
+    streams
+        Seeds of the noises. The images of one call share them, one draw a pixel.
+
+    Returns
+    -------
+    counts
+        uint16[..., H, W], or float32 if ``camera.bit_depth`` is None.
+
+    Raises
+    ------
+    RuleError
+        If the image is negative or not finite somewhere, or its sides are no multiples of m.
+    """
+    light = camera.photons * pixel_means(image, camera.oversampling)
+    if not np.isfinite(light).all() or (light < 0).any():
+        reject("expose image", "finite and at least 0 everywhere", np.asarray(image))
+    dark = camera.dark_current * camera.exposure
+    charge = _generator(streams.shot).poisson(light).astype(np.float64)
+    for mean, words in ((camera.background, streams.background), (dark, streams.dark)):
+        if mean > 0:
+            charge += poisson_field(_generator(words), mean, light.shape)
+    if camera.full_well is not None:
+        np.minimum(charge, camera.full_well, out=charge)
+    if camera.read_noise > 0:
+        charge += camera.read_noise * _generator(streams.read).standard_normal(light.shape)
+    counts = charge / camera.gain + camera.offset
+    if camera.bit_depth is None:
+        return counts.astype(np.float32)
+    return np.clip(np.rint(counts), 0, camera.largest_count).astype(np.uint16)
+
+
+def pixel_means(image: ArrayLike, factor: int) -> np.ndarray:
+    """Average an image over square pixels of ``factor`` by ``factor`` points.
+
+    Parameters
+    ----------
+    image
+        float[..., H factor, W factor].
+    factor
+        At least 1.
+
+    Returns
+    -------
+    means
+        float64[..., H, W].
+
+    Raises
+    ------
+    RuleError
+        If the image has fewer than two axes, or sides that are no multiples of the factor.
+    """
+    image = np.asarray(image, dtype=np.float64)
+    if image.ndim < 2:
+        reject("expose image", "of shape (..., rows, columns)", image.shape)
+    rows, columns = image.shape[-2:]
+    if rows % factor or columns % factor:
+        reject("expose image", f"a multiple of the oversampling {factor} along both sides", (rows, columns))
+    blocks = image.reshape(*image.shape[:-2], rows // factor, factor, columns // factor, factor)
+    return blocks.mean(axis=(-3, -1))
+
+
+def incoherent_sum(images: ArrayLike, weights: ArrayLike | None = None) -> np.ndarray:
+    """Add images that do not interfere: wavelengths of a band, polarisations, instants of a long exposure.
+
+    n independent images of equal weight have a contrast lower by 1 / sqrt(n), in general by
+    sqrt(sum of squared weights); correlated ones less (the correlation is the engine's: it enters
+    through the images).
+
+    Parameters
+    ----------
+    images
+        float[n, ..., H, W].
+    weights
+        Share of each image, float[n], at least 0; brought to a sum of 1. Equal shares by default.
+
+    Returns
+    -------
+    image
+        float64[..., H, W].
+
+    Raises
+    ------
+    RuleError
+        If there is no image, or the weights do not fit them, are negative or all 0.
+    """
+    images = np.asarray(images, dtype=np.float64)
+    if images.ndim < 3 or len(images) == 0:
+        reject("incoherent_sum images", "of shape (n, ..., rows, columns) with n at least 1", images.shape)
+    shares = np.ones(len(images)) if weights is None else np.asarray(weights, dtype=np.float64)
+    if shares.shape != images.shape[:1]:
+        reject("incoherent_sum weights", f"of shape {images.shape[:1]}, one an image", shares.shape)
+    if not np.isfinite(shares).all() or (shares < 0).any() or not shares.any():
+        reject("incoherent_sum weights", "finite, at least 0 and not all 0", shares)
+    return np.tensordot(shares / shares.sum(), images, axes=1)
+
+
+def depolarised(image: ArrayLike, independent: ArrayLike, degree: float = 0.0) -> np.ndarray:
+    """Add the two polarisations of partly polarised light, whose speckle is independent.
+
+    One has the share (1 + P) / 2, the other (1 - P) / 2. The contrast of developed speckle falls to
+    sqrt((1 + P**2) / 2): 1 / sqrt(2) where P = 0.
+    Source: Goodman, *Speckle Phenomena in Optics* (2007), section 3.4.
+
+    Parameters
+    ----------
+    image, independent
+        Intensities of equal mean, float[..., H, W], from different media draws.
+    degree
+        Degree of polarisation P, 0 to 1.
+
+    Returns
+    -------
+    image
+        float64[..., H, W].
+
+    Raises
+    ------
+    RuleError
+        If the degree is outside 0 to 1, or the images differ in shape.
+    """
+    if not 0 <= degree <= 1:
+        reject("depolarised degree", "from 0 to 1", degree)
+    one, other = np.asarray(image), np.asarray(independent)
+    if one.shape != other.shape:
+        reject("depolarised images", "of one shape", (one.shape, other.shape))
+    return incoherent_sum(np.stack([one, other]), [0.5 * (1 + degree), 0.5 * (1 - degree)])
+
+
+def _generator(words: Words) -> np.random.Generator:
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence(words)))

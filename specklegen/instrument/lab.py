@@ -1,0 +1,329 @@
+"""Laboratory geometry: distances, pixels and an aperture, to and from the engine's directions and windows.
+
+An incoherent object stands a distance u before the scattering layer; a camera without a lens stands v
+behind it, or a lens focused at infinity images the far field onto the camera (v = focal length f). An
+aperture D limits the light on the layer. n is the refractive index of the layer, lambda_0 the wavelength
+in vacuum, x_o a place on the object, X one on the camera:
+
+    wavelength in the layer = lambda_0 / n       window width = D
+    light sine = -x_o / (n sqrt(u**2 + x_o**2))  view sine = X / (n sqrt(v**2 + X**2))
+    image of x_o at X = -(v / u) x_o             speckle = lambda_0 v / D
+    view pitch = p / (n v)                       object pitch = (width of a cell) / (n u)
+
+Spherical waves have quadratic phases on the layer that all object points and pixels share; they drop out
+of every correlation, and a far-field scene is exact for the finite laboratory up to the next order. That
+order is the phase, at the edge of the aperture, by which the pattern of an object's edge differs from the
+shifted pattern of its centre, k_0 = 2 pi / lambda_0, s = (v / u) x_o, h half the camera's side:
+
+    phi_1 = k_0 (D/2) / 2     max( 3/4 s**3, 3 h s (h - s) ) / v**3     shift: sines on a regular grid
+    phi_3 = k_0 (D/2)**3 / 2  (x_o / u) |1 / u**2 - 1 / v**2|           coma
+    phi_4 = k_0 (D/2)**2 3/4  ( x_o**2 / u**3 + s (2 h - s) / v**3 )    defocus over the field
+
+(expansion of both distances to fourth order; behind a lens the terms in v vanish from phi_3 and phi_4).
+Each must be at most 0.3 rad, which keeps the intensity correlation of the two patterns above 0.87. Where
+the image of the object fills the camera (h = s), phi_4 is 3/4 k_0 x_o**2 (D/2)**2 (1/u**3 + 1/(u**2 v)).
+"""
+
+import math
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
+from specklegen.scene.illumination import IncoherentObject, Profile
+from specklegen.scene.media import Medium
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarFieldGrid
+
+PHASE_LIMIT = 0.3
+_ROUNDING = 1e-12  # a limit that was computed and handed back must pass
+
+
+class LabSetup(Value):
+    """A laboratory. Every length is in one unit, which the wavelength fixes: here, say, millimetres.
+
+    Parameters
+    ----------
+    wavelength
+        In vacuum, the middle of the band.
+    object_distance
+        From the object to the layer, u.
+    object_extent
+        Full side of the object, in its longer direction.
+    aperture
+        Full side or diameter of the illuminated part of the layer, D.
+    camera_distance, focal_length
+        From the layer to the camera, v, or the focal length of a lens focused at infinity: one of the two.
+    pixel_pitch
+        Distance between neighbouring pixels, p.
+    pixels
+        (rows, columns) of the camera.
+    oversampling
+        Views along each side of a pixel, which the camera averages (`specklegen.Camera.oversampling`);
+        more than 1 where a pixel is larger than half a speckle.
+    bandwidth
+        Full width of the spectrum in vacuum wavelength, as a length.
+    refractive_index
+        Of the layer, n.
+
+    Raises
+    ------
+    RuleError
+        If the speckle is undersampled, the image of the object is larger than the camera, the aperture too
+        large for the far-field mapping, the band so wide that it smears the pattern, or not exactly one of
+        camera_distance and focal_length is given.
+    """
+
+    wavelength: Positive
+    object_distance: Positive
+    object_extent: Positive
+    aperture: Positive
+    camera_distance: Positive | None = None
+    focal_length: Positive | None = None
+    pixel_pitch: Positive
+    pixels: tuple[PositiveInt, PositiveInt]
+    oversampling: PositiveInt = 1
+    bandwidth: NonNegative = 0.0
+    refractive_index: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.camera_distance is None) == (self.focal_length is None):
+            reject(
+                "LabSetup.camera_distance",
+                "given, or else focal_length, and not both",
+                (self.camera_distance, self.focal_length),
+            )
+        self._check_sampling()
+        self._check_field()
+        self._check_aperture()
+        self._check_bandwidth()
+        return self
+
+    def _check_sampling(self) -> None:
+        largest = self.speckle_size / 2
+        excess = self.pixel_pitch / largest
+        if excess > self.oversampling * (1 + _ROUNDING):
+            reject(
+                "LabSetup.pixel_pitch",
+                f"at most {_down(largest * self.oversampling)}, half a speckle a view",
+                self.pixel_pitch,
+                f"Set oversampling to {math.ceil(excess * (1 - _ROUNDING))} or more, "
+                f"or the aperture to at most {_down(self.aperture * self.oversampling / excess)}.",
+            )
+
+    def _check_field(self) -> None:
+        largest = min(self.pixels) * self.pixel_pitch / abs(self.magnification)
+        if self.object_extent > largest * (1 + _ROUNDING):
+            reject(
+                "LabSetup.object_extent",
+                f"at most {_down(largest)}, whose image fills the camera",
+                self.object_extent,
+                "Use a smaller object, more pixels or a shorter camera distance.",
+            )
+
+    def _check_aperture(self) -> None:
+        if self.aperture > self.largest_aperture * (1 + _ROUNDING):
+            phases = ", ".join(f"{name} = {phase:.3g} rad" for name, phase in self.phase_errors.items())
+            reject(
+                "LabSetup.aperture",
+                f"at most {_down(self.largest_aperture)}, so that the far-field mapping holds",
+                self.aperture,
+                f"Its phase errors are {phases}, each at most {PHASE_LIMIT} rad: lower the aperture D, "
+                "the object or the camera's side, or increase the distances.",
+            )
+
+    def _check_bandwidth(self) -> None:
+        if self.bandwidth > self.largest_bandwidth * (1 + _ROUNDING):
+            reject(
+                "LabSetup.bandwidth",
+                f"at most {_down(self.largest_bandwidth)}, which moves the pattern by one speckle",
+                self.bandwidth,
+                "Use a narrower filter, a smaller aperture or fewer pixels.",
+            )
+
+    @property
+    def view_distance(self) -> float:
+        """Distance v from the layer to the camera, or the focal length of the lens."""
+        return self.camera_distance or self.focal_length or math.nan
+
+    @property
+    def medium_wavelength(self) -> float:
+        """Wavelength inside the layer: that of the scene."""
+        return self.wavelength / self.refractive_index
+
+    @property
+    def view_pitch(self) -> float:
+        """Direction sine between neighbouring views, in the layer: the pitch of the far-field grid."""
+        return self.pixel_pitch / (self.oversampling * self.refractive_index * self.view_distance)
+
+    @property
+    def view_shape(self) -> tuple[int, int]:
+        """(rows, columns) of the far-field grid: the camera's pixels times the oversampling."""
+        return self.pixels[0] * self.oversampling, self.pixels[1] * self.oversampling
+
+    def object_pitch(self, shape: tuple[int, int]) -> float:
+        """Direction sine, in the layer, between neighbouring cells of an object of ``shape`` cells."""
+        return self.object_extent / (max(shape) * self.refractive_index * self.object_distance)
+
+    @property
+    def magnification(self) -> float:
+        """Image over object, -v / u: the image is inverted."""
+        return -self.view_distance / self.object_distance
+
+    @property
+    def speckle_size(self) -> float:
+        """Size of a speckle on the camera, lambda_0 v / D."""
+        return self.wavelength * self.view_distance / self.aperture
+
+    @property
+    def object_resolution(self) -> float:
+        """Distance on the object that moves the pattern by one speckle; a cell should not exceed half."""
+        return self.wavelength * self.object_distance / self.aperture
+
+    @property
+    def wavenumber_bandwidth(self) -> float:
+        """Full width of the spectrum in wavenumber inside the layer, 2 pi n bandwidth / lambda_0**2."""
+        return 2 * math.pi * self.refractive_index * self.bandwidth / self.wavelength**2
+
+    @property
+    def largest_bandwidth(self) -> float:
+        """Bandwidth over which the pattern moves by one speckle where it moves most.
+
+        It scales with the wavelength about the image of each object point; the camera's edge is farthest
+        from the image of the object's opposite edge.
+        """
+        farthest = 0.5 * (max(self.pixels) * self.pixel_pitch + self.object_extent * abs(self.magnification))
+        return self.wavelength * self.speckle_size / farthest
+
+    @property
+    def phase_errors(self) -> dict[str, float]:
+        """Largest phase errors phi_1, phi_3, phi_4 of the far-field mapping, radians."""
+        return {name: factor * self.aperture**power for name, (factor, power) in self._phase_factors().items()}
+
+    @property
+    def largest_aperture(self) -> float:
+        """Aperture at which the first phase error reaches the limit of 0.3 rad."""
+        return min(
+            (PHASE_LIMIT / factor) ** (1 / power) if factor > 0 else math.inf
+            for factor, power in self._phase_factors().values()
+        )
+
+    def _phase_factors(self) -> dict[str, tuple[float, int]]:
+        """Each phase error over its power of the aperture, and that power."""
+        k = 2 * math.pi / self.wavelength
+        u, v, x = self.object_distance, self.view_distance, self.object_extent / 2
+        s, h = abs(self.magnification) * x, max(self.pixels) * self.pixel_pitch / 2
+        lensless = 0.0 if self.camera_distance is None else 1.0
+        shift = max(0.75 * s**3, 3 * h * s * (h - s)) / v**3
+        coma = x / u * abs(1 / u**2 - lensless / v**2)
+        defocus = x**2 / u**3 + lensless * s * (2 * h - s) / v**3
+        return {"phi_1": (k / 4 * shift, 1), "phi_3": (k / 16 * coma, 3), "phi_4": (k * 3 / 16 * defocus, 2)}
+
+    def light_sine(self, position: ArrayLike) -> np.ndarray:
+        """Direction sine, in the layer, of the light from a place on the object along one axis."""
+        return -_sine(position, self.object_distance) / self.refractive_index
+
+    def view_sine(self, position: ArrayLike) -> np.ndarray:
+        """Direction sine, in the layer, of the light that reaches a place on the camera along one axis."""
+        return _sine(position, self.view_distance) / self.refractive_index
+
+    def object_position(self, light_sine: ArrayLike) -> np.ndarray:
+        """Place on the object whose light has a direction sine in the layer: the inverse of `light_sine`."""
+        return -_position("light sine", light_sine, self.refractive_index, self.object_distance)
+
+    def camera_position(self, view_sine: ArrayLike) -> np.ndarray:
+        """Place on the camera that a direction sine in the layer reaches: the inverse of `view_sine`."""
+        return _position("view sine", view_sine, self.refractive_index, self.view_distance)
+
+    def image_position(self, position: ArrayLike) -> np.ndarray:
+        """Place on the camera about which the pattern of a place on the object is centred."""
+        return self.magnification * np.asarray(position, dtype=np.float64)
+
+    def scene(self, medium: Medium, brightness: ArrayLike, profile: Profile = "square") -> Scene:
+        """Scene of an object, float[h, w], behind a layer, as the engine sees it.
+
+        Its views are the pixels times the oversampling; :func:`specklegen.instrument.camera.expose` brings them
+        together.
+        """
+        cells = np.asarray(brightness, dtype=np.float64)
+        if cells.ndim != 2:
+            reject("LabSetup.scene brightness", "of shape (h, w)", cells.shape)
+        return Scene(
+            wavelength=self.medium_wavelength,
+            medium=medium,
+            illumination=IncoherentObject(
+                brightness=cells,
+                pitch=self.object_pitch((cells.shape[0], cells.shape[1])),
+                width=self.aperture,
+                profile=profile,
+            ),
+            sensor=FarFieldGrid(shape=self.view_shape, pitch=self.view_pitch),
+        )
+
+    @classmethod
+    def of_scene(
+        cls,
+        *,
+        medium_wavelength: float,
+        width: float,
+        view_pitch: float,
+        view_shape: tuple[int, int],
+        object_sines: float,
+        oversampling: int = 1,
+        refractive_index: float = 1.0,
+        **laboratory: float,
+    ) -> Self:
+        """Laboratory that a scene describes: the inverse of the properties above.
+
+        Parameters
+        ----------
+        medium_wavelength, width, view_pitch, view_shape
+            As in the scene: wavelength in the layer, window width, pitch (sines) and shape of the views.
+        object_sines
+            Full extent of the object in direction sines, in the layer.
+        oversampling, refractive_index, laboratory
+            Fields of :class:`LabSetup` that a scene does not fix: object_distance; camera_distance or
+            focal_length; bandwidth.
+
+        Raises
+        ------
+        RuleError
+            If the view shape is no multiple of the oversampling, or the laboratory breaks a rule.
+        """
+        if view_shape[0] % oversampling or view_shape[1] % oversampling:
+            reject("LabSetup.of_scene view_shape", f"a multiple of the oversampling {oversampling}", view_shape)
+        distance = laboratory.get("camera_distance") or laboratory.get("focal_length") or math.nan
+        return cls(
+            wavelength=medium_wavelength * refractive_index,
+            aperture=width,
+            pixel_pitch=view_pitch * oversampling * refractive_index * distance,
+            pixels=(view_shape[0] // oversampling, view_shape[1] // oversampling),
+            object_extent=object_sines * refractive_index * laboratory.get("object_distance", math.nan),
+            oversampling=oversampling,
+            refractive_index=refractive_index,
+            **laboratory,
+        )
+
+
+def _sine(position: ArrayLike, distance: float) -> np.ndarray:
+    position = np.asarray(position, dtype=np.float64)
+    return position / np.hypot(distance, position)
+
+
+def _position(name: str, sine: ArrayLike, refractive_index: float, distance: float) -> np.ndarray:
+    outside = refractive_index * np.asarray(sine, dtype=np.float64)
+    if not (np.abs(outside) < 1).all():
+        reject(f"LabSetup {name}", f"below 1 / refractive_index = {1 / refractive_index:.4g} in size", sine)
+    return distance * outside / np.sqrt((1 - outside) * (1 + outside))
+
+
+def _down(value: float) -> float:
+    """Round down to four significant digits, so that the value printed still obeys the rule."""
+    if not 0 < value < math.inf:
+        return value
+    digit = 10.0 ** (math.floor(math.log10(value)) - 3)
+    return float(f"{math.floor(value / digit) * digit:.4g}")

@@ -1,0 +1,1 @@
+"""The mean (ballistic) field of every geometry."""

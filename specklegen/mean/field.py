@@ -1,0 +1,113 @@
+"""The mean (ballistic, coherent) field: [Bar19] Eqs. 20, 46-48; physics.md 3.
+
+Where a point is involved, a sensor or a source, it is the attenuated ray tau xi of the *total* field. Between far
+lights and far views it depends on the medium:
+
+* behind a slab, beams: the total transmitted mean of a wide beam, e^(-OD/2) times the diffraction pattern of its
+  window. At v = i its amplitude is (k / 2 pi)^((d-1)/2) A e^(-OD/2), and for a square window its first zero lies
+  lambda / W away. The constant phase is chosen such that the field on the exit face is real and positive at the
+  window's centre for a beam along the axis;
+* of a box or a voxel grid: the field *scattered* by it, for the light that misses or crosses it is not limited by
+  it (that of a plane wave is a delta at v = i): see :mod:`specklegen.mean.finite`.
+"""
+
+import numpy as np
+from scipy.special import j1
+
+from specklegen.core.errors import reject
+from specklegen.kernels import mean_integrals
+from specklegen.mean.finite import scattered_mean
+from specklegen.paths.endpoints import light_endpoints, view_endpoints
+from specklegen.paths.layout import volume_of
+from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources, Profile
+from specklegen.scene.media import Slab
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import NearField
+
+
+def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
+    """Mean field of a scene, complex128[T, *sensor.shape], in the unit of u; dark in a slab's reflection.
+
+    Of beams on a slab or with points involved it is the total field; seen in the far field, that of boxes and voxel
+    grids is the scattered one, without the unscattered light, which u does not hold either.
+
+    Parameters
+    ----------
+    scene
+        Anything but an incoherent object.
+    most_nodes
+        Quadrature nodes, over all lights and views, from which a box or voxel grid is refused: a node takes some
+        0.1 microseconds on one core, and several times that among many voxels.
+
+    Raises
+    ------
+    RuleError
+        For illumination without a field of its own (an incoherent object), a sensor point on a source, particles
+        that scatter nothing forward, or a mean that costs too much.
+    """
+    lights = scene.illumination
+    if isinstance(lights, IncoherentObject):
+        reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", type(lights).__name__)
+    if isinstance(scene.sensor, NearField) or isinstance(lights, PointSources):
+        field = _rays(scene)
+    elif isinstance(scene.medium, Slab):
+        assert isinstance(lights, CollimatedBeams)  # a scene of plane waves has no far field behind a slab
+        field = _slab(scene.medium, lights, scene.views, scene.wavelength)
+    else:
+        field = scattered_mean(scene, most_nodes)
+    return field.reshape(len(scene.lights), *scene.sensor.shape)
+
+
+def _rays(scene: Scene) -> np.ndarray:
+    """complex128[T, V], the field of every light at every view with what is lost on the straight line."""
+    lights, views = light_endpoints(scene), view_endpoints(scene)
+    field = np.empty((len(lights.vectors), len(views.vectors)), np.complex128)
+    met = mean_integrals.rays(
+        volume_of(scene.medium, scene.dimension), lights.near, lights.vectors, views.near, views.vectors,
+        scene.wavelength, lights.footprint, lights.radius, field,
+    )  # fmt: skip
+    if met >= 0:
+        reject(
+            "mean_field scene.sensor.points", "away from every source", scene.views[met % len(views.vectors)],
+            "The field of a point source is infinite there.",
+        )  # fmt: skip
+    return field
+
+
+def _slab(slab: Slab, beams: CollimatedBeams, views: np.ndarray, wavelength: float) -> np.ndarray:
+    """complex128[T, V], diffraction patterns of the window as the exit face sends them."""
+    field = np.empty((len(beams.directions), len(views)), np.complex128)
+    for tilt, direction in zip(field, beams.directions, strict=True):
+        difference = (direction - views) / wavelength
+        # On the exit face the beam has walked off by its slope times the thickness.
+        turns = difference @ (direction / direction[-1] * slab.thickness)
+        pattern = window_transform(beams.profile, beams.width, *difference[:, :-1].T)
+        attenuation = np.exp(-0.5 * slab.optical_depth / direction[-1])
+        obliquity = np.sqrt(direction[-1])  # face area to cross section
+        scale = obliquity * attenuation / wavelength ** (difference.shape[-1] / 2 - 0.5)
+        tilt[...] = np.where(views[:, -1] > 0, scale * pattern * np.exp(2j * np.pi * turns), 0)
+    return field
+
+
+def window_transform(profile: Profile, width: float, x: np.ndarray, y: np.ndarray | None = None) -> np.ndarray:
+    """Fourier transform of an amplitude profile b, an area, at lateral frequencies in cycles per length.
+
+    In flatland, where there is no y, a length.
+    """
+    if profile == "gaussian":
+        # b = exp(-4 r^2 / width^2), whose square falls to 1/e^2 at half the width.
+        if y is None:
+            return np.sqrt(np.pi) / 2 * width * np.exp(-((np.pi * width * x / 2) ** 2))
+        return np.pi / 4 * width**2 * np.exp(-((np.pi * width * np.hypot(x, y) / 2) ** 2))
+    if y is None:
+        return width * np.sinc(width * x)
+    if profile == "square":
+        return width**2 * np.sinc(width * x) * np.sinc(width * y)
+    t = np.pi * width * np.hypot(x, y)
+    return np.pi / 4 * width**2 * np.where(t < 1e-8, 1.0, 2 * j1(t) / np.where(t < 1e-8, 1.0, t))
+
+
+def ballistic_fraction(scene: Scene) -> float:
+    """e^(-OD), the share of the light that crosses the medium without a collision, at the steepest tilt."""
+    steepest = scene.beams.directions[:, -1].max(initial=0.0) or 1.0
+    return float(np.exp(-scene.medium.optical_depth / steepest))

@@ -1,0 +1,111 @@
+"""Whether the mean field matters beside the speckle, and what it is told where it is left out."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from specklegen.core.decision import Decision
+from specklegen.core.errors import RuleError
+from specklegen.core.values import remembered
+from specklegen.mean.field import mean_field
+from specklegen.paths.pilot import scene_pilot
+from specklegen.scene.illumination import IncoherentObject, PointSources, directions_of_sines
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarField, FarFieldGrid, Sensor
+
+_BLOCK = 64  # nearest rows and columns in which the rings of a disc are looked for
+_MEAN = "mean (ballistic) field"
+_NO_BALLISTIC_IMAGE = (
+    "the object's ballistic image is not modelled, though each pixel's light reaches {:.2g} times its speckle's "
+    "intensity at some view: a camera blocks it or looks beside it"
+)
+_CHEAP = 1e6  # quadrature nodes of a mean field that is only judged: a tenth of a second
+
+
+def mean_decision(scene: Scene, mean: bool, tolerance: float) -> Decision:
+    """The mean field is added only when asked; say where its intensity would exceed the speckle's tolerance."""
+    if mean:
+        return Decision(_MEAN, True, "asked for")
+    if not len(scene.beams.directions):
+        return Decision(_MEAN, False, "there is no light")
+    ratio = _strongest_mean(scene) / max(scene_pilot(scene, False).intensity, 1e-300)
+    decision = _mean_left_out(ratio, tolerance)
+    if ratio > tolerance and isinstance(scene.illumination, IncoherentObject):
+        return replace(decision, reason=_NO_BALLISTIC_IMAGE.format(ratio))
+    return decision
+
+
+@remembered(64)
+def _strongest_mean(scene: Scene) -> float:
+    """Largest intensity of the nearest tilt's mean field over the views.
+
+    Over a grid it is found without looking at every view. A window's diffraction pattern is the product of its
+    sections (square, Gaussian), so that the best column and the best row of the cross through the nearest view have
+    the maximum; or it falls off in rings (disc), so that a block about the nearest view holds it.
+    """
+    tilt = _nearest_tilt(scene)
+    beam = scene.beams.replace(directions=tilt[None])
+
+    def intensity(sensor: Sensor) -> np.ndarray:
+        return np.square(np.abs(mean_field(scene.replace(illumination=beam, sensor=sensor))[0]))
+
+    grid = scene.sensor
+    if not isinstance(grid, FarFieldGrid):
+        return float(intensity(grid).max(initial=0.0))
+
+    def over(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        sines = np.stack(np.meshgrid(x, y), axis=-1)
+        return intensity(FarField(directions=directions_of_sines("view", sines, grid.sign)))
+
+    near_x, near_y = (axis[np.argsort(np.abs(axis - sine))] for axis, sine in zip(grid.sines, tilt, strict=False))
+    along, across = over(near_x, near_y[:1])[0], over(near_x[:1], near_y)[:, 0]
+    best = over(near_x[[along.argmax()]], near_y[[across.argmax()]])
+    return float(max(best.max(), over(near_x[:_BLOCK], near_y[:_BLOCK]).max()))
+
+
+def volume_mean_decision(scene: Scene, mean: bool, tolerance: float, speckle: float) -> Decision:
+    """The mean field in any geometry, judged at every view for at most eight of the lights, where that is cheap."""
+    if mean:
+        return Decision(_MEAN, True, "asked for")
+    if isinstance(scene.illumination, IncoherentObject) or not len(scene.lights) or not scene.views.size:
+        return Decision(_MEAN, False, "not asked for")
+    try:
+        strongest = float(np.square(np.abs(mean_field(few_lights(scene, 8), most_nodes=_CHEAP))).max(initial=0.0))
+    except RuleError as refused:
+        return Decision(_MEAN, False, f"not asked for, and not judged: {refused}")
+    return _mean_left_out(strongest / max(speckle, 1e-300), tolerance)
+
+
+def _mean_left_out(ratio: float, tolerance: float) -> Decision:
+    """The decision on a mean that was not asked for, by its intensity over the speckle's where it is strongest."""
+    if ratio <= tolerance:
+        reason = f"at most {ratio:.2g} of the speckle's intensity at any view"
+    else:
+        reason = (
+            f"not asked for (mean=True adds it), though it reaches {ratio:.2g} times the speckle's intensity at some "
+            "view: a camera blocks it or looks beside it"
+        )
+    return Decision(_MEAN, False, reason)
+
+
+def few_lights(scene: Scene, count: int) -> Scene:
+    """The scene with at most ``count`` of its lights, spread over all."""
+    light = scene.illumination
+    chosen = np.unique(np.linspace(0, len(scene.lights) - 1, count).astype(int))
+    if isinstance(light, PointSources):
+        return scene.replace(illumination=light.replace(points=light.points[chosen]))
+    assert not isinstance(light, IncoherentObject)
+    return scene.replace(illumination=light.replace(directions=light.directions[chosen]))
+
+
+def _nearest_tilt(scene: Scene) -> np.ndarray:
+    """float64[3], the tilt that comes nearest to any view, where its mean field is strongest; ties to the axis."""
+    directions, sensor = scene.beams.directions, scene.sensor
+    if isinstance(sensor, FarFieldGrid):
+        x, y = sensor.sines
+        inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
+        gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
+    else:
+        gap, _ = KDTree(scene.views).query(directions)
+    return directions[np.lexsort((-directions[:, 2], gap))[0]]

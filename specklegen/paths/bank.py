@@ -1,0 +1,127 @@
+"""The path bank: connections of random paths to the sensor, as a struct of arrays."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from specklegen.core.parallel import Threads, map_blocks
+from specklegen.kernels import walk
+
+
+@dataclass(frozen=True)
+class PathBank:
+    """Connections of traced paths to the sensor, in path order (struct of arrays over M connections).
+
+    Attributes
+    ----------
+    records : float64[M, walk.RECORD]
+        Vertices, directions, weights and path lengths; the properties below name the columns.
+    orders : int32[M]
+        Number of vertices, B.
+    paths : int64[M]
+        Number of the path.
+    count : int
+        Paths traced.
+    events : int
+        Scattering events simulated.
+    unfinished : int
+        Paths ended by ``max_order``.
+    unfinished_weight : float
+        Sum of the weights W that these carried.
+    """
+
+    records: np.ndarray
+    orders: np.ndarray
+    paths: np.ndarray
+    count: int
+    events: int = 0
+    unfinished: int = 0
+    unfinished_weight: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    @property
+    def entry(self) -> np.ndarray:
+        """float64[M, 3], first vertex x1."""
+        return self.records[:, walk.ENTRY : walk.ENTRY + 3]
+
+    @property
+    def entry_direction(self) -> np.ndarray:
+        """float64[M, 3], direction leaving x1; zero for single scattering."""
+        return self.records[:, walk.ENTRY_DIRECTION : walk.ENTRY_DIRECTION + 3]
+
+    @property
+    def exit(self) -> np.ndarray:
+        """float64[M, 3], last vertex x_B."""
+        return self.records[:, walk.EXIT : walk.EXIT + 3]
+
+    @property
+    def exit_direction(self) -> np.ndarray:
+        """float64[M, 3], direction arriving at x_B; zero for single scattering."""
+        return self.records[:, walk.EXIT_DIRECTION : walk.EXIT_DIRECTION + 3]
+
+    @property
+    def weight(self) -> np.ndarray:
+        """float64[M], W over the probability of keeping."""
+        return self.records[:, walk.WEIGHT]
+
+    @property
+    def length(self) -> np.ndarray:
+        """float64[M], sum of the free flights from x1 to x_B."""
+        return self.records[:, walk.LENGTH]
+
+    @property
+    def single(self) -> Self:
+        """The connections of single scattering."""
+        return self.select(self.orders == 1)
+
+    @property
+    def multiple(self) -> Self:
+        """The connections of two and more scatterings."""
+        return self.select(self.orders > 1)
+
+    def select(self, mask: np.ndarray | slice) -> Self:
+        """Return the connections chosen by a mask or a slice."""
+        return replace(self, **{name: a[mask] for name, a in vars(self).items() if isinstance(a, np.ndarray)})
+
+    def reversed(self) -> Self:
+        """Return the same paths walked backwards; single scattering, its own reverse, is left out."""
+        bank = self.multiple
+        records = np.empty_like(bank.records)
+        records[:, walk.ENTRY : walk.ENTRY + 3] = bank.exit
+        records[:, walk.ENTRY_DIRECTION : walk.ENTRY_DIRECTION + 3] = -bank.exit_direction
+        records[:, walk.EXIT : walk.EXIT + 3] = bank.entry
+        records[:, walk.EXIT_DIRECTION : walk.EXIT_DIRECTION + 3] = -bank.entry_direction
+        records[:, walk.WEIGHT :] = bank.records[:, walk.WEIGHT :]
+        return replace(bank, records=records)
+
+    def translated(self, shift: np.ndarray) -> Self:
+        """Return the bank with every vertex moved by ``shift`` float64[3]."""
+        records = self.records.copy()
+        records[:, walk.ENTRY : walk.ENTRY + 3] += shift
+        records[:, walk.EXIT : walk.EXIT + 3] += shift
+        return replace(self, records=records)
+
+
+def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
+    """Join banks in the order given."""
+    ends = np.cumsum([0, *map(len, banks)])
+    total = ends[-1]
+    records, orders, paths = np.empty((total, walk.RECORD)), np.empty(total, np.int32), np.empty(total, np.int64)
+
+    def copy(n: int) -> None:
+        to = slice(ends[n], ends[n + 1])
+        records[to], orders[to], paths[to] = banks[n].records, banks[n].orders, banks[n].paths
+
+    map_blocks(copy, range(len(banks)), threads)
+    return PathBank(
+        records=records,
+        orders=orders,
+        paths=paths,
+        count=sum(b.count for b in banks),
+        events=sum(b.events for b in banks),
+        unfinished=sum(b.unfinished for b in banks),
+        unfinished_weight=sum(b.unfinished_weight for b in banks),
+    )

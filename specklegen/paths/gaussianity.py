@@ -1,0 +1,86 @@
+"""Whether a field is the Gaussian that speckle is: how many contributions it sums, and its kurtosis.
+
+A field u of N paths, each with connections of contribution w_B and independent phases, has
+
+    E|u|^4 / (E|u|^2)^2 - 2 = [ 2 Var w - E sum_B w_B^2 ] / (N (E w)^2),    w = sum_B w_B
+
+which is 0 for circular Gaussian speckle: its contrast is then 1 and its intensity exponential (physics.md 2).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+TOLERANCE = 0.02
+"""Kurtosis excess below which a stack counts as Gaussian: contrast^2 within 2 % of 1."""
+
+
+@dataclass(frozen=True)
+class Gaussianity:
+    """Certificate of a stack, at the worst of a few lights and views.
+
+    Attributes
+    ----------
+    contributions : float
+        Effective number of contributions to a field, (sum w)^2 / sum w^2 over its connections; infinite where
+        the field is drawn from Gaussian numbers.
+    kurtosis_excess : float
+        E|u|^4 / (E|u|^2)^2 - 2.
+    """
+
+    contributions: float
+    kurtosis_excess: float
+
+    @property
+    def enough(self) -> bool:
+        """Whether the stack used enough paths to be Gaussian within ``TOLERANCE``."""
+        return abs(self.kurtosis_excess) <= TOLERANCE
+
+    def __str__(self) -> str:
+        if np.isinf(self.contributions):
+            return "Gaussian by construction."
+        decision = "enough paths to be Gaussian" if self.enough else "TOO FEW paths to be Gaussian: ask for more"
+        return (
+            f"{decision} (about {self.contributions:.3g} effective contributions to each field, kurtosis excess "
+            f"{self.kurtosis_excess:+.2g})."
+        )
+
+
+EXACT = Gaussianity(np.inf, 0.0)
+
+
+@dataclass(frozen=True)
+class PathMoments:
+    """Moments of one path's weights, at one light and view.
+
+    Attributes
+    ----------
+    relative_variance : float
+        Var w / (E w)^2 of the whole path.
+    concentration : float
+        E sum_B w_B^2 / (E w)^2.
+    """
+
+    relative_variance: float
+    concentration: float
+
+    @classmethod
+    def of(cls, weights: np.ndarray, paths: np.ndarray, count: int) -> "PathMoments":
+        """Moments of connections of weight float64[M] on paths int64[M], of ``count`` paths traced."""
+        whole = np.bincount(paths, weights, count)
+        mean = whole.mean()
+        if not mean > 0:
+            return cls(0.0, 0.0)
+        # Over the mean before they are squared: the square of faint light underflows.
+        return cls(float((whole / mean).var()), float(np.square(weights / mean).sum() / count))
+
+    def paths_for(self, rel_error: float) -> int:
+        """Return the paths that leave sqrt(Var w / (N (E w)^2)) at ``rel_error``."""
+        return max(1, int(np.ceil(self.relative_variance / rel_error**2)))
+
+    def gaussianity(self, paths: int) -> Gaussianity:
+        """Return the certificate of a field of so many paths."""
+        if self.concentration == 0:
+            return EXACT
+        excess = (2 * self.relative_variance - self.concentration) / paths
+        return Gaussianity(paths / self.concentration, excess)

@@ -1,0 +1,307 @@
+"""Fields on a regular far-field grid by type-1 non-uniform FFTs, tile by tile.
+
+    u_t(v) = sum_m c_t(m) F(m; v) e^(-ik(v - v_c)_xy . y_m),    y_m = x_xy - z v_c,xy / v_c,z
+
+on a tile of views about v_c. The view factor F varies slowly with v (:mod:`specklegen.samplers.path_sums.view_factor`):
+through its values at a few skeleton views, the field is a sum over r of P_r times one transform of strengths with the
+exact F at v_r. Few views are one tile; a wide field of view is cut until each tile needs a low rank.
+"""
+
+from dataclasses import dataclass, replace
+
+import finufft
+import numpy as np
+
+from specklegen.core.parallel import Threads, map_blocks, slices
+from specklegen.kernels import sums
+from specklegen.paths import slab_optics
+from specklegen.paths.bank import PathBank
+from specklegen.paths.chunks import CONNECTIONS
+from specklegen.paths.slab_optics import Optics
+from specklegen.samplers.path_sums.tiling import Tile, Tiling
+from specklegen.samplers.path_sums.view_factor import (
+    ViewFactor,
+    error_of_single,
+    face_depth,
+    factor_values,
+    multiple_factor,
+    sagitta,
+    single_factor,
+)
+from specklegen.scene.sensors import FarFieldGrid
+
+TILTS_AT_ONCE = 2
+_RANKS_AT_ONCE = 4  # skeleton views that share a transform's plan, one after the other
+_SORT_FROM = 2**19  # bytes of a transform that no longer stays in the cache: finufft then sorts the points first
+_FACTOR_SHARE = 0.7  # of the tolerance for view factors; transforms are asked for the rest
+_SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
+
+
+@dataclass(frozen=True)
+class NufftPlan:
+    """All that the NUFFT needs to know before the run: tiles, view factors and the tolerance.
+
+    Attributes
+    ----------
+    tiling : Tiling
+    multiple : ViewFactor
+    single : ViewFactor or None
+        None where that of multiple scattering serves single scattering too: both are then transformed at once.
+    single_share : float
+        Share of single scattering among the connections of the pilot.
+    tolerance : float
+        Relative field error asked for.
+    """
+
+    tiling: Tiling
+    multiple: ViewFactor
+    single: ViewFactor | None
+    single_share: float
+    tolerance: float
+
+    @property
+    def grid(self) -> FarFieldGrid:
+        """All views."""
+        return self.tiling.grid
+
+    @property
+    def rank(self) -> int:
+        """Transforms a tilt and tile."""
+        return self.multiple.rank + (self.single.rank if self.single else 0)
+
+    @property
+    def spreads(self) -> float:
+        """Mean number of transforms a tilt and tile that one connection takes part in."""
+        other = self.single or self.multiple
+        return self.single_share * other.rank + (1 - self.single_share) * self.multiple.rank
+
+    @property
+    def dtype(self) -> type:
+        """Precision of the field."""
+        return np.complex64 if self.tolerance >= _SINGLE_PRECISION_FROM else np.complex128
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles."""
+        rows, columns = self.tiling.counts
+        return rows * columns
+
+    @property
+    def points(self) -> int:
+        """Connections to transform at a time: on a large grid more, as its transforms cost much beside spreading."""
+        return max(CONNECTIONS, int(np.prod(self.tiling.shape)))
+
+    @property
+    def error(self) -> float:
+        """Relative field error to expect: the decomposition's, measured, and the transform's, asked."""
+        return float(np.hypot(self.multiple.error, 0.3 * self.tolerance))
+
+
+def build_nufft_plan(
+    bank: PathBank, optics: Optics, grid: FarFieldGrid, tolerance: float, tiling: Tiling | None = None
+) -> NufftPlan | None:
+    """Decompose a scene's view factors on a pilot bank; None where the tiles (by default, the grid) are too wide."""
+    tiling = tiling or Tiling(grid, grid.shape)
+    multiple = multiple_factor(bank.multiple, optics, tiling, _FACTOR_SHARE * tolerance)
+    single = None if multiple is None else single_factor(optics, tiling, _FACTOR_SHARE * tolerance)
+    if multiple is None or single is None:
+        return None
+    share = float(np.mean(bank.orders == 1)) if len(bank) else 0.0
+    return NufftPlan(tiling, multiple, single, share, tolerance)
+
+
+def together(summation: NufftPlan, optics: Optics) -> NufftPlan | None:
+    """The same with single scattering among the rest; None where that leaves the tolerance.
+
+    It saves the transforms of single scattering, but spreads it at the rank of multiple scattering.
+    """
+    error = error_of_single(summation.multiple, optics, summation.tiling)
+    return replace(summation, single=None) if error <= _FACTOR_SHARE * summation.tolerance else None
+
+
+def nufft_field(
+    bank: PathBank,
+    optics: Optics,
+    phases: np.ndarray,
+    summation: NufftPlan,
+    *,
+    threads: Threads = None,
+) -> np.ndarray:
+    """Sum over the connections of a bank, complex[T, H, W], divided by the root of the number of paths.
+
+    complex64 for tolerances of 1e-4 and above, complex128 below. Every transform runs on one thread
+    (finufft with more is not reproducible); tiles, or transforms of one tile, run side by side.
+    """
+    lights = _lights(bank, optics, phases, summation, threads)
+    field = np.zeros((len(optics.tilts), *summation.grid.shape), summation.dtype)
+    tiles = summation.tiling.tiles
+    inside = threads if len(tiles) == 1 else 1
+
+    def fill(tile: Tile) -> None:
+        field[:, tile.rows, tile.columns] = _tile_field(lights, tile, optics, summation, inside)
+
+    map_blocks(fill, tiles, threads)
+    field *= 1 / np.sqrt(max(bank.count, 1))
+    return field
+
+
+def nufft_tile(
+    bank: PathBank,
+    optics: Optics,
+    phases: np.ndarray,
+    summation: NufftPlan,
+    tile: Tile,
+    *,
+    threads: Threads = None,
+) -> np.ndarray:
+    """The part of :func:`nufft_field` on one of the summation's tiles, complex[T, h, w]: the same bits."""
+    lights = _lights(bank, optics, phases, summation, threads)
+    field = np.ascontiguousarray(_tile_field(lights, tile, optics, summation, threads))
+    field *= 1 / np.sqrt(max(bank.count, 1))
+    return field
+
+
+@dataclass(frozen=True)
+class _Light:
+    """Connections that share a view factor, and what they bring to every tile of views.
+
+    Attributes
+    ----------
+    strengths : complex128[T, M]
+        Illumination ends.
+    alone : bool
+        Whether these are connections of single scattering alone, whose s(i . v) is left to the end.
+    once : int64[...]
+        Else, which of them are of single scattering. Their directions are zero vectors, so that both of their ends
+        hold s(0), of which :func:`_load` makes s(i . v_r).
+    """
+
+    factor: ViewFactor
+    bank: PathBank
+    strengths: np.ndarray
+    alone: bool
+    once: np.ndarray
+
+
+def _lights(
+    bank: PathBank, optics: Optics, phases: np.ndarray, summation: NufftPlan, threads: Threads
+) -> list[_Light]:
+    """All connections, or multiple and single scattering, whichever there are."""
+    is_single = bank.orders == 1
+    if summation.single is None:
+        strengths = _strengths(bank, optics, phases, False, threads)
+        lights = [_Light(summation.multiple, bank, strengths, False, np.flatnonzero(is_single))]
+    else:
+        lights = []
+        for factor, chosen, alone in ((summation.multiple, ~is_single, False), (summation.single, is_single, True)):
+            own = bank.select(chosen)
+            strengths = _strengths(own, optics, phases[chosen], alone, threads)
+            lights.append(_Light(factor, own, strengths, alone, np.empty(0, np.int64)))
+    return [light for light in lights if light.strengths.size]
+
+
+def _strengths(bank: PathBank, optics: Optics, phases: np.ndarray, alone: bool, threads: Threads) -> np.ndarray:
+    """Illumination ends, complex128[T, M], in blocks."""
+    strengths = np.empty((len(optics.tilts), len(bank)), np.complex128)
+
+    def fill(part: slice) -> None:
+        strengths[:, part] = slab_optics.illumination_ends(bank.select(part), optics, phases[part], single=alone)
+
+    map_blocks(fill, slices(len(bank), slab_optics.BLOCK), threads)
+    return strengths
+
+
+@dataclass(frozen=True)
+class _Load:
+    """A :class:`_Light` ready to be transformed onto one tile: M connections, R skeleton views.
+
+    Attributes
+    ----------
+    points : float[2, M]
+        Phases a step of the grid along (y, x).
+    sensor : complex128[R, M]
+        Sensor ends at the skeleton views, with all that is common to the tile's views.
+    coupling : float64[R, T, 1]
+        s(i . v_r) / s(0)^2, a factor of the connections ``light.once``.
+    """
+
+    light: _Light
+    points: np.ndarray
+    sensor: np.ndarray
+    coupling: np.ndarray
+
+
+def _load(light: _Light, tile: Tile, optics: Optics, summation: NufftPlan, threads: Threads) -> _Load:
+    bank, steps, pitch = light.bank, light.factor.steps, summation.grid.pitch
+    points = np.empty((2, len(bank)), summation.dtype().real.dtype)
+    sensor = np.empty((light.factor.rank, len(bank)), np.complex128)
+    slope_x, slope_y = tile.middle[:2] / tile.middle[2]
+    offset = slab_optics.offsets(tile.middle.copy(), optics.view_reference, optics.wavelength)
+
+    def fill(part: slice) -> None:
+        some, common = bank.select(part), np.empty(part.stop - part.start, np.complex128)
+        sums.grid_points(
+            some.records, pitch / optics.wavelength, slope_x, slope_y, offset, points[0, part], points[1, part], common
+        )
+        sensor[:, part] = factor_values(some, optics, tile, steps, single=light.alone)
+        sensor[:, part] *= common
+
+    map_blocks(fill, slices(len(bank), slab_optics.BLOCK), threads)
+    none = optics.medium.scatterer.amplitude(np.zeros(1))
+    coupling = slab_optics.single_amplitudes(optics, tile.views(steps)) / none**2
+    return _Load(light, points, sensor, coupling.T[..., None])
+
+
+def _tile_field(
+    lights: list[_Light], tile: Tile, optics: Optics, summation: NufftPlan, threads: Threads
+) -> np.ndarray:
+    """Field on one tile, complex[T, h, w], times the root of the number of paths."""
+    loads = [_load(light, tile, optics, summation, threads) for light in lights]
+    # Fixed parts of skeleton views and tilts: the bits must not depend on the number of threads.
+    groups = slices(len(optics.tilts), TILTS_AT_ONCE)
+    parts = [
+        (load, ranks, group)
+        for load in loads
+        for ranks in slices(load.light.factor.rank, _RANKS_AT_ONCE)
+        for group in groups
+    ]
+    transforms = map_blocks(lambda part: _transform(*part, summation), parts, threads)
+    field = np.zeros((len(optics.tilts), *summation.tiling.shape), summation.dtype)
+    x, y = summation.tiling.steps
+    steps = np.stack(np.broadcast_arrays(x, y[:, None]), -1)
+    bend = np.exp(2j * np.pi * face_depth(optics) * sagitta(steps, tile.middle) / optics.wavelength)
+    bend = bend.astype(field.dtype)
+
+    def gather(group: slice) -> None:
+        for load in loads:
+            mine = [t for part, t in zip(parts, transforms, strict=True) if part[0] is load and part[2] == group]
+            total = mine[0]
+            for transform in mine[1:]:
+                total += transform
+            if load.light.alone:
+                s = slab_optics.single_amplitudes(replace(optics, tilts=optics.tilts[group]), tile.views(steps))
+                total *= s.astype(total.real.dtype)
+            field[group] += total
+        field[group] *= bend
+
+    map_blocks(gather, groups, threads)
+    return field[:, *tile.kept]
+
+
+def _transform(load: _Load, ranks: slice, tilts: slice, summation: NufftPlan) -> np.ndarray:
+    """What the connections add to some terms of the field of some tilts, complex[tilts, h, w]."""
+    dtype, shape = np.dtype(summation.dtype), summation.tiling.shape
+    strengths = load.light.strengths[tilts]
+    plan = finufft.Plan(
+        1, shape, n_trans=len(strengths), eps=0.3 * summation.tolerance, isign=-1, dtype=dtype.name,
+        nthreads=1, spread_sort=int(np.prod(shape) * dtype.itemsize > _SORT_FROM),
+    )  # fmt: skip
+    plan.setpts(*load.points)
+    total = np.zeros((len(strengths), *shape), dtype)
+    for r in range(ranks.start, ranks.stop):
+        values = (strengths * load.sensor[r]).astype(dtype)
+        values[:, load.light.once] *= load.coupling[r, tilts]
+        transform = plan.execute(values).reshape(total.shape)
+        transform *= load.light.factor.pattern(r).astype(dtype)
+        total += transform
+    return total

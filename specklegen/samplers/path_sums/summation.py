@@ -1,0 +1,78 @@
+"""Which summation sums a scene's connections on a regular grid: the NUFFT, in how many tiles, or the direct sum."""
+
+from specklegen.core.decision import Decision
+from specklegen.core.nanoseconds import seconds
+from specklegen.core.parallel import one_blas_thread
+from specklegen.core.values import remembered
+from specklegen.paths.chunks import Chunks
+from specklegen.paths.pilot import Pilot, scene_pilot
+from specklegen.paths.slab_optics import Optics
+from specklegen.samplers.path_sums.cost import direct_operations, nufft_operations
+from specklegen.samplers.path_sums.nufft import NufftPlan, build_nufft_plan, together
+from specklegen.samplers.path_sums.tiling import tilings
+from specklegen.samplers.path_sums.view_factor import constant_factor
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarFieldGrid
+
+_PATHS = 100_000
+"""For which costs are compared: a fixed number, so that every run of a scene sums its fields the same way."""
+
+
+@remembered(64)
+def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | None:
+    """NUFFT with the cheapest tiles, by counted operations.
+
+    Ever smaller tiles are tried until they cost more than the best before, or than the direct sum, be their rank as
+    low as can be; None where none is possible within the tolerance and cheaper than that.
+    """
+    assert isinstance(scene.sensor, FarFieldGrid)
+    pilot, optics = scene_pilot(scene, reverse), Optics.of_scene(scene)
+    tilts = len(scene.beams.directions)
+    rows, columns = scene.sensor.shape
+    per_path = len(pilot.bank) / max(pilot.bank.count, 1)
+    connections = _PATHS * per_path
+
+    def cost(summation: NufftPlan) -> float:
+        chunks = Chunks(_PATHS, per_path, summation.points).count
+        return seconds(nufft_operations(summation, tilts, connections, chunks), 1)
+
+    best, least = None, seconds(direct_operations(tilts, connections, rows * columns), 1)
+    with one_blas_thread():
+        for tiling in tilings(scene.sensor):
+            flat = constant_factor(tiling)
+            if cost(NufftPlan(tiling, flat, None, 0.0, tolerance)) >= least:
+                break
+            found = build_nufft_plan(pilot.bank, optics, scene.sensor, tolerance, tiling)
+            if found is None:
+                continue
+            found = min(filter(None, (found, together(found, optics))), key=cost)
+            if cost(found) < least:
+                best, least = found, cost(found)
+            elif best is not None:
+                break
+    return best
+
+
+
+def summation_decision(
+    scene: Scene, pilot: Pilot, tolerance: float, reverse: bool
+) -> tuple[NufftPlan | None, Decision]:
+    """The NUFFT summation where it is possible and cheaper than the direct sum, and why."""
+    part = "NUFFT summation"
+    if not isinstance(scene.sensor, FarFieldGrid):
+        return None, Decision(part, False, "needs a regular far-field grid; the direct sum serves any directions")
+    if reverse:
+        return None, Decision(part, False, "reversed paths are summed directly")
+    if len(pilot.bank) == 0:
+        return None, Decision(part, False, "nothing scatters")
+    nufft = scene_nufft(scene, reverse, tolerance)
+    if nufft is None:
+        rows, columns = scene.sensor.shape
+        return None, Decision(part, False, f"no tiles make it cheaper than {rows * columns} views summed directly")
+    rows, columns = nufft.tiling.counts
+    tiles = "" if nufft.tiles == 1 else f" in {rows}x{columns} tiles"
+    return nufft, Decision(
+        part,
+        True,
+        f"rank {nufft.rank}{tiles} at a relative field error of {nufft.error:.1g} on held-out connections",
+    )

@@ -1,0 +1,300 @@
+"""The view factor of a connection, through its values at a few skeleton views.
+
+Seen from the middle v_c of a tile of views, a connection that leaves x = (x, y, z) along omega contributes
+
+    s(omega . v) tau(x, v) e^(-ik(v - v_c) . x) = F(m; v) e^(-ik(v - v_c)_xy . (x_xy - z v_c,xy / v_c,z))
+
+with F = s tau e^(ikz |v - v_c|^2 / (2 v_c,z)): projected along v_c, depths leave a phase of second order only (the
+identity is exact for unit vectors). Measured from the face where the light comes out, z is a few mean free paths.
+
+F varies slowly with v. An interpolative decomposition, F(m; v) = sum_r F(m; v_r) P_r(v - v_c), is found from
+training connections at Chebyshev nodes, from which P_r is interpolated to the views; one set of v_r and P_r serves
+all tiles. It is judged on held-out connections and views: the rank grows until the error of the worst tile is
+below what was asked, or the tiles are too wide.
+"""
+
+from bisect import bisect_left
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from specklegen.kernels import walk
+from specklegen.paths import slab_optics
+from specklegen.paths.bank import PathBank
+from specklegen.paths.slab_optics import AXIS, Optics
+from specklegen.samplers.path_sums.tiling import Tile, Tiling
+from specklegen.scene.media import Slab
+
+MAX_RANK = 128
+_NODES = (3, 5, 7, 9, 13)
+_TILES = 4  # along each axis, on which a decomposition is trained
+_FEW = slice(0, 64)
+_HELD_OUT_VIEWS = 48
+_HELD_OUT_CONNECTIONS = 2**15  # over all tiles
+_GRAZING = 0.1
+_DEPTHS = 64
+_TILTS = 16
+
+
+@dataclass(frozen=True)
+class ViewFactor:
+    """F(m; v) = sum_r F(m; v_r) P_r(v - v_c) on every tile of a grid.
+
+    Attributes
+    ----------
+    steps : float64[R, 2]
+        Direction sines (x, y) of the skeleton views relative to a tile's middle.
+    mix : complex128[R, nodes, nodes]
+        P_r at Chebyshev nodes; :meth:`pattern` spreads one over a tile.
+    rows, columns : float64[h, nodes], float64[w, nodes]
+        Interpolation from the nodes to a tile.
+    error : float
+        Relative root mean square error of F on held-out connections and views of the worst tile, weighted as in the
+        field.
+    """
+
+    steps: np.ndarray
+    mix: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    error: float
+
+    @property
+    def rank(self) -> int:
+        """Number of skeleton views."""
+        return len(self.steps)
+
+    def pattern(self, r: int) -> np.ndarray:
+        """P_r on a tile, complex128[h, w]."""
+        return self.rows @ self.mix[r] @ self.columns.T
+
+
+def sagitta(steps: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """|v - v_c|^2 / (2 v_c,z), float64[...], for sines float64[..., 2] relative to v_c, without cancellation."""
+    z = np.sign(middle[2]) * np.sqrt(np.clip(1 - np.square(middle[:2] + steps).sum(-1), 0, None))
+    along = -(steps * (2 * middle[:2] + steps)).sum(-1) / (z + middle[2])
+    return (np.square(steps).sum(-1) + np.square(along)) / (2 * middle[2])
+
+
+def face_depth(optics: Optics) -> float:
+    """Depth of the face where the light comes out, from which view factors measure z."""
+    return optics.medium.thickness if optics.view_reference[2] > 0 else 0.0
+
+
+def factor_values(bank: PathBank, optics: Optics, tile: Tile, steps: np.ndarray, *, single: bool) -> np.ndarray:
+    """F of the connections of a bank at views given relative to a tile's middle, complex128[R, M]."""
+    views, middle = tile.views(steps), tile.middle
+    turns = np.zeros_like(views)
+    turns[:, 2] = -sagitta(steps, middle) / optics.wavelength
+    values = slab_optics.sensor_ends(bank, optics, views, single=single, turns=turns)
+    values *= np.exp(2j * np.pi * turns[:, 2:] * face_depth(optics))
+    return values
+
+
+def multiple_factor(bank: PathBank, optics: Optics, tiling: Tiling, tolerance: float) -> ViewFactor | None:
+    """Decompose the view factor of multiple scattering; None where no rank up to 128 is good enough.
+
+    Parameters
+    ----------
+    bank
+        Multiple-scattering connections of a pilot; even ones train, odd ones judge.
+    tolerance
+        Relative root mean square error allowed on the held-out half.
+    """
+    tilt = optics.tilts.mean(axis=0) if len(optics.tilts) else AXIS
+    centre = tiling.grid.center_direction
+    power = np.zeros(len(bank))
+    if len(bank):
+        power = slab_optics.contributions(bank, optics, tilt / np.linalg.norm(tilt), centre)
+    used = power > 0
+    bank, power = bank.select(used), power[used]
+    # Weights relative to F at the centre, so that rows weigh what their connections weigh in the field.
+    at_centre = np.abs(slab_optics.sensor_ends(bank, optics, centre[None], single=False)[0])
+    return _decompose(bank, optics, tiling, tolerance, np.sqrt(power) / np.maximum(at_centre, 1e-300), single=False)
+
+
+def single_factor(optics: Optics, tiling: Tiling, tolerance: float) -> ViewFactor | None:
+    """Decompose the view factor of single scattering, which depends on the depth alone."""
+    return _decompose(_depths(optics.medium), optics, tiling, tolerance, np.ones(_DEPTHS), single=True)
+
+
+def error_of_single(factor: ViewFactor, optics: Optics, tiling: Tiling) -> float:
+    """Relative root mean square error of single scattering, s(i . v) included, by the view factor of another light.
+
+    Of the worst of a few tiles, over depths and at most 16 tilts.
+    """
+    bank, spots = _depths(optics.medium), _held_out_steps(tiling)
+    count = len(optics.tilts)
+    some = np.unique(np.linspace(0, count - 1, min(count, _TILTS)).round().astype(int))
+    optics = replace(optics, tilts=optics.tilts[some])
+    nodes = factor.mix.shape[-1]
+    patterns = _Lattice(tiling, nodes).at(factor.mix.reshape(factor.rank, nodes**2), spots)
+
+    def values(tile: Tile, steps: np.ndarray) -> np.ndarray:
+        s = slab_optics.single_amplitudes(optics, tile.views(steps))
+        return np.einsum("tv,vm->tmv", s, factor_values(bank, optics, tile, steps, single=True))
+
+    tiles = [tiling.tiles[n] for n in _outline(tiling)]
+    return _worst([values(tile, factor.steps) for tile in tiles], patterns, [values(tile, spots) for tile in tiles])
+
+
+def _depths(medium: Slab) -> PathBank:
+    """Single scattering at depths spread over a slab."""
+    bank = PathBank(np.zeros((_DEPTHS, walk.RECORD)), np.ones(_DEPTHS, np.int32), np.arange(_DEPTHS), _DEPTHS)
+    bank.exit[:, 2] = medium.thickness * (np.arange(_DEPTHS) + 0.5) / _DEPTHS
+    return bank
+
+
+def _decompose(
+    bank: PathBank, optics: Optics, tiling: Tiling, tolerance: float, weight: np.ndarray, *, single: bool
+) -> ViewFactor | None:
+    if len(bank) < 2:
+        return constant_factor(tiling)
+    tiles = tiling.tiles
+    if min(abs(tile.middle[2]) for tile in tiles) < _GRAZING:
+        return None  # the projection along such a view would throw connections far aside
+    train, test = bank.select(slice(0, None, 2)), bank.select(slice(1, None, 2))
+    train_weight, test_weight = weight[0::2], weight[1::2]
+    spots = _held_out_steps(tiling)
+    shares = [_share(test, test_weight, n, len(tiles), _HELD_OUT_CONNECTIONS // len(tiles)) for n in range(len(tiles))]
+    judges = [(tile, *share) for tile, share in zip(tiles, shares, strict=True)]
+    few = [(tile, part.select(_FEW), weights[_FEW]) for tile, part, weights in (judges[n] for n in _outline(tiling))]
+
+    def values(tile: Tile, part: PathBank, weights: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        return factor_values(part, optics, tile, steps, single=single).T * weights[:, None]
+
+    rough = [values(*judge, spots) for judge in few]
+    truths: list[np.ndarray] = []
+    for nodes in _NODES:
+        lattice = _Lattice(tiling, nodes)
+        at_nodes = [values(*judge, lattice.steps) for judge in few]
+        if _worst(at_nodes, lattice.at(np.eye(nodes**2), spots), rough) > tolerance:
+            continue  # no rank helps where the lattice itself does not resolve F
+        found = _training_values(train, train_weight, tiling, lattice, values)
+        _, r, pivots = qr(found, mode="economic", pivoting=True)  # type: ignore[misc]
+        tails = np.sqrt(np.cumsum(np.square(np.abs(r)).sum(axis=1)[::-1])[::-1])
+        # A finer lattice only asks for more; pivoting comes within a factor 2 of the least rank.
+        if (tails > tolerance * tails[0]).sum() > 2 * MAX_RANK:
+            return None
+        # The tails bound the rank from above, generously; the held-out error decides.
+        regular = int((np.abs(np.diagonal(r)) > 1e-13 * np.abs(r[0, 0])).sum())
+        most = min(int((tails > 0.2 * tolerance * tails[0]).sum()) + 8, MAX_RANK, regular, len(found) // 2 + 1)
+        truths = truths or [values(*judge, spots) for judge in judges]
+        skeletons = [values(*judge, lattice.steps[pivots[:most]]) for judge in judges]
+        factor = _least_rank(lattice, r[:most], pivots, skeletons, spots, truths, tolerance)
+        if factor is not None:
+            return factor
+    return None
+
+
+def _least_rank(
+    lattice: "_Lattice",
+    r: np.ndarray,
+    pivots: np.ndarray,
+    skeletons: list[np.ndarray],
+    spots: np.ndarray,
+    truths: list[np.ndarray],
+    tolerance: float,
+) -> ViewFactor | None:
+    """The least rank within the tolerance on held-out connections; None if all of ``skeletons`` are too few."""
+
+    def error(rank: int) -> float:
+        return _worst([some[:, :rank] for some in skeletons], lattice.at(_mix(r, pivots, rank), spots), truths)
+
+    if error(len(r)) > tolerance:
+        return None
+    rank = bisect_left(range(1, len(r)), -tolerance, key=lambda rank: -error(rank)) + 1
+    mix = _mix(r, pivots, rank)
+    return ViewFactor(lattice.steps[pivots[:rank]], lattice.cube(mix), *lattice.to_tile(), error(rank))
+
+
+def _mix(r: np.ndarray, pivots: np.ndarray, rank: int) -> np.ndarray:
+    """P_r at the nodes, complex128[rank, nodes * nodes], of a pivoted QR decomposition."""
+    mix = np.zeros((rank, r.shape[1]), np.complex128)
+    mix[:, pivots] = np.hstack([np.eye(rank), solve_triangular(r[:rank, :rank], r[:rank, rank:])])
+    return mix
+
+
+def _worst(skeletons: list[np.ndarray], mix: np.ndarray, truths: list[np.ndarray]) -> float:
+    """Largest relative root mean square error, over tiles, of ``skeletons @ mix``."""
+    return max(
+        float(np.linalg.norm(some @ mix - truth) / max(np.linalg.norm(truth), 1e-300))
+        for some, truth in zip(skeletons, truths, strict=True)
+    )
+
+
+def _share(bank: PathBank, weight: np.ndarray, n: int, of: int, most: int) -> tuple[PathBank, np.ndarray]:
+    """Connections that judge tile n: every one in turn, at least 64."""
+    stride = max(1, len(bank) // max(most, 64))
+    chosen = slice(n % stride if of > 1 else 0, None, stride)
+    return bank.select(chosen), weight[chosen]
+
+
+def _training_values(train: PathBank, weight: np.ndarray, tiling: Tiling, lattice: "_Lattice", values) -> np.ndarray:
+    """F at the nodes, complex128[rows, nodes * nodes]: a few tiles spread over the grid, each of equal power."""
+    size = min(len(train), 6 * len(lattice.steps) + 64)
+    chosen, tiles, found = _outline(tiling), tiling.tiles, []
+    for n, tile in enumerate(tiles[c] for c in chosen):
+        part = slice(n, size, len(chosen)) if size > len(chosen) else slice(0, size)
+        some = values(tile, train.select(part), weight[part], lattice.steps)
+        found.append(some / max(np.linalg.norm(some), 1e-300))
+    return np.concatenate(found)
+
+
+def _outline(tiling: Tiling) -> list[int]:
+    """Numbers of at most 16 tiles that stand for all: spread over the grid, the corners among them."""
+    rows, columns = (np.unique(np.linspace(0, n - 1, _TILES).round().astype(int)) for n in tiling.counts)
+    return (rows[:, None] * tiling.counts[1] + columns).ravel().tolist()
+
+
+def constant_factor(tiling: Tiling) -> ViewFactor:
+    """The simplest view factor: the same at all views of a tile."""
+    rows, columns = (np.ones((n, 1)) for n in tiling.shape)
+    return ViewFactor(np.zeros((1, 2)), np.ones((1, 1, 1), complex), rows, columns, 0.0)
+
+
+def _held_out_steps(tiling: Tiling) -> np.ndarray:
+    """Views to judge a tile at: its corners, its middle and a fixed scatter in between, float64[n, 2] from v_c."""
+    x, y = tiling.steps
+    scatter = np.random.default_rng(0).random((_HELD_OUT_VIEWS, 2))
+    u = np.concatenate([[0, 0, 1, 1, 0.5], scatter[:, 0]])
+    v = np.concatenate([[0, 1, 0, 1, 0.5], scatter[:, 1]])
+    return np.stack([x[0] + u * (x[-1] - x[0]), y[0] + v * (y[-1] - y[0])], -1)
+
+
+class _Lattice:
+    """Chebyshev nodes over a tile's rectangle of sines, relative to its middle, and interpolation from them."""
+
+    def __init__(self, tiling: Tiling, nodes: int) -> None:
+        self.nodes = nodes
+        self.x, self.y = tiling.steps
+        self._t = np.cos(np.pi * (np.arange(nodes) + 0.5) / nodes)
+        x, y = (_stretch(axis, self._t) for axis in (self.x, self.y))
+        yy, xx = np.meshgrid(y, x, indexing="ij")
+        self.steps = np.stack([xx.ravel(), yy.ravel()], -1)
+
+    def _matrix(self, axis: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Interpolation float64[points, nodes] by Chebyshev polynomials on the nodes."""
+        half = max(0.5 * (axis[-1] - axis[0]), 1e-300)
+        s = np.clip((points - 0.5 * (axis[-1] + axis[0])) / half, -1, 1)
+        order = np.arange(self.nodes)
+        weights = np.where(order == 0, 1.0, 2.0) / self.nodes
+        return np.cos(np.arccos(s)[:, None] * order) * weights @ np.cos(np.arccos(self._t)[:, None] * order).T
+
+    def cube(self, mix: np.ndarray) -> np.ndarray:
+        """View complex128[R, nodes * nodes] as [R, rows, columns]."""
+        return mix.reshape(len(mix), self.nodes, self.nodes)
+
+    def at(self, mix: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Interpolate complex128[R, nodes * nodes] to sines float64[n, 2] from the middle: complex128[R, n]."""
+        rows, columns = self._matrix(self.y, steps[:, 1]), self._matrix(self.x, steps[:, 0])
+        return np.einsum("rab,na,nb->rn", self.cube(mix), rows, columns, optimize=True)
+
+    def to_tile(self) -> tuple[np.ndarray, np.ndarray]:
+        """Interpolation matrices to a whole tile, float64[h, nodes] and float64[w, nodes]."""
+        return self._matrix(self.y, self.y), self._matrix(self.x, self.x)
+
+
+def _stretch(axis: np.ndarray, t: np.ndarray) -> np.ndarray:
+    return 0.5 * (axis[-1] + axis[0]) + 0.5 * (axis[-1] - axis[0]) * t

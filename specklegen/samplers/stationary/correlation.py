@@ -1,0 +1,200 @@
+"""The memory-effect kernel K of a wide slab at normal incidence.
+
+    K(q) = E[w J0(q r)] / E[w],     C_I = |K|^2                           [Bar19] sec. 6; physics.md 5
+
+with r the lateral distance from a path's entrance to its exit, w the contribution of its connection and q
+= k times the difference of two tilts' direction sines. K is stored as what it is, a distribution of r:
+a histogram on a geometric grid, one row per independent batch. It has no end (no table to run off), it is
+positive semidefinite for any set of tilts, and its errors are those of the batches.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import root_scalar
+from scipy.special import j0
+
+from specklegen.core.parallel import map_blocks
+from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.core.values import remembered
+from specklegen.paths.bank import PathBank
+from specklegen.paths.roulette import roulette_threshold
+from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
+from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.scene.media import Slab
+
+_BINS = 640
+
+
+@dataclass(frozen=True)
+class MemoryEffectCorrelation:
+    """K as a distribution of lateral distances.
+
+    Attributes
+    ----------
+    radius : float64[n]
+        Root mean square distance of each bin; 0 for single scattering.
+    weights : float64[batches, n]
+        Contribution that each batch found in each bin.
+    paths : int
+        What to divide the sum of the weights by for the intensity per unit area: the paths behind them.
+    single_share : float
+        Share of single scattering in the intensity.
+    source : "estimate", "cache" or "atlas"
+        Where the kernel comes from: new paths, an earlier estimate on disk, the table of materials.
+    stated_error : float
+        Standard error of C_I at its worst q, where it is not to be had from batches; else NaN.
+    """
+
+    radius: np.ndarray
+    weights: np.ndarray
+    paths: int
+    single_share: float
+    source: Literal["estimate", "cache", "atlas"] = "estimate"
+    stated_error: float = float("nan")
+
+    def __call__(self, q: np.ndarray | float) -> np.ndarray:
+        """K at lateral wavevector differences q (radians per unit length), any shape; K(0) = 1."""
+        q = np.asarray(q, dtype=np.float64)
+        share = self.weights.sum(axis=0)
+        used = share > 0
+        share = share[used] / share[used].sum()
+        # Not a BLAS product, whose last bits depend on the number of threads.
+        return (_bessel(q.reshape(-1, 1), self.radius[used]) * share).sum(axis=1).reshape(q.shape)
+
+    def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
+        """Matrix float64[T, T] of K between beams at direction sines float64[T, 2]; positive semidefinite."""
+        difference = sines[:, None, :] - sines[None, :, :]
+        q = wavenumber * np.hypot(difference[..., 0], difference[..., 1])
+        unique, inverse = np.unique(q, return_inverse=True)
+        return self(unique)[inverse].reshape(q.shape)
+
+    def intensity(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """C_I = |K|^2 without bias, 1 - C_I to full relative precision, and their standard error, at q float64[T].
+
+        Of a single batch the error is ``stated_error``, at most 1 - C_I itself.
+        """
+        q = np.asarray(q, dtype=np.float64)
+        lost = self.weights @ _one_minus_bessel(q[:, None], self.radius).T  # E[w (1 - J0)], [batches, T]
+        sums = np.concatenate([lost, self.weights.sum(axis=1, keepdims=True)], axis=1)
+
+        def decorrelation(total: np.ndarray) -> np.ndarray:
+            delta = total[:-1] / total[-1]
+            return delta * (2 - delta)
+
+        value, error = jackknife(sums, decorrelation)
+        if len(self.weights) == 1:
+            error = np.minimum(self.stated_error, np.abs(value))
+        return 1 - value, value, error
+
+    def half_range(self, share: float = 0.5) -> float:
+        """Half range q at which (C_I - floor)/(1 - floor) falls to ``share``; the floor is (single share)^2.
+
+        A half range need not exist for thin forward-scattering slabs in the sense of C_I = 1/2; in this
+        sense, above the floor, it does unless all light is singly scattered (then infinite).
+        """
+        floor = self.single_share**2
+        if floor > 1 - 1e-9:
+            return float("inf")
+        target = floor + share * (1 - floor)
+        scale = 1 / np.sqrt(self.mean_square_radius)
+        q = np.geomspace(1e-2, 1e3, 400) * scale
+        # 1 - K <= q^2 <r^2> / 4: nothing falls to the target before.
+        first = int(np.searchsorted(q, 1.999 * np.sqrt(1 - np.sqrt(target)) * scale))
+        for start in range(first, len(q), 16):
+            below = np.flatnonzero(self(q[start : start + 16]) ** 2 < target)
+            if len(below):
+                n = start + int(below[0])
+                low, high = (q[n - 1] if n else 0.0), q[n]
+                found = root_scalar(
+                    lambda q: float(self(q)) ** 2 - target, bracket=(low, high), xtol=1e-15 * high, rtol=1e-15
+                )
+                return float(found.root)
+        return float("inf")
+
+    @property
+    def mean_square_radius(self) -> float:
+        """<r^2>_w, which sets C_I = 1 - q^2 <r^2>/2 at small tilts."""
+        share = self.weights.sum(axis=0)
+        return float((share * self.radius**2).sum() / share.sum())
+
+
+def _bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    return j0(q * radius)
+
+
+def _one_minus_bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """1 - J0(q r) without cancellation at small arguments."""
+    x = q * radius
+    square = 0.25 * x * x
+    series = square * (1 - square / 4 * (1 - square / 9 * (1 - square / 16)))
+    return np.where(x < 0.3, series, 1 - j0(x))
+
+
+@remembered(64)
+def _axial_threshold(medium: Slab) -> float:
+    proposal = plane_proposal(medium, AXIS, AXIS)
+    optics = plane_optics(medium, 1.0, AXIS[None])
+    return roulette_threshold(medium, proposal, optics, AXIS, pilot_seed(medium.fingerprint()))
+
+
+def axial_bank(medium: Slab, paths: int, seed: Seed, *, threads: int | None = None) -> PathBank:
+    """Trace ``paths`` paths of a plane wave along the axis, thinned for a view along the axis."""
+    proposal = replace(plane_proposal(medium, AXIS, AXIS), threshold=_axial_threshold(medium))
+    return trace(medium, proposal, seed, paths, threads=threads)
+
+
+def estimate_correlation(
+    medium: Slab, paths: int, seed: Seed, *, threads: int | None = None
+) -> MemoryEffectCorrelation:
+    """Estimate K of a slab in transmission along the axis, from ``paths`` paths in 64 batches.
+
+    K does not depend on the wavelength: q r does.
+    """
+    optics = plane_optics(medium, 1.0, AXIS[None])
+    edges = np.log(_told_apart(medium))
+    rows = np.zeros((min(BATCHES, max(paths, 1)), _BINS))
+    bounds = np.linspace(0, paths, len(rows) + 1).astype(int)
+    bank = axial_bank(medium, paths, seed, threads=threads)
+    starts = np.searchsorted(bank.paths, bounds)
+    radius, weight = np.empty((2, len(bank)))
+    place = np.empty(len(bank), np.int64)
+
+    def batch(n: int) -> None:
+        part = slice(starts[n], starts[n + 1])
+        some = bank.select(part)
+        radius[part], weight[part] = lateral_distance(some), contributions(some, optics, AXIS, AXIS)
+        with np.errstate(divide="ignore"):
+            bins = (np.log(radius[part]) - edges[0]) / (edges[1] - edges[0]) * (_BINS - 1)
+        place[part] = np.where(radius[part] > 0, np.clip(bins, 0, _BINS - 2) + 1, 0)
+        rows[n] = np.bincount(place[part], weight[part], minlength=_BINS)
+
+    map_blocks(batch, range(len(rows)), threads)
+    squares = np.bincount(place, weight * radius**2, minlength=_BINS)
+    share = rows.sum(axis=0)
+    total = share.sum()
+    return MemoryEffectCorrelation(
+        radius=np.sqrt(np.divide(squares, share, out=np.zeros(_BINS), where=share > 0)),
+        weights=rows,
+        paths=paths,
+        single_share=float(weight[bank.orders == 1].sum() / total) if total else 0.0,
+    )
+
+
+def _told_apart(medium: Slab) -> tuple[float, float]:
+    """Smallest and largest radius with a bin of its own.
+
+    Thin forward-scattering slabs need the 1 - g: light that is scattered twice walks about (1 - g) L sideways,
+    far less than a transport length.
+    """
+    drop = min(1.0, 1 - medium.scatterer.g)
+    thickness = medium.thickness or 1.0  # without depth there is no light, and any bins will do
+    return 1e-3 * drop * thickness, 1e3 * (thickness + medium.mean_free_path)
+
+
+def lateral_distance(bank: PathBank) -> np.ndarray:
+    """float64[M], distance between entrance and exit points across the axis."""
+    difference = bank.exit[:, :2] - bank.entry[:, :2]
+    return np.hypot(difference[:, 0], difference[:, 1])

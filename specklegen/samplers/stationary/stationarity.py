@@ -1,0 +1,202 @@
+"""When the stationary sampler is right: a test on pilot paths, not a table.
+
+Over probe pairs with tilts {0, t/2, t} from the first, views {centre, corners} and lateral mismatch kappa
+in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the model says:
+
+    C_exact = W^(kappa) E[sqrt(w_1 w_2) e^(-ik dv . r + ik(di_z z1 - dv_z(z_B - L)))] / sqrt(E w_1 E w_2)
+    C_model = W^(kappa) K(di)
+
+with W^ the Fourier transform of the window's intensity and K either that of the axis or the oblique one about the
+middle of the beams and of the views. physics.md 9.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from specklegen.core.random_streams import Stream, pilot_seed
+from specklegen.core.statistics import BATCHES, batch_sums, jackknife
+from specklegen.paths.slab_optics import AXIS, Optics, contributions
+from specklegen.paths.slab_tracer import Proposal, trace
+from specklegen.samplers.stationary.oblique import face_to_face
+from specklegen.scene.illumination import directions_of_sines, reference_direction
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarFieldGrid
+
+FIRST_PATHS, MOST_PATHS = 8192, 65536
+
+
+@dataclass(frozen=True)
+class StationaryError:
+    """How far the stationary model is from the pilot paths.
+
+    Attributes
+    ----------
+    correlation, correlation_error : float
+        Largest | |C_exact|^2 - |C_model|^2 | and its standard error.
+    intensity, intensity_error : float
+        Largest |I_v / I - 1| over the views, I that of the model, and its standard error.
+    """
+
+    correlation: float
+    correlation_error: float
+    intensity: float
+    intensity_error: float
+
+    def accepts(self, tolerance: float) -> bool:
+        """Both errors, two standard errors included, are within the tolerance."""
+        return (
+            self.correlation + 2 * self.correlation_error <= tolerance
+            and self.intensity + 2 * self.intensity_error <= tolerance
+        )
+
+
+    @property
+    def largest(self) -> float:
+        """The larger of the two."""
+        return max(self.correlation, self.intensity)
+
+
+def stationary_error(scene: Scene, proposal: Proposal, tolerance: float, *, oblique: bool = False) -> StationaryError:
+    """Judge a scene; more pilot paths while they alone stand between yes and no."""
+    paths = FIRST_PATHS
+    while True:
+        error = pilot_error(scene, proposal, paths, oblique=oblique)
+        lowest = max(error.correlation - 2 * error.correlation_error, error.intensity - 2 * error.intensity_error)
+        if error.accepts(tolerance) or lowest > tolerance or paths >= MOST_PATHS:
+            return error
+        paths *= 8
+
+
+def pilot_error(scene: Scene, proposal: Proposal, paths: int, *, oblique: bool = False) -> StationaryError:
+    """Judge a scene with collimated beams (or an incoherent object) and a far-field grid from ``paths`` paths.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    proposal
+        The proposal of its path sampler, threshold included; the pilot is keyed by the scene's fingerprint.
+    paths
+        Pilot paths.
+    oblique
+        Judge the model with the oblique kernel; otherwise that of the axis, which is for transmission.
+    """
+    seed = pilot_seed(scene.fingerprint())
+    pilot = _Bank(scene, proposal, seed, paths)
+    # The model's paths walk with the same random numbers, about the axis where its K is that of the axis, so that
+    # the comparison carries physics and hardly any noise.
+    model = pilot if oblique else _Bank(scene, replace(proposal, reference=AXIS), seed, paths)
+    middle = _grid(scene).center_direction if oblique else AXIS
+    weight, way = model.weight(middle[:2]), face_to_face(model.bank, scene.slab, model.light, middle)
+    norm = model.sums(weight)
+    tilts = _probe_tilts(scene, model.bank.orders, weight, way)
+    models = [model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt))) for tilt in tilts]
+    gains, sums = [], []
+    for view in _probe_views(scene):
+        for tilt, modelled in zip(tilts, models, strict=True):
+            for kappa, gain in _probe_mismatches(scene):
+                other = view - tilt - kappa
+                if np.hypot(*other) < 1:
+                    root = np.sqrt(pilot.weight(view) * pilot.weight(other))
+                    product = pilot.sums(root * np.exp(1j * pilot.phase(view, other, tilt)))
+                    sums.append([product, pilot.intensity(view), pilot.intensity(other), modelled, norm])
+                    gains.append(gain)
+    n, gain = len(gains), np.array(gains)
+
+    def differences(total: np.ndarray) -> np.ndarray:
+        exact, one, two, modelled, reference = total.reshape(n, 5).T
+        correlation = np.square(np.abs(exact)) / (one.real * two.real) - np.square(np.abs(modelled / reference))
+        return np.concatenate([gain**2 * correlation, one.real / reference.real - 1])
+
+    value, error = jackknife(np.moveaxis(np.array(sums), -1, 0).reshape(BATCHES, -1), differences)
+    worst, brightest = np.abs(value[:n]).argmax(), n + np.abs(value[n:]).argmax()
+    return StationaryError(
+        float(abs(value[worst])), float(error[worst]), float(abs(value[brightest])), float(error[brightest])
+    )
+
+
+class _Bank:
+    """Pilot paths about one direction of light, with their weights at views and their sums over batches."""
+
+    def __init__(self, scene: Scene, proposal: Proposal, seed: int, paths: int) -> None:
+        self.scene, self.light = scene, proposal.reference
+        self.optics = Optics.of_scene(scene)
+        self.bank = trace(scene.slab, proposal, seed, paths, stream=Stream.PILOT)
+        self._paths = paths
+        self._weights: dict[bytes, np.ndarray] = {}
+        self._intensities: dict[bytes, np.ndarray] = {}
+
+    def weight(self, sines: np.ndarray) -> np.ndarray:
+        """Contribution of every connection at one view."""
+        key = sines.tobytes()
+        if key not in self._weights:
+            self._weights[key] = contributions(self.bank, self.optics, self.light, self._view(sines))
+        return self._weights[key]
+
+    def intensity(self, sines: np.ndarray) -> np.ndarray:
+        """Sums of the contributions at one view over 64 batches of paths."""
+        key = sines.tobytes()
+        if key not in self._intensities:
+            self._intensities[key] = self.sums(self.weight(sines))
+        return self._intensities[key]
+
+    def phase(self, view: np.ndarray, other: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+        """Phase of the exact correlation of (light, view) with (light - tilt, other), less that of the window."""
+        one, two = self._view(view), self._view(other)
+        light = directions_of_sines("tilt", self.light[:2] - tilt)
+        depth = self.bank.exit[:, 2] - (self.scene.slab.thickness if self.scene.side > 0 else 0.0)
+        along = (self.light[2] - light[2]) * self.bank.entry[:, 2] - (one[2] - two[2]) * depth
+        lateral = self.bank.exit[:, :2] - self.bank.entry[:, :2]
+        return self.scene.wavenumber * (along - lateral @ (view - other))
+
+    def _view(self, sines: np.ndarray) -> np.ndarray:
+        return directions_of_sines("view", sines, self.scene.side)
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """Sums over 64 batches of paths, complex128[64]."""
+        return batch_sums(values, self.bank.paths, self._paths)
+
+
+def _probe_views(scene: Scene) -> np.ndarray:
+    """Centre and corners of the grid: float64[5, 2] direction sines."""
+    grid = _grid(scene)
+    return np.concatenate([grid.center_direction[None], grid.corner_directions])[:, :2]
+
+
+def _grid(scene: Scene) -> FarFieldGrid:
+    assert isinstance(scene.sensor, FarFieldGrid)
+    return scene.sensor
+
+
+def _probe_mismatches(scene: Scene) -> list[tuple[np.ndarray, float]]:
+    """Mismatches kappa / k in {0, +-pi / (k W)} along either axis, with the window's W^ there.
+
+    W^ is that of a square, 2/pi at pi / W: the largest of all profiles, and so the strictest.
+    """
+    step = 0.5 * scene.speckle_size
+    aside = [np.array(kappa) for kappa in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))]
+    return [(np.zeros(2), 1.0), *((kappa, 2 / np.pi) for kappa in aside)]
+
+
+def _probe_tilts(scene: Scene, orders: np.ndarray, weight: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Tilt differences 0, t/2 and t, t no further than where C_I is within 0.01 of its floor: float64[3, 2].
+
+    C_I is the model's: connections of ``orders`` and ``weight`` that lead ``way`` sideways.
+    """
+    directions = scene.beams.directions
+    sines = directions[:, :2] - reference_direction(directions)[:2]
+    if len(sines) == 0:
+        return np.zeros((1, 2))
+    gaps = sines[np.square(sines).sum(-1).argmax()] - sines
+    largest = gaps[np.square(gaps).sum(-1).argmax()]
+    if not largest.any():
+        return np.zeros((1, 2))
+    share = weight / weight.sum()
+    floor = share[orders == 1].sum() ** 2
+    phase = scene.wavenumber * (way @ largest)
+    for reach in np.geomspace(1e-3, 1, 40):
+        if np.abs(share @ np.exp(-1j * reach * phase)) ** 2 - floor < 0.01:
+            largest = largest * reach
+            break
+    return np.stack([0 * largest, 0.5 * largest, largest])

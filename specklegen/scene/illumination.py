@@ -1,0 +1,215 @@
+"""Illumination: plane waves, collimated beams, point sources, and incoherent objects made of beams.
+
+Directions are unit vectors of travel; the optical axis is the last one (z).
+"""
+
+from functools import cached_property
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Array, Positive, Value, position_vectors, unit_vectors
+
+Profile = Literal["square", "disc", "gaussian"]
+
+
+def _light(field: str, directions: np.ndarray) -> np.ndarray:
+    directions = unit_vectors(field, directions)
+    if directions.ndim != 2:
+        reject(field, "an array of shape (T, 3), or (T, 2) in flatland", directions.shape)
+    return directions
+
+
+def _tilted(field: str, angles: ArrayLike, dimensions: int) -> np.ndarray:
+    """Unit vectors of tilts float[T] in the x-z plane or float[T, 2], radians below a right angle."""
+    angles = np.asarray(angles, dtype=np.float64)
+    if dimensions not in (2, 3):
+        reject(f"{field} dimensions", "2 or 3", dimensions)
+    if angles.ndim == 1:
+        angles = np.stack([angles, np.zeros_like(angles)], axis=-1)
+    elif dimensions == 2:
+        reject(f"{field} angles", "of shape (T,) in flatland", angles.shape)
+    if angles.ndim != 2 or angles.shape[-1] != 2:
+        reject(f"{field} angles", "of shape (T,) or (T, 2)", angles.shape)
+    if angles.size and not np.abs(angles).max() < np.pi / 2:
+        reject(f"{field} angles", "radians between -pi/2 and pi/2", angles, "Use np.deg2rad.")
+    directions = directions_of_sines(f"{field} angles", np.sin(angles))
+    return directions[:, [0, 2]] if dimensions == 2 else directions
+
+
+def directions_of_sines(field: str, sines: ArrayLike, sign: float = 1.0) -> np.ndarray:
+    """Unit vectors float64[..., 3] from direction sines float64[..., 2] = (x, y); z has the sign given."""
+    sines = np.asarray(sines, dtype=np.float64)
+    square = np.square(sines).sum(-1)
+    if sines.size and not square.max() <= 1:
+        reject(field, "direction sines inside the unit circle", float(np.sqrt(square.max())))
+    return np.concatenate([sines, sign * np.sqrt(1 - square)[..., None]], axis=-1)
+
+
+class PlaneWaves(Value):
+    """Plane waves of unit irradiance, unlimited sideways.
+
+    Parameters
+    ----------
+    directions
+        float64[T, 3], or float64[T, 2] in flatland: unit vectors of travel.
+    """
+
+    type: Literal["PlaneWaves"] = "PlaneWaves"
+    directions: Array
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        object.__setattr__(self, "directions", _light("PlaneWaves.directions", self.directions))
+        return self
+
+    @classmethod
+    def tilts(cls, angles: ArrayLike, dimensions: int = 3) -> Self:
+        """Plane waves tilted from the axis by ``angles`` in radians: see :meth:`CollimatedBeams.tilts`."""
+        return cls(directions=_tilted("PlaneWaves.tilts", angles, dimensions))
+
+
+class CollimatedBeams(Value):
+    """Coherent collimated beams, one per tilt, all through one window of the entrance face.
+
+    Parameters
+    ----------
+    directions
+        float64[T, 3], or float64[T, 2] in flatland: unit vectors of travel, towards +z.
+    width
+        Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian") of the window,
+        measured on the entrance face and centred at x = 0 (and y = 0) for every tilt. The entrance face is
+        the medium's face of smallest z.
+    profile
+        Shape of the window; the peak irradiance is 1 per area *of the face*, at every tilt.
+    """
+
+    type: Literal["CollimatedBeams"] = "CollimatedBeams"
+    directions: Array
+    width: Positive
+    profile: Profile = "square"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        directions = _light("CollimatedBeams.directions", self.directions)
+        if (directions[:, -1] <= 0).any():
+            worst = directions[directions[:, -1].argmin()]
+            reject(
+                "CollimatedBeams.directions", "directions that travel towards +z", worst,
+                "Beams enter through the medium's face of smallest z.",
+            )  # fmt: skip
+        object.__setattr__(self, "directions", directions)
+        return self
+
+    @classmethod
+    def tilts(cls, angles: ArrayLike, width: float, profile: Profile = "square", dimensions: int = 3) -> Self:
+        """Beams tilted from the axis by ``angles`` in radians.
+
+        Parameters
+        ----------
+        angles
+            float[T] tilts in the x-z plane, or float[T, 2] tilts (x, y); the sine of an angle is the
+            direction sine along its axis.
+        width, profile
+            As for the class.
+        dimensions
+            3, or 2 for flatland.
+        """
+        return cls(directions=_tilted("CollimatedBeams.tilts", angles, dimensions), width=width, profile=profile)
+
+
+class PointSources(Value):
+    """Point sources of unit strength, e^(ikr) / r^((d-1)/2), inside or outside the medium.
+
+    |u|^2 is then relative to the irradiance at unit distance from a source.
+
+    Parameters
+    ----------
+    points
+        float64[T, 3], or float64[T, 2] in flatland: positions.
+    """
+
+    type: Literal["PointSources"] = "PointSources"
+    points: Array
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        object.__setattr__(self, "points", position_vectors("PointSources.points", self.points))
+        if self.points.ndim != 2:
+            reject("PointSources.points", "an array of shape (T, 3), or (T, 2) in flatland", self.points.shape)
+        return self
+
+
+class IncoherentObject(Value):
+    """A far object of mutually incoherent pixels: one collimated beam a pixel, intensities added.
+
+    Pixel (row, column) sends its beam at direction sines -(index - centre) * pitch, so that the image
+    behind a thin layer appears turned by 180 degrees, as in a laboratory.
+
+    Parameters
+    ----------
+    brightness
+        float64[h, w], irradiance of each pixel's beam at its peak, per area of the entrance face; >= 0.
+    pitch
+        Direction sine between neighbouring pixels, inside the medium.
+    width, profile
+        The window on the entrance face, as for :class:`CollimatedBeams`.
+    """
+
+    type: Literal["IncoherentObject"] = "IncoherentObject"
+    brightness: Array
+    pitch: Positive
+    width: Positive
+    profile: Profile = "square"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.brightness.ndim != 2 or self.brightness.size == 0:
+            reject("IncoherentObject.brightness", "an array of shape (h, w)", self.brightness.shape)
+        if (self.brightness < 0).any():
+            reject("IncoherentObject.brightness", "at least 0 everywhere", float(self.brightness.min()))
+        object_sines("IncoherentObject", self.brightness.shape, self.pitch)
+        return self
+
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """float64[h * w, 3], the beam of each pixel in C order."""
+        return directions_of_sines(
+            "IncoherentObject.pitch", object_sines("IncoherentObject", self.brightness.shape, self.pitch)
+        )
+
+    @cached_property
+    def beams(self) -> CollimatedBeams:
+        """The beams of the pixels that shine."""
+        lit = self.brightness.ravel() > 0
+        return CollimatedBeams(directions=self.directions[lit], width=self.width, profile=self.profile)
+
+
+def object_sines(owner: str, shape: tuple[int, ...], pitch: float) -> np.ndarray:
+    """Direction sines float64[h * w, 2] = (x, y) of the pixels of an object, in C order."""
+    rows, columns = (-(np.arange(n) - (n - 1) / 2) * pitch for n in shape)
+    if np.hypot(rows[0], columns[0]) >= 1:
+        reject(f"{owner}.pitch", "small enough that the object's corner has a sine below 1", pitch)
+    y, x = np.meshgrid(rows, columns, indexing="ij")
+    return np.stack([x.ravel(), y.ravel()], axis=-1)
+
+
+Illumination = Annotated[
+    PlaneWaves | CollimatedBeams | PointSources | IncoherentObject, Field(discriminator="type")
+]
+
+
+def illuminated_area(width: float, profile: Profile) -> float:
+    """Power of the window at unit peak irradiance: the integral of the intensity profile, an area."""
+    return {"square": 1.0, "disc": np.pi / 4, "gaussian": np.pi / 8}[profile] * width**2
+
+
+def reference_direction(directions: np.ndarray) -> np.ndarray:
+    """Mean direction float64[3] of a set of beams; the axis where there are none."""
+    if len(directions) == 0:
+        return np.array([0.0, 0.0, 1.0])
+    mean = directions.mean(axis=0)
+    return mean / np.linalg.norm(mean)

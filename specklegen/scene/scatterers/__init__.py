@@ -1,0 +1,1 @@
+"""How the particles of a medium redistribute light, one family a file."""

@@ -1,0 +1,178 @@
+"""The scene: what is simulated, in one frozen value."""
+
+import hashlib
+import json
+from typing import Any, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Positive, Value
+from specklegen.scene.illumination import CollimatedBeams, Illumination, IncoherentObject, PlaneWaves, PointSources
+from specklegen.scene.media import Medium, Slab, VoxelGrid
+from specklegen.scene.scatterers.mie import Mie
+from specklegen.scene.scatterers.scatterer import components
+from specklegen.scene.sensors import FarFieldGrid, NearField, Sensor
+
+NEAREST = 0.01
+"""Wavelengths between a sensor point and a source inside the medium, at least."""
+
+_LENGTHS = {
+    "wavelength": 1, "thickness": 1, "mean_free_path": 1, "width": 1, "radius": 1, "lower": 1, "upper": 1, "points": 1,
+    "extinction": -1,
+}  # fmt: skip
+"""Fields of a scene with a dimension, and the power of length that it is."""
+
+
+class Scene(Value):
+    """A medium, its illumination and a sensor. Every length is in one unit, which the wavelength fixes.
+
+    Parameters
+    ----------
+    wavelength
+        Inside the medium.
+    medium, illumination, sensor
+        See :class:`Slab`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`, :class:`CollimatedBeams`,
+        :class:`PointSources`, :class:`IncoherentObject`; :class:`FarField`, :class:`NearField`. All of them in space,
+        or all in flatland: the length of their vectors says which.
+    """
+
+    wavelength: Positive
+    medium: Medium
+    illumination: Illumination
+    sensor: Sensor
+
+    @model_validator(mode="after")
+    def _finite_power(self) -> Self:
+        dimensions = {
+            "medium": None if isinstance(self.medium, Slab) else len(self.medium.lower),
+            "illumination": _light_vectors(self.illumination).shape[-1],
+            "sensor": self.sensor.dimension,
+        }
+        known = {name: d for name, d in dimensions.items() if d is not None}
+        if len(set(known.values())) > 1:
+            reject(
+                "Scene",
+                "all in space or all in flatland",
+                ", ".join(f"{name} of {d} coordinates" for name, d in known.items()),
+                "Flatland vectors are (x, z), those of space (x, y, z).",
+            )
+        unlimited = isinstance(self.illumination, PlaneWaves) and isinstance(self.medium, Slab)
+        if unlimited and not isinstance(self.sensor, NearField):
+            reject(
+                "Scene.illumination",
+                "limited sideways, for a slab seen from the far field",
+                "PlaneWaves",
+                "An unlimited wave on an infinite slab scatters infinite power: use CollimatedBeams with a width.",
+            )
+        if isinstance(self.illumination, PointSources) and isinstance(self.sensor, NearField):
+            self._require_apart(self.illumination.points, self.views)
+        self._require_wavelength()
+        return self
+
+    def _require_apart(self, sources: np.ndarray, sensors: np.ndarray) -> None:
+        """Refuse a sensor point beside a source inside the medium: single scattering there diverges with 1/distance."""
+        gaps = np.linalg.norm(sources[:, None] - sensors, axis=-1).min(axis=1, initial=np.inf)
+        if isinstance(self.medium, Slab):
+            within = (sources[:, -1] >= 0) & (sources[:, -1] <= self.medium.thickness)
+        else:
+            within = ((sources >= self.medium.lower) & (sources <= self.medium.upper)).all(axis=1)
+        close = within & (gaps < NEAREST * self.wavelength)
+        if close.any():
+            reject(
+                "Scene.sensor",
+                f"at least {NEAREST:g} wavelengths from every source inside the medium",
+                sources[close][0],
+                "Nearer by, what the few scatterers between them do dominates, and no number of paths resolves it.",
+            )
+
+    def _require_wavelength(self) -> None:
+        """Refuse Mie spheres made for another wavelength."""
+        medium = self.medium
+        scatterers = medium.scatterers if isinstance(medium, VoxelGrid) else (medium.scatterer,)
+        for particle in (p for scatterer in scatterers for p in components(scatterer)[0]):
+            if isinstance(particle, Mie) and abs(particle.wavelength / self.wavelength - 1) > 1e-9:
+                reject(
+                    "Mie.wavelength", f"that of the scene, {self.wavelength:g}", particle.wavelength,
+                    "Both are the wavelength inside the medium.",
+                )  # fmt: skip
+
+    def unitless_fingerprint(self) -> str:
+        """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit of length."""
+        content = _unitless(self.model_dump(mode="json"), self.wavelength)
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def dimension(self) -> int:
+        """3 in space, 2 in flatland."""
+        return self.sensor.dimension
+
+    @property
+    def wavenumber(self) -> float:
+        """K = 2 pi / wavelength, radians per unit length."""
+        return 2 * np.pi / self.wavelength
+
+    @property
+    def beams(self) -> CollimatedBeams:
+        """The coherent beams that carry light: the illumination's own, or those of an object's lit pixels."""
+        if isinstance(self.illumination, IncoherentObject):
+            return self.illumination.beams
+        if not isinstance(self.illumination, CollimatedBeams):
+            kind = type(self.illumination).__name__
+            reject("Scene.illumination", "CollimatedBeams or an IncoherentObject here", kind)
+        return self.illumination
+
+    @property
+    def slab(self) -> Slab:
+        """The medium of a scene whose medium is a slab."""
+        if not isinstance(self.medium, Slab):
+            reject("Scene.medium", "a Slab here", type(self.medium).__name__)
+        return self.medium
+
+    @property
+    def view_directions(self) -> np.ndarray:
+        """float64[*sensor.shape, d], views of a far-field sensor."""
+        if isinstance(self.sensor, NearField):
+            reject("Scene.sensor", "a far-field sensor here", "NearField")
+        return self.sensor.directions
+
+    @property
+    def lights(self) -> np.ndarray:
+        """float64[T, d]: directions of travel of the coherent lights, or the points of point sources."""
+        if isinstance(self.illumination, PointSources):
+            return self.illumination.points
+        if isinstance(self.illumination, PlaneWaves):
+            return self.illumination.directions
+        return self.beams.directions
+
+    @property
+    def views(self) -> np.ndarray:
+        """float64[V, d]: the sensor's directions or points, flattened in C order."""
+        vectors = self.sensor.points if isinstance(self.sensor, NearField) else self.sensor.directions
+        return vectors.reshape(-1, vectors.shape[-1])
+
+    @property
+    def side(self) -> float:
+        """Sign of z on the side that most of a far-field sensor's views look from; a grid's has one."""
+        if isinstance(self.sensor, FarFieldGrid):
+            return self.sensor.sign
+        return 1.0 if np.sum(self.views[:, -1]) >= 0 else -1.0
+
+    @property
+    def speckle_size(self) -> float:
+        """Direction sine over which far-field speckle changes: wavelength / window width."""
+        return self.wavelength / self.beams.width
+
+
+def _light_vectors(illumination: Illumination) -> np.ndarray:
+    return illumination.points if isinstance(illumination, PointSources) else illumination.directions
+
+
+def _unitless(content: Any, wavelength: float, power: int = 0) -> Any:
+    """JSON with every field of ``_LENGTHS`` divided by its power of the wavelength, and rounded."""
+    if isinstance(content, dict):
+        return {key: _unitless(value, wavelength, _LENGTHS.get(key, 0)) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_unitless(value, wavelength, power) for value in content]
+    return float(f"{content / wavelength**power:.9g}") if power else content

@@ -1,0 +1,192 @@
+"""Sensors: views in the far field, at any directions or on a regular grid of direction sines, and near-field points."""
+
+from functools import cached_property
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Array, Finite, Positive, PositiveInt, Value, position_vectors, unit_vectors
+from specklegen.scene.illumination import directions_of_sines
+
+Side = Literal["transmission", "reflection"]
+
+
+class FarField(Value):
+    """Views at arbitrary directions of travel, unit vectors float64[..., 3], or float64[..., 2] in flatland."""
+
+    type: Literal["FarField"] = "FarField"
+    directions: Array
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        directions = unit_vectors("FarField.directions", self.directions)
+        object.__setattr__(self, "directions", directions)
+        return self
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of an image: that of ``directions`` less its last axis."""
+        return self.directions.shape[:-1]
+
+    @property
+    def dimension(self) -> int:
+        """3 in space, 2 in flatland."""
+        return self.directions.shape[-1]
+
+    @classmethod
+    def angles(cls, angles: ArrayLike) -> Self:
+        """Views in flatland at ``angles`` from the axis, radians, any shape: directions (sin, cos)."""
+        angles = np.asarray(angles, dtype=np.float64)
+        return cls(directions=np.stack([np.sin(angles), np.cos(angles)], axis=-1))
+
+    @staticmethod
+    def grid(
+        shape: tuple[int, int],
+        pitch: float,
+        center: tuple[float, float] = (0.0, 0.0),
+        side: Side = "transmission",
+    ) -> "FarFieldGrid":
+        """Views on a regular grid of direction sines: see :class:`FarFieldGrid`."""
+        return FarFieldGrid(shape=shape, pitch=pitch, center=center, side=side)
+
+
+class FarFieldGrid(Value):
+    """Views on a regular grid of direction sines inside the medium; the camera of a far-field scene.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) = (y, x); row 0 and column 0 hold the smallest sines.
+    pitch
+        Direction sine between neighbouring views.
+    center
+        (x, y) direction sines of the middle of the grid.
+    side
+        "transmission" looks at light that leaves through z = thickness, "reflection" through z = 0.
+    """
+
+    type: Literal["FarFieldGrid"] = "FarFieldGrid"
+    shape: tuple[PositiveInt, PositiveInt]
+    pitch: Positive
+    center: tuple[Finite, Finite] = (0.0, 0.0)
+    side: Side = "transmission"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        x, y = self.sines
+        corner = np.hypot(np.abs(x).max(), np.abs(y).max())
+        if corner > 1:
+            reject(
+                "FarFieldGrid.pitch",
+                "small enough that every view has a direction sine of at most 1",
+                self.pitch,
+                f"The corner of this grid would lie at {corner:.3g}: lower shape, pitch or |center|.",
+            )
+        return self
+
+    @property
+    def dimension(self) -> int:
+        """3: grids are in space."""
+        return 3
+
+    @property
+    def sines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Direction sines (x of the columns, y of the rows), float64[W] and float64[H]."""
+        rows, columns = self.shape
+        return (
+            self.center[0] + (np.arange(columns) - (columns - 1) / 2) * self.pitch,
+            self.center[1] + (np.arange(rows) - (rows - 1) / 2) * self.pitch,
+        )
+
+    @property
+    def sign(self) -> float:
+        """Sign of the views' z component."""
+        return 1.0 if self.side == "transmission" else -1.0
+
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """float64[H, W, 3], unit vectors of travel."""
+        y, x = np.meshgrid(*reversed(self.sines), indexing="ij")
+        return directions_of_sines("FarFieldGrid.pitch", np.stack([x, y], axis=-1), self.sign)
+
+    @property
+    def center_direction(self) -> np.ndarray:
+        """float64[3], the view in the middle of the grid."""
+        return directions_of_sines("FarFieldGrid.center", self.center, self.sign)
+
+    @property
+    def corner_directions(self) -> np.ndarray:
+        """float64[4, 3], the views at the corners."""
+        x, y = self.sines
+        return directions_of_sines(
+            "FarFieldGrid.pitch", [(a, b) for a in (x[0], x[-1]) for b in (y[0], y[-1])], self.sign
+        )
+
+    def nearest(self, directions: np.ndarray) -> np.ndarray:
+        """float64[n, 3], the view nearest to each of the directions float64[n, 3], without building all views.
+
+        Along a row, -d . v is convex on the side of the sphere that d is on, so its least value lies beside the
+        continuous one, and concave on the other side, where it lies at an end.
+        """
+        x, y = self.sines
+        rows = np.sqrt(np.clip(1 - y**2, 0, None))
+        found = []
+        for d in directions:
+            best = rows * d[0] / max(np.hypot(d[0], d[2]), 1e-300)
+            beside = np.clip(np.floor((best - x[0]) / self.pitch), 0, max(len(x) - 2, 0)).astype(int)
+            columns = np.stack([0 * beside, beside, np.minimum(beside + 1, len(x) - 1), 0 * beside + len(x) - 1])
+            across = x[columns] * d[0] + y * d[1]
+            towards = across + self.sign * d[2] * np.sqrt(np.clip(rows**2 - x[columns] ** 2, 0, None))
+            candidate, row = np.unravel_index(towards.argmax(), towards.shape)
+            found.append((x[columns[candidate, row]], y[row]))
+        return directions_of_sines("FarFieldGrid.pitch", np.reshape(found, (-1, 2)), self.sign)
+
+
+def require_resolved(field: str, wavelength: float, width: float, pitch: float) -> None:
+    """Refuse a grid that undersamples the speckle's intensity: pitch <= wavelength / (2 width).
+
+    Raises
+    ------
+    RuleError
+        Naming the pitch, the speckle size and the remedy.
+    """
+    grain = wavelength / width
+    if pitch > 0.5 * grain * (1 + 1e-9):
+        reject(
+            field,
+            f"at most half the speckle size (wavelength / width = {grain:.3g})",
+            pitch,
+            f"It undersamples the speckle: use a pitch <= {grain / 2:.3g}, or a beam narrower than "
+            f"{wavelength / (2 * pitch):.4g}.",
+        )
+
+
+class NearField(Value):
+    """Points at which the field itself is measured, float64[..., 3] or float64[..., 2]; inside or outside the medium.
+
+    |u|^2 is an irradiance ratio.
+    """
+
+    type: Literal["NearField"] = "NearField"
+    points: Array
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        object.__setattr__(self, "points", position_vectors("NearField.points", self.points))
+        return self
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of an image: that of ``points`` less its last axis."""
+        return self.points.shape[:-1]
+
+    @property
+    def dimension(self) -> int:
+        """3 in space, 2 in flatland."""
+        return self.points.shape[-1]
+
+
+Sensor = Annotated[FarField | FarFieldGrid | NearField, Field(discriminator="type")]

@@ -1,0 +1,1 @@
+"""Closed forms: what Monte Carlo must reproduce."""

@@ -1,0 +1,180 @@
+"""Rendering on another device: the same samples up to rounding, told apart from the CPU's, without workers.
+
+No CUDA device is needed: the torch generator that other devices use runs on the CPU too, and torch's "meta"
+device, which has shapes and no numbers, stands in for one.
+"""
+
+import pickle
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+from fake_recipe import FakeRecipe
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_flatten
+from torch.utils.data import DataLoader
+
+from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.datasets.recipes.parts.material import known
+from specklegen.datasets.store.generate import generate
+from specklegen.datasets.store.identity import device_kind, fingerprint, identity
+from specklegen.kernels import rng
+from specklegen.samplers.stationary.gaussian_noise import torch_normals
+from specklegen.samplers.stationary.objects import object_sampler
+from specklegen.samplers.stationary.stacks import stack_sampler
+
+SMALL = {
+    "through-slab": {"material": {"kernel_paths": 2000}, "camera": {"shape": [32, 32]}, "media": 3},
+    "tilt-stack": {"material": {"kernel_paths": 1000}, "camera": {"shape": [16, 16]}},
+}
+OBSERVED = {"through-slab": "image", "tilt-stack": "stack"}
+TIMEOUT = 120
+
+
+@dataclass(frozen=True)
+class Movable(FakeRecipe):
+    """Can be asked to render elsewhere."""
+
+    device: str = "cpu"
+
+    def on(self, device):
+        return replace(self, device=device)
+
+
+class OneDevice(TorchDispatchMode):
+    """Refuses operations between devices, copies aside, as CUDA does and "meta" does not always."""
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        found = tree_flatten((args, kwargs or {}))[0]
+        devices = {value.device.type for value in found if isinstance(value, torch.Tensor) and value.ndim}
+        if len(devices) > 1 and "copy" not in func.__name__:
+            raise RuntimeError(f"{func} mixes devices {devices}")
+        return func(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_the_generator_of_other_devices_renders_the_same_samples(name, monkeypatch):
+    """Single precision: sums of some thousand terms of order 1 agree to about 1e-6 of the largest pixel."""
+    recipe, drawn = load_recipe(name, SMALL[name]), []
+    plain = [recipe.sample(5, "train", index) for index in range(4)]
+
+    def by_torch(k0, k1, sample, out):
+        drawn.append(sample)
+        out[:] = torch_normals((k0, k1), sample, len(out), "cpu").numpy()
+
+    monkeypatch.setattr(rng, "fill_normals", by_torch)
+    elsewhere = recipe.on("cpu:0")  # the CPU by another name, for which nothing is kept yet
+    for index, expected in enumerate(plain):
+        sample = elsewhere.sample(5, "train", index)
+        assert sample["parameters"] == expected["parameters"]
+        for key in set(expected) - {"parameters"}:
+            assert sample[key].dtype == expected[key].dtype
+            np.testing.assert_allclose(sample[key], expected[key], rtol=0, atol=1e-5 * expected[key].max())
+    assert drawn, "the kernel was replaced"
+
+
+def test_where_a_recipe_renders_is_no_part_of_what_it_says():
+    recipe = load_recipe("through-slab", SMALL["through-slab"])
+    moved = recipe.on("meta")
+    assert (recipe.device, moved.device) == ("cpu", "meta")
+    assert moved.fingerprint() == recipe.fingerprint()
+    assert moved.to_toml() == recipe.to_toml()
+    assert moved != recipe, "media that are kept for one are not handed to the other"
+    assert moved == recipe.on("meta") == pickle.loads(pickle.dumps(moved))
+    assert moved.on("cpu") == recipe
+    assert hash(moved.on("cpu")) == hash(recipe)
+
+
+def test_the_kind_of_device_is_part_of_the_identity_of_a_store(tmp_path):
+    recipe = Movable()
+    kinds = {device: device_kind(recipe.on(device)) for device in ("cpu", "cuda", "cuda:1")}
+    assert kinds == {"cpu": "cpu", "cuda": "cuda", "cuda:1": "cuda"}
+    prints = [fingerprint(identity(recipe.on(device), 0, "train")) for device in kinds]
+    assert prints[0] != prints[1] == prints[2]
+    assert fingerprint(identity(FakeRecipe(), 0, "train")) == prints[0]
+    generate(recipe, samples=3, folder=tmp_path / "a.zarr", processes=1)
+    with pytest.raises(ValueError, match=r"device \('cpu' there, 'cuda' here\)"):
+        generate(recipe.on("cuda:0"), samples=3, folder=tmp_path / "a.zarr", processes=1)
+
+
+def test_batches_lie_on_the_device():
+    stream = SpeckleStream(Movable(samples=6), batch_size=4, device="meta")
+    assert stream.recipe.device == "meta"
+    batches = list(stream.loader())
+    assert len(batches) == 2
+    for batch in batches:
+        arrays = [value for key, value in batch.items() if key != "parameters"] + list(batch["parameters"].values())
+        assert {array.device.type for array in arrays} == {"meta"}
+    assert batches[0]["image"].shape == (4, 8, 8)
+    assert batches[0]["image"].dtype == torch.uint16
+
+
+def test_resuming_on_another_kind_of_device_is_refused():
+    state = SpeckleStream(Movable()).loader().state_dict()
+    with pytest.raises(ValueError, match=r"device \('cpu' there, 'meta' here\)"):
+        SpeckleStream(Movable(), device="meta").loader().load_state_dict(state)
+
+
+def test_workers_and_a_device_are_refused():
+    stream = SpeckleStream(Movable(), device="meta")
+    with pytest.raises(ValueError, match=r'loader.num_workers must be 0 for a stream with device="meta"; got 2.'):
+        stream.loader(num_workers=2)
+    with pytest.raises(ValueError, match=r"loader.num_workers must be 0"):
+        next(iter(DataLoader(stream, batch_size=None, num_workers=1, timeout=TIMEOUT)))
+    assert len(list(SpeckleStream(Movable(samples=4), device="cpu").loader(num_workers=1, timeout=TIMEOUT))) == 1
+
+
+@pytest.mark.parametrize(
+    ("recipe", "device", "words"),
+    [
+        (Movable(), "abacus", "SpeckleStream.device must be a device that torch has here; got 'abacus'"),
+        (FakeRecipe(), "meta", r"SpeckleStream.device must be \"cpu\" for FakeRecipe, which has no method `on`"),
+        pytest.param(
+            Movable(), "cuda", "SpeckleStream.device must be a device that torch has here; got 'cuda'",
+            marks=pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device"),
+        ),
+    ],
+)  # fmt: skip
+def test_devices_that_are_not_there_are_refused(recipe, device, words):
+    with pytest.raises(ValueError, match=words):
+        SpeckleStream(recipe, device=device)
+
+
+def test_every_tensor_of_an_object_is_on_the_device():
+    recipe = load_recipe("through-slab", SMALL["through-slab"])
+    kernel = known(recipe.material_of(0, "train", 0).slab, 2000).kernel
+    brightness = np.ones((28, 28), np.float32)
+    with OneDevice():
+        sampler = object_sampler(
+            kernel, wavelength=0.5, object_shape=(28, 28), object_pitch=1e-6, width=5e4,
+            grid=recipe.geometry.grid, device="meta",
+        )  # fmt: skip
+        medium = sampler.medium((1, 2, 3))
+        for seen in (medium, sampler.spectra(medium)):
+            image = sampler.image(seen, brightness, form="pairs")
+            assert (image.device.type, image.shape, image.dtype) == ("meta", (32, 32), torch.float32)
+        for name in ("modes", "object_rows", "object_columns", "camera_rows", "camera_columns"):  # power
+            left_behind = torch.ones_like(getattr(sampler, name), device="cpu")
+            with pytest.raises(RuntimeError, match="mixes devices"):
+                replace(sampler, **{name: left_behind}).image(medium, brightness, form="pairs")
+
+
+@pytest.mark.parametrize("fft", [False, True])
+def test_every_tensor_of_a_stack_is_on_the_device(fft):
+    recipe = load_recipe("tilt-stack", SMALL["tilt-stack"])
+    material = recipe.material_of(0, "train", 0)
+    scene = recipe.scene(material.slab, recipe.tilts.angles(4e-5, 0.0))
+    with OneDevice():
+        field = stack_sampler(scene, material.kernel, device="meta", fft=fft).sample((1, 2, 3))
+    assert (field.device.type, field.shape, field.dtype) == ("meta", (5, 16, 16), torch.complex64)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+@pytest.mark.parametrize("name", SMALL)
+def test_cuda_renders_what_the_cpu_renders(name):
+    recipe = load_recipe(name, SMALL[name])
+    here, there = (next(iter(SpeckleStream(recipe, batch_size=4, device=device))) for device in ("cpu", "cuda"))
+    key = OBSERVED[name]
+    assert there[key].device.type == "cuda"
+    torch.testing.assert_close(there[key].cpu(), here[key], rtol=0, atol=1e-5 * float(here[key].max()))

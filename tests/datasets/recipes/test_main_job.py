@@ -1,0 +1,94 @@
+"""The main job end to end: the packaged recipes through real data loaders and a real store."""
+
+import hashlib
+
+import numpy as np
+import pytest
+import torch
+
+from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
+from specklegen.datasets.recipes.medium_realization import medium_realization
+from specklegen.datasets.recipes.parts.light import draw_medium
+from specklegen.datasets.store.generate import generate
+
+SMALL = {
+    "through-slab": {
+        "material": {"kernel_paths": 2000},
+        "camera": {"shape": [32, 32]},
+        "samples": {"train": 24},
+        "media": 5,
+    },
+    "tilt-stack": {"material": {"kernel_paths": 1000}, "camera": {"shape": [16, 16]}, "samples": {"train": 12}},
+}
+TIMEOUT = 240  # seconds for a batch; a hung worker fails instead of hanging the run
+
+
+def digest(batches) -> str:
+    """SHA-256 over every array of every batch, parameters included."""
+    total = hashlib.sha256()
+    for batch in batches:
+        for key in sorted(batch):
+            part = batch[key]
+            for array in [part[k] for k in sorted(part)] if isinstance(part, dict) else [part]:
+                total.update(np.ascontiguousarray(array).tobytes())
+    return total.hexdigest()
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_any_number_of_workers_yields_the_same_bits(name):
+    recipe = load_recipe(name, SMALL[name])
+    digests = set()
+    for workers in (0, 1, 2, 3):
+        loader = SpeckleStream(recipe, seed=3, split="train", batch_size=4).loader(
+            num_workers=workers, timeout=TIMEOUT if workers else 0
+        )
+        digests.add(digest(loader))
+    assert len(digests) == 1
+    plain = torch.utils.data.DataLoader(SpeckleStream(recipe, seed=3, split="train", batch_size=4), batch_size=None)
+    assert digests == {digest(plain)}
+    other = SpeckleStream(recipe, seed=4, split="train", batch_size=4)
+    assert digests != {digest(other)}
+
+
+def test_a_store_holds_what_the_recipe_renders(tmp_path):
+    recipe = load_recipe("through-slab", SMALL["through-slab"])
+    generate(recipe, 0, "validation", samples=6, folder=tmp_path / "s.zarr", processes=1)
+    cache = SpeckleCache(tmp_path / "s.zarr")
+    for n in range(6):
+        stored, fresh = cache.numpy(n), recipe.sample(0, "validation", n)
+        assert np.array_equal(stored["image"], fresh["image"])
+        assert np.array_equal(stored["object"], fresh["object"])
+        assert stored["parameters"] == fresh["parameters"]
+
+
+def test_samples_share_media_and_splits_do_not():
+    recipe = load_recipe("through-slab", SMALL["through-slab"])
+    numbers = [int(recipe.sample(0, "train", index)["parameters"]["medium"]) for index in range(10)]
+    assert numbers == [0, 1, 2, 3, 4, 0, 1, 2, 3, 4]
+    sampler = medium_realization(recipe, 0, "train", 0).sampler
+    fields = np.array(
+        [
+            draw_medium(recipe.light, sampler, 0, split, m).numpy().ravel()
+            for split in ("train", "validation", "test")
+            for m in range(5)
+        ]
+    )
+    correlation = np.abs(np.corrcoef(fields))
+    np.fill_diagonal(correlation, 0)
+    # Independent complex fields of n cells: |correlation|^2 n is exponential; 105 pairs share a rate of 1e-6.
+    assert correlation.max() ** 2 * fields.shape[1] < np.log(105 / 1e-6)
+
+
+def test_images_have_the_contrast_that_their_parameters_promise():
+    recipe = load_recipe("through-slab", SMALL["through-slab"] | {"camera": {"shape": [128, 128]}, "media": 64})
+    measured, expected = [], []
+    for index in range(64):
+        sample = recipe.sample(1, "train", index)
+        image = sample["image"].astype(np.float64)
+        # Relative to the expected intensity, which is 1: the mean over one camera fluctuates too.
+        measured.append(np.mean((image - 1) ** 2))
+        expected.append(sample["parameters"]["expected_contrast"] ** 2)
+    difference = np.array(measured) - np.array(expected)
+    z = difference.mean() / (difference.std(ddof=1) / 8)
+    assert abs(z) < 5.4  # Student's t, 63 degrees of freedom, false-alarm rate 1e-6
+    assert np.mean(expected) > 0.02  # and the test is about something

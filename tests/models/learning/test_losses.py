@@ -1,0 +1,52 @@
+"""Losses: their values, their gradients, and what they must not see."""
+
+import pytest
+import torch
+
+from specklegen.models.learning.losses import LOSSES, loss_named
+
+GENERATOR = torch.Generator().manual_seed(3)
+
+
+def logits_and_target(count=3, side=14):
+    logits = torch.randn(count, side, side, generator=GENERATOR, dtype=torch.float64)
+    return logits, torch.rand(count, side, side, generator=GENERATOR, dtype=torch.float64)
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_gradient_is_that_of_finite_differences(name):
+    logits, target = logits_and_target(2, 12)
+    # Along random directions: entry by entry, the alignments of each loss cost a minute.
+    assert torch.autograd.gradcheck(lambda x: LOSSES[name](x, target), logits.requires_grad_(), fast_mode=True)
+
+
+@pytest.mark.parametrize("name", [name for name in LOSSES if name.endswith("-invariant")])
+def test_invariant_losses_forget_shift_and_flip(name):
+    logits, target = logits_and_target()
+    moved = torch.roll(target, (3, -5), (-2, -1)).flip((-2, -1))
+    assert LOSSES[name](logits, moved).item() == pytest.approx(LOSSES[name](logits, target).item(), rel=1e-12)
+    plain = LOSSES[name.removesuffix("-invariant")]
+    assert plain(logits, moved).item() != pytest.approx(plain(logits, target).item(), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["pearson", "ssim", "l1"])
+def test_a_perfect_prediction_costs_nothing(name):
+    _, target = logits_and_target()
+    assert LOSSES[name](torch.logit(target, eps=1e-12), target).item() == pytest.approx(0, abs=1e-9)
+
+
+def test_invariant_loss_is_the_least_over_all_motions():
+    """By brute force, for the loss that the alignment minimises."""
+    logits, target = logits_and_target(1, 8)
+    every = [
+        LOSSES["pearson"](logits, torch.roll(turned, (y, x), (-2, -1))).item()
+        for turned in (target, target.flip((-2, -1)))
+        for y in range(8)
+        for x in range(8)
+    ]
+    assert LOSSES["pearson-invariant"](logits, target).item() == pytest.approx(min(every), rel=1e-12)
+
+
+def test_an_unknown_loss_is_refused():
+    with pytest.raises(ValueError, match="loss must be one of pearson"):
+        loss_named("mse")

@@ -1,0 +1,183 @@
+"""Training: repeatable, resumable to the bit, and able to learn."""
+
+import csv
+
+import numpy as np
+import pytest
+import torch
+
+from specklegen.core.errors import RuleError
+from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
+from specklegen.datasets.store.generate import generate
+from specklegen.models.learning.examples import Examples, examples, streamed
+from specklegen.models.learning.reconstructor import Reconstructor, centred
+from specklegen.models.learning.training import Training, train
+from specklegen.models.metrics import align, pearson
+
+TINY = {"material": {"kernel_paths": 1000, "kernel": "estimate"}, "camera": {"shape": [32, 32]},
+        "objects": {"shape": [12, 12]}, "samples": {"train": 24, "validation": 8}}  # fmt: skip
+
+
+def squares(count, seed, media=4):
+    """Targets that the input shows outright: what any network learns in a few steps."""
+    rng = np.random.default_rng(seed)
+    targets = np.zeros((count, 12, 12), np.float32)
+    for target, (y, x, h, w) in zip(targets, rng.integers(1, 6, (count, 4)), strict=True):
+        target[y : y + h, x : x + w] = 1
+    inputs = np.zeros((count, 2, 16, 16), np.float16)
+    inputs[:, 0, 2:14, 2:14] = targets
+    return Examples(*map(torch.from_numpy, (inputs, targets, np.arange(count) % media)))
+
+
+DATA, HELD_OUT = squares(70, 0), squares(16, 1)
+SETTINGS = Training(width=4, batch_size=16, epochs=3, mirror=True)
+
+
+def weights(model):
+    return torch.cat([p.flatten() for p in model.network.parameters()])
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    train(SETTINGS, DATA, HELD_OUT, folder)
+    return folder
+
+
+def checkpoint(folder):
+    return torch.load(folder / "checkpoint.pt", weights_only=True)
+
+
+def assert_same_run(one, other):
+    for part in ("network", "optimiser"):
+        pairs = zip(flat(one[part]), flat(other[part]), strict=True)
+        assert all(torch.equal(a, b) if isinstance(a, torch.Tensor) else a == b for a, b in pairs)
+    for a, b in zip(one["rows"], other["rows"], strict=True):
+        assert {k: v for k, v in a.items() if k != "seconds"} == {k: v for k, v in b.items() if k != "seconds"}
+
+
+def flat(tree):
+    if isinstance(tree, dict):
+        return [leaf for value in tree.values() for leaf in flat(value)]
+    if isinstance(tree, list | tuple):
+        return [leaf for value in tree for leaf in flat(value)]
+    return [tree]
+
+
+def test_a_seed_repeats_a_run(whole, tmp_path):
+    train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    assert_same_run(checkpoint(whole), checkpoint(tmp_path))
+    train(SETTINGS.replace(seed=1), DATA, HELD_OUT, tmp_path / "other")
+    with pytest.raises(AssertionError):
+        assert_same_run(checkpoint(whole), checkpoint(tmp_path / "other"))
+
+
+@pytest.mark.parametrize("stop", [1, 5, 7])
+def test_a_stopped_run_goes_on_to_the_same_bits(whole, tmp_path, stop):
+    """Five steps an epoch: stopped inside the first, at its end, and inside the second."""
+    train(SETTINGS, DATA, HELD_OUT, tmp_path, stop_after=stop)
+    assert not checkpoint(tmp_path)["finished"]
+    train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    assert_same_run(checkpoint(whole), checkpoint(tmp_path))
+
+
+def test_a_finished_run_stays_as_it_is(whole):
+    before = (whole / "checkpoint.pt").read_bytes()
+    model = train(SETTINGS, DATA, HELD_OUT, whole)
+    assert (whole / "checkpoint.pt").read_bytes() == before
+    assert torch.equal(weights(model), weights(Reconstructor.load(whole / "best.pt")))
+
+
+def test_other_settings_need_another_folder(whole):
+    with pytest.raises(ValueError, match="that of a run with these settings"):
+        train(SETTINGS.replace(learning_rate=1e-4), DATA, HELD_OUT, whole)
+
+
+def test_log_has_a_line_an_epoch(whole):
+    rows = list(csv.DictReader((whole / "log.csv").open()))
+    assert [row["epoch"] for row in rows] == ["0", "1", "2"]
+    assert float(rows[-1]["learning_rate"]) < float(rows[0]["learning_rate"])
+
+
+def test_the_residual_net_takes_no_camera_images():
+    with pytest.raises(RuleError, match=r"Training\.input must be"):
+        Training(network="residual", input="camera")
+
+
+def test_it_learns(tmp_path):
+    model = train(SETTINGS.replace(epochs=20, mirror=False), DATA, HELD_OUT, tmp_path)
+    made = model(HELD_OUT.inputs.float())
+    found = pearson(align(made, HELD_OUT.targets), HELD_OUT.targets).mean()
+    mean = DATA.targets.mean(0).expand_as(HELD_OUT.targets)
+    assert found > pearson(align(mean, HELD_OUT.targets), HELD_OUT.targets).mean() + 0.1
+
+
+def test_it_stops_when_nothing_improves(tmp_path):
+    settings = SETTINGS.replace(epochs=50, patience=2, learning_rate=1e-12)
+    train(settings, DATA, HELD_OUT, tmp_path)
+    rows = checkpoint(tmp_path)["rows"]
+    best = int(np.argmax([row["validation_pearson"] for row in rows]))
+    assert len(rows) == best + 3
+
+
+def test_a_budget_ends_a_run(tmp_path):
+    train(SETTINGS.replace(epochs=10_000), DATA, HELD_OUT, tmp_path, seconds=0.02)
+    state = checkpoint(tmp_path)
+    assert state["finished"]
+    assert state["spent"] >= 0.02
+    assert state["epoch"] < 10_000
+
+
+@pytest.mark.parametrize("kind", ["camera", "autocorrelation"])
+def test_from_a_stream_and_from_a_store_alike(tmp_path, kind):
+    recipe = load_recipe("through-slab", TINY)
+    generate(recipe, 0, "train", samples=24, folder=tmp_path / "store.zarr", processes=1)
+    stored = examples(SpeckleCache(tmp_path / "store.zarr"), kind)
+    rendered = examples(recipe, kind)
+    assert all(torch.equal(a, b) for a, b in zip(stored, rendered, strict=True))
+    batches, count = streamed(SpeckleStream(recipe, batch_size=16), kind)
+    assert count == 2
+    made = torch.cat([inputs for inputs, _ in batches(0, 0)])
+    assert torch.equal(made.half(), stored.inputs)
+    assert torch.equal(torch.cat([inputs for inputs, _ in batches(0, 1)]).half(), stored.inputs[16:])
+
+
+def test_a_run_from_a_stream_resumes_to_the_bit(tmp_path):
+    recipe = load_recipe("through-slab", TINY)
+    held_out = examples(recipe, "autocorrelation", split="validation")
+    settings = Training(width=4, batch_size=16, epochs=2)
+
+    def data():
+        return streamed(SpeckleStream(recipe, batch_size=16), "autocorrelation")
+
+    train(settings, data(), held_out, tmp_path / "whole")
+    train(settings, data(), held_out, tmp_path / "parts", stop_after=3)
+    train(settings, data(), held_out, tmp_path / "parts")
+    assert_same_run(checkpoint(tmp_path / "whole"), checkpoint(tmp_path / "parts"))
+
+
+def test_saved_model_is_the_model(tmp_path, whole):
+    model = Reconstructor.load(whole / "best.pt")
+    model.save(tmp_path / "compact.pt", compact=True)
+    again = Reconstructor.load(tmp_path / "compact.pt")
+    inputs = HELD_OUT.inputs.float()
+    # float16 rounds each weight to 2**-11
+    torch.testing.assert_close(again(inputs), model(inputs), rtol=0, atol=0.02)
+    assert (tmp_path / "compact.pt").stat().st_size < (whole / "best.pt").stat().st_size
+    with pytest.raises(ValueError, match="model must be a file"):
+        Reconstructor.load(tmp_path / "none.pt")
+    torch.save({"a": 1}, tmp_path / "other.pt")
+    with pytest.raises(ValueError, match=r"Reconstructor\.save"):
+        Reconstructor.load(tmp_path / "other.pt")
+
+
+def test_an_object_across_the_edge_is_put_together():
+    whole = torch.zeros(2, 12, 14)
+    whole[0, 4:9, 5:10] = 1
+    whole[1, 5:8, 2:11] = 1  # odd sides: their centroid is a pixel
+    expected = centred(whole)
+    for shift in ((3, 4), (6, -7), (-5, 1)):
+        assert torch.equal(centred(torch.roll(whole, shift, (-2, -1))), expected)
+    ends = expected[0].nonzero()
+    assert (ends.amax(0) - ends.amin(0)).tolist() == [4, 4]
+    assert torch.equal(expected.sum((-2, -1)), whole.sum((-2, -1)))

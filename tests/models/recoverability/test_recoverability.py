@@ -1,0 +1,337 @@
+"""When phase retrieval works: the residual's physics, the fit derived again, reasons, and the command."""
+
+import importlib.util
+import json
+
+import numpy as np
+import pytest
+from scenes import ROOT
+from typer.testing import CliRunner
+from zscore import assert_mean, assert_z
+
+from specklegen.cli import commands
+from specklegen.core.errors import RuleError
+from specklegen.core.statistics import wilson
+from specklegen.datasets import load_recipe
+from specklegen.instrument.camera import Camera, NoiseStreams, expose
+from specklegen.models import recoverable
+from specklegen.models.recoverability import verdict
+from specklegen.models.recoverability.autocorrelation_error import Conditions, residual, speckle_contrast
+from specklegen.models.recoverability.verdict import (
+    COEFFICIENTS,
+    COMPLEX,
+    FITTED,
+    MODES,
+    conditions_of,
+    judge,
+)
+
+TABLE = ROOT / "tests/data/recoverability.csv"
+FRESH = ROOT / "tests/data/recoverability_fresh.csv"
+
+
+CHEAP = {"material": {"kernel_paths": 1000, "kernel": "estimate"}}
+
+
+def _script():
+    spec = importlib.util.spec_from_file_location("fit_recoverability", ROOT / "scripts/fit_recoverability.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+fit = _script()
+
+
+def objects(count=6, side=18, seed=0):
+    image = np.zeros((4, side * side))
+    rng = np.random.default_rng(seed)
+    for row in image:
+        row[rng.choice(side * side, count, replace=False)] = 1
+    return image.reshape(4, side, side)
+
+
+def scene(**changes):
+    """Six points, 6 grains wide, on a camera of 120 grains: works."""
+    fields = {"objects": objects(), "object_pitch": 1 / 3, "memory_effect": [1.0], "camera": 120.0}
+    return Conditions(**fields | changes)
+
+
+def falling(width):
+    return np.exp(-np.square(np.arange(40) / width))
+
+
+FAILURES = {
+    "too few grains": {"camera": 15.0},
+    "beyond the memory-effect range": {"memory_effect": falling(6), "compensation": False},
+    "saturation": {"saturation": 0.2},
+    "no envelope removal": {"beam": 0.2},
+    "envelope removed over too short a distance": {"beam": 5.0, "removal": 0.01},
+    "too few photons": {"electrons": 0.2},
+    "too low contrast": {"contrast": 0.05, "electrons": 40.0},
+}
+
+
+def test_the_scene_works():
+    verdict = judge(scene())
+    assert verdict.works
+    assert verdict.reasons == ()
+    assert not verdict.extrapolates
+
+
+@pytest.mark.parametrize("name", FAILURES)
+def test_each_failure_is_named_first(name):
+    verdict = judge(scene(**FAILURES[name]))
+    assert not verdict.works
+    assert verdict.reasons[0].name == name
+    assert verdict.reasons[0].remedy
+    assert name in verdict.explain()
+
+
+def test_every_failure_mode_has_its_scene():
+    assert FAILURES.keys() | {COMPLEX} == MODES.keys()
+
+
+def test_a_reason_costs_no_more_than_what_it_says(monkeypatch):
+    """The camera that a scene needs is looked for only where its camera is too small: one residual a step."""
+    looked = []
+    monkeypatch.setattr(verdict, "residual", lambda c: looked.append(c.camera) or residual(c))
+    assert [reason.name for reason in judge(scene(**FAILURES["saturation"])).reasons] == ["saturation"]
+    assert set(looked) == {120.0, 480.0}  # as it is, and repaired by a camera of four times the side
+    looked.clear()
+    judge(scene(**FAILURES["too few grains"]))
+    assert len(set(looked)) > 2
+
+
+def test_a_complex_object_is_named_when_nothing_else_is_wrong():
+    crowd = scene(objects=np.random.default_rng(1).random((2, 60, 60)), camera=60.0)
+    assert judge(crowd).reasons[-1].name == COMPLEX
+
+
+@pytest.mark.parametrize(
+    ("field", "worsening"),
+    [
+        ("camera", [200.0, 100.0, 50.0, 25.0]),
+        ("frames", [9.0, 4.0, 1.0]),
+        ("electrons", [float("inf"), 100.0, 10.0, 1.0, 0.1]),
+        ("saturation", [float("inf"), 1.5, 0.8, 0.4]),
+        ("beam", [float("inf"), 0.4, 0.2, 0.1]),
+    ],
+)
+def test_worse_conditions_are_never_better(field, worsening):
+    found = [judge(scene(**{field: value})).probability for value in worsening]
+    assert (np.diff(found) < 0).all()
+
+
+@pytest.mark.parametrize("compensation", [True, False])
+def test_more_ranges_are_never_better(compensation):
+    found = [
+        judge(scene(memory_effect=falling(width), compensation=compensation)).probability
+        for width in (40, 20, 12, 8, 6)
+    ]
+    assert (np.diff(found) < 0).all()
+
+
+def test_less_contrast_needs_more_photons():
+    dim = [judge(scene(contrast=c, electrons=20.0)).probability for c in (1.0, 0.5, 0.25)]
+    assert (np.diff(dim) < 0).all()
+    assert judge(scene(contrast=0.5)).probability == pytest.approx(judge(scene()).probability)
+
+
+def test_more_points_are_more_complex():
+    found = [residual(scene(objects=objects(count))).complexity for count in (2, 6, 20)]
+    assert (np.diff(found) > 0).all()
+    one = np.zeros((1, 18, 18))
+    one[0, 9, 9] = 1
+    assert residual(scene(objects=one)).complexity == pytest.approx(1)
+
+
+def test_noise_is_window_over_two_cameras():
+    """Without camera noise and C_I, all that is left is W / (2N), but for what the taper smooths: 0.2 % here."""
+    found = residual(scene(compensation=False))
+    assert found.noise == pytest.approx(found.window_over_camera, rel=5e-3)
+    assert residual(scene(camera=240.0)).noise == pytest.approx(found.noise / 2)
+    assert residual(scene(frames=4.0)).noise == pytest.approx(found.noise / 2)
+
+
+def test_ideal_scene_is_not_distorted():
+    """What is left is the taper's: the autocorrelation as measured and as wanted are tapered alike."""
+    assert residual(scene()).distortion < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("camera", "electrons", "saturation"),
+    [
+        ({"photons": 100.0}, 900.0, np.inf),  # a grain has 9 pixels
+        ({"photons": 100.0, "background": 100.0, "full_well": 300.0}, 450.0, 2.0),  # a third of the well is taken
+        ({"photons": 10.0, "dark_current": 3.0, "exposure": 5.0, "read_noise": 5.0}, 18.0, np.inf),  # noise 50
+        ({"photons": 10.0, "bit_depth": 4, "gain": 6.0, "offset": 5.0}, 9 * 100 / 13, 6.0),  # 6^2 / 12 of rounding
+    ],
+)
+def test_exposure_by_hand(camera, electrons, saturation):
+    found = conditions_of(load_recipe("through-slab", CHEAP | {"exposure": {"bit_depth": None} | camera}))
+    assert found.electrons == pytest.approx(electrons)
+    assert found.saturation == pytest.approx(saturation)
+
+
+def test_electrons_of_equal_noise_are_the_cameras():
+    """Variance of a flat field, a million pixels; that of a variance is 2/n, counts being nearly Gaussian."""
+    noisy = {"photons": 100.0, "background": 40.0, "dark_current": 5.0, "exposure": 2.0, "read_noise": 6.0, "gain": 9.0}
+    found = conditions_of(load_recipe("through-slab", CHEAP | {"exposure": noisy}))
+    counts = expose(Camera(**noisy), np.ones((1000, 1000)), NoiseStreams.of(1)) * 9.0
+    expected = 9 * 100.0**2 / found.electrons
+    assert_z(counts.var(), expected, expected * np.sqrt(2 / counts.size))
+
+
+def test_frames_of_a_film_by_hand():
+    """Half of the spread is kept from frame to frame, so (1 + 2 (2/3 1/2 + 1/3 1/4)) / 3 in the mean of three."""
+    film = {"frames": 3, "correlation_time": 4 / np.log(2)}
+    assert conditions_of(load_recipe("dynamic-slab", CHEAP | {"dynamics": film})).frames == pytest.approx(18 / 11)
+
+
+def test_frames_of_a_film_are_those_of_fields_that_change():
+    """Squared mean over 3 frames of a lag of the autocovariance, 200 000 pairs of pixels: its expectation is 1 / F."""
+    rng, kept = np.random.default_rng(0), np.exp(-1 / 3.0)
+    fresh = rng.standard_normal((3, 2, 200_000, 2)) @ [1, 1j] / np.sqrt(2)
+    fields = [fresh[0]]
+    for each in fresh[1:]:
+        fields.append(kept * fields[-1] + np.sqrt(1 - kept**2) * each)
+    one, other = np.moveaxis(np.square(np.abs(fields)) - 1, 1, 0)
+    film = {"frames": 3, "correlation_time": 3.0}
+    frames = conditions_of(load_recipe("dynamic-slab", CHEAP | {"dynamics": film})).frames
+    squares = np.square((one * other).mean(0)).reshape(100, -1).mean(1)
+    assert_mean(squares, 1 / frames)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(squares, 1.1 / frames)
+
+
+@pytest.mark.parametrize("polarised", [True, False])
+def test_contrast_agrees_with_the_sampler(polarised):
+    """Two computations of one contrast; the sampler's modes leave out up to 1 % of the light."""
+    recipe = load_recipe(
+        "through-slab",
+        {"light": {"polarised": polarised}, "objects": {"type": "Points"}, "material": {"kernel_paths": 20_000}},
+    )
+    found = conditions_of(recipe)
+    assert found.contrast == pytest.approx(1.0 if polarised else 0.5**0.5, rel=0.01)
+    seen = recipe.prepare(0, "train", 0).expected_contrast(found.objects[0])
+    assert speckle_contrast(found)[0] == pytest.approx(seen, rel=0.03)  # points fall between points of the grid
+
+
+def test_coefficients_follow_from_the_table():
+    table = fit.read(TABLE)
+    even = table.half(odd=False)
+    found = fit.fitted(even)
+    # Rounded to 4 digits in the source; the optimiser stops at a gradient of 1e-6.
+    assert found == pytest.approx(list(COEFFICIENTS.values()), abs=2e-3)
+    for name, ends in fit.spans(even, found).items():
+        assert FITTED[name] == pytest.approx(ends, rel=2e-3)
+
+
+def test_predictions_of_the_table_follow_from_its_scenes():
+    """Three cells of each half, by number; 6 digits are written, and kernels are estimated anew alike."""
+    table = fit.read(TABLE)
+    for number in (0, 3, 20, 41, 66, 93):
+        found = residual(fit.drawn(number).conditions())
+        kept = [table.noise[number], table.distortion[number], table.complexity[number]]
+        assert kept == pytest.approx(list(found[:3]), rel=1e-4, abs=1e-6)
+
+
+def test_held_out_verdicts():
+    """The issue's bound, 85 % right on cells that were not fitted, recomputed; and better than always saying no."""
+    table = fit.read(TABLE).half(odd=True)
+    found = fit.confusion(table, np.array(list(COEFFICIENTS.values())))
+    assert found.n >= 80
+    assert found.right / found.n >= 0.85
+    assert found.right > found.fails_right + found.works_wrong + 10
+
+
+def test_fresh_verdicts():
+    """The same bound on scenes that came when the verdict was finished; its interval's lower end (Wilson) as well."""
+    found = fit.confusion(fit.read(FRESH), np.array(list(COEFFICIENTS.values())))
+    assert found.n >= 150
+    assert wilson(found.right, found.n)[0] >= 0.85
+
+
+def test_fresh_scenes_are_others():
+    grids = [fit.GRIDS["fitted"], fit.GRIDS["fresh"]]
+    assert fit.drawn(0) == fit.drawn(0, grids[0]) != fit.drawn(0, grids[1])
+    assert not set(grids[0].sides) & set(grids[1].sides)
+    assert len({grid.media_seed(number) for grid in grids for number in range(200)}) == 201
+    table = fit.read(FRESH)
+    for number in (7, 101):
+        found = residual(fit.drawn(number, grids[1]).conditions())
+        kept = [table.noise[number], table.distortion[number], table.complexity[number]]
+        assert kept == pytest.approx(list(found[:3]), rel=1e-4, abs=1e-6)
+
+
+def test_predictions_are_replaced_by_those_of_the_tables_own_grid(tmp_path):
+    """Two cells of the fresh table; of another grid's table nothing is changed."""
+    lines = FRESH.read_text().splitlines()[:3]
+    head, *cells = (line.split(",") for line in lines)
+    for cell in cells:
+        cell[head.index("noise")] = cell[head.index("complexity")] = "7"
+    table = tmp_path / "table.csv"
+    table.write_text("\n".join(map(",".join, (head, *cells))) + "\n")
+    spoilt = table.read_text()
+    with pytest.raises(RuleError, match="--grid must be that of the table"):
+        fit.main(["predict", str(table)])
+    assert table.read_text() == spoilt
+    fit.main(["predict", str(table), "--grid", "fresh"])
+    for found, kept in zip(fit.read(table), fit.read(FRESH), strict=True):
+        assert found == pytest.approx(kept[:2], rel=1e-4, abs=1e-6)
+
+
+def test_the_table_has_power():
+    """Coefficients of the wrong sign judge worse than a coin."""
+    table = fit.read(TABLE).half(odd=True)
+    found = fit.confusion(table, np.array(list(COEFFICIENTS.values())) * [-1, -1, -1, 1])
+    assert found.right < found.n / 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"objects": np.zeros((1, 4, 4))}, "Conditions.objects must be"),
+        ({"memory_effect": [0.9]}, "Conditions.memory_effect must be"),
+        ({"camera": 0.0}, "Conditions.camera must be"),
+        ({"contrast": 1.5}, "Conditions.contrast must be"),
+        ({"electrons": 0.0}, "Conditions.electrons must be"),
+    ],
+)
+def test_errors(changes, message):
+    with pytest.raises(RuleError, match=message):
+        scene(**changes)
+
+
+def test_recipes_without_hidden_objects_are_refused():
+    with pytest.raises(RuleError, match="one with hidden objects"):
+        recoverable("tilt-stack")
+    with pytest.raises(RuleError, match="one with hidden objects"):
+        recoverable(load_recipe("tilt-stack"))
+    with pytest.raises(RuleError, match="at least 1"):
+        recoverable("through-slab", media=0)
+
+
+def test_command():
+    words = ["recoverable", "through-slab", "--set", "material.kernel_paths=20000"]
+    told = CliRunner().invoke(commands.app, words)
+    assert told.exit_code == 0, told.output
+    assert "too few grains" in told.output
+    assert "remedy" in told.output
+    read = json.loads(CliRunner().invoke(commands.app, [*words, "--json"]).output)
+    assert not read["works"]
+    assert read["numbers"]["electrons_a_grain"] is None
+    assert read["reasons"][0]["name"] == "too few grains"
+    assert read["extrapolates"] == ["complexity"]  # glyphs of 28 grains, where the largest of the table have 9.3
+    assert "caution: complexity outside" in told.output
+
+
+@pytest.mark.parametrize("words", [["recoverable", "tilt-stack"], ["evaluate", "--recipe", "tilt-stack"],
+                                   ["train", "tilt-stack", "--out", "run"]])  # fmt: skip
+def test_commands_refuse_recipes_that_hide_nothing(words):
+    said = CliRunner().invoke(commands.app, words)
+    assert isinstance(said.exception, RuleError)
+    assert "recipe must be one with hidden objects; got 'tilt-stack'" in str(said.exception)

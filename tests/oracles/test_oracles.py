@@ -1,0 +1,236 @@
+"""The engine against literal transcriptions of the papers, in absolute units; and the tests against small errors."""
+
+import numpy as np
+import pytest
+from zscore import assert_z
+
+import specklegen as sg
+from specklegen.oracles import algorithms
+from specklegen.oracles.algorithms import Pairs, algorithm1, algorithm2
+from specklegen.oracles.electric_field import electric_field
+from specklegen.oracles.naive_covariance import naive_covariance
+from specklegen.oracles.naive_numba import naive_field
+from specklegen.paths import slab_optics
+from specklegen.paths.slab_optics import Optics
+from specklegen.paths.slab_tracer import trace
+from specklegen.scene.illumination import directions_of_sines
+
+BATCHES = 64
+THICKNESS, WIDTH = 20.0, 120.0  # wavelength 1: speckle is 1/120 wide, a backscattering cone at OD 2 about 0.02
+TILT = np.array([0.006, 0.001])  # of the second beam from the first
+SHIFTS = np.array([(0.0, 0.0), (0.003, 0.001), TILT])  # of the views, so that C is neither 0 nor I
+ENGINE_PATHS, TRANSCRIBED_PATHS = 16_000, 2000  # a batch; either leaves 0.1 to 0.5 % in an intensity
+
+
+def make_scene(side="transmission", *, g, optical_depth, albedo=0.9, base=0.0, offset=0.0):
+    """Two tilts and three views: about the first tilt (transmission), or about its exact reverse (reflection)."""
+    tilts = np.array([(base, 0.0), (base, 0.0) + TILT])
+    sign = 1.0 if side == "transmission" else -1.0
+    views = sign * (tilts[0] + SHIFTS) + (offset, 0.0)
+    return sg.Scene(
+        wavelength=1.0,
+        medium=sg.Slab(
+            thickness=THICKNESS,
+            mean_free_path=THICKNESS / optical_depth,
+            albedo=albedo,
+            scatterer=sg.HenyeyGreenstein(g=g),
+        ),
+        illumination=sg.CollimatedBeams(directions=directions_of_sines("tilts", tilts), width=WIDTH),
+        sensor=sg.FarField(directions=directions_of_sines("views", views, sign)),
+    )
+
+
+def all_pairs(scene):
+    """Every tilt with every view, tilt by tilt."""
+    tilts, views = scene.beams.directions, scene.sensor.directions
+    return Pairs(
+        medium=scene.medium,
+        wavelength=scene.wavelength,
+        width=WIDTH,
+        lights=np.repeat(tilts, len(views), axis=0),
+        views=np.tile(views, (len(tilts), 1)),
+    )
+
+
+def transcribed_covariances(scene, *, reverse=False, paths=TRANSCRIBED_PATHS):
+    """C by Algorithm 1, batch by batch: complex128[64, T * V, T * V]."""
+    pairs = all_pairs(scene)
+    seeds = np.random.SeedSequence(1).spawn(BATCHES)
+    return np.array([algorithm1(pairs, paths, np.random.default_rng(s), reverse=reverse) for s in seeds])
+
+
+def engine_covariances(scene, *, reverse=False, paths=ENGINE_PATHS):
+    """C that the engine's paths imply, batch by batch: complex128[64, T * V, T * V]."""
+    made = sg.plan(scene, paths=paths, sampler="paths", reverse=reverse)
+    optics = Optics.of_scene(scene)
+    views = scene.sensor.directions
+    pairs = len(optics.tilts) * len(views)
+
+    def amplitudes(bank, factors, *, single=False):
+        light = slab_optics.illumination_ends(bank, optics, factors, single=single)
+        sensor = slab_optics.sensor_ends(bank, optics, views, single=single)
+        return light[:, None] * sensor
+
+    covariances = []
+    for batch in range(BATCHES):
+        bank = trace(scene.medium, made.proposal, 7, paths, first=batch * paths, threads=1)
+        singles, multiples = bank.single, bank.multiple
+        one = amplitudes(singles, np.ones(len(singles), complex), single=True)
+        one *= slab_optics.single_amplitudes(optics, views)[..., None]
+        more = amplitudes(multiples, np.ones(len(multiples), complex))
+        if reverse:
+            more += amplitudes(bank.reversed(), slab_optics.reversal_phases(bank, optics))
+        a = np.concatenate([one, more], axis=-1).reshape(pairs, -1)
+        covariances.append(a @ a.conj().T / paths)
+    return np.array(covariances)
+
+
+def field_covariances(fields):
+    """u u^H averaged over equal batches of fields [n, P]: complex128[64, P, P]."""
+    batches = fields.reshape(BATCHES, -1, fields.shape[-1])
+    return np.einsum("bnp,bnq->bpq", batches, batches.conj(), optimize=True) / batches.shape[1]
+
+
+def assert_same_covariance(first, second):
+    """Every real and imaginary part, by Welch's z with the fewer degrees of freedom (the safe side)."""
+    upper = np.triu_indices(first.shape[-1])
+    means, variances = [], []
+    for batches in (first, second):
+        entries = batches[:, *upper]
+        parts = np.concatenate([entries.real, entries.imag[:, upper[0] != upper[1]]], axis=1)
+        means.append(parts.mean(axis=0))
+        variances.append(parts.var(axis=0, ddof=1) / len(parts))
+    assert_z(means[0], means[1], np.sqrt(variances[0] + variances[1]), degrees=BATCHES - 1)
+
+
+FORWARD = [
+    (side, g, optical_depth, 0.0, offset)
+    for side, offset in [("transmission", 0.0), ("reflection", 0.3)]
+    for g in (0.0, 0.5)
+    for optical_depth in (0.5, 2.0)
+]
+OBLIQUE = ("transmission", 0.5, 2.0, 0.5, 0.0)  # cosines of beam, footprint and depth count
+
+
+@pytest.mark.parametrize(("side", "g", "optical_depth", "base", "offset"), [*FORWARD, OBLIQUE])
+def test_engine_agrees_with_algorithm_1_forward(side, g, optical_depth, base, offset):
+    scene = make_scene(side, g=g, optical_depth=optical_depth, base=base, offset=offset)
+    assert_same_covariance(engine_covariances(scene), transcribed_covariances(scene))
+
+
+@pytest.mark.parametrize(
+    ("g", "optical_depth", "base"),
+    [(0.0, 0.5, 0.0), (0.0, 2.0, 0.0), (0.5, 0.5, 0.0), (0.5, 2.0, 0.0), (0.5, 2.0, 0.5)],
+)
+def test_engine_agrees_with_algorithm_1_at_backscattering(g, optical_depth, base):
+    scene = make_scene("reflection", g=g, optical_depth=optical_depth, base=base)
+    assert_same_covariance(engine_covariances(scene, reverse=True), transcribed_covariances(scene, reverse=True))
+
+
+@pytest.fixture(scope="module")
+def precise():
+    """A scene with mostly multiple scattering and its covariances by the engine, intensities to 0.1 %."""
+    scene = make_scene(g=0.0, optical_depth=2.0)
+    return scene, engine_covariances(scene, paths=4 * ENGINE_PATHS)
+
+
+def test_engine_agrees_with_algorithm_1_precisely(precise):
+    scene, engine = precise
+    assert_same_covariance(engine, transcribed_covariances(scene, paths=10_000))
+
+
+@pytest.mark.parametrize("error", [1.03, 0.97, 1 / (4 * np.pi)])
+def test_a_wrong_weight_of_multiple_scattering_is_caught(precise, monkeypatch, error):
+    """3 % either way, and the 4 pi that the printed algorithms lack."""
+    scene, engine = precise
+    monkeypatch.setattr(algorithms, "SOLID_ANGLE", 4 * np.pi * error)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_same_covariance(engine, transcribed_covariances(scene, paths=10_000))
+
+
+def test_leaving_out_reversed_paths_is_caught():
+    scene = make_scene("reflection", g=0.0, optical_depth=2.0)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_same_covariance(engine_covariances(scene, reverse=True), transcribed_covariances(scene))
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_fields_of_algorithm_2_have_the_covariance_of_algorithm_1(reverse):
+    """Two paths a field, so that the root of their number counts."""
+    scene = make_scene("reflection", g=0.5, optical_depth=2.0)
+    fields = algorithm2(all_pairs(scene), 2, 400 * BATCHES, np.random.default_rng(2), reverse=reverse)
+    assert_same_covariance(field_covariances(fields), transcribed_covariances(scene, reverse=reverse))
+
+
+def test_electric_field_monte_carlo_has_intensities_and_no_correlation():
+    scene = make_scene(g=0.5, optical_depth=2.0)
+    expected = transcribed_covariances(scene)
+    fields = electric_field(all_pairs(scene), 2, 400 * BATCHES, np.random.default_rng(3))
+    diagonal = np.eye(expected.shape[-1])
+    assert_same_covariance(field_covariances(fields), expected * diagonal)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_same_covariance(field_covariances(fields), expected)
+
+
+@pytest.mark.parametrize(
+    ("side", "g", "optical_depth", "base"),
+    [("transmission", 0.5, 2.0, 0.0), ("reflection", 0.0, 0.5, 0.5), ("transmission", 0.9, 2.0, 0.5)],
+)
+def test_naive_numba_fields_have_the_covariance_of_the_engine(side, g, optical_depth, base):
+    scene = make_scene(side, g=g, optical_depth=optical_depth, base=base, offset=0.3 if side == "reflection" else 0.0)
+    fields = naive_fields(scene, 2, 1500 * BATCHES)
+    assert_same_covariance(field_covariances(fields), engine_covariances(scene))
+
+
+def test_naive_covariance_is_that_of_algorithm_1():
+    """Oblique and forward, so that every factor of an end and of a turn counts."""
+    scene = make_scene(g=0.5, optical_depth=2.0, base=0.5)
+    pairs = all_pairs(scene)
+    found = np.array(
+        [
+            naive_covariance(
+                scene.medium, wavelength=scene.wavelength, width=WIDTH, lights=pairs.lights, views=pairs.views,
+                paths=4000, seed=seed,
+            )
+            for seed in range(BATCHES)
+        ]
+    )  # fmt: skip
+    expected = transcribed_covariances(scene)
+    assert_same_covariance(found, expected)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_same_covariance(found, 1.05 * expected)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_same_covariance(found, expected.conj())
+
+
+def test_both_forms_of_the_naive_program_are_one_field():
+    scene = make_scene(g=0.9, optical_depth=2.0)
+    hoisted, plain = (naive_fields(scene, 200, 1, hoisted=h)[0] for h in (True, False))
+    np.testing.assert_allclose(hoisted, plain, rtol=1e-12)  # rounding of some 800 terms
+
+
+def test_rendered_intensity_is_absolute():
+    """The whole pipeline, 1024 media: each intensity is exponential, so this sees factors, not per cents."""
+    scene = make_scene(g=0.5, optical_depth=2.0)
+    fields = sg.render(scene, paths=64, seed=5, realizations=16 * BATCHES, sampler="paths", threads=1).field
+    flat = fields.reshape(len(fields), -1).astype(complex)
+    assert_same_covariance(field_covariances(flat), transcribed_covariances(scene))
+
+
+def naive_fields(scene, paths, count, *, hoisted=True):
+    """Fields complex128[count, T * V] of the naive program, one seed each."""
+    return np.array(
+        [
+            naive_field(
+                scene.medium,
+                wavelength=scene.wavelength,
+                width=WIDTH,
+                tilts=scene.beams.directions,
+                views=scene.sensor.directions,
+                paths=paths,
+                seed=seed,
+                hoisted=hoisted,
+            ).ravel()
+            for seed in range(count)
+        ]
+    )

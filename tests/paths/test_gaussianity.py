@@ -1,0 +1,52 @@
+"""The certificate: effective contributions and kurtosis of the fields that are really rendered."""
+
+import numpy as np
+import pytest
+from zscore import assert_mean
+
+import specklegen as sg
+from specklegen.paths.gaussianity import PathMoments
+
+SLAB = sg.Scene(
+    wavelength=0.5,
+    medium=sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.8)),
+    illumination=sg.CollimatedBeams.tilts([0.0], width=5000.0),
+    sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]]),
+)
+BOX = sg.Scene(
+    wavelength=1.0,
+    medium=sg.Box(lower=[-5.0, -5.0], upper=[5.0, 5.0], mean_free_path=5.0, scatterer=sg.Isotropic()),
+    illumination=sg.PlaneWaves.tilts([0.0], dimensions=2),
+    sensor=sg.FarField.angles([1.0]),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scene", "paths"), [(SLAB, 4), (BOX, 1)])
+def test_the_kurtosis_predicted_is_the_kurtosis_rendered(scene, paths):
+    stack = sg.render(scene, paths=paths, sampler="paths", reverse=False, realizations=8192, seed=5)
+    certificate = stack.report.gaussianity
+    assert not certificate.enough
+    power = stack.intensity.reshape(64, 128).astype(np.float64)
+    kurtosis = np.square(power).mean(axis=1) / np.square(power.mean()) - 2
+    # The pilot of a few thousand paths knows the excess to some 10 % where weights vary much.
+    assert_mean(kurtosis, certificate.kurtosis_excess, slack=0.15 * certificate.kurtosis_excess)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(kurtosis, 0.0)
+
+
+def test_moments_by_hand():
+    """Two paths of three: one of weights 1 and 2, one of weight 3, one of none."""
+    moments = PathMoments.of(np.array([1.0, 2.0, 3.0]), np.array([0, 0, 1]), 3)
+    assert moments.relative_variance == pytest.approx(0.5)
+    assert moments.concentration == pytest.approx((1 + 4 + 9) / 3 / 4)
+    found = moments.gaussianity(100)
+    assert found.contributions == pytest.approx(100 / moments.concentration)
+    assert found.kurtosis_excess == pytest.approx((2 * 0.5 - 14 / 12) / 100)
+    assert found.enough
+
+
+def test_explain_says_whether_the_paths_are_enough():
+    assert "TOO FEW paths" in sg.plan(BOX, paths=5).explain()
+    assert "enough paths to be Gaussian (about" in sg.plan(BOX, paths=100_000).explain()
+    assert "Gaussian by construction" in sg.plan(BOX, paths=1000, sampler="covariance").explain()

@@ -1,0 +1,170 @@
+"""Voxel grids: equal voxels are a box, layers balance, empty and very dense voxels, rays along edges and corners."""
+
+import numpy as np
+import pytest
+from scenes import flat_box, views
+from volume_batches import assert_same, engine_batches, oracle_batches
+from zscore import assert_mean
+
+import specklegen as sg
+from specklegen.kernels.volume import chord, free_flight, optical_depth
+from specklegen.oracles.box_algorithms import Far, Setup
+from specklegen.oracles.box_media import Medium, henyey_greenstein
+from specklegen.paths.layout import volume_of
+
+ISOTROPIC = (sg.Isotropic(),)
+
+
+def grid(extinction, half=5.0, scatterers=ISOTROPIC, **more):
+    extinction = np.asarray(extinction, dtype=float)
+    d = extinction.ndim
+    return sg.VoxelGrid(lower=[-half] * d, upper=[half] * d, extinction=extinction, scatterers=scatterers, **more)
+
+
+def flat(medium, lights=(0,), degrees=(0, 45, 180)):
+    return flat_box(lights, views(degrees)).replace(medium=medium)
+
+
+def test_equal_voxels_are_a_box():
+    """A18."""
+    whole = flat_box([0, 45], views([0, 45, 180]), half=5.0, mean_free_path=5.0)
+    parts = whole.replace(medium=grid(np.full((4, 7), 0.2)))
+    ours, theirs = (engine_batches(s, 150, reverse=True, seed=n) for n, s in enumerate((whole, parts), 1))
+    assert_same(ours, theirs)
+
+
+def test_a_box_in_a_void_is_a_box():
+    inner = np.zeros((4, 4))
+    inner[1:3, 1:3] = 0.3
+    small = flat_box([0, 45], views([0, 45, 180]), half=2.5, mean_free_path=1 / 0.3)
+    ours, theirs = (
+        engine_batches(s, 250, reverse=True, seed=n)
+        for n, s in enumerate((small, small.replace(medium=grid(inner))), 1)
+    )
+    assert_same(ours, theirs)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_same(1.15 * ours, theirs)
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_layers_against_the_literal_algorithms(reverse):
+    """A18: extinction, albedo and anisotropy differ; the balance weight has the ratio of extinctions."""
+    kinds = (0.7, 0.0)
+    medium = grid(
+        [[0.1], [0.3]], albedo=np.array([[1.0], [0.7]]), material=np.array([[0], [1]]),
+        scatterers=(sg.HenyeyGreenstein(g=0.7), sg.Isotropic()),
+    )  # fmt: skip
+    literal = Medium(
+        np.array([[-5.0, -5], [-5, 0]]), np.array([[5.0, 0], [5, 5]]), np.array([0.1, 0.3]), np.array([1.0, 0.7]),
+        tuple(henyey_greenstein(g, 2) for g in kinds), np.eye(2),
+    )  # fmt: skip
+    scene = flat(medium, (0, 10), (0, 50, 180))
+    setup = Setup(literal, 1.0, Far(scene.lights), Far(scene.views))
+    assert_same(engine_batches(scene, 200, reverse=reverse), oracle_batches(setup, 300, reverse=reverse))
+
+
+def random_rays(n, dimension, rng):
+    start = rng.uniform(-4.9, 4.9, (n, 3))
+    w = rng.normal(size=(n, 3))
+    if dimension == 2:
+        start[:, 1] = w[:, 1] = 0.0
+    return start, w / np.linalg.norm(w, axis=1, keepdims=True)
+
+
+def crossed(volume, x, w):
+    near, far = chord(volume.bounds, *x, *w)
+    return optical_depth(volume.bounds, volume.cells, volume.extinction, *x, *w, near, far)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_traversal_is_the_sum_of_chords(dimension):
+    """Every voxel as a box of its own; rays through corners, along edges and faces too."""
+    rng = np.random.default_rng(1)
+    shape = (3, 4) if dimension == 2 else (3, 4, 2)
+    medium = grid(rng.uniform(0, 1, shape) * (rng.random(shape) > 0.3))
+    volume = volume_of(medium, dimension)
+    index = np.indices(shape).reshape(dimension, -1).T[:, ::-1]
+    size = 10.0 / np.array(shape[::-1])
+    literal = Medium(
+        -5 + index * size, -5 + (index + 1) * size, medium.extinction.ravel(), np.ones(len(index)),
+        (henyey_greenstein(0.0, dimension),), np.ones((len(index), 1)),
+    )  # fmt: skip
+    start, w = random_rays(60, dimension, rng)
+    keep = [0, 2] if dimension == 2 else [0, 1, 2]
+    expected = [literal.optical_depth(x[None, keep], v[None, keep], np.inf)[0] for x, v in zip(start, w, strict=True)]
+    found = [crossed(volume, x, v) for x, v in zip(start, w, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_rays_along_edges_and_through_corners_end(sign):
+    """With equal voxels any of the voxels that meet there may be charged: the depth is that of the box."""
+    volume = volume_of(grid(np.full((4, 4, 4), 0.2)), 3)
+    diagonal = sign * np.ones(3) / np.sqrt(3)
+    face = sign * np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
+    for w, length in (
+        (diagonal, np.sqrt(75)), (face, np.sqrt(50)), (sign * np.array([0.0, 0.0, 1.0]), 5.0),
+        (sign * np.array([1e-320, 0.0, 1.0]), 5.0), (sign * np.array([0.0, -0.0, 1.0]), 5.0),
+    ):  # fmt: skip
+        assert crossed(volume, np.zeros(3), w) == pytest.approx(0.2 * length, rel=1e-14)
+    assert crossed(volume, np.full(3, 5.0), np.array([0.0, 0.0, sign])) == pytest.approx(2.0 if sign < 0 else 0.0)
+
+
+def test_delta_tracking_survives_as_transmittance():
+    """A18: Woodcock, traversal and, in the box, the formula; a dense corner is near the ray but not on it."""
+    extinction = np.full((8, 8, 8), 0.05)
+    extinction[6:, 6:, 6:] = 50.0
+    extinction[2, 4, 4] = 1.0
+    medium = grid(extinction)
+    volume = volume_of(medium, 3)
+    x, w = np.array([0.1, 0.1, -4.9]), np.array([0.01, 0.02, np.sqrt(1 - 5e-4)])
+    n = 6400
+    passed = np.array(
+        [
+            np.isinf(
+                free_flight(
+                    volume.bounds, volume.cells, volume.extinction, volume.majorant, *x, *w,
+                    np.uint64(3), np.uint64(4), np.uint64(0), np.uint64(p), np.uint64(16),
+                )[0]
+            )
+            for p in range(n)
+        ]
+    ).astype(float)  # fmt: skip
+    expected = np.exp(-crossed(volume, x, w))
+    assert_mean(passed, expected)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(passed, expected * 1.3)
+
+
+def test_empty_voxels_scatter_nothing():
+    for sensor in (views([0, 180]), sg.NearField(points=[[0.0, 0.0], [0.0, 9.0]])):
+        scene = flat(grid(np.zeros((2, 3)))).replace(sensor=sensor)
+        assert not sg.covariance(scene, paths=64, reverse=True).value.any()
+
+
+@pytest.mark.parametrize("albedo", [pytest.param(1.0, marks=pytest.mark.slow), 0.5])
+def test_one_voxel_a_million_times_denser(albedo):
+    """It is a mirror of its own; elsewhere paths go on. With albedo 1 paths inside it still come to an end."""
+    extinction = np.full((4, 4), 0.2)
+    extinction[1, 2] = 2e5
+    found = sg.covariance(flat(grid(extinction, albedo=np.array(albedo))), paths=64, seed=1, reverse=False)
+    assert np.isfinite(found.value).all()
+    # Whatever is lit scatters at most all of the light back: of 10 across, none is lost at albedo 1.
+    assert 0 < found.intensity.min()
+    assert found.intensity.max() < 100
+    assert found.unfinished == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"extinction": [[-1.0]]}, "VoxelGrid.extinction must be at least 0"),
+        ({"albedo": np.array(1.5)}, "VoxelGrid.albedo must be between 0 and 1"),
+        ({"material": np.array(1.0)}, "VoxelGrid.material must be whole numbers from 0 to 0"),
+        ({"extinction": [[[1.0]]]}, "VoxelGrid.extinction must be an array of 2 axes"),
+        ({"upper": [-6.0, 5.0]}, "VoxelGrid.upper must be above lower"),
+    ],
+)
+def test_voxels_are_checked(change, message):
+    with pytest.raises(sg.RuleError, match=message):
+        grid([[0.2]]).replace(**change)

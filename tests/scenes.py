@@ -1,0 +1,28 @@
+"""Where the tests find things, and the slabs and scenes that many of them share."""
+
+from pathlib import Path
+
+import numpy as np
+
+import specklegen as sg
+
+ROOT = Path(__file__).parent.parent
+DATA = ROOT / "tests" / "data"
+
+ISOTROPIC = sg.Isotropic()
+
+
+def flat_box(lights, sensor, *, half=10.0, mean_free_path=10.0, scatterer=ISOTROPIC, **medium):
+    """Lights at angles in degrees on a square box in flatland, wavelength 1."""
+    return sg.Scene(
+        wavelength=1.0,
+        medium=sg.Box(
+            lower=[-half] * 2, upper=[half] * 2, mean_free_path=mean_free_path, scatterer=scatterer, **medium
+        ),
+        illumination=sg.PlaneWaves.tilts(np.deg2rad(lights), dimensions=2),
+        sensor=sensor,
+    )  # fmt: skip
+
+
+def views(degrees):
+    return sg.FarField.angles(np.deg2rad(np.asarray(degrees, float)))

@@ -1,0 +1,156 @@
+"""Stacks piece by piece: the pieces cover the stack of render, to the bit or within rounding."""
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import specklegen as sg
+from specklegen import tiles
+from specklegen.paths.chunks import Chunks
+from specklegen.planning.costs import Work, memory_bytes
+from specklegen.samplers.path_sums import summation, tiling
+
+SINGLE = 1e-5  # complex64 sums of some thousand terms of order 1
+
+
+def scene(shape=(40, 33), tilts=5, side="transmission", width=2e4) -> sg.Scene:
+    return sg.Scene(
+        wavelength=1.0,
+        medium=sg.Slab(thickness=200.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.7)),
+        illumination=sg.CollimatedBeams.tilts(1e-4 * np.arange(tilts), width=width),
+        sensor=sg.FarField.grid(shape=shape, pitch=0.4 / width, side=side),
+    )
+
+
+CASES = {
+    "nufft": (scene(), {"sampler": "paths", "paths": 3000}),
+    "reversed, summed directly": (
+        scene((20, 17), 2, "reflection", 40.0),
+        {"sampler": "paths", "paths": 200, "reverse": True},
+    ),
+    "stationary": (scene(), {"sampler": "stationary", "paths": 3000}),
+}
+
+
+@pytest.fixture
+def small_pieces(monkeypatch):
+    """Pieces of 16 views a side and two tilts; three chunks of paths, traced anew for each."""
+    monkeypatch.setattr(tiling, "MOST_VIEWS", 16)
+    monkeypatch.setattr(tiles, "TILTS_STREAMED", 2)
+    monkeypatch.setattr(tiles, "CONNECTIONS_KEPT", 0)
+    monkeypatch.setattr(Chunks, "count", 3)
+    summation.scene_nufft.cache_clear()
+    yield
+    summation.scene_nufft.cache_clear()
+
+
+def gathered(this: sg.Scene, **options) -> tuple[np.ndarray, int]:
+    """The stack from its pieces, each view of which must come once, and their number."""
+    shape = (len(this.lights), *this.sensor.shape)
+    field, times, pieces = np.zeros(shape, np.complex64), np.zeros(shape, int), 0
+    for where, part in sg.render_tiles(this, **options):
+        assert part.dtype == np.complex64
+        assert field[where].shape == part.shape
+        field[where] = part
+        times[where] += 1
+        pieces += 1
+    assert (times == 1).all()
+    return field, pieces
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("mean", [False, True])
+@pytest.mark.usefixtures("small_pieces")
+def test_pieces_are_the_whole(name, mean):
+    this, options = CASES[name]
+    found, pieces = gathered(this, seed=3, mean=mean, threads=2, **options)
+    expected = sg.render(this, seed=3, mean=mean, threads=1, **options).field
+    assert pieces > 3
+    if name == "stationary" or mean:
+        assert np.abs(found - expected).max() < SINGLE * np.abs(expected).max()
+    else:
+        assert found.tobytes() == expected.tobytes()
+    other, _ = gathered(this, seed=3, realization=1, mean=mean, **options)
+    assert np.abs(other - found).max() > 0.1 * np.abs(sg.render(this, seed=3, **options).field).max()
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_a_stack_goes_to_zarr(tmp_path):
+    this, options = CASES["nufft"]
+    array = sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
+    assert array[:].tobytes() == sg.render(this, seed=3, **options).field.tobytes()
+    assert array.chunks == (1, *next(sg.render_tiles(this, seed=3, **options))[1].shape[1:])
+    with pytest.raises(FileExistsError, match="choose another folder"):
+        sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_an_interrupted_stack_has_no_name_and_is_made_anew(tmp_path, monkeypatch):
+    this, options = CASES["nufft"]
+    real = tiles._chunk
+
+    def fails(made, optics, tile, *rest):
+        if tile.rows.start:
+            raise KeyboardInterrupt
+        return real(made, optics, tile, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tiles, "_chunk", fails)
+        with pytest.raises(KeyboardInterrupt):
+            sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
+    assert not (tmp_path / "stack.zarr").exists()
+    array = sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
+    assert array[:].tobytes() == sg.render(this, seed=3, **options).field.tobytes()
+    assert [file.name for file in tmp_path.iterdir()] == ["stack.zarr"]
+
+
+def test_no_tilts_are_no_pieces():
+    for sampler in ("paths", "stationary"):
+        assert gathered(scene(tilts=0), sampler=sampler, paths=100)[1] == 0
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_pieces_are_summed_with_one_thread_of_linear_algebra(monkeypatch):
+    """As a render is: more would change last bits. Between pieces the caller has them all again."""
+    real, seen = tiles.nufft_tile, []
+
+    def threads() -> set[int]:
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    def watched(*args, **kwargs):
+        seen.append(threads())
+        return real(*args, **kwargs)
+
+    monkeypatch.setattr(tiles, "nufft_tile", watched)
+    this, options = CASES["nufft"]
+    with threadpool_limits(2):
+        for _ in sg.render_tiles(this, seed=3, **options):
+            assert threads() == {2}
+    assert seen
+    assert all(each == {1} for each in seen)
+
+
+def test_what_cannot_be_streamed_is_refused_at_once():
+    this = scene()
+    with pytest.raises(sg.RuleError, match="seen by a FarFieldGrid; got 'CollimatedBeams seen by FarField'"):
+        sg.render_tiles(this.replace(sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]])))
+    lobes = this.slab.replace(scatterer=sg.VonMisesFisher(concentration=5.0))
+    with pytest.raises(sg.RuleError, match="got 'the scatterer is VonMisesFisher'. Use render"):
+        sg.render_tiles(this.replace(medium=lobes), paths=1000)
+
+
+@pytest.mark.parametrize("stationary", [False, True])
+def test_what_is_held_does_not_grow_with_the_stack(stationary):
+    """4096 x 4096 views of 100 tilts are 12.5 GiB; as one stack the same work is stated beyond that."""
+    bytes_held = {}
+    for n in (2048, 4096):
+        for streamed in (False, True):
+            work = Work(
+                scene=scene((n, n), 100, width=1e5), paths=10_000, events_per_path=10.0, connections_per_path=1.0,
+                stationary=stationary, nufft=None, reverse=False, streamed=streamed,
+            )  # fmt: skip
+            bytes_held[n, streamed] = memory_bytes(work, 1)
+    assert bytes_held[4096, False] > 100 * 4096**2 * 8
+    assert bytes_held[4096, True] < 0.2 * bytes_held[4096, False]
+    if not stationary:
+        assert bytes_held[2048, True] == bytes_held[4096, True]
