@@ -14,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 from scipy.special import j0
+from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
 from tqdm import tqdm
 
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.paths.roulette import roulette_threshold
-from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
 from specklegen.paths.slab_tracer import plane_proposal, trace
 from specklegen.samplers.stationary.atlas import Atlas, loss_at, single_intensity, stencil
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, lateral_distance
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+from specklegen.scene.scatterers import HenyeyGreenstein
 
 VERSION = 1  # part of every node's seed: a change of it is a new, independent table
 DEPTHS = 0.4 * 2 ** (np.arange(23) / 3)  # 0.4 ... 64.5

@@ -5,7 +5,7 @@ Along the axis, in transmission and at small tilts, from the distribution of lat
 amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,17 +16,13 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.statistics import BATCHES, jackknife
-from specklegen.paths import slab_optics
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.paths.endpoints import AXIS
 from specklegen.paths.reversal import Reverse, reversal_decision
-from specklegen.paths.roulette import roulette_threshold
-from specklegen.paths.slab_optics import plane_optics
-from specklegen.paths.slab_tracer import plane_proposal, trace
 from specklegen.paths.tracer import plane_tracer
-from specklegen.samplers.stationary.correlation import AXIS, estimate_correlation
+from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import is_henyey_greenstein
 from specklegen.scene.validity import warn_of_dependence
 
 Mode = Literal["transmission", "reflection"]
@@ -150,15 +146,14 @@ def memory_effect(
     light = directions_of_sines("memory_effect tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines("memory_effect view + tilts", view[:2] + light[:, :2], side)
     reversal = reversal_decision(medium.mean_free_path, wavelength, light, views, reverse, tolerance)
-    fast = is_henyey_greenstein(medium.scatterer)
-    small = np.abs(tilts).max(initial=0.0) <= 0.02 * (1 - abs(medium.scatterer.g))
+    small = np.abs(tilts).max(initial=0.0) <= 0.02 * (1 - abs(medium.scatterer.mean_cosine()))
     symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
-    curve = (_axial if symmetric else _exact) if fast else _any_scatterer
+    curve = _axial if symmetric else _exact
 
     def run(count: int, seed: Seed) -> tuple:
         return curve(medium, wavelength, light, view, views, side, count, seed, reversal.needed, threads)
 
-    keyed = pilot_seed(medium.fingerprint())
+    keyed = pilot_seed(medium.unitless_fingerprint())
     count = paths_for(
         DEFAULT_PATHS, paths, rel_error, seconds, lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0))
     )  # fmt: skip
@@ -187,39 +182,16 @@ def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, t
 
 def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
     """Amplitudes a_t of every connection at the pairs (i_t, v_t); K_t = E[W a_0 a_t*] over its intensities."""
-    probes = view[None]
-    proposal = plane_proposal(medium, AXIS, probes, reverse=reverse)
-    pairs = plane_optics(medium, wavelength, np.concatenate([AXIS[None], light]), side)
-    views = np.concatenate([view[None], views])
-    if not reverse:
-        threshold = roulette_threshold(medium, proposal, pairs, AXIS, pilot_seed(medium.fingerprint()))
-        proposal = replace(proposal, threshold=threshold)
-    s = np.diag(slab_optics.single_amplitudes(pairs, views))[:, None]
-
-    def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
-        bank = trace(medium, proposal, seed, last - first, first=first, threads=threads)
-        ones, many = bank.single, bank.multiple
-        alone = _pair_amplitudes(ones, pairs, views, np.ones(len(ones)), single=True) * s
-        rest = _pair_amplitudes(many, pairs, views, np.ones(len(many)), single=False)
-        if reverse:
-            turned = slab_optics.reversal_phases(bank, pairs)
-            rest += _pair_amplitudes(bank.reversed(), pairs, views, turned, single=False)
-        return alone, rest
-
-    return _correlation(amplitudes, paths, len(light), threads)
-
-
-def _any_scatterer(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
-    """The same by the engine of any geometry, which knows every scatterer."""
-    lights = np.concatenate([AXIS[None], light])
-    tracer = plane_tracer(medium, wavelength, lights, np.concatenate([view[None], views]), reverse)
+    lights, views = np.concatenate([AXIS[None], light]), np.concatenate([view[None], views])
+    tracer = plane_tracer(medium, wavelength, lights, views, reverse)
+    matched = [tracer.layout.of_ends(slice(n, n + 1), slice(n, n + 1)) for n in range(len(lights))]
 
     def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, last - first, first=first, threads=threads)
         ones, many = bank.single, bank.multiple
-        matched = [tracer.of_ends(slice(n, n + 1), slice(n, n + 1)) for n in range(len(lights))]
-        alone = np.concatenate([single_amplitudes(pair, ones) for pair in matched])
-        return alone, np.concatenate([multiple_amplitudes(pair, many, reverse) for pair in matched])
+        alone = [single_amplitudes(pair, ones) for pair in matched]
+        rest = [multiple_amplitudes(pair, many, bidirectional=reverse, reverse=reverse) for pair in matched]
+        return np.concatenate(alone), np.concatenate(rest)
 
     return _correlation(amplitudes, paths, len(light), threads)
 
@@ -252,12 +224,6 @@ def _correlation(amplitudes, paths, n, threads):
 
     intensity, error = jackknife(sums, correlation)
     return normalised(sums.sum(axis=0)), intensity, 1 - intensity, error, float(single / total)
-
-
-def _pair_amplitudes(bank, pairs, views, factors, *, single):
-    """complex128[T, M], sqrt(W) A_t B_t of every connection at the T pairs (tilt t, view t)."""
-    a = slab_optics.illumination_ends(bank, pairs, factors.astype(np.complex128), single=single)
-    return a * slab_optics.sensor_ends(bank, pairs, views, single=single)
 
 
 def _dark(n: int):

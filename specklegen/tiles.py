@@ -7,42 +7,21 @@ Path sums come in tiles of at most 512 x 512 views and sixteen tilts, stationary
 is traced once where its connections fit, else once a piece.
 """
 
-import math
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from functools import partial, reduce
+import warnings
+from collections.abc import Iterator
 from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 
-from specklegen.core.errors import reject
-from specklegen.core.parallel import Threads, in_turn, one_blas_thread, slices, thread_count
+from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.random_streams import Seed
 from specklegen.mean.field import mean_field
-from specklegen.paths.bank import PathBank
 from specklegen.paths.reversal import Reverse
-from specklegen.paths.slab_optics import Optics, random_phases
-from specklegen.paths.slab_tracer import trace
-from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan, streaming_obstacle
-from specklegen.rendering import stationary_stacks
-from specklegen.samplers.path_sums.cost import CONNECTIONS_KEPT, TILTS_STREAMED
-from specklegen.samplers.path_sums.direct import direct_field
-from specklegen.samplers.path_sums.nufft import TILTS_AT_ONCE, nufft_tile
-from specklegen.samplers.path_sums.tiling import Tile, coarsest
-from specklegen.samplers.sampler import Sampler
-from specklegen.scene.illumination import directions_of_sines
+from specklegen.samplers.sampler import SamplerName, Where
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
-
-Where = tuple[slice, slice, slice]
-"""Tilts, rows and columns of a piece in its stack."""
-
-Bank = Callable[[int, Threads], tuple[PathBank, np.ndarray]]
-"""(number of a chunk, threads) -> its connections and their random phases."""
-
-assert TILTS_STREAMED % TILTS_AT_ONCE == 0, "transforms must group the tilts of a part as those of the whole"
 
 
 def render_tiles(
@@ -52,7 +31,7 @@ def render_tiles(
     rel_error: float | None = None,
     seed: Seed = 0,
     realization: int | None = None,
-    sampler: Sampler = "auto",
+    sampler: SamplerName = "auto",
     reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
@@ -83,14 +62,16 @@ def render_tiles(
     """
     obstacle = streaming_obstacle(scene)
     if obstacle or sampler == "covariance":
-        served = "CollimatedBeams through a slab of Henyey-Greenstein scatterers, seen by a FarFieldGrid"
+        served = "CollimatedBeams through a slab, seen by a FarFieldGrid"
         reject("render_tiles scene", served, obstacle or sampler, "Use render.")
     made = plan(
         scene, paths=paths, rel_error=rel_error, sampler=sampler, reverse=reverse, mean=mean,
         field_tolerance=field_tolerance, streamed=True, threads=threads,
     )  # fmt: skip
-    pieces = _tilt_by_tilt if made.sampler == "stationary" else _tile_by_tile
-    return _with_mean(pieces(made, seed, realization or 0, threads), scene if mean else None)
+    for doubt in made.doubts:
+        warnings.warn(f"{doubt}. Leave the choice to sampler=\"auto\".", DoubtWarning, stacklevel=2)
+    pieces = made.chosen.prepare(seed, threads).pieces(realization or 0)
+    return _with_mean(pieces, scene if mean else None)
 
 
 def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **arguments):
@@ -151,69 +132,3 @@ def _part(scene: Scene, where: Where) -> Scene:
     x, y = x[columns], y[rows]
     part = grid.replace(shape=(len(y), len(x)), center=((x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2))
     return scene.replace(sensor=part, illumination=scene.beams.replace(directions=scene.beams.directions[tilts]))
-
-
-def _tilt_by_tilt(made: Plan, seed: Seed, realization: int, threads: int | None) -> Iterator[tuple[Where, np.ndarray]]:
-    rows, columns = made.scene.sensor.shape
-    stacks = stationary_stacks(made, seed, threads)
-    for t, field in enumerate(stacks.one_by_one(seed, realization)):
-        yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), field.numpy()
-
-
-def _tile_by_tile(made: Plan, seed: Seed, realization: int, threads: int | None) -> Iterator[tuple[Where, np.ndarray]]:
-    """Sums of :func:`specklegen.rendering.render` in the same order, over parts of the tilts and views."""
-    scene, grid, proposal = made.scene, made.scene.sensor, made.proposal
-    assert isinstance(grid, FarFieldGrid)
-    assert proposal is not None
-    optics, chunks = Optics.of_scene(scene), made.chunks.slices
-    tiling = made.nufft.tiling if made.nufft else coarsest(grid)
-    groups = slices(len(optics.tilts), TILTS_STREAMED)
-    piece = float(np.prod(tiling.shape)) * min(len(optics.tilts), TILTS_STREAMED)
-    members = thread_count(threads)
-    beside = made.chunks.side_by_side(members, piece)
-
-    def traced_chunk(n: int, threads: Threads) -> tuple[PathBank, np.ndarray]:
-        first, count = chunks[n].start, chunks[n].stop - chunks[n].start
-        traced = trace(scene.slab, proposal, seed, count, first=first, sample=realization, threads=threads)
-        return traced, random_phases(traced, seed, realization, threads=threads)
-
-    bank = _kept(traced_chunk) if made.paths * made.connections_per_path <= CONNECTIONS_KEPT else traced_chunk
-    for tile in tiling.tiles:
-        for tilts in groups:
-            part = partial(_chunk, made, replace(optics, tilts=optics.tilts[tilts]), tile, bank)
-            with one_blas_thread():
-                field = reduce(np.add, in_turn(part, range(len(chunks)), members, beside))
-            yield (tilts, tile.rows, tile.columns), field.astype(np.complex64)
-
-
-def _kept(bank: Bank) -> Bank:
-    """The same, which remembers every chunk."""
-    found = {}
-
-    def kept(n: int, threads: Threads) -> tuple[PathBank, np.ndarray]:
-        if n not in found:
-            found[n] = bank(n, threads)
-        return found[n]
-
-    return kept
-
-
-def _chunk(made: Plan, optics: Optics, tile: Tile, bank: Bank, n: int, threads: Threads) -> np.ndarray:
-    """What chunk ``n`` of the paths adds to the field of some tilts on one tile."""
-    some, phases = bank(n, threads)
-    if made.nufft:
-        field = nufft_tile(some, optics, phases, made.nufft, tile, threads=threads)
-    else:
-        views = _views(made.scene, tile)
-        field = direct_field(some, optics, phases, views, reverse=made.reverse, threads=threads)
-    shape = (len(optics.tilts), tile.rows.stop - tile.rows.start, tile.columns.stop - tile.columns.start)
-    return (field * math.sqrt(some.count / made.paths)).reshape(shape)
-
-
-def _views(scene: Scene, tile: Tile) -> np.ndarray:
-    """float64[n, 3], the views of a tile."""
-    grid = scene.sensor
-    assert isinstance(grid, FarFieldGrid)
-    x, y = grid.sines
-    y, x = np.meshgrid(y[tile.rows], x[tile.columns], indexing="ij")
-    return directions_of_sines("tile", np.stack([x.ravel(), y.ravel()], -1), grid.sign)

@@ -6,7 +6,7 @@ import os
 from specklegen.samplers.stationary import correlation_cache
 from specklegen.samplers.stationary.atlas import correlation_for
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+from specklegen.scene.scatterers import HenyeyGreenstein
 
 
 def use_and_delete(folder: str) -> list[str]:

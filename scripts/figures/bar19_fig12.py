@@ -29,7 +29,7 @@ from specklegen.models.retrieval.restarts import lowest_error
 from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+from specklegen.scene.scatterers import HenyeyGreenstein
 from specklegen.scene.sensors import FarFieldGrid
 
 OUT = Path("docs/images")

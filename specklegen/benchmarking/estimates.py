@@ -7,7 +7,7 @@ One render is one draw of a Gaussian field: its |u|^2 scatters by 100 % whatever
 decides is the covariance of that Gaussian, found here from the same paths, which are a function of the seed.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -17,15 +17,16 @@ from specklegen.benchmarking.probes import Probes, only
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import batch_sums
 from specklegen.paths.bank import PathBank
+from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.reversal import Reverse
-from specklegen.paths.slab_optics import Optics, illumination_ends, reversal_phases, sensor_ends
-from specklegen.paths.slab_tracer import trace
-from specklegen.planning.planning import Plan, plan
-from specklegen.rendering import stationary_correlation
+from specklegen.paths.tracer import Tracer
+from specklegen.planning.planning import plan
 from specklegen.samplers.covariance.covariance import covariance
+from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.oblique import ObliqueCorrelation
+from specklegen.samplers.stationary.sampler import StationaryDraws
 from specklegen.samplers.stationary.stacks import mean_intensity, stack_sampler
 from specklegen.scene.illumination import IncoherentObject, illuminated_area
 from specklegen.scene.scene import Scene
@@ -63,46 +64,41 @@ def paths_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Esti
 
     The NUFFT's error is not in it: it is below the render's ``field_tolerance`` and has nothing to do with paths.
     """
-    made = plan(scene, paths=paths, sampler="paths", threads=1)
-    if made.proposal is None:
-        return eigen_estimate(scene, probes, paths, seed, reverse=made.reverse)  # the same paths
+    made = plan(scene, paths=paths, sampler="paths", threads=1).chosen
+    assert isinstance(made, PathSums)
     p, q = probes.ends.T
     sums = np.zeros((), np.complex128)
-    for chunk in made.chunks.slices:
-        bank = trace(scene.slab, made.proposal, seed, chunk.stop - chunk.start, first=chunk.start, threads=1)
-        for part, single in ((bank.single, True), (bank.multiple, False)):
-            amplitudes = connection_amplitudes(made, part, probes.points, single=single)
-            sums = sums + batch_sums(amplitudes[p] * amplitudes[q].conj(), part.paths, paths)
+    for chunk in made.work.chunks.slices:
+        bank = made.tracer.trace(seed, chunk.stop - chunk.start, first=chunk.start, threads=1)
+        for part in (bank.single, bank.multiple):
+            amplitudes = connection_amplitudes(made.tracer, part, probes.points, reverse=made.reverse)
+            owners = np.tile(part.paths, amplitudes.shape[1] // max(len(part), 1))
+            sums = sums + batch_sums(amplitudes[p] * amplitudes[q].conj(), owners, paths)
     return Estimate.of_batches(sums, paths)
 
 
-def connection_amplitudes(made: Plan, bank: PathBank, points: np.ndarray, *, single: bool) -> np.ndarray:
-    """Amplitude sqrt(W) a of every connection at points (light, view), reversed path included: complex128[n, M].
+def connection_amplitudes(tracer: Tracer, bank: PathBank, points: np.ndarray, *, reverse: bool) -> np.ndarray:
+    """Amplitude sqrt(W) a of every connection at points (light, view): complex128[n, M], or [n, 2 M].
 
     Parameters
     ----------
-    made
-        Plan of a scene that the slab's engine serves.
+    tracer
+        Of the paths.
     bank
         Connections of single scattering, or of more.
     points
         int[n, 2].
-    single
-        Which of the two.
+    reverse
+        Whether both ways of a path interfere; where they are incoherent, each has columns of its own.
     """
-    scene = made.scene
-    lights, views = scene.lights[points[:, 0]], scene.views[points[:, 1]]
-    optics = replace(Optics.of_scene(scene), tilts=lights)
-
-    def both_ends(part: PathBank, factors: np.ndarray) -> np.ndarray:
-        return illumination_ends(part, optics, factors, single=single) * sensor_ends(part, optics, views, single=single)
-
-    found = both_ends(bank, np.ones(len(bank), np.complex128))
-    if single:
-        return found * scene.slab.scatterer.amplitude((lights * views).sum(axis=-1))[:, None]
-    if made.reverse:
-        found += both_ends(bank.reversed(), reversal_phases(bank, optics))
-    return found
+    rows = []
+    for light, view in points:
+        seen = tracer.layout.of_ends(slice(light, light + 1), slice(view, view + 1))
+        if len(bank) and bank.orders[0] == 1:
+            rows.append(single_amplitudes(seen, bank))
+        else:
+            rows.append(multiple_amplitudes(seen, bank, bidirectional=tracer.bidirectional, reverse=reverse))
+    return np.concatenate(rows)
 
 
 def covariance_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
@@ -131,7 +127,9 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
     Of an incoherent object: between the beams of its lit pixels at views that have moved with them, as its modes
     have it.
     """
-    kernel = stationary_correlation(plan(scene, paths=paths, sampler="stationary", threads=1), seed, 1)
+    draws = plan(scene, paths=paths, sampler="stationary", threads=1).chosen.prepare(seed, 1)
+    assert isinstance(draws, StationaryDraws)
+    kernel = draws.correlation
     lights = scene.lights[probes.points[:, 0]]
     q = -scene.wavenumber * np.diff(lights[probes.ends, :2], axis=1)[:, 0]
     area = illuminated_area(scene.beams.width, scene.beams.profile)

@@ -16,7 +16,7 @@ from specklegen.benchmarking.probes import Probes
 from specklegen.core.errors import RuleError, reject
 from specklegen.planning.planning import plan
 from specklegen.rendering import SpeckleStack, render
-from specklegen.samplers.sampler import Sampler as SamplerName
+from specklegen.samplers.sampler import SamplerName
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarField, FarFieldGrid
 
@@ -91,7 +91,8 @@ def _check_plan(sampler: SamplerName, scene: Scene, probes: Probes) -> None:
 
 
 def _check_grid(scene: Scene, probes: Probes) -> None:
-    if not isinstance(scene.sensor, FarFieldGrid) or plan(scene, paths=64, sampler="paths", threads=1).nufft is None:
+    grid = isinstance(scene.sensor, FarFieldGrid)
+    if not grid or plan(scene, paths=64, sampler="paths", threads=1).summation != "nufft":
         reject("sampler", '"paths": it sums directly here as it is', "paths, direct sum")
 
 

@@ -34,12 +34,12 @@ from scipy.signal import correlate
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.mean.field import window_transform
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.endpoints import AXIS
 from specklegen.paths.reversal import Reverse
-from specklegen.paths.slab_optics import AXIS, Optics, contributions
-from specklegen.paths.slab_tracer import trace
-from specklegen.planning.planning import plan
+from specklegen.paths.tracer import slab_tracer
 from specklegen.rendering import SpeckleStack, render
-from specklegen.samplers.sampler import Sampler
+from specklegen.samplers.sampler import SamplerName
 from specklegen.scene.illumination import (
     CollimatedBeams,
     IncoherentObject,
@@ -170,7 +170,7 @@ def render_partially_coherent(
     rel_error: float | None = None,
     seed: Seed = 0,
     realizations: int | None = None,
-    sampler: Sampler = "auto",
+    sampler: SamplerName = "auto",
     reverse: Reverse = "auto",
     field_tolerance: float = 1e-3,
     threads: int | None = None,
@@ -238,12 +238,12 @@ def finite_path_excess(
     samples, threads
         Paths from which the weights are known; keyed by the scene.
     """
-    made = plan(scene, paths=paths, sampler="paths", reverse=False)
-    assert made.proposal is not None
-    bank = trace(
-        scene.slab, made.proposal, pilot_seed(scene.fingerprint()), samples, stream=Stream.PILOT, threads=threads
-    )
-    each = contributions(bank, Optics.of_scene(scene), made.proposal.reference, AXIS)
+    if paths < 1:
+        reject("finite_path_excess paths", "at least 1", paths)
+    tracer = slab_tracer(scene, False)
+    seed = pilot_seed(scene.unitless_fingerprint())
+    bank = tracer.trace(seed, samples, stream=Stream.PILOT, threads=threads)
+    each = contributions(tracer.layout.at(tracer.proposal.reference, AXIS), bank)
     path = np.bincount(bank.paths, each, samples)
     phase = scene.wavenumber * shift * bank.exit[:, 0]
     real, imaginary = (np.bincount(bank.paths, each * part, samples) for part in (np.cos(phase), np.sin(phase)))

@@ -20,7 +20,7 @@ from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.paths.reversal import Reverse
 from specklegen.rendering import render
-from specklegen.samplers.sampler import Sampler
+from specklegen.samplers.sampler import SamplerName
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, directions_of_sines
 from specklegen.scene.scene import Scene
 
@@ -34,7 +34,7 @@ def transmission_matrix(
     paths: int | None = None,
     rel_error: float | None = None,
     seed: Seed = 0,
-    sampler: Sampler = "paths",
+    sampler: SamplerName = "paths",
     reverse: Reverse = "auto",
     mean: bool = False,
     threads: int | None = None,

@@ -1,4 +1,4 @@
-"""Decisions: what a scene needs, and why. The planner folds them; pipelines obey them."""
+"""Decisions: what a scene needs, and why. They stand beside their physics; the planner folds them, samplers obey."""
 
 
 from dataclasses import dataclass
@@ -16,10 +16,13 @@ class Decision:
         Whether it takes part.
     reason : str
         Why, for a reader of ``plan(...).explain()``.
+    doubt : bool
+        Whether the part was asked for although its rule is against it.
     """
 
     part: str
     needed: bool
     reason: str
+    doubt: bool = False
 
 

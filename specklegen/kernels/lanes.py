@@ -12,6 +12,7 @@ import numpy as np
 from specklegen.kernels import inlined
 from specklegen.kernels.arithmetic import fma, minus_log
 from specklegen.kernels.frames import deflect
+from specklegen.kernels.lobes import density_of, judged, sample_density
 from specklegen.kernels.phase_functions import sample_henyey_greenstein
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
@@ -24,7 +25,9 @@ X, Y, Z, WX, WY, WZ, FLOWN = (LANES * n for n in range(7))
 X1, Y1, Z1, OX, OY, OZ, AMOUNT, POWER, DENSITY = (LANES * n for n in range(7, 16))
 # The coin of absorption; uniforms of the present step, and whether its connection may be kept.
 COIN, KEEP, POLAR, AZIMUTH, FLIGHT, CANDIDATE = (LANES * n for n in range(16, 22))
-STATE = 22 * LANES
+# What a table is looked up for, and what stands there.
+DROP, SHAPE = (LANES * n for n in range(22, 24))
+STATE = 24 * LANES
 
 # uint64[ADDRESS]: number of the path, and vertices so far.
 PATH, ORDER = 0, LANES
@@ -67,14 +70,33 @@ def propose(g, least, vx, vy, vz, depth, slope, state, count):
 
 
 @inlined
-def mark_candidates(g, least, probes, state, count):
+def propose_by_table(rows, places, least, vx, vy, vz, depth, slope, state, count):
+    """The same for a phase function in a table. What looks it up is no vector loop, and stands alone."""
+    for i in range(count):
+        cos = fma(state[WX + i], vx, fma(state[WY + i], vy, state[WZ + i] * vz))
+        state[DROP + i] = max(1.0 - cos, 0.0)
+    for i in range(count):
+        state[SHAPE + i] = density_of(rows, places, state[DROP + i])
+    for i in range(count):
+        t = fma(slope, state[Z + i], depth)
+        power = state[AMOUNT + i] * state[POWER + i] / least * judged(state[SHAPE + i])
+        bound = state[KEEP + i] * fma(t, fma(t, fma(t, 1.0 / 6.0, 0.5), 1.0), 1.0)
+        kept = (power > bound) & (t < 700.0)
+        state[CANDIDATE + i] = max(state[CANDIDATE + i], 1.0 if kept else 0.0)
+
+
+@inlined
+def mark_candidates(g, rows, places, least, probes, state, count):
     """Mark the lanes whose connection may have a contribution above ``least`` KEEP at any of the views."""
     for i in range(count):
         state[CANDIDATE + i] = 0.0 if least > 0.0 else 1.0
     if least > 0.0:
         for n in range(probes.shape[0]):
             vx, vy, vz, depth, slope = probes[n, 0], probes[n, 1], probes[n, 2], probes[n, 3], probes[n, 4]
-            propose(g, least, vx, vy, vz, depth, slope, state, count)
+            if rows.shape[0] == 0:
+                propose(g, least, vx, vy, vz, depth, slope, state, count)
+            else:
+                propose_by_table(rows, places, least, vx, vy, vz, depth, slope, state, count)
 
 
 @inlined
@@ -84,6 +106,17 @@ def scatter(g, state, count):
         sine, cosine = sincos_turns(state[AZIMUTH + i])
         one_minus_cos = sample_henyey_greenstein(g, state[POLAR + i])
         x, y, z = deflect(state[WX + i], state[WY + i], state[WZ + i], one_minus_cos, cosine, sine)
+        state[WX + i], state[WY + i], state[WZ + i] = x, y, z
+
+
+@inlined
+def scatter_by_table(rows, guide, state, count):
+    """Turn every lane's direction by an angle from a table; the density of its 1 - cos is left in ``SHAPE``."""
+    for i in range(count):
+        state[DROP + i], state[SHAPE + i] = sample_density(rows, guide, state[POLAR + i])
+    for i in range(count):
+        sine, cosine = sincos_turns(state[AZIMUTH + i])
+        x, y, z = deflect(state[WX + i], state[WY + i], state[WZ + i], state[DROP + i], cosine, sine)
         state[WX + i], state[WY + i], state[WZ + i] = x, y, z
 
 

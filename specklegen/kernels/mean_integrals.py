@@ -9,9 +9,9 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
+from specklegen.kernels.endpoints import face_profile
 from specklegen.kernels.trigonometry import sincos_turns
 from specklegen.kernels.volume import EXTRA, chord, exit_distance, optical_depth
-from specklegen.kernels.volume_ends import face_profile
 
 # Gauss-Legendre with 32 nodes: to rounding for exponentials through up to 54 radians (or e-folds).
 NODES, REACH = 32, 50.0

@@ -44,6 +44,7 @@ class PhaseTable(NamedTuple):
     nodes             float64[K]        theta, from 0 upwards
     amplitudes        complex128[K]     s at the nodes (TABULATED)
     cumulative        float64[K]        share of |s|^2 below each node, from 0 to 1
+    guides            int64[n, m + 1]   last of the nodes at or below theta = k pi / m of each type (TABULATED)
     material_starts   int64[m + 1]      first type of each material
     shares            float64[n]        share of a type in sigma_s of its material
     shares_cumulative float64[n]        the same, summed within the material; the last is 1
@@ -55,6 +56,7 @@ class PhaseTable(NamedTuple):
     nodes: np.ndarray
     amplitudes: np.ndarray
     cumulative: np.ndarray
+    guides: np.ndarray
     material_starts: np.ndarray
     shares: np.ndarray
     shares_cumulative: np.ndarray
@@ -142,7 +144,12 @@ def _row_below(values, first, last, x):
 @spliced
 def _interpolated(table, t, cos):
     theta = math.acos(min(1.0, max(-1.0, cos)))
-    row = _row_below(table.nodes, table.offsets[t], table.offsets[t + 1] - 1, theta)
+    cells = table.guides.shape[1] - 1
+    cell = min(int(theta * (cells / math.pi)), cells - 1)
+    # Rounding may put theta a hair outside its cell.
+    row = max(table.guides[t, cell] - 1, table.offsets[t])
+    last = min(table.guides[t, cell + 1] + 2, table.offsets[t + 1] - 1)
+    row = _row_below(table.nodes, row, last, theta)
     below, above = table.nodes[row], table.nodes[row + 1]
     share = (theta - below) / (above - below)
     return (1.0 - share) * table.amplitudes[row] + share * table.amplitudes[row + 1]

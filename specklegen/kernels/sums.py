@@ -1,13 +1,10 @@
-"""Ends of connections, and the direct sum of fields.
+"""Random phases of connections, and the direct sum of fields behind a slab.
 
     u(t, v) = sum_m sqrt(W_m) z_m A_t(m) B_v(m)                                  [Bar19] Eqs. 13, 38
 
-A_t is the illumination end (profile, attenuation, phase, scattering into the first direction), B_v the
-sensor end. Phases are in turns and relative to the reference directions of the two ends, so that no
-absolute phase is ever formed: a common phase of a connection is random anyway.
-
-Single scattering couples both ends in s(i . v), which is the same for all connections: it stays out of A
-and B here (``single`` = 1), and the caller multiplies it on at the end.
+A_t and B_v are the endpoint factors of :mod:`specklegen.kernels.endpoints`; where many views look at a slab of
+Henyey-Greenstein particles, B_v is found and summed here in one pass. Single scattering couples both ends in s(i . v),
+which is the same for all connections: the caller multiplies it on (``single`` = 1).
 """
 
 import math
@@ -16,18 +13,10 @@ import numpy as np
 
 from specklegen.kernels import ROOM, inlined, kernel
 from specklegen.kernels.arithmetic import exponential, fma
-from specklegen.kernels.phase_functions import amplitude, henyey_greenstein
+from specklegen.kernels.phase_functions import amplitude
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import TAU, sincos_turns
-from specklegen.kernels.walk import (
-    ENTRY,
-    ENTRY_DIRECTION,
-    EXIT,
-    EXIT_DIRECTION,
-    WEIGHT,
-    escape_distance,
-    profile,
-)
+from specklegen.kernels.walk import EXIT, EXIT_DIRECTION
 
 TOGETHER = 4  # connections whose ends are added to the sums of a tilt in one pass
 
@@ -52,42 +41,6 @@ def gather(records, first, count, column, width, out, start):
 
 
 @kernel
-def illumination_ends(records, single, g, sigma_t, footprint, radius, directions, offsets, factors, out):
-    """Fill ``out`` complex128[T, M] with factor_m sqrt(W_m) A_t(m).
-
-    directions : float64[T, 3]   tilts i_t
-    offsets : float64[T, 3]      (i_t - i_ref) / wavelength, turns per unit length
-    factors : complex128[M]      z_m, and whatever else belongs to the connection
-    """
-    ends = np.empty(11 * ROOM)
-    for first in range(0, records.shape[0], ROOM):
-        count = min(ROOM, records.shape[0] - first)
-        gather(records, first, count, ENTRY, 6, ends, 0)
-        for m in range(count):
-            root = math.sqrt(records[first + m, WEIGHT])
-            ends[6 * ROOM + m] = root * factors[first + m].real
-            ends[7 * ROOM + m] = root * factors[first + m].imag
-        for t in range(directions.shape[0]):
-            ix, iy, iz = directions[t, 0], directions[t, 1], directions[t, 2]
-            ax, ay, az = offsets[t, 0], offsets[t, 1], offsets[t, 2]
-            face = 1.0 / iz  # unit irradiance per area of the face, not across the beam
-            for m in range(count):
-                x, y, depth = ends[m], ends[ROOM + m], ends[2 * ROOM + m] * face
-                ends[8 * ROOM + m] = profile(footprint, radius, x - depth * ix, y - depth * iy)
-            for m in range(count):
-                x, y, z = ends[m], ends[ROOM + m], ends[2 * ROOM + m]
-                modulus = ends[8 * ROOM + m] * math.sqrt(face) * exponential(-0.5 * sigma_t * face * z)
-                if not single:
-                    wx, wy, wz = ends[3 * ROOM + m], ends[4 * ROOM + m], ends[5 * ROOM + m]
-                    modulus *= amplitude(g, fma(ix, wx, fma(iy, wy, iz * wz)))
-                sine, cosine = sincos_turns(fma(ax, x, fma(ay, y, az * z)))
-                re, im = modulus * ends[6 * ROOM + m], modulus * ends[7 * ROOM + m]
-                ends[9 * ROOM + m], ends[10 * ROOM + m] = re * cosine - im * sine, re * sine + im * cosine
-            for m in range(count):
-                out[t, first + m] = complex(ends[9 * ROOM + m], ends[10 * ROOM + m])
-
-
-@kernel
 def grid_points(records, pitch, slope_x, slope_y, offset, y, x, out):
     """What a transform onto a grid of views needs of the exits, projected along the grid's mode 0.
 
@@ -104,20 +57,6 @@ def grid_points(records, pitch, slope_x, slope_y, offset, y, x, out):
         y[m] = TAU * (ty - np.rint(ty))
         sine, cosine = sincos_turns(ex * offset[0] + ey * offset[1] + ez * offset[2])
         out[m] = complex(cosine, -sine)
-
-
-@inlined
-def sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz):
-    """|B_v| of one connection: scattering into v and attenuation on the way out."""
-    distance = escape_distance(row[EXIT + 2], thickness, vz)
-    if sigma_t * distance > 1400.0:
-        return 0.0
-    modulus = math.exp(-0.5 * sigma_t * distance)
-    if not single:
-        modulus *= math.sqrt(
-            henyey_greenstein(g, row[EXIT_DIRECTION] * vx + row[EXIT_DIRECTION + 1] * vy + row[EXIT_DIRECTION + 2] * vz)
-        )
-    return modulus
 
 
 @inlined
@@ -139,30 +78,6 @@ def sensor_end(single, g, x, y, z, wx, wy, wz, vx, vy, vz, ax, ay, az, face, dec
 
 
 @kernel
-def sensor_ends(records, single, g, sigma_t, thickness, directions, offsets, out):
-    """Fill ``out`` complex128[R, M] with B_v(m), phases relative to the reference view.
-
-    directions : float64[R, 3]   views v
-    offsets : float64[R, 3]      (v - v_ref) / wavelength, turns per unit length
-    """
-    e = np.empty(8 * ROOM)
-    for first in range(0, records.shape[0], ROOM):
-        count = min(ROOM, records.shape[0] - first)
-        gather(records, first, count, EXIT, 6, e, 0)
-        for r in range(directions.shape[0]):
-            vx, vy, vz = directions[r, 0], directions[r, 1], directions[r, 2]
-            ax, ay, az = offsets[r, 0], offsets[r, 1], offsets[r, 2]
-            face, decay = way_out(vz, thickness, sigma_t)
-            for m in range(count):
-                e[6 * ROOM + m], e[7 * ROOM + m] = sensor_end(
-                    single, g, e[m], e[ROOM + m], e[2 * ROOM + m], e[3 * ROOM + m], e[4 * ROOM + m], e[5 * ROOM + m],
-                    vx, vy, vz, ax, ay, az, face, decay,
-                )  # fmt: skip
-            for m in range(count):
-                out[r, first + m] = complex(e[6 * ROOM + m], e[7 * ROOM + m])
-
-
-@kernel
 def direct_sum(records, single, g, sigma_t, thickness, ends, directions, offsets, out):
     """Add sum_m ends[t, m] B_v(m) to ``out`` complex128[V, T], in the order of the connections.
 
@@ -170,7 +85,7 @@ def direct_sum(records, single, g, sigma_t, thickness, ends, directions, offsets
     whose index might be negative, as the compiler would fear of one long array, is no vector loop.
 
     ends : complex128[M, T]      factor sqrt(W) A, connection by connection
-    directions, offsets : float64[V, 3]   as for :func:`sensor_ends`
+    directions, offsets : float64[V, 3]   views v, and (v - v_ref) / wavelength in turns per unit length
     """
     tilts = ends.shape[1]
     views = np.empty(8 * ROOM)
@@ -234,27 +149,3 @@ def add_four(z0, z1, z2, z3, end, sums, count):
         a, b = end[6 * ROOM + v], end[7 * ROOM + v]
         x, y = fma(z3.real, a, fma(-z3.imag, b, x)), fma(z3.real, b, fma(z3.imag, a, y))
         sums[v], sums[ROOM + v] = x, y
-
-
-@kernel
-def contributions(records, orders, g, sigma_t, thickness, footprint, radius, tilt, view, out):
-    """Fill ``out`` float64[M] with w = W |A_tilt|^2 |B_view|^2 of each connection, s(i . v) included."""
-    ix, iy, iz = tilt[0], tilt[1], tilt[2]
-    vx, vy, vz = view[0], view[1], view[2]
-    single_power = henyey_greenstein(g, ix * vx + iy * vy + iz * vz)
-    for m in range(records.shape[0]):
-        row = records[m]
-        x, y, z = row[ENTRY], row[ENTRY + 1], row[ENTRY + 2]
-        depth = z / iz
-        beam = profile(footprint, radius, x - depth * ix, y - depth * iy)
-        w = row[WEIGHT] * beam * beam / iz * math.exp(-sigma_t * depth)
-        single = 1 if orders[m] == 1 else 0
-        modulus = sensor_modulus(row, single, g, sigma_t, thickness, vx, vy, vz)
-        w *= modulus * modulus
-        if single:
-            w *= single_power
-        else:
-            w *= henyey_greenstein(
-                g, ix * row[ENTRY_DIRECTION] + iy * row[ENTRY_DIRECTION + 1] + iz * row[ENTRY_DIRECTION + 2]
-            )
-        out[m] = w

@@ -4,7 +4,7 @@ One call traces the paths ``first`` ... ``first + count - 1``. Every random numb
 (key, sample, path, dimension), so the call may be split over blocks and threads at will.
 
 A path (physics.md 2): the first vertex lies exponentially deep along the reference direction behind a
-point of the illuminated face, the first direction comes from a Henyey-Greenstein lobe about the
+point of the illuminated face, the first direction comes from the medium's phase function about the
 reference direction, then free flights and scatterings as in radiative transfer, many paths in lock step
 (`specklegen.kernels.lanes`). At every vertex the contribution w of the connection to the sensor is found,
 and the connection is kept with probability min(1, w / threshold); its amplitude weight grows by the
@@ -37,6 +37,7 @@ from specklegen.kernels.lanes import (
     PATH,
     POLAR,
     POWER,
+    SHAPE,
     STATE,
     WX,
     WY,
@@ -54,9 +55,12 @@ from specklegen.kernels.lanes import (
     fly,
     mark_candidates,
     scatter,
+    scatter_by_table,
     sort_by_path,
 )
+from specklegen.kernels.lobes import judged_phase_function, phase_function
 from specklegen.kernels.phase_functions import henyey_greenstein, sample_henyey_greenstein
+from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
 
 ENTRY = 0  # x1, first vertex
@@ -124,25 +128,6 @@ def profile(footprint, radius, x, y):
 
 
 @inlined
-def escape_distance(z, thickness, vz):
-    """Distance from depth z to the face that the direction cosine vz leads to; infinite when grazing."""
-    if vz > 0.0:
-        return (thickness - z) / vz
-    if vz < 0.0:
-        return -z / vz
-    return math.inf
-
-
-@inlined
-def end_intensity(g, wx, wy, wz, z, thickness, sigma_t, vx, vy, vz):
-    """|B_v|^2: phase function into v times power transmittance from depth z to the outside."""
-    distance = escape_distance(z, thickness, vz)
-    if sigma_t * distance > 700.0:
-        return 0.0
-    return henyey_greenstein(g, wx * vx + wy * vy + wz * vz) * math.exp(-sigma_t * distance)
-
-
-@inlined
 def write_record(row, x1, y1, z1, ox, oy, oz, x, y, z, wx, wy, wz, weight, length):
     """Fill one record: entrance and direction leaving it, direction arriving and exit, weight, path length."""
     row[ENTRY], row[ENTRY + 1], row[ENTRY + 2] = x1, y1, z1
@@ -154,24 +139,14 @@ def write_record(row, x1, y1, z1, ox, oy, oz, x, y, z, wx, wy, wz, weight, lengt
 
 
 @inlined
-def forward_contribution(power, g, z, wx, wy, wz, probes):
+def forward_contribution(power, g, rows, places, z, wx, wy, wz, probes):
     """Largest contribution over the views of a vertex that light of ``power`` reaches."""
     best = 0.0
     for n in range(probes.shape[0]):
         t = probes[n, 3] + probes[n, 4] * z
         if t < 700.0:
             cos = wx * probes[n, 0] + wy * probes[n, 1] + wz * probes[n, 2]
-            best = max(best, power * henyey_greenstein(g, cos) * math.exp(-t))
-    return best
-
-
-@inlined
-def reversed_contribution(power, g, ox, oy, oz, z1, thickness, sigma_t, probes):
-    """Largest contribution over the views of a path walked backwards, which leaves from its first vertex."""
-    best = 0.0
-    for n in range(probes.shape[0]):
-        end = end_intensity(g, -ox, -oy, -oz, z1, thickness, sigma_t, probes[n, 0], probes[n, 1], probes[n, 2])
-        best = max(best, power * end)
+            best = max(best, power * judged_phase_function(g, rows, places, cos) * math.exp(-t))
     return best
 
 
@@ -211,16 +186,29 @@ def start(
 
 
 @inlined
-def leave(key0, key1, sample, g, lobe, mean_free_path, state, address, count):
-    """Send the paths of :func:`start` off, their first directions drawn from the lobe."""
-    scatter(lobe, state, count)
+def leave(
+    key0, key1, sample, g, rows, places, aim_rows, guide, mean_free_path,
+    state, address, count,
+):  # fmt: skip
+    """Send the paths of :func:`start` off, their first directions drawn from the lobe that they aim with."""
+    if aim_rows.shape[0] == 0:
+        scatter(g, state, count)
+        for i in range(count):
+            state[POLAR + i] = henyey_greenstein(g, 1.0 - sample_henyey_greenstein(g, state[POLAR + i]))
+            state[POWER + i] *= state[POLAR + i]
+    else:
+        for i in range(count):
+            state[OX + i], state[OY + i], state[OZ + i] = state[WX + i], state[WY + i], state[WZ + i]
+        scatter_by_table(aim_rows, guide, state, count)
+        for i in range(count):
+            cos = state[OX + i] * state[WX + i] + state[OY + i] * state[WY + i] + state[OZ + i] * state[WZ + i]
+            state[POLAR + i] = state[SHAPE + i] * (0.5 / math.pi)
+            state[POWER + i] *= judged_phase_function(g, rows, places, cos)
     for i in range(count):
-        cos = 1.0 - sample_henyey_greenstein(lobe, state[POLAR + i])
-        density = henyey_greenstein(lobe, cos)
+        density = state[POLAR + i]
         state[OX + i], state[OY + i], state[OZ + i] = state[WX + i], state[WY + i], state[WZ + i]
         state[DENSITY + i] = density / state[AMOUNT + i]  # p1 p_omega / sigma_s
         state[AMOUNT + i] /= density
-        state[POWER + i] *= henyey_greenstein(g, cos)
     draw(key0, key1, sample, _ONE, address, state, count)
     fly(mean_free_path, state, count)
 
@@ -235,8 +223,9 @@ def survivor_weight(weight, w, threshold, u):
 
 @inlined
 def weigh_both_ways(
-    state, i, thickness, sigma_t, albedo, chance, g, lobe, ix, iy, iz, footprint, extent, radius, probes
-):
+    state, i, sigma_t, albedo, chance, g, rows, places, aim_rows, aim_places, ix, iy, iz,
+    footprint, extent, radius, probes,
+):  # fmt: skip
     """W of the path in lane i drawn either way (balance heuristic), and its largest contribution of both directions."""
     x, y, z, wx, wy, wz = state[X + i], state[Y + i], state[Z + i], state[WX + i], state[WY + i], state[WZ + i]
     depth = z / iz
@@ -245,23 +234,25 @@ def weigh_both_ways(
     passed = math.exp(-sigma_t * depth) / iz
     # p1 p_omega / sigma_s of the path walked backwards: the balance heuristic adds both densities.
     density = footprint_density(footprint, extent, fx, fy) * passed / (albedo * chance)
-    weight = 1.0 / (state[DENSITY + i] + density * henyey_greenstein(lobe, back))
+    weight = 1.0 / (state[DENSITY + i] + density * phase_function(g, aim_rows, aim_places, back))
     beam = profile(footprint, radius, fx, fy)
-    power = weight * beam * beam * passed * henyey_greenstein(g, back)
+    power = weight * beam * beam * passed * judged_phase_function(g, rows, places, back)
     ox, oy, oz, z1 = state[OX + i], state[OY + i], state[OZ + i], state[Z1 + i]
-    forward = forward_contribution(weight * state[POWER + i], g, z, wx, wy, wz, probes)
-    return weight, max(forward, reversed_contribution(power, g, ox, oy, oz, z1, thickness, sigma_t, probes))
+    forward = forward_contribution(weight * state[POWER + i], g, rows, places, z, wx, wy, wz, probes)
+    reversed_ = forward_contribution(power, g, rows, places, z1, -ox, -oy, -oz, probes)
+    return weight, max(forward, reversed_)
 
 
 @kernel
 def trace_slab(
-    key0, key1, sample, first, count, thickness, sigma_t, albedo, g, lobe, ix, iy, iz,
+    key0, key1, sample, first, count, thickness, sigma_t, albedo, lobe, aim, ix, iy, iz,
     footprint, extent, radius, probes, reverse, threshold, max_order, records, orders, paths, ranks,
 ):  # fmt: skip
     """Trace paths and write the kept connections.
 
-    thickness, sigma_t, albedo, g : the slab (length, 1/length, -, -)
-    lobe : anisotropy of the first direction's lobe about the reference direction (ix, iy, iz), iz > 0
+    thickness, sigma_t, albedo : the slab (length, 1/length, -)
+    lobe, aim : Lobe           its phase function, and the lobe of first directions about (ix, iy, iz), iz > 0; either
+                               both are closed, of one g, or both are tables
     footprint, extent, radius : kind of beam, size of the sampled footprint and of the profile
     probes : float64[n, 5]     views at which the contribution is judged, and the optical depth to the outside
                                along each as (at z = 0, per length of z)
@@ -274,6 +265,8 @@ def trace_slab(
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written: call again with more room.
     """
+    g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
+    aim_rows, aim_guide, aim_places = aim.rows, aim.guide, aim.places
     capacity = records.shape[0]
     found = events = unfinished = 0
     unfinished_weight = 0.0
@@ -301,20 +294,23 @@ def trace_slab(
             )  # fmt: skip
             started += waiting
             events += waiting
-            mark_candidates(g, threshold, probes, fresh, waiting)
+            mark_candidates(g, rows, places, threshold, probes, fresh, waiting)
             for i in range(waiting):
                 if fresh[CANDIDATE + i] == 0.0:
                     continue
                 # Single scattering is its own reverse and is never doubled.
                 x, y, z, weight = fresh[X + i], fresh[Y + i], fresh[Z + i], fresh[AMOUNT + i]
-                w = forward_contribution(weight * fresh[POWER + i], g, z, ix, iy, iz, probes)
+                w = forward_contribution(weight * fresh[POWER + i], g, rows, places, z, ix, iy, iz, probes)
                 kept = survivor_weight(weight, w, threshold, fresh[KEEP + i])
                 if kept > 0.0:
                     if found < capacity:
                         write_record(records[found], x, y, z, 0.0, 0.0, 0.0, x, y, z, 0.0, 0.0, 0.0, kept, 0.0)
                         orders[found], paths[found] = 1, fresh_address[PATH + i]
                     found += 1
-            leave(k0, k1, sample64, g, lobe, mean_free_path, fresh, fresh_address, waiting)
+            leave(
+                k0, k1, sample64, g, rows, places, aim_rows, aim_guide,
+                mean_free_path, fresh, fresh_address, waiting,
+            )  # fmt: skip
             waiting, cut, cut_weight = drop_ended(fresh, fresh_address, waiting, thickness, albedo, last_order)
             unfinished += cut
             unfinished_weight += cut_weight
@@ -328,7 +324,7 @@ def trace_slab(
         if albedo < 1.0:
             # Absorption as a coin: the weight stays, the work goes. Its dimensions lie apart.
             draw_coin(k0, k1, sample64, np.uint64(0x80000000), address, state, flying)
-        mark_candidates(g, 0.0 if reverse else threshold, probes, state, flying)
+        mark_candidates(g, rows, places, 0.0 if reverse else threshold, probes, state, flying)
         for i in range(flying):
             if state[CANDIDATE + i] == 0.0 or state[COIN + i] >= albedo:
                 continue
@@ -336,11 +332,12 @@ def trace_slab(
             wx, wy, wz = state[WX + i], state[WY + i], state[WZ + i]
             if reverse:
                 weight, w = weigh_both_ways(
-                    state, i, thickness, sigma_t, albedo, chance, g, lobe, ix, iy, iz, footprint, extent, radius, probes
-                )
+                    state, i, sigma_t, albedo, chance, g, rows, places, aim_rows, aim_places,
+                    ix, iy, iz, footprint, extent, radius, probes,
+                )  # fmt: skip
             else:
                 weight = state[AMOUNT + i]
-                w = forward_contribution(weight * state[POWER + i], g, z, wx, wy, wz, probes)
+                w = forward_contribution(weight * state[POWER + i], g, rows, places, z, wx, wy, wz, probes)
             kept = survivor_weight(weight, w, threshold, state[KEEP + i])
             if kept > 0.0:
                 if found < capacity:
@@ -350,7 +347,27 @@ def trace_slab(
                     )  # fmt: skip
                     orders[found], paths[found] = address[ORDER + i], address[PATH + i]
                 found += 1
-        scatter(g, state, flying)
+        if rows.shape[0] == 0:
+            scatter(g, state, flying)
+        else:
+            scatter_by_table(rows, guide, state, flying)
         fly(mean_free_path, state, flying)
     sort_by_path(paths, first, count, min(found, capacity), ranks)
     return found, events, unfinished, unfinished_weight
+
+
+@kernel
+def draw_types(key0, key1, sample, orders, paths, cumulative, out):
+    """Fill ``out`` int32[M, 2] with the types of the first and of the last particle of every connection.
+
+    cumulative : float64[n]    running sum of the shares, the last 1
+    """
+    for m in range(out.shape[0]):
+        address = np.uint64(key0), np.uint64(key1), np.uint64(sample), np.uint64(paths[m])
+        first = uniforms(*address, np.uint64(0))[0]
+        last = first if orders[m] == 1 else uniforms(*address, np.uint64(orders[m]))[0]
+        for side, u in enumerate((first, last)):
+            t = 0
+            while t < cumulative.shape[0] - 1 and cumulative[t] <= u:
+                t += 1
+            out[m, side] = t

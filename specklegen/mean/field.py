@@ -18,7 +18,7 @@ from specklegen.core.errors import reject
 from specklegen.kernels import mean_integrals
 from specklegen.mean.finite import scattered_mean
 from specklegen.paths.endpoints import light_endpoints, view_endpoints
-from specklegen.paths.layout import volume_of
+from specklegen.paths.volumes import volume_of
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources, Profile
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene

@@ -18,10 +18,10 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks
 from specklegen.kernels import mean_integrals
 from specklegen.mean.quadrature import Nodes, beam_nodes
-from specklegen.paths.layout import materials, spatial, volume_of
+from specklegen.paths.volumes import materials, spatial, volume_of
 from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.media import Box
-from specklegen.scene.scatterers.scatterer import Scatterer, components
+from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
 
 TOLERANCE = 1e-3  # of a numerical integral, relative to what it would be if all the medium scattered in phase
@@ -63,7 +63,7 @@ def forward_ratio(scatterer: Scatterer, cosines: np.ndarray, dimension: int) -> 
     """
     ratio = np.zeros(np.shape(cosines), np.complex128)
     space = 3 if dimension == 3 else 2
-    for particle, share in zip(*components(scatterer), strict=True):
+    for particle, share in scatterer.components:
         forward = np.asarray(particle.amplitude(1.0, space)).item()
         if forward == 0:
             reject(

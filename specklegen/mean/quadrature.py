@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.paths.layout import spatial
+from specklegen.paths.volumes import spatial
 from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.media import Box, Slab, VoxelGrid
 from specklegen.scene.scene import Scene

@@ -10,6 +10,7 @@ from specklegen.core.errors import RuleError
 from specklegen.core.values import remembered
 from specklegen.mean.field import mean_field
 from specklegen.paths.pilot import scene_pilot
+from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.scene.illumination import IncoherentObject, PointSources, directions_of_sines
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarField, FarFieldGrid, Sensor
@@ -23,12 +24,14 @@ _NO_BALLISTIC_IMAGE = (
 _CHEAP = 1e6  # quadrature nodes of a mean field that is only judged: a tenth of a second
 
 
-def mean_decision(scene: Scene, mean: bool, tolerance: float) -> Decision:
+def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = False) -> Decision:
     """The mean field is added only when asked; say where its intensity would exceed the speckle's tolerance."""
     if mean:
         return Decision(_MEAN, True, "asked for")
-    if not len(scene.beams.directions):
-        return Decision(_MEAN, False, "there is no light")
+    if not len(scene.lights) or not np.prod(scene.sensor.shape):
+        return Decision(_MEAN, False, "there is no light, or no view")
+    if lock_step_obstacle(scene):
+        return _volume_mean_decision(scene, tolerance, reverse)
     ratio = _strongest_mean(scene) / max(scene_pilot(scene, False).intensity, 1e-300)
     decision = _mean_left_out(ratio, tolerance)
     if ratio > tolerance and isinstance(scene.illumination, IncoherentObject):
@@ -64,17 +67,15 @@ def _strongest_mean(scene: Scene) -> float:
     return float(max(best.max(), over(near_x[:_BLOCK], near_y[:_BLOCK]).max()))
 
 
-def volume_mean_decision(scene: Scene, mean: bool, tolerance: float, speckle: float) -> Decision:
-    """The mean field in any geometry, judged at every view for at most eight of the lights, where that is cheap."""
-    if mean:
-        return Decision(_MEAN, True, "asked for")
-    if isinstance(scene.illumination, IncoherentObject) or not len(scene.lights) or not scene.views.size:
+def _volume_mean_decision(scene: Scene, tolerance: float, reverse: bool) -> Decision:
+    """The same in any geometry, judged at every view for at most eight of the lights, where that is cheap."""
+    if isinstance(scene.illumination, IncoherentObject):
         return Decision(_MEAN, False, "not asked for")
     try:
         strongest = float(np.square(np.abs(mean_field(few_lights(scene, 8), most_nodes=_CHEAP))).max(initial=0.0))
     except RuleError as refused:
         return Decision(_MEAN, False, f"not asked for, and not judged: {refused}")
-    return _mean_left_out(strongest / max(speckle, 1e-300), tolerance)
+    return _mean_left_out(strongest / max(scene_pilot(scene, reverse).intensity, 1e-300), tolerance)
 
 
 def _mean_left_out(ratio: float, tolerance: float) -> Decision:

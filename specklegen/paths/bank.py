@@ -21,6 +21,8 @@ class PathBank:
         Number of vertices, B.
     paths : int64[M]
         Number of the path.
+    types : int32[M, 2]
+        Types of the first and of the last particle; 0 where there is one.
     count : int
         Paths traced.
     events : int
@@ -34,6 +36,7 @@ class PathBank:
     records: np.ndarray
     orders: np.ndarray
     paths: np.ndarray
+    types: np.ndarray
     count: int
     events: int = 0
     unfinished: int = 0
@@ -95,7 +98,7 @@ class PathBank:
         records[:, walk.EXIT : walk.EXIT + 3] = bank.entry
         records[:, walk.EXIT_DIRECTION : walk.EXIT_DIRECTION + 3] = -bank.entry_direction
         records[:, walk.WEIGHT :] = bank.records[:, walk.WEIGHT :]
-        return replace(bank, records=records)
+        return replace(bank, records=records, types=bank.types[:, ::-1])
 
     def translated(self, shift: np.ndarray) -> Self:
         """Return the bank with every vertex moved by ``shift`` float64[3]."""
@@ -110,18 +113,25 @@ def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
     ends = np.cumsum([0, *map(len, banks)])
     total = ends[-1]
     records, orders, paths = np.empty((total, walk.RECORD)), np.empty(total, np.int32), np.empty(total, np.int64)
+    types = np.empty((total, 2), np.int32)
 
     def copy(n: int) -> None:
-        to = slice(ends[n], ends[n + 1])
-        records[to], orders[to], paths[to] = banks[n].records, banks[n].orders, banks[n].paths
+        to, bank = slice(ends[n], ends[n + 1]), banks[n]
+        records[to], orders[to], paths[to], types[to] = bank.records, bank.orders, bank.paths, bank.types
 
     map_blocks(copy, range(len(banks)), threads)
     return PathBank(
         records=records,
         orders=orders,
         paths=paths,
+        types=types,
         count=sum(b.count for b in banks),
         events=sum(b.events for b in banks),
         unfinished=sum(b.unfinished for b in banks),
         unfinished_weight=sum(b.unfinished_weight for b in banks),
     )
+
+
+def empty_bank(count: int) -> PathBank:
+    """A bank of ``count`` paths without connections."""
+    return replace(concatenate([]), count=count)

@@ -1,6 +1,6 @@
-"""Amplitudes of connections: sqrt(W) a at every light and view, forward and reversed.
+"""Endpoint factors of connections, and their amplitudes sqrt(W) a at every light and view, forward and reversed.
 
-    a = A_i(x1, w1) B_v(x_B, w_(B-1)),    a^r = A_i(x_B, -w_(B-1)) B_v(x1, -w1)        physics.md 2
+    a = A_i(x1, w1) B_v(x_B, w_(B-1)),    a^r = A_i(x_B, -w_(B-1)) B_v(x1, -w1)        docs/physics.md 2
 
 Single scattering is its own reverse; its s(i . v) joins both ends.
 """
@@ -9,58 +9,94 @@ from typing import Literal
 
 import numpy as np
 
-from specklegen.core.parallel import Threads, map_blocks
-from specklegen.kernels import volume_ends, walk
+from specklegen.core.parallel import Threads, map_blocks, slices
+from specklegen.kernels import endpoints as kernels
+from specklegen.kernels import walk
+from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoints import Endpoints
-from specklegen.paths.tracer import Tracer, VolumeBank
+from specklegen.paths.layout import Layout
+from specklegen.paths.phases import reversal_phases
 
 End = Literal["entry", "exit"]
 # Position's column, the sign that makes the direction beside it arrive at the end, and the particle's column.
 _COLUMNS = {"entry": (walk.ENTRY, -1.0, 0), "exit": (walk.EXIT, 1.0, 1)}
 _VIEWS_AT_ONCE = 64
+BLOCK = 16384
+"""Connections whose factors are found at a time; each stands alone, so the size changes no bit."""
 
 
 def endpoint_factors(
-    tracer: Tracer, bank: VolumeBank, target: Endpoints, end: End, threads: Threads = 1
+    layout: Layout,
+    bank: PathBank,
+    endpoints: Endpoints,
+    end: End,
+    threads: Threads = 1,
+    turns: np.ndarray | None = None,
 ) -> np.ndarray:
-    """complex128[n, M]: profile, attenuation, phase, decay and scattering between one end and each target."""
+    """complex128[n, M]: profile, attenuation, phase, decay and scattering between one end and each endpoint.
+
+    Parameters
+    ----------
+    endpoints
+        Lights or views of the layout, or others of their kind.
+    end
+        Which end of the connections.
+    turns
+        Phases float64[n, 3] in turns per unit length instead of those of the directions.
+    """
     column, sign, side = _COLUMNS[end]
-    out = np.empty((len(target.vectors), len(bank)), np.complex128)
+    turns = endpoints.turns if turns is None else turns
+    vectors = np.ascontiguousarray(endpoints.vectors)
+    out = np.empty((len(vectors), len(bank)), np.complex128)
 
     def part(start: int) -> None:
         stop = start + _VIEWS_AT_ONCE
-        volume_ends.ends(
-            tracer.volume, tracer.table, bank.records, column, sign, bank.types, side, target.near,
-            target.vectors[start:stop], target.wavelength, target.footprint, target.radius, out[start:stop],
+        kernels.endpoint_factors(
+            layout.volume, layout.table, bank.records, column, sign, bank.types, side, endpoints.near,
+            vectors[start:stop], turns[start:stop], endpoints.wavelength, endpoints.footprint, endpoints.radius,
+            out[start:stop],
         )  # fmt: skip
 
     map_blocks(part, range(0, len(out), _VIEWS_AT_ONCE), threads)
     return out
 
 
-def single_factors(tracer: Tracer, bank: VolumeBank) -> np.ndarray:
+def light_strengths(layout: Layout, bank: PathBank, factors: np.ndarray, threads: Threads = 1) -> np.ndarray:
+    """complex128[T, M], factor_m sqrt(W_m) A_t(m) of the entrances, in blocks of connections."""
+    out = np.empty((len(layout.lights.vectors), len(bank)), np.complex128)
+
+    def block(part: slice) -> None:
+        some = bank.select(part)
+        out[:, part] = endpoint_factors(layout, some, layout.lights, "entry") * (np.sqrt(some.weight) * factors[part])
+
+    map_blocks(block, slices(len(bank), BLOCK), threads)
+    return out
+
+
+def single_factors(layout: Layout, bank: PathBank) -> np.ndarray:
     """complex128[T, V, M], s(i . v) of connections of single scattering; [T, V, 1] where all share it."""
-    far = not (tracer.lights.near or tracer.views.near)
-    if far and len(tracer.table.kinds) == 1:
+    lights, views = layout.lights, layout.views
+    if not (lights.near or views.near) and len(layout.table.kinds) == 1:
         bank = bank.select(slice(0, 1))
-    lights, targets = tracer.lights, tracer.views
-    out = np.empty((len(lights.vectors), len(targets.vectors), len(bank)), np.complex128)
-    volume_ends.single_amplitudes(
-        tracer.table, bank.records, bank.types, lights.near, lights.vectors,
-        targets.near, targets.vectors, out,
+    out = np.empty((len(lights.vectors), len(views.vectors), len(bank)), np.complex128)
+    kernels.single_factors(
+        layout.table, bank.records, bank.types, lights.near, np.ascontiguousarray(lights.vectors),
+        views.near, np.ascontiguousarray(views.vectors), out,
     )  # fmt: skip
     return out
 
 
-def single_amplitudes(tracer: Tracer, bank: VolumeBank, threads: Threads = 1) -> np.ndarray:
+def single_amplitudes(layout: Layout, bank: PathBank, threads: Threads = 1) -> np.ndarray:
     """Amplitudes sqrt(W) a of a bank of single scattering, complex128[T * V, M]."""
-    lights = endpoint_factors(tracer, bank, tracer.lights, "entry", threads) * np.sqrt(bank.weight)
-    views = endpoint_factors(tracer, bank, tracer.views, "exit", threads)
+    lights = endpoint_factors(layout, bank, layout.lights, "entry", threads) * np.sqrt(bank.weight)
+    views = endpoint_factors(layout, bank, layout.views, "exit", threads)
     pairs = _pairs(lights, views)
-    return pairs * single_factors(tracer, bank).reshape(len(pairs), -1) if pairs.size else pairs
+    return pairs * single_factors(layout, bank).reshape(len(pairs), -1) if pairs.size else pairs
 
 
-def multiple_amplitudes(tracer: Tracer, bank: VolumeBank, reverse: bool, threads: Threads = 1) -> np.ndarray:
+def multiple_amplitudes(
+    layout: Layout, bank: PathBank, *, bidirectional: bool, reverse: bool, threads: Threads = 1
+) -> np.ndarray:
     """Amplitudes sqrt(W) a of a bank of multiple scattering, complex128[T * V, n].
 
     Where paths serve both ways, ``reverse`` adds both amplitudes into one column; without it the two ways
@@ -68,16 +104,26 @@ def multiple_amplitudes(tracer: Tracer, bank: VolumeBank, reverse: bool, threads
     """
     root = np.sqrt(bank.weight)
     forward = _pairs(
-        endpoint_factors(tracer, bank, tracer.lights, "entry", threads) * root,
-        endpoint_factors(tracer, bank, tracer.views, "exit", threads),
+        endpoint_factors(layout, bank, layout.lights, "entry", threads) * root,
+        endpoint_factors(layout, bank, layout.views, "exit", threads),
     )
-    if not tracer.bidirectional:
+    if not bidirectional:
         return forward
     backward = _pairs(
-        endpoint_factors(tracer, bank, tracer.lights, "exit", threads) * root,
-        endpoint_factors(tracer, bank, tracer.views, "entry", threads),
+        endpoint_factors(layout, bank, layout.lights, "exit", threads) * (root * reversal_phases(layout, bank)),
+        endpoint_factors(layout, bank, layout.views, "entry", threads),
     )
     return forward + backward if reverse else np.concatenate([forward, backward], axis=1)
+
+
+def contributions(layout: Layout, bank: PathBank) -> np.ndarray:
+    """float64[M], w = W |A|^2 |B|^2 for the one light and view of a layout; its mean over paths is the intensity."""
+    power = bank.weight * np.square(np.abs(endpoint_factors(layout, bank, layout.lights, "entry")[0]))
+    power *= np.square(np.abs(endpoint_factors(layout, bank, layout.views, "exit")[0]))
+    once = bank.orders == 1
+    if once.any():
+        power[once] *= np.square(np.abs(single_factors(layout, bank.select(once))[0, 0]))
+    return power
 
 
 def _pairs(lights: np.ndarray, views: np.ndarray) -> np.ndarray:

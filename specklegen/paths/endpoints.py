@@ -1,21 +1,27 @@
 """What the ends of a path are connected to: lights on one side, views on the other.
 
-Both are seen from the medium: a far target is a direction away from it, so a plane wave travelling along i is
-the target -i, and by reciprocity one function evaluates either end.
+Both are seen from the medium: a far endpoint is a direction away from it, so a plane wave travelling along i is
+the endpoint -i, and by reciprocity one function evaluates either end. Phases of directions are relative to a reference
+direction where all look the same way, so that no absolute phase is formed: the phase that this leaves out belongs to a
+connection alone, and is random anyway (:func:`specklegen.paths.phases.reversal_phases` where it is not).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
 from specklegen.kernels import volume_walk
 from specklegen.kernels.walk import UNLIMITED
-from specklegen.paths.layout import footprint_code, spatial
+from specklegen.paths.volumes import footprint_code, spatial
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources
+from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import NearField
 
 _PROBES = 5
+AXIS = np.array([0.0, 0.0, 1.0])
+"""The optical axis."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,8 @@ class Endpoints:
     wavelength : float
     footprint, radius :
         Beam profile on the entrance plane; radius 0 is none.
+    reference : float64[3]
+        Unit vector that phases of directions are relative to; 0 for absolute ones.
     """
 
     near: bool
@@ -37,15 +45,40 @@ class Endpoints:
     wavelength: float
     footprint: int = UNLIMITED
     radius: float = 0.0
+    reference: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
-    def few(self) -> "Endpoints":
+    @property
+    def turns(self) -> np.ndarray:
+        """float64[n, 3], turns per unit length of each direction beside the reference."""
+        if not self.reference.any():
+            return self.vectors / self.wavelength
+        return offsets(self.vectors, self.reference, self.wavelength)
+
+    def of(self, chosen: np.ndarray | slice) -> Self:
+        """Those of these numbers."""
+        return replace(self, vectors=self.vectors[chosen])
+
+    def few(self) -> Self:
         """A few of them, which stand for all."""
         chosen = np.unique(np.linspace(0, max(len(self.vectors) - 1, 0), _PROBES).astype(int))
-        return replace(self, vectors=self.vectors[chosen]) if len(self.vectors) else self
+        return self.of(chosen) if len(self.vectors) else self
 
-    def probed(self) -> "Endpoints":
+    def probed(self) -> Self:
         """A few of them without their profile: what only other beams light must be judged as if these did."""
         return replace(self.few(), footprint=UNLIMITED, radius=0.0)
+
+
+def offsets(directions: np.ndarray, reference: np.ndarray, wavelength: float) -> np.ndarray:
+    """(directions - reference) / wavelength, float64[n, 3] turns per unit length, without cancellation in z.
+
+    (v_z - r_z) = -(v_xy^2 - r_xy^2)/(v_z + r_z), never from 1 - cos.
+    """
+    difference = directions - reference
+    lateral = np.square(directions[..., :2]).sum(-1) - np.square(reference[:2]).sum()
+    along = directions[..., 2] + reference[2]
+    safe = np.abs(along) > 0.5  # same side as the reference: the difference is small
+    difference[..., 2] = np.where(safe, -lateral / np.where(safe, along, 1.0), difference[..., 2])
+    return difference / wavelength
 
 
 def light_endpoints(scene: Scene) -> Endpoints:
@@ -53,19 +86,30 @@ def light_endpoints(scene: Scene) -> Endpoints:
     lights = spatial(scene.lights)
     if isinstance(scene.illumination, PointSources):
         return Endpoints(True, lights, scene.wavelength)
+    reference = -AXIS if isinstance(scene.medium, Slab) else np.zeros(3)
     if isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
         beams = scene.beams
-        return Endpoints(False, -lights, scene.wavelength, footprint_code(beams.profile), beams.width / 2)
-    return Endpoints(False, -lights, scene.wavelength)
+        footprint = footprint_code(beams.profile)
+        return Endpoints(False, -lights, scene.wavelength, footprint, beams.width / 2, reference)
+    return Endpoints(False, -lights, scene.wavelength, reference=reference)
 
 
 def view_endpoints(scene: Scene) -> Endpoints:
     """The views of a scene, in C order."""
-    return Endpoints(isinstance(scene.sensor, NearField), spatial(scene.views), scene.wavelength)
+    if isinstance(scene.sensor, NearField):
+        return Endpoints(True, spatial(scene.views), scene.wavelength)
+    reference = scene.side * AXIS if isinstance(scene.medium, Slab) else np.zeros(3)
+    return Endpoints(False, spatial(scene.views), scene.wavelength, reference=reference)
 
 
-def probes(target: Endpoints) -> tuple[np.ndarray, np.ndarray]:
+def plane_endpoints(vectors: np.ndarray, wavelength: float, radius: float = 0.0) -> Endpoints:
+    """Far views of a slab, unit vectors float64[n, 3] away from it, of one side; lights of unlimited ``radius``."""
+    reference = np.sign(vectors[0, 2]) * AXIS if len(vectors) else AXIS
+    return Endpoints(False, vectors, wavelength, UNLIMITED, radius, reference)
+
+
+def probes(endpoints: Endpoints) -> tuple[np.ndarray, np.ndarray]:
     """Kinds int64[n] and vectors float64[n, 3] of the probes, as the walk reads them."""
-    few = target.probed().vectors
-    kind = volume_walk.NEAR if target.near else volume_walk.FAR
+    few = endpoints.probed().vectors
+    kind = volume_walk.NEAR if endpoints.near else volume_walk.FAR
     return np.full(len(few), kind, np.int64), np.ascontiguousarray(few)

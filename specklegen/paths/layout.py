@@ -1,69 +1,81 @@
-"""A medium as the arrays that kernels read."""
+"""A scene as the arrays that kernels read, laid out once: its medium, its particles, both ends of every connection."""
+
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
-from specklegen.core.values import remembered
-from specklegen.kernels import walk
+from specklegen.kernels.phase_table import PhaseTable
 from specklegen.kernels.volume import Volume
-from specklegen.scene.illumination import Profile
-from specklegen.scene.media import Medium, Slab, VoxelGrid
-from specklegen.scene.scatterers.scatterer import Scatterer
-
-_FOOTPRINT = {"square": walk.SQUARE, "disc": walk.DISC, "gaussian": walk.GAUSSIAN}
-
-
-def footprint_code(profile: Profile) -> int:
-    """Code by which the kernels know the profile of a window."""
-    return _FOOTPRINT[profile]
+from specklegen.paths.endpoints import Endpoints, light_endpoints, plane_endpoints, view_endpoints
+from specklegen.paths.phase_tables import phase_table
+from specklegen.paths.volumes import materials, volume_of
+from specklegen.scene.media import Slab
+from specklegen.scene.scene import Scene
 
 
-def spatial(vectors: np.ndarray) -> np.ndarray:
-    """Vectors float64[..., d] with three components: flatland (x, z) lies in the plane y = 0."""
-    if vectors.shape[-1] == 3:
-        return np.ascontiguousarray(vectors)
-    return np.stack([vectors[..., 0], np.zeros(vectors.shape[:-1]), vectors[..., 1]], axis=-1)
+@dataclass(frozen=True)
+class Layout:
+    """What the ends of connections need to know of a scene.
+
+    Attributes
+    ----------
+    volume, table
+        The medium and its particles.
+    lights, views : Endpoints
+        The two ends of every connection.
+    wavelength : float
+    """
+
+    volume: Volume
+    table: PhaseTable
+    lights: Endpoints
+    views: Endpoints
+    wavelength: float
+
+    def of_ends(self, lights: np.ndarray | slice, views: np.ndarray | slice) -> Self:
+        """The same with only the lights and views of these numbers."""
+        return replace(self, lights=self.lights.of(lights), views=self.views.of(views))
+
+    def of_views(self, vectors: np.ndarray) -> Self:
+        """The same with other views: unit vectors float64[V, 3]."""
+        return replace(self, views=replace(self.views, vectors=np.ascontiguousarray(vectors)))
+
+    def at(self, light: np.ndarray, view: np.ndarray) -> Self:
+        """The same with one light and one view, unit vectors of travel float64[3]."""
+        lights = replace(self.lights, vectors=-np.atleast_2d(light))
+        return replace(self, lights=lights, views=replace(self.views, vectors=np.atleast_2d(view)))
+
+    def probed(self) -> Self:
+        """The same with only a few of the lights and views, which keep their beam profile."""
+        return replace(self, lights=self.lights.few(), views=self.views.few())
+
+    @property
+    def exit_face(self) -> float:
+        """Depth of the face of a slab where light comes out to the views."""
+        return float(self.volume.bounds[1 if self.views.reference[2] > 0 else 0, 2])
 
 
-def materials(medium: Medium) -> tuple[Scatterer, ...]:
-    """The scatterers of a medium, in the order in which its voxels number them."""
-    return medium.scatterers if isinstance(medium, VoxelGrid) else (medium.scatterer,)
+def scene_layout(scene: Scene) -> Layout:
+    """Lay out a scene."""
+    return Layout(
+        volume=volume_of(scene.medium, scene.dimension),
+        table=phase_table(materials(scene.medium), 2 if scene.dimension == 2 else 3),
+        lights=light_endpoints(scene),
+        views=view_endpoints(scene),
+        wavelength=scene.wavelength,
+    )
 
 
-@remembered(16)
-def volume_of(medium: Medium, dimension: int) -> Volume:
-    """Lay out a medium for the kernels."""
-    if isinstance(medium, Slab):
-        lower = np.array([-np.inf, -np.inf, 0.0])
-        upper = np.array([np.inf, np.inf, medium.thickness])
-    else:
-        lower, upper = spatial(medium.lower), spatial(medium.upper)
-        if dimension == 2:
-            lower[1], upper[1] = -np.inf, np.inf
-    bounds = np.stack([lower, upper])
-    if not isinstance(medium, VoxelGrid):
-        cells = np.array([[1, 1, 1], [1, 1, 1], [dimension, 1, 0]])
-        sigma = np.array([1 / medium.mean_free_path])
-        return Volume(bounds, cells, sigma, np.array([float(medium.albedo)]), np.zeros(1, np.int64), sigma)
-    extinction = np.array(medium.extinction)
-    grid = extinction if dimension == 3 else extinction[:, None, :]
-    block = _block_size(grid, medium.thickness)
-    majorant = _block_maxima(grid, block)
-    return Volume(
-        bounds, np.array([grid.shape[::-1], majorant.shape[::-1], (dimension, block, 0)]), extinction.ravel(),
-        np.broadcast_to(medium.albedo, extinction.shape).ravel().copy(),
-        np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64), majorant.ravel(),
-    )  # fmt: skip
+def plane_layout(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray) -> Layout:
+    """Lay out a slab under unlimited plane waves float64[T, 3], seen from float64[V, 3], unit vectors of travel.
 
-
-def _block_maxima(grid: np.ndarray, block: int) -> np.ndarray:
-    """Largest value in each cube of ``block`` voxels a side; cubes at the upper ends may be cut."""
-    for axis in range(3):
-        grid = np.maximum.reduceat(grid, np.arange(0, grid.shape[axis], block), axis=axis)
-    return np.ascontiguousarray(grid)
-
-
-def _block_size(grid: np.ndarray, thickness: float) -> int:
-    """Voxels a side of a majorant's block: the cheapest in face crossings plus tentative collisions of a crossing."""
-    sizes = [2**n for n in range(int(np.log2(max(grid.shape))) + 2)]
-    costs = [grid.shape[0] / size + _block_maxima(grid, size).mean() * thickness for size in sizes]
-    return sizes[int(np.argmin(costs))]
+    Intensities are per unit area of the face.
+    """
+    return Layout(
+        volume=volume_of(medium, 3),
+        table=phase_table(materials(medium), 3),
+        lights=plane_endpoints(-lights, wavelength, np.inf),
+        views=plane_endpoints(views, wavelength),
+        wavelength=wavelength,
+    )

@@ -1,36 +1,29 @@
-"""Scatterers as arrays: the :class:`~specklegen.kernels.phase_table.PhaseTable` that kernels read."""
+"""Scatterers as arrays: the tables that kernels read, of amplitudes for endpoints and of lobes for walks."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from specklegen.core.errors import reject
 from specklegen.core.values import remembered
+from specklegen.kernels import lobes
 from specklegen.kernels import phase_table as table
+from specklegen.kernels.lobes import Lobe
 from specklegen.kernels.phase_table import PhaseTable
-from specklegen.scene.scatterers.closed_form import Dimensions, all_directions
-from specklegen.scene.scatterers.scatterer import (
-    HenyeyGreenstein,
-    Isotropic,
-    Mie,
-    Particle,
-    Scatterer,
-    Tabulated,
-    VonMisesFisher,
-    components,
-)
+from specklegen.scene.scatterers import Dimensions, Scatterer
 
-
-class _Row(NamedTuple):
-    """One particle type: its kind, two parameters, and its bins of theta if it is drawn from any."""
-
-    kind: int
-    parameters: tuple[float, float]
-    nodes: np.ndarray = np.empty(0)
-    amplitudes: np.ndarray = np.empty(0, np.complex128)
-    cumulative: np.ndarray = np.empty(0)
+_KINDS = {
+    "isotropic": (table.ISOTROPIC_2D, table.ISOTROPIC_3D),
+    "henyey": (table.HENYEY_2D, table.HENYEY_3D),
+    "fisher": (table.FISHER_2D, table.FISHER_3D),
+    "tabulated": (table.TABULATED_2D, table.TABULATED_3D),
+}
+_CELLS = 2048  # of a guide to the nodes of a table
+LOBE_ERROR = 1e-5
+"""Light that a walk's table may send elsewhere: the integral of |f - f of the scatterer| over v, at most about this."""
+_OCTAVE = range(5, 15)  # log2 of the nodes an octave of v that are tried
+_SPREAD = 0.1  # of first directions, drawn from Henyey and Greenstein's lobe of the same g where there is a table
 
 
 @remembered(32)
@@ -44,16 +37,19 @@ def phase_table(materials: tuple[Scatterer, ...], dimensions: Dimensions) -> Pha
     """
     if dimensions not in (2, 3):
         reject("phase_table dimensions", "2 or 3", dimensions)
-    parts = [components(material) for material in materials]
-    rows = [_row(particle, dimensions) for types, _ in parts for particle in types]
-    shares = [np.array(fractions) / math.fsum(fractions) for _, fractions in parts]
+    parts = [material.components for material in materials]
+    rows = [particle.row(dimensions) for part in parts for particle, _ in part]
+    shares = [np.array([share for _, share in part]) for part in parts]
+    shares = [share / math.fsum(share) for share in shares]
+    offsets = np.cumsum([0] + [row.nodes.size for row in rows], dtype=np.int64)
     arrays = PhaseTable(
-        kinds=np.array([row.kind for row in rows], np.int64),
+        kinds=np.array([_KINDS[row.kind][dimensions - 2] for row in rows], np.int64),
         parameters=np.array([row.parameters for row in rows], np.float64),
-        offsets=np.cumsum([0] + [row.nodes.size for row in rows], dtype=np.int64),
+        offsets=offsets,
         nodes=np.concatenate([row.nodes for row in rows]),
         amplitudes=np.concatenate([row.amplitudes for row in rows]),
         cumulative=np.concatenate([row.cumulative for row in rows]),
+        guides=np.array([start + _guide(row.nodes) for start, row in zip(offsets, rows, strict=False)], np.int64),
         material_starts=np.cumsum([0] + [share.size for share in shares], dtype=np.int64),
         shares=np.concatenate(shares),
         shares_cumulative=np.concatenate([_running(share) for share in shares]),
@@ -69,33 +65,83 @@ def _running(shares: np.ndarray) -> np.ndarray:
     return sums / sums[-1]
 
 
-def _row(particle: Particle, dimensions: Dimensions) -> _Row:
-    flat = dimensions == 2
-    match particle:
-        case Isotropic():
-            power = 1 / all_directions(dimensions)
-            return _Row(table.ISOTROPIC_2D if flat else table.ISOTROPIC_3D, (power, math.sqrt(power)))
-        case HenyeyGreenstein(g=g):
-            return _Row(table.HENYEY_2D if flat else table.HENYEY_3D, (g, 0.0))
-        case VonMisesFisher():
-            parameters = (particle.concentration, particle.forward_power(dimensions))
-            if not flat:
-                return _Row(table.FISHER_3D, parameters)
-            return _Row(table.FISHER_2D, parameters, *_fisher_bins(particle.concentration))
-        case Tabulated() | Mie():
-            bins = particle.bins(dimensions)
-            cumulative = _running(np.append(0.0, bins.power))
-            return _Row(table.TABULATED_2D if flat else table.TABULATED_3D, (0.0, 0.0), *bins[:2], cumulative)
+def _guide(nodes: np.ndarray) -> np.ndarray:
+    """Last node at or below each of the edges of even cells from 0 to pi."""
+    if not nodes.size:
+        return np.zeros(_CELLS + 1, np.int64)
+    return np.maximum(np.searchsorted(nodes, np.linspace(0, math.pi, _CELLS + 1), side="right") - 1, 0)
 
 
-def _fisher_bins(concentration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bins of a von Mises lobe, up to the angle beyond which less than e^-100 of it is left.
+@remembered(32)
+def walk_lobes(scatterer: Scatterer) -> tuple[Lobe, Lobe]:
+    """The lobes of a scatterer in three dimensions: to scatter by, and to draw first directions from.
 
-    So narrow that five points of Gauss and Legendre find the place in a bin to 2e-14, but for the last 3e-9 of the
-    light at either side (2e-11 at the very edge).
+    The latter is never much narrower than Henyey and Greenstein's of the same g, so that lights beside the one that
+    paths follow find no hole in it.
     """
-    nodes = np.linspace(0.0, 2 * math.asin(math.sqrt(min(1.0, 50 / concentration))), 129)
-    x, w = leggauss(12)
-    theta = (nodes[:-1] + nodes[1:])[:, None] / 2 + np.diff(nodes)[:, None] / 2 * x
-    shares = np.exp(-2 * concentration * np.sin(theta / 2) ** 2) @ w
-    return nodes, np.zeros(nodes.size, np.complex128), _running(np.append(0.0, shares))
+    components = scatterer.components
+    if len(components) == 1 and components[0][0].row(3).kind in ("isotropic", "henyey"):
+        row = components[0][0].row(3)
+        lobe = _closed(row.parameters[0] if row.kind == "henyey" else 0.0)
+        return lobe, lobe
+    g = float(np.clip(scatterer.mean_cosine(3), -0.99999, 0.99999))
+
+    def density(v: np.ndarray) -> np.ndarray:
+        each = [share * np.square(np.abs(particle.amplitude(1 - v))) for particle, share in components]
+        return 2 * np.pi * np.sum(each, axis=0)
+
+    def broader(v: np.ndarray) -> np.ndarray:
+        base = (1 - g) ** 2 + 2 * g * v
+        return (1 - _SPREAD) * density(v) + _SPREAD * 0.5 * (1 - g * g) / base**1.5
+
+    return _tabulated(density), _tabulated(broader)
+
+
+def _closed(g: float) -> Lobe:
+    return Lobe(g, np.empty((0, 4)), np.empty(0, np.int32), np.zeros(2, np.int64))
+
+
+def _tabulated(density: Callable[[np.ndarray], np.ndarray]) -> Lobe:
+    """Tabulate a density of v = 1 - cos on nodes whose bits are evenly spaced, as closely as ``LOBE_ERROR`` asks."""
+    lowest = _lowest_octave(density)
+    nodes, places = _nodes(lowest, _OCTAVE[0])
+    at = density(nodes)
+    for log_nodes in _OCTAVE:
+        nodes, places = _nodes(lowest, log_nodes)
+        at = density(nodes)
+        middles = (nodes[:-1] + nodes[1:]) / 2
+        missed = np.abs(density(middles) - (at[:-1] + at[1:]) / 2)
+        # Of a smooth density a third of the gap at the middles is the mean over a bin of what the line is off.
+        if 2 / 3 * float(missed @ np.diff(nodes)) <= LOBE_ERROR:
+            break
+    shares = (at[:-1] + at[1:]) / 2 * np.diff(nodes)
+    at = at / math.fsum(shares)
+    rows = np.zeros((len(nodes), 4))
+    rows[:, lobes.NODE], rows[:, lobes.DENSITY] = nodes, at
+    rows[:-1, lobes.SLOPE] = np.diff(at) / np.diff(nodes)
+    rows[1:, lobes.BELOW] = _running(shares)
+    cells = 2 ** math.ceil(math.log2(2 * len(nodes)))
+    guide = np.searchsorted(rows[:, lobes.BELOW], np.arange(cells) / cells, side="right") - 1
+    arrays = rows, np.minimum(guide, len(nodes) - 2).astype(np.int32), places
+    for array in arrays:
+        array.flags.writeable = False
+    return Lobe(0.0, *arrays)
+
+
+def _lowest_octave(density: Callable[[np.ndarray], np.ndarray]) -> int:
+    """log2 of the v below which a density is straight."""
+    for exponent in range(-2, -60, -1):
+        v = np.array([0.0, 0.25, 0.5, 0.75, 1.0]) * 2.0**exponent
+        f = density(v)
+        if np.abs(f - np.linspace(f[0], f[-1], 5)).max() * 2.0**exponent < 0.1 * LOBE_ERROR:
+            return exponent
+    return -60
+
+
+def _nodes(lowest: int, log_nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """0 and the numbers from 2^lowest to 2 with 2^log_nodes of them an octave; bits of the first, log2 of the step."""
+    first = np.float64(2.0**lowest).view(np.int64)
+    step = 52 - log_nodes
+    count = (1 - lowest) * 2**log_nodes + 1
+    bits = first + (np.arange(count, dtype=np.int64) << step)
+    return np.append(0.0, bits.view(np.float64)), np.array([first, step], np.int64)

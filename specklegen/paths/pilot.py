@@ -1,66 +1,90 @@
 """Pilots: a few paths of a scene, keyed by its fingerprint, from which everything is planned.
 
 A pilot is a function of the scene alone, never of the run that it plans, so that what it decides (thresholds,
-view factors, samplers) biases no result.
+view factors, samplers) biases no result. No unit of length sways it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from specklegen.core.random_streams import Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
+from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.gaussianity import PathMoments
-from specklegen.paths.roulette import roulette_threshold
-from specklegen.paths.slab_optics import Optics, contributions
-from specklegen.paths.slab_tracer import Proposal, beam_proposal, trace
+from specklegen.paths.tracer import Tracer, scene_tracer, volume_tracer
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid
 
 PILOT_PATHS = 6000
 
 
 @dataclass(frozen=True)
 class Pilot:
-    """A scene's pilot: the proposal with its threshold, a bank, and what it says of weights and cost."""
+    """What a pilot says of a scene.
 
-    proposal: Proposal
+    Attributes
+    ----------
+    tracer : Tracer
+    bank : PathBank
+    moments : PathMoments
+        Of a path's weights, at the worst of a few lights and views.
+    intensity : float
+        Largest mean intensity among these.
+    multiple_share : float
+        Largest share of multiple scattering in the intensity among these, three standard errors included.
+    """
+
+    tracer: Tracer
     bank: PathBank
     moments: PathMoments
     intensity: float
+    multiple_share: float
+
+    @property
+    def events_per_path(self) -> float:
+        """Scattering events a path."""
+        return self.bank.events / max(self.bank.count, 1)
+
+    @property
+    def connections_per_path(self) -> float:
+        """Connections kept a path."""
+        return len(self.bank) / max(self.bank.count, 1)
 
 
 @remembered(64)
 def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
-    """Pilot of a scene, with or without reversed paths."""
-    medium = scene.slab
-    views = probe_views(scene)
-    proposal = beam_proposal(medium, scene.beams, views, reverse=reverse)
-    optics = Optics.of_scene(scene)
-    seed = pilot_seed(scene.fingerprint())
-    if len(views) and len(scene.beams.directions):
-        threshold = roulette_threshold(medium, proposal, optics, proposal.reference, seed)
-        proposal = replace(proposal, threshold=threshold)
-    bank = trace(medium, proposal, seed, PILOT_PATHS, stream=Stream.PILOT)
-    moments, intensity = PathMoments(0.0, 0.0), 0.0
-    for view in views:
-        weights = contributions(bank, optics, proposal.reference, view)
-        found = PathMoments.of(weights, bank.paths, bank.count)
+    """Pilot of a scene, with or without reversed paths, by the tracer that serves it."""
+    return _pilot(scene, scene_tracer(scene, reverse), reverse)
+
+
+@remembered(64)
+def volume_pilot(scene: Scene, reverse: bool) -> Pilot:
+    """The same by the walk of any geometry."""
+    return _pilot(scene, volume_tracer(scene, reverse), reverse)
+
+
+def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
+    bank = tracer.trace(pilot_seed(scene.unitless_fingerprint()), PILOT_PATHS, stream=Stream.PILOT, threads=1)
+    few, once, more = tracer.layout.probed(), bank.single, bank.multiple
+    often = multiple_amplitudes(few, more, bidirectional=tracer.bidirectional, reverse=reverse)
+    powers = [
+        _columns(once, np.square(np.abs(single_amplitudes(few, once)))),
+        _columns(more, np.square(np.abs(often))),
+    ]
+    paths = np.concatenate([owner for owner, _ in powers])
+    moments, intensity, share = PathMoments(0.0, 0.0), 0.0, 0.0
+    for single, multiple in zip(*(weights for _, weights in powers), strict=True):
+        found = PathMoments.of(np.concatenate([single, multiple]), paths, PILOT_PATHS)
         moments = max(moments, found, key=lambda m: m.relative_variance)
-        intensity = max(intensity, float(weights.sum() / bank.count))
-    return Pilot(proposal, bank, moments, intensity)
+        mean = (single.sum() + multiple.sum()) / PILOT_PATHS
+        intensity = max(intensity, mean)
+        rest = np.bincount(powers[1][0], multiple, PILOT_PATHS)
+        if mean > 0:
+            share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(PILOT_PATHS)) / mean)
+    return Pilot(tracer, bank, moments, float(intensity), float(share))
 
 
-def probe_views(scene: Scene) -> np.ndarray:
-    """Views that stand for all in weights and errors: centre and corners of a grid, at most nine others."""
-    sensor = scene.sensor
-    if not isinstance(sensor, FarFieldGrid):
-        flat = scene.views
-        return flat[np.unique(np.linspace(0, len(flat) - 1, 9).astype(int))] if len(flat) else flat
-    narrow = np.ptp(sensor.corner_directions, axis=0).max() < 0.05 * (1 - abs(scene.slab.scatterer.g))
-    return (
-        sensor.center_direction[None]
-        if narrow
-        else np.concatenate([sensor.center_direction[None], sensor.corner_directions])
-    )
+def _columns(bank: PathBank, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Path int64[n] that each column of ``powers`` float64[pairs, n] belongs to, and the powers."""
+    return np.tile(bank.paths, powers.shape[1] // max(len(bank), 1)), powers

@@ -6,29 +6,12 @@ import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources
-from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein, Isotropic
+from specklegen.scene.illumination import PointSources
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid, NearField
 
 Reverse = bool | Literal["auto"]
 BACKSCATTER_WING = {3: 0.65, 2: 0.56}  # isotropic scatterers: the slow wing of the cone (physics.md 2)
-
-
-def slab_engine_obstacle(scene: Scene) -> str | None:
-    """Why the fast engine for beams through a slab does not serve a scene; None where it does."""
-    if not isinstance(scene.medium, Slab):
-        return f"the medium is a {type(scene.medium).__name__}"
-    if scene.dimension == 2:
-        return "the scene is in flatland"
-    if not isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
-        return f"the light is {type(scene.illumination).__name__}"
-    if isinstance(scene.sensor, NearField):
-        return "the sensor is in the near field"
-    if not isinstance(scene.medium.scatterer, HenyeyGreenstein | Isotropic):
-        return f"the scatterer is {type(scene.medium.scatterer).__name__}"
-    return None
 
 
 def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision:

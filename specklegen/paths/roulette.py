@@ -1,23 +1,58 @@
 """Russian roulette of connections: faint ones are kept rarely, and count for more when they are.
 
-A connection of contribution w is kept with probability min(1, w / threshold), its weight divided by that.
+A connection of contribution w is kept with probability min(1, w / threshold), its weight divided by that. Any threshold
+is right; ten times the mean contribution of a pilot makes 24 times fewer connections for 1 % more variance.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
 from specklegen.core.random_streams import Seed, Stream
-from specklegen.paths.slab_optics import Optics, contributions
-from specklegen.paths.slab_tracer import Proposal, trace
-from specklegen.scene.media import Slab
+from specklegen.paths.bank import PathBank
+from specklegen.paths.endpoint_factors import contributions, endpoint_factors
+from specklegen.paths.slab_tracer import SlabTracer
+from specklegen.paths.volume_tracer import VolumeTracer
 
-PILOT_PATHS = 2000
-KEEP_ALWAYS = 10.0  # a connection is always kept from ten times the mean contribution (physics.md 2)
+ALWAYS_FROM = 10.0  # times the mean contribution (docs/physics.md 2)
+SLAB_PATHS, VOLUME_PATHS = 2000, 4096  # of the pilots
+_FIRST_PATHS = 64  # of a pilot, which tell how many more its memory allows
+_PILOT_CONNECTIONS = 2**20
 
 
-def roulette_threshold(medium: Slab, proposal: Proposal, optics: Optics, tilt: np.ndarray, seed: Seed) -> float:
-    """Contribution from which connections are always kept: ten times their mean in a pilot (physics.md 2)."""
-    bank = trace(medium, proposal, seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
+def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
+    """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
+    bank = tracer.trace(seed, SLAB_PATHS, stream=Stream.PILOT, threads=1)
     if len(bank) == 0:
-        return 0.0
-    weights = [contributions(bank, optics, tilt, view) for view in proposal.probes]
-    return KEEP_ALWAYS * float(np.max(weights, axis=0).mean())
+        return tracer
+    found = [contributions(tracer.layout.at(light, view), bank) for view in tracer.proposal.probes]
+    threshold = ALWAYS_FROM * float(np.max(found, axis=0).sum() / len(bank))
+    return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold))
+
+
+def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:
+    """Set the threshold from a pilot, where a path has so many connections that judging them pays."""
+    if not len(tracer.layout.views.vectors) or not len(tracer.layout.lights.vectors):
+        return tracer
+    # Any positive threshold makes the walk judge connections; this one keeps them all but those of no weight.
+    judging = replace(tracer, threshold=1e-300)
+    bank = judging.trace(seed, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
+    count = min(VOLUME_PATHS, _FIRST_PATHS * max(1, _PILOT_CONNECTIONS // max(len(bank), 1)))
+    if count > _FIRST_PATHS:
+        bank = judging.trace(seed, count, stream=Stream.PILOT, threads=1)
+    if len(bank) < 4 * count:
+        return tracer  # few connections a path: judging them costs more than it saves
+    return replace(tracer, threshold=ALWAYS_FROM * float((bank.weight * _judged_power(tracer, bank)).mean()))
+
+
+def capacious(tracer: VolumeTracer) -> VolumeTracer:
+    """Reserve twice what a pilot's paths connect; memory that is not written to costs nothing."""
+    bank = tracer.trace(0, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
+    return replace(tracer, capacity=2 * len(bank) / _FIRST_PATHS + 1)
+
+
+def _judged_power(tracer: VolumeTracer, bank: PathBank) -> np.ndarray:
+    """float64[M], |A|^2 |B|^2 at the brightest probes: the scale on which the walk judges."""
+    layout = tracer.layout
+    light = np.square(np.abs(endpoint_factors(layout, bank, layout.lights.probed(), "entry"))).max(axis=0)
+    return light * np.square(np.abs(endpoint_factors(layout, bank, layout.views.probed(), "exit"))).max(axis=0)

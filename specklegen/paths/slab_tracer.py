@@ -1,23 +1,24 @@
 """Tracing: (scene, proposal, seed) -> PathBank, the connections of random paths to the sensor.
 
 Subpath sampling of [Bar19] Algorithms 1-4 as corrected in physics.md 2: first vertices exponentially
-along the illumination, first directions from a Henyey-Greenstein lobe, connections thinned on their full
-weight. Phases are not drawn here: a bank serves every tilt, every view and every realization of phases.
+along the illumination, first directions from the medium's lobe, connections kept by Russian roulette.
+Phases are not drawn here: a bank serves every tilt, every view and every realization of phases.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from specklegen.core.parallel import Threads, map_blocks
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import walk
-from specklegen.paths.bank import PathBank, concatenate
-from specklegen.paths.layout import footprint_code
+from specklegen.paths.bank import PathBank, concatenate, empty_bank
+from specklegen.paths.layout import Layout
+from specklegen.paths.phase_tables import walk_lobes
+from specklegen.paths.volumes import footprint_code
 from specklegen.scene.illumination import CollimatedBeams, reference_direction
-from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import anisotropy_alone
+from specklegen.scene.media import Medium, Slab
 
 BLOCK = 4096
 """Paths per block: the unit of parallel work, and of every fixed-order sum."""
@@ -31,13 +32,11 @@ class Proposal:
     ----------
     reference : float64[3]
         Direction along which first vertices lie and about which first directions spread.
-    lobe : float
-        Anisotropy of the first directions' Henyey-Greenstein lobe.
     footprint, extent, radius :
         Kind of beam, size of the sampled footprint (which covers every tilt's), size of the profile.
     probes : float64[n, 3]
         Views at which the contribution of a connection is judged.
-    reverse : bool
+    bidirectional : bool
         Whether each path is weighed together with its reversal.
     threshold : float
         Contribution from which a connection is always kept; 0 keeps all.
@@ -46,23 +45,22 @@ class Proposal:
     """
 
     reference: np.ndarray
-    lobe: float
     footprint: int
     extent: float
     radius: float
     probes: np.ndarray
-    reverse: bool = False
+    bidirectional: bool = False
     threshold: float = 0.0
     max_order: int = 1000
 
 
-def default_max_order(medium: Slab) -> int:
-    """Vertices that bound a path: max(1000, 10 OD^2), far beyond what a slab needs."""
+def default_max_order(medium: Medium) -> int:
+    """Vertices that bound a path: max(1000, 10 OD^2), far beyond what any medium needs."""
     return int(min(max(1000.0, 10 * medium.optical_depth**2), 2e9))
 
 
-def beam_proposal(medium: Slab, beams: CollimatedBeams, probes: np.ndarray, *, reverse: bool = False) -> Proposal:
-    """Draw first vertices over the union of all tilts' footprints and first directions from the medium's lobe."""
+def beam_proposal(medium: Slab, beams: CollimatedBeams, probes: np.ndarray, *, bidirectional: bool = False) -> Proposal:
+    """Draw first vertices over the union of all tilts' footprints, first directions from the medium's lobe."""
     reference = reference_direction(beams.directions)
     drift = beams.directions[:, :2] / beams.directions[:, 2:] - reference[:2] / reference[2]
     margin = float(np.abs(drift).max(initial=0.0)) * medium.thickness * math.sqrt(2)
@@ -70,27 +68,25 @@ def beam_proposal(medium: Slab, beams: CollimatedBeams, probes: np.ndarray, *, r
     gaussian = beams.profile == "gaussian"
     return Proposal(
         reference=reference,
-        lobe=medium.scatterer.g,
         footprint=footprint_code(beams.profile),
         # The Gaussian density follows the intensity, whose standard deviation is a quarter of the width.
         extent=(beams.width / 4 if gaussian else beams.width / 2) + margin / (math.sqrt(2) if square else 1),
         radius=beams.width / 2,
         probes=np.ascontiguousarray(np.atleast_2d(probes), dtype=np.float64),
-        reverse=reverse,
+        bidirectional=bidirectional,
         max_order=default_max_order(medium),
     )
 
 
-def plane_proposal(medium: Slab, direction: np.ndarray, probes: np.ndarray, *, reverse: bool = False) -> Proposal:
+def plane_proposal(medium: Slab, direction: np.ndarray, probes: np.ndarray, *, bidirectional: bool = False) -> Proposal:
     """Paths of an unlimited plane wave; weights are per unit area of the face."""
     return Proposal(
         reference=direction,
-        lobe=medium.scatterer.g,
         footprint=walk.UNLIMITED,
         extent=1.0,
         radius=math.inf,
         probes=np.ascontiguousarray(np.atleast_2d(probes), dtype=np.float64),
-        reverse=reverse,
+        bidirectional=bidirectional,
         max_order=default_max_order(medium),
     )
 
@@ -111,37 +107,42 @@ def trace(
     The bank is a pure function of the arguments but ``threads``; splitting a range of paths over several
     calls and joining the banks gives the same bank.
 
-    Raises
-    ------
-    RuleError
-        If the scatterer is neither isotropic nor Henyey-Greenstein.
     """
-    g = anisotropy_alone(medium.scatterer)
     if medium.albedo == 0 or medium.thickness == 0 or count == 0:
-        return replace(concatenate([]), count=count)
+        return empty_bank(count)
     key = stream_key(seed, stream)
     probes = _with_escape(proposal.probes, medium)
+    shares = np.array([share for _, share in medium.scatterer.components])
 
     def block(start: int) -> PathBank:
         size = min(BLOCK, first + count - start)
-        room = 2 * size if proposal.threshold else int(size * (4 + 4 * medium.optical_depth))
+        capacity = 2 * size if proposal.threshold else int(size * (4 + 4 * medium.optical_depth))
         while True:
-            records = np.empty((room, walk.RECORD))
-            orders = np.empty(room, np.int32)
-            paths, ranks = np.empty(room, np.int64), np.empty(room, np.int64)
+            records = np.empty((capacity, walk.RECORD))
+            orders = np.empty(capacity, np.int32)
+            paths, ranks = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
             found, events, unfinished, unfinished_weight = walk.trace_slab(
                 *key, sample, start, size,
-                medium.thickness, medium.extinction, medium.albedo, g, proposal.lobe,
+                medium.thickness, medium.extinction, medium.albedo, *walk_lobes(medium.scatterer),
                 *proposal.reference, proposal.footprint, proposal.extent, proposal.radius, probes,
-                int(proposal.reverse), proposal.threshold, proposal.max_order, records, orders, paths, ranks,
+                int(proposal.bidirectional), proposal.threshold, proposal.max_order, records, orders, paths, ranks,
             )  # fmt: skip
-            if found <= room:
+            if found <= capacity:
                 break
-            room = found
+            capacity = found
         records, orders, paths = (a.take(ranks[:found], axis=0) for a in (records, orders, paths))
-        return PathBank(records, orders, paths, size, events, unfinished, unfinished_weight)
+        types = _types(shares, seed, sample, orders, paths)
+        return PathBank(records, orders, paths, types, size, events, unfinished, unfinished_weight)
 
     return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads), threads)
+
+
+def _types(shares: np.ndarray, seed: Seed, sample: int, orders: np.ndarray, paths: np.ndarray) -> np.ndarray:
+    """Types int32[M, 2] of the particles at both ends, each by its share: addressed by the path, and by its order."""
+    types = np.zeros((len(paths), 2), np.int32)
+    if len(shares) > 1:
+        walk.draw_types(*stream_key(seed, Stream.TYPES), sample, orders, paths, np.cumsum(shares) / shares.sum(), types)
+    return types
 
 
 def _with_escape(views: np.ndarray, medium: Slab) -> np.ndarray:
@@ -151,3 +152,39 @@ def _with_escape(views: np.ndarray, medium: Slab) -> np.ndarray:
         slope = np.where(vz == 0, 0.0, -medium.extinction / np.where(vz == 0, 1.0, vz))
         far = np.where(vz > 0, medium.optical_depth / np.where(vz > 0, vz, 1.0), np.where(vz < 0, 0.0, np.inf))
     return np.column_stack([views, far, slope])
+
+
+@dataclass(frozen=True)
+class SlabTracer:
+    """Beams or plane waves through a slab: paths in lock step, all starting along one direction.
+
+    Attributes
+    ----------
+    layout : Layout
+    medium : Slab
+    proposal : Proposal
+    """
+
+    layout: Layout
+    medium: Slab
+    proposal: Proposal
+
+    @property
+    def bidirectional(self) -> bool:
+        """Whether a path is weighed, and must be evaluated, in both directions."""
+        return self.proposal.bidirectional
+
+    def trace(
+        self,
+        seed: Seed,
+        count: int,
+        *,
+        first: int = 0,
+        sample: int = 0,
+        stream: Stream = Stream.PATHS,
+        threads: Threads = None,
+    ) -> PathBank:
+        """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; see :func:`trace`."""
+        return trace(
+            self.medium, self.proposal, seed, count, first=first, sample=sample, stream=stream, threads=threads
+        )  # fmt: skip

@@ -8,10 +8,10 @@ from specklegen.kernels import sources as kernel
 from specklegen.kernels.sources import Sources
 from specklegen.kernels.volume import Volume
 from specklegen.kernels.walk import GAUSSIAN, SQUARE, UNLIMITED
-from specklegen.paths.layout import footprint_code, materials, spatial, volume_of
+from specklegen.paths.volumes import footprint_code, materials, spatial, volume_of
 from specklegen.scene.illumination import PlaneWaves, PointSources
 from specklegen.scene.media import Medium, Slab
-from specklegen.scene.scatterers.scatterer import Dimensions
+from specklegen.scene.scatterers import Dimensions
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import NearField
 

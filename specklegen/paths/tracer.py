@@ -1,90 +1,37 @@
-"""Tracing in any geometry: (scene, sources, seed) -> VolumeBank."""
+"""Which paths serve a scene: in lock step through a homogeneous slab, or path by path through anything."""
 
-from dataclasses import dataclass, field, replace
-from typing import Self
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
-from specklegen.core.parallel import Threads, map_blocks
-from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
+from specklegen.core.parallel import Threads
+from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
-from specklegen.kernels import volume_walk, walk
-from specklegen.kernels.phase_table import PhaseTable
-from specklegen.kernels.sources import Sources
-from specklegen.kernels.volume import Volume
-from specklegen.paths.bank import PathBank, concatenate
-from specklegen.paths.endpoints import Endpoints, light_endpoints, probes, view_endpoints
-from specklegen.paths.layout import materials, volume_of
-from specklegen.paths.phase_tables import phase_table
-from specklegen.paths.slab_tracer import BLOCK
+from specklegen.paths.bank import PathBank
+from specklegen.paths.layout import Layout, plane_layout, scene_layout
+from specklegen.paths.roulette import capacious, slab_roulette, volume_roulette
+from specklegen.paths.slab_tracer import SlabTracer, beam_proposal, default_max_order, plane_proposal
 from specklegen.paths.starts import close_points, plane_sources, scene_sources
-from specklegen.scene.media import Medium, Slab
+from specklegen.paths.volume_tracer import VolumeTracer
+from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
+from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
-
-PILOT_PATHS = 4096
-_FIRST_PATHS = 64  # of the pilot, which tell how many more its memory allows
-_PILOT_CONNECTIONS = 2**20
+from specklegen.scene.sensors import FarFieldGrid, NearField
 
 
-@dataclass(frozen=True)
-class VolumeBank(PathBank):
-    """Connections as in :class:`PathBank`, with the particle types at their ends.
+class Tracer(Protocol):
+    """Random paths of a scene, and what their connections are evaluated at."""
 
-    Attributes
-    ----------
-    types : int32[M, 2]
-        Type of the first and of the last particle.
-    """
+    @property
+    def layout(self) -> Layout:
+        """The scene as arrays."""
+        ...
 
-    types: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int32))
-
-    def reversed(self) -> Self:
-        """Return the same paths walked backwards; single scattering, its own reverse, is left out."""
-        return replace(super().reversed(), types=self.multiple.types[:, ::-1])
-
-
-@dataclass(frozen=True)
-class Tracer:
-    """What tracing needs of a scene, laid out for the kernels once.
-
-    Attributes
-    ----------
-    volume, table, sources
-        The medium, its particles, and where paths start.
-    lights, views : Endpoints
-        The two ends of every connection.
-    bidirectional : bool
-        Whether a path is weighed, and must be evaluated, in both directions: for coherent backscattering,
-        and wherever paths may start from the sensor's side.
-    threshold : float
-        Contribution from which a connection is always kept; 0 keeps all.
-    max_order : int
-        Vertices after which a path is ended.
-    room : float
-        Connections a path for which a block reserves memory; a block that finds more is traced twice.
-    """
-
-    volume: Volume
-    table: PhaseTable
-    sources: Sources
-    lights: Endpoints
-    views: Endpoints
-    bidirectional: bool
-    threshold: float
-    max_order: int
-    room: float = 8.0
-
-    def of_ends(self, lights: np.ndarray | slice, views: np.ndarray | slice) -> "Tracer":
-        """The same with only the lights and views of these numbers."""
-        return replace(
-            self,
-            lights=replace(self.lights, vectors=self.lights.vectors[lights]),
-            views=replace(self.views, vectors=self.views.vectors[views]),
-        )
-
-    def probed(self) -> "Tracer":
-        """The same with only a few of the lights and views, which keep their beam profile."""
-        return replace(self, lights=self.lights.few(), views=self.views.few())
+    @property
+    def bidirectional(self) -> bool:
+        """Whether a path is weighed, and must be evaluated, in both directions."""
+        ...
 
     def trace(
         self,
@@ -95,111 +42,95 @@ class Tracer:
         sample: int = 0,
         stream: Stream = Stream.PATHS,
         threads: Threads = None,
-    ) -> VolumeBank:
-        """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; see :func:`specklegen.trace`."""
-        key = stream_key(seed, stream)
-        light_kinds, lights = probes(self.lights)
-        view_kinds, views = probes(self.views)
+    ) -> PathBank:
+        """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``.
 
-        def block(start: int) -> VolumeBank:
-            size = min(BLOCK, first + count - start)
-            room = int(self.room * size) + 1
-            while True:
-                records = np.empty((room, walk.RECORD))
-                orders = np.empty(room, np.int32)
-                paths = np.empty(room, np.int64)
-                types = np.empty((room, 2), np.int32)
-                found, events, unfinished, unfinished_weight = volume_walk.trace_volume(
-                    *key, sample, start, size, self.volume, self.table, self.sources, self.bidirectional,
-                    light_kinds, lights, view_kinds, views, self.threshold, self.max_order,
-                    records, orders, paths, types,
-                )  # fmt: skip
-                if found <= room:
-                    break
-                room = found
-            return VolumeBank(
-                records[:found].copy(), orders[:found].copy(), paths[:found].copy(),
-                size, events, unfinished, unfinished_weight, types[:found].copy(),
-            )  # fmt: skip
+        The bank is a pure function of the arguments but ``threads``; splitting a range of paths over several
+        calls and joining the banks gives the same bank.
+        """
+        ...
 
-        banks = map_blocks(block, range(first, first + count, BLOCK), threads)
-        types = np.concatenate([bank.types for bank in banks]) if banks else np.empty((0, 2), np.int32)
-        joined = concatenate(list(banks))
-        return VolumeBank(**{**vars(joined), "count": count, "types": types})
+
+def lock_step_obstacle(scene: Scene) -> str | None:
+    """Why paths in lock step do not serve a scene; None where they do."""
+    if not isinstance(scene.medium, Slab):
+        return f"the medium is a {type(scene.medium).__name__}"
+    if scene.dimension == 2:
+        return "the scene is in flatland"
+    if not isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
+        return f"the light is {type(scene.illumination).__name__}"
+    if isinstance(scene.sensor, NearField):
+        return "the sensor is in the near field"
+    return None
+
+
+@remembered(64)
+def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
+    """Tracer of a scene with or without reversed paths, its roulette set by a pilot."""
+    return volume_tracer(scene, reverse) if lock_step_obstacle(scene) else slab_tracer(scene, reverse)
+
+
+@remembered(64)
+def slab_tracer(scene: Scene, reverse: bool) -> SlabTracer:
+    """Tracer of beams through a slab."""
+    views = probe_views(scene)
+    proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse)
+    tracer = SlabTracer(scene_layout(scene), scene.slab, proposal)
+    if not len(views) or not len(scene.beams.directions):
+        return tracer
+    return slab_roulette(tracer, proposal.reference, pilot_seed(scene.unitless_fingerprint()))
 
 
 @remembered(32)
-def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
-    """Tracer of a scene, thinned by a pilot keyed by the scene in wavelengths.
+def volume_tracer(scene: Scene, reverse: bool) -> VolumeTracer:
+    """Tracer of any scene.
 
     Connections are not thinned where sensor points lie close: what is bright there is not known from a few
     of them.
     """
-    volume = volume_of(scene.medium, scene.dimension)
-    sources = scene_sources(scene)
-    views = view_endpoints(scene)
-    bidirectional = reverse or bool(close_points(scene, volume))
-    tracer = Tracer(
-        volume=volume,
-        table=phase_table(materials(scene.medium), 2 if scene.dimension == 2 else 3),
-        sources=sources,
-        lights=light_endpoints(scene),
-        views=views,
-        bidirectional=bidirectional,
+    layout = scene_layout(scene)
+    tracer = VolumeTracer(
+        layout=layout,
+        sources=scene_sources(scene),
+        bidirectional=reverse or bool(close_points(scene, layout.volume)),
         threshold=0.0,
-        max_order=_max_order(scene.medium),
+        max_order=default_max_order(scene.medium),
     )
-    return _roomy(tracer if views.near else _thinned(tracer, pilot_seed(scene.unitless_fingerprint())))
+    seed = pilot_seed(scene.unitless_fingerprint())
+    return capacious(tracer if layout.views.near else volume_roulette(tracer, seed))
 
 
-def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool) -> Tracer:
-    """Tracer of unlimited plane waves float64[T, 3] on a slab, paths starting along the axis.
+def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool) -> SlabTracer:
+    """Tracer of unlimited plane waves float64[T, 3] on a slab, seen from float64[V, 3], paths starting along the axis.
 
-    Weights are per unit area of the face.
+    Weights are per unit area of the face. Roulette judges the first view, but not where paths serve both ways.
     """
-    tracer = Tracer(
-        volume=volume_of(medium, 3),
-        table=phase_table(materials(medium), 3),
-        sources=plane_sources(medium),
-        lights=Endpoints(False, -lights, wavelength),
-        views=Endpoints(False, views, wavelength),
-        bidirectional=reverse,
-        threshold=0.0,
-        max_order=_max_order(medium),
-    )
-    return _roomy(_thinned(tracer, pilot_seed(medium.fingerprint())))
+    axis = np.array([0.0, 0.0, 1.0])
+    proposal = plane_proposal(medium, axis, views[:1], bidirectional=reverse)
+    tracer = SlabTracer(plane_layout(medium, wavelength, lights, views), medium, proposal)
+    return tracer if reverse else slab_roulette(tracer, axis, pilot_seed(medium.unitless_fingerprint()))
 
 
-def _max_order(medium: Medium) -> int:
-    return int(min(max(1000.0, 10 * medium.optical_depth**2), 2e9))
+def volume_plane_tracer(
+    medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool
+) -> VolumeTracer:
+    """The same paths by the walk of any geometry."""
+    layout = plane_layout(medium, wavelength, lights, views)
+    tracer = VolumeTracer(layout, plane_sources(medium), reverse, 0.0, default_max_order(medium))
+    return capacious(volume_roulette(tracer, pilot_seed(medium.unitless_fingerprint())))
 
 
-def _thinned(tracer: Tracer, seed: int) -> Tracer:
-    """Set the threshold from a pilot, where a path has so many connections that judging them pays."""
-    if not len(tracer.views.vectors) or not len(tracer.lights.vectors):
-        return tracer
-    # Any positive threshold makes the walk judge connections; this one keeps them all but those of no weight.
-    judging = replace(tracer, threshold=1e-300)
-    bank = judging.trace(seed, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
-    count = min(PILOT_PATHS, _FIRST_PATHS * max(1, _PILOT_CONNECTIONS // max(len(bank), 1)))
-    if count > _FIRST_PATHS:
-        bank = judging.trace(seed, count, stream=Stream.PILOT, threads=1)
-    if len(bank) < 4 * count:
-        return tracer  # few connections a path: judging them costs more than it saves
-    judged = bank.weight * _judged_power(tracer, bank)
-    return replace(tracer, threshold=10 * float(judged.mean()))
+def probe_views(scene: Scene) -> np.ndarray:
+    """Views that stand for all in weights and errors: centre and corners of a grid, at most nine others."""
+    sensor = scene.sensor
+    if not isinstance(sensor, FarFieldGrid):
+        flat = scene.views
+        return flat[np.unique(np.linspace(0, len(flat) - 1, 9).astype(int))] if len(flat) else flat
+    center, corners = sensor.center_direction[None], sensor.corner_directions
+    narrow = np.ptp(corners, axis=0).max() < 0.05 * (1 - abs(scene.slab.scatterer.mean_cosine()))
+    return center if narrow else np.concatenate([center, corners])
 
 
-def _roomy(tracer: Tracer) -> Tracer:
-    """Reserve twice what a pilot's paths connect; memory that is not written to costs nothing."""
-    bank = tracer.trace(0, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
-    return replace(tracer, room=2 * len(bank) / _FIRST_PATHS + 1)
-
-
-def _judged_power(tracer: Tracer, bank: VolumeBank) -> np.ndarray:
-    """float64[M], |A|^2 |B|^2 at the brightest probes: the scale on which the walk thins."""
-    from specklegen.paths.endpoint_factors import endpoint_factors
-
-    few = replace(tracer, lights=tracer.lights.probed(), views=tracer.views.probed())
-    light = np.square(np.abs(endpoint_factors(few, bank, few.lights, "entry"))).max(axis=0)
-    return light * np.square(np.abs(endpoint_factors(few, bank, few.views, "exit"))).max(axis=0)
+def without_roulette(tracer: SlabTracer) -> SlabTracer:
+    """The same tracer, which keeps every connection."""
+    return replace(tracer, proposal=replace(tracer.proposal, threshold=0.0))

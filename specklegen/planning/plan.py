@@ -2,15 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from specklegen.core.decision import Decision
 from specklegen.mean.field import ballistic_fraction
-from specklegen.paths.chunks import Chunks
 from specklegen.paths.gaussianity import Gaussianity
-from specklegen.paths.slab_tracer import Proposal
-from specklegen.samplers.path_sums.nufft import NufftPlan
-from specklegen.samplers.stationary.rule import Kernel
+from specklegen.samplers.sampler import Sampler
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.media import Medium, Slab, VoxelGrid
 from specklegen.scene.scene import Scene
@@ -25,29 +20,12 @@ class Plan:
     Attributes
     ----------
     scene : Scene
-    paths : int
-        Paths to trace a realization ("paths"), or once for the memory-effect kernel ("stationary").
-    sampler, summation : str
-        "paths" with "nufft" or "direct", "covariance" with "eigenvectors", or "stationary".
+    chosen : Sampler
+        The sampler, dimensioned.
     reverse, mean : bool
         Whether reversed paths and the mean field take part.
     decisions : tuple of Decision
-        Every gate, with its reason.
-    proposal : Proposal or None
-        How paths are drawn through a slab; None where the general engine serves (any geometry).
-    nufft : NufftPlan or None
-        The view factors, where the NUFFT is used.
-    kernel : "axial", "oblique" or None
-        The memory-effect kernel of the stationary sampler: of the axis, or about the middle of the beams and views.
-    expected_error : float
-        Root of the excess correlation of intensities from a finite number of paths, at the worst view
-        ("paths"); relative standard error of the intensity scale ("stationary").
-    gaussianity : Gaussianity
-        Whether so many paths make Gaussian speckle.
-    connections_per_path, events_per_path : float
-        From the pilot.
-    chunks : Chunks
-        Paths that are traced and summed at a time.
+        What takes part and what does not, each with its reason.
     operations : dict
         Counted operations of one realization, by the names of :data:`specklegen.core.nanoseconds.NANOSECONDS`.
     seconds : float
@@ -59,29 +37,44 @@ class Plan:
     """
 
     scene: Scene
-    paths: int
-    sampler: str
-    summation: str
+    chosen: Sampler
     reverse: bool
     mean: bool
     decisions: tuple[Decision, ...]
-    proposal: Proposal | None
-    nufft: NufftPlan | None
-    kernel: Kernel | None
-    expected_error: float
-    gaussianity: Gaussianity
-    connections_per_path: float
-    events_per_path: float
-    chunks: Chunks
     operations: dict[str, float]
     seconds: float
     memory_bytes: int
     alternatives: dict[str, float]
 
     @property
-    def field_dtype(self) -> type:
-        """Precision in which fields are summed."""
-        return self.nufft.dtype if self.nufft else np.complex128
+    def sampler(self) -> str:
+        """Name of the sampler: "paths", "covariance" or "stationary"."""
+        return self.chosen.name
+
+    @property
+    def summation(self) -> str:
+        """How its fields come about: "nufft" or "direct", "eigenvectors", or "FFT or matrix products"."""
+        return self.chosen.summation
+
+    @property
+    def paths(self) -> int:
+        """Paths to trace a realization ("paths"), or once ("stationary", "covariance")."""
+        return self.chosen.paths
+
+    @property
+    def expected_error(self) -> float:
+        """Relative error that so many paths leave; ``chosen.error_of`` says of what."""
+        return self.chosen.expected_error
+
+    @property
+    def gaussianity(self) -> Gaussianity:
+        """Whether so many paths make Gaussian speckle."""
+        return self.chosen.gaussianity
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What was asked for although its rule is against it."""
+        return tuple(f"{d.part}: {d.reason}" for d in self.decisions if d.doubt)
 
     def explain(self) -> str:
         """Tell in words what will be done, what is left out and why, what it costs and what else would cost."""
@@ -91,9 +84,9 @@ class Plan:
             f"Sampler: {self.sampler} ({self.summation}), {self.paths} paths.",
         ]
         lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.decisions]
-        what = "intensity scale" if self.sampler == "stationary" else "false intensity correlation"
         lines += [
-            f"Expected error ({what}, relative): {self.expected_error:.2g}; four times the paths halve it.",
+            f"Expected error ({self.chosen.error_of}, relative): {self.expected_error:.2g}; "
+            "four times the paths halve it.",
             f"Speckle: {self.gaussianity}",
             f"Cost: about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
         ]
@@ -123,5 +116,5 @@ def _described(medium: Medium) -> str:
     size = f" {medium.thickness:.4g} thick" if isinstance(medium, Slab) else ""
     return (
         f"{type(medium).__name__}{size} of optical depth {medium.optical_depth:.4g}, "
-        f"anisotropy {medium.scatterer.g:.4g}, albedo {medium.albedo:g}"
+        f"anisotropy {medium.scatterer.mean_cosine():.4g}, albedo {medium.albedo:g}"
     )  # fmt: skip

@@ -1,43 +1,40 @@
 """Planning: scene and budget -> Plan, from a pilot and counted operations, never from a clock.
 
-Each gate is a function beside its physics that returns a :class:`Decision`; the planner folds them. A plan
-is a pure function of the scene and the arguments: pilots are keyed by the scene's fingerprint. Predicted
-seconds may differ between machines, choices may not.
+Each rule stands beside its physics and returns a :class:`~specklegen.core.decision.Decision`; the planner asks every
+sampler and folds what they say. A plan is a pure function of the scene and the arguments: pilots are keyed by the
+scene's fingerprint. Predicted seconds may differ between machines, choices may not.
 """
-
-from dataclasses import replace
 
 import numpy as np
 
-from specklegen.core.budgets import DEFAULT_PATHS, checked_budget
+from specklegen.core.budgets import checked_budget
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.memory import available_memory
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
-from specklegen.mean.rule import mean_decision, volume_mean_decision
-from specklegen.paths.gaussianity import EXACT
-from specklegen.paths.pilot import scene_pilot
-from specklegen.paths.reversal import Reverse, scene_reversal, slab_engine_obstacle
-from specklegen.paths.tracer import scene_tracer
-from specklegen.paths.volume_pilot import volume_pilot
-from specklegen.planning.costs import (
-    VolumeWork,
-    Work,
-    memory_bytes,
-    operations,
-    tracing_operations,
-    volume_memory_bytes,
-    volume_operations,
-)
+from specklegen.mean.rule import mean_decision
+from specklegen.paths.reversal import Reverse, scene_reversal
+from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
-from specklegen.samplers.path_sums.summation import summation_decision
-from specklegen.samplers.sampler import Sampler
-from specklegen.samplers.stationary.rule import stationary_decision
+from specklegen.samplers.covariance import sampler as covariance
+from specklegen.samplers.path_sums import sampler as path_sums
+from specklegen.samplers.sampler import SamplerName, Wish
+from specklegen.samplers.stationary import sampler as stationary
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid, require_resolved
-from specklegen.scene.validity import validity_verdicts
+from specklegen.scene.validity import validity_decisions
+
+SAMPLERS = {
+    "stationary": stationary.consider,
+    "paths": path_sums.consider,
+    "covariance": covariance.consider,
+}
+"""Every sampler by the name that one asks for it, and its rule."""
+
+PREFERRED: tuple[SamplerName, ...] = ("stationary", "paths")
+"""Those that "auto" asks, the cheapest first."""
 
 STATIONARY_TOLERANCE = 0.02
 SIMPLER = Decision(
@@ -51,7 +48,7 @@ def plan(
     *,
     paths: int | None = None,
     rel_error: float | None = None,
-    sampler: Sampler = "auto",
+    sampler: SamplerName = "auto",
     reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
@@ -74,13 +71,14 @@ def plan(
         the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
         "auto", or one of "paths", "covariance", "stationary". "covariance" (few lights and views) estimates
-        the covariance once and draws every realization from its eigenvectors.
+        the covariance once and draws every realization from its eigenvectors. A sampler that is asked for serves even
+        where its rule is against it, if it can; the plan's ``doubts`` say so.
     reverse
         Coherent backscattering: True, False or "auto".
     mean
         Whether the mean field will be added.
     field_tolerance
-        Relative error of the NUFFT summation against the direct sum.
+        Relative error of the NUFFT against the direct sum.
     streamed
         State, and hold against the memory there is, what :func:`specklegen.render_tiles` holds at a time.
     threads
@@ -95,153 +93,43 @@ def plan(
     checked_budget("plan", paths, rel_error, None)
     if not 0 < field_tolerance < 1:
         reject("field_tolerance", "between 0 and 1", field_tolerance)
-    if sampler not in ("auto", "paths", "covariance", "stationary"):
+    if sampler != "auto" and sampler not in SAMPLERS:
         reject("sampler", 'one of "auto", "paths", "covariance", "stationary"', sampler)
     tolerance = rel_error if rel_error is not None else STATIONARY_TOLERANCE
     grid = scene.sensor
     if isinstance(grid, FarFieldGrid) and isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
-
-    obstacle = slab_engine_obstacle(scene)
     if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
         _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
-    if obstacle or sampler == "covariance":
-        return _plan_volume(scene, obstacle, paths, rel_error, sampler, reverse, mean, tolerance, threads)
 
-    return _plan_slab(scene, paths, rel_error, sampler, reverse, mean, tolerance, field_tolerance, streamed, threads)
-
-
-def _plan_slab(
-    scene: Scene,
-    paths: int | None,
-    rel_error: float | None,
-    sampler: Sampler,
-    reverse: Reverse,
-    mean: bool,
-    tolerance: float,
-    field_tolerance: float,
-    streamed: bool,
-    threads: int | None,
-) -> Plan:
-    """Plan for beams through a slab: the stationary sampler, or paths by NUFFT or summed directly."""
     reversal = scene_reversal(scene, reverse, tolerance)
-    pilot = scene_pilot(scene, reversal.needed)
-    if paths is None:
-        paths = DEFAULT_PATHS if rel_error is None else pilot.moments.paths_for(rel_error)
-    kernel, stationary = stationary_decision(scene, reversal.needed, sampler, tolerance)
-    decisions = [*validity_verdicts(scene), reversal, mean_decision(scene, mean, tolerance), SIMPLER, stationary]
-    nufft, summation = None, "FFT or matrix products"
-    if not stationary.needed:
-        nufft, decision = summation_decision(scene, pilot, field_tolerance, reversal.needed)
-        decisions.append(decision)
-        summation = "nufft" if nufft else "direct"
-    work = Work(
-        scene=scene,
-        paths=paths,
-        events_per_path=pilot.bank.events / max(pilot.bank.count, 1),
-        connections_per_path=len(pilot.bank) / max(pilot.bank.count, 1),
-        stationary=stationary.needed,
-        nufft=nufft,
-        reverse=reversal.needed,
-        oblique=kernel == "oblique",
-        streamed=streamed,
-    )
-    needed = memory_bytes(work, thread_count(threads))
+    wish = Wish(paths, rel_error, reversal.needed, tolerance, field_tolerance, sampler, streamed)
+    decisions = [*validity_decisions(scene), reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
+    if lock_step_obstacle(scene) is None and len(scene.slab.scatterer.components) == 1:
+        decisions.append(SIMPLER)
+    chosen, told = None, []
+    for name in PREFERRED if sampler == "auto" else (sampler,):
+        chosen, told = SAMPLERS[name](scene, wish)
+        decisions += told
+        if chosen is not None:
+            break
+    assert chosen is not None, "path sums serve every scene"
+    if sampler == "paths":
+        decisions.append(Decision("stationary sampler", False, "as asked"))
+    threads = thread_count(threads)
+    needed = chosen.memory(threads)
     _require_memory(scene, needed)
-    counted = operations(work)
+    counted = dict(chosen.operations())
     return Plan(
         scene=scene,
-        paths=paths,
-        sampler="stationary" if stationary.needed else "paths",
-        summation=summation,
+        chosen=chosen,
         reverse=reversal.needed,
         mean=mean,
         decisions=tuple(decisions),
-        proposal=pilot.proposal,
-        nufft=nufft,
-        kernel=kernel,
-        expected_error=float(np.sqrt(pilot.moments.relative_variance / paths)),
-        gaussianity=EXACT if stationary.needed else pilot.moments.gaussianity(paths),
-        connections_per_path=work.connections_per_path,
-        events_per_path=work.events_per_path,
-        chunks=work.chunks,
         operations=counted,
-        seconds=seconds(counted, thread_count(threads)),
+        seconds=seconds(counted, threads),
         memory_bytes=needed,
-        alternatives=_alternatives(work, thread_count(threads)),
-    )
-
-
-def _alternatives(work: Work, threads: int) -> dict[str, float]:
-    """Seconds of the ways not taken through a slab, for the same paths."""
-    direct = replace(work, stationary=False, nufft=None)
-    found = {}
-    if work.stationary:
-        found[f"tracing {work.paths} paths anew for every realization, all fields aside,"] = seconds(
-            tracing_operations(work), threads
-        )
-    if work.nufft:
-        found["the direct sum"] = seconds(operations(direct), threads)
-    if not work.stationary and not work.reverse:
-        found["adding reversed paths (reverse=True)"] = seconds(operations(replace(direct, reverse=True)), threads)
-    return found
-
-
-def _plan_volume(
-    scene: Scene,
-    obstacle: str | None,
-    paths: int | None,
-    rel_error: float | None,
-    sampler: Sampler,
-    reverse: Reverse,
-    mean: bool,
-    tolerance: float,
-    threads: int | None,
-) -> Plan:
-    """Plan for the general engine: paths summed directly, or a covariance."""
-    if sampler == "stationary":
-        reject("sampler", '"paths", "covariance" or "auto" for this scene', sampler, f"Here {obstacle}.")
-    reversal = scene_reversal(scene, reverse, tolerance)
-    pilot = volume_pilot(scene, reversal.needed)
-    if paths is None:
-        paths = DEFAULT_PATHS if rel_error is None else pilot.moments.paths_for(rel_error)
-    use_covariance = sampler == "covariance"
-    work = VolumeWork(
-        scene=scene,
-        paths=paths,
-        events_per_path=pilot.events_per_path,
-        connections_per_path=pilot.connections_per_path,
-        ways=2 if scene_tracer(scene, reversal.needed).bidirectional else 1,
-        covariance=use_covariance,
-    )
-    needed, counted = volume_memory_bytes(work, thread_count(threads)), volume_operations(work)
-    _require_memory(scene, needed)
-    decisions = [
-        *validity_verdicts(scene),
-        reversal,
-        volume_mean_decision(scene, mean, tolerance, pilot.intensity),
-        Decision("fast engine for beams through a slab", False, obstacle or "the covariance serves any geometry"),
-    ]
-    return Plan(
-        scene=scene,
-        paths=paths,
-        sampler="covariance" if use_covariance else "paths",
-        summation="eigenvectors" if use_covariance else "direct",
-        reverse=reversal.needed,
-        mean=mean,
-        decisions=tuple(decisions),
-        proposal=None,
-        nufft=None,
-        kernel=None,
-        expected_error=float(np.sqrt(pilot.moments.relative_variance / paths)),
-        gaussianity=EXACT if use_covariance else pilot.moments.gaussianity(paths),
-        connections_per_path=pilot.connections_per_path,
-        events_per_path=pilot.events_per_path,
-        chunks=work.chunks,
-        operations=counted,
-        seconds=seconds(counted, thread_count(threads)),
-        memory_bytes=needed,
-        alternatives={},
+        alternatives={way: seconds(some, threads) for way, some in chosen.alternatives().items()},
     )
 
 
@@ -249,7 +137,7 @@ def streaming_obstacle(scene: Scene) -> str | None:
     """Why :func:`specklegen.render_tiles` does not serve a scene; None where it does."""
     if not isinstance(scene.sensor, FarFieldGrid) or not isinstance(scene.illumination, CollimatedBeams):
         return f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
-    return slab_engine_obstacle(scene)
+    return lock_step_obstacle(scene)
 
 
 def _require_memory(scene: Scene, needed: int) -> None:

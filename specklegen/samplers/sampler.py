@@ -1,5 +1,137 @@
-"""What a sampler is to those who choose among them."""
+"""What a sampler is to those who choose among them and run one.
 
-from typing import Literal
+Every sampler is a room of its own: it says whether it may serve a scene and why not (its rule), what it would cost, and
+how it draws. The planner asks each, folds the decisions, and obeys the cheapest that may; nothing else knows which
+sampler it is. A new one is a folder, and a line in :data:`specklegen.planning.planning.SAMPLERS`.
+"""
 
-Sampler = Literal["auto", "paths", "covariance", "stationary"]
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from specklegen.core.random_streams import Seed
+from specklegen.paths.gaussianity import Gaussianity
+from specklegen.scene.illumination import IncoherentObject
+from specklegen.scene.scene import Scene
+
+SamplerName = Literal["auto", "paths", "covariance", "stationary"]
+
+Where = tuple[slice, slice, slice]
+"""Tilts, rows and columns of a piece in its stack."""
+
+FIXED_BYTES = 58 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
+RECORD_BYTES = 14 * 8 + 28  # of a connection
+TILTS_STREAMED = 16  # whose fields on one tile are held at a time where a stack comes piece by piece
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of the sampler of a scene.
+
+    Attributes
+    ----------
+    paths : int or None
+        Paths a realization; None leaves them to ``rel_error`` or the default.
+    rel_error : float or None
+        Error of intensity correlations that a finite number of paths may leave.
+    reverse : bool
+        Whether reversed paths take part.
+    tolerance : float
+        Error within which a sampler must be.
+    field_tolerance : float
+        Relative error of fields against their direct sum.
+    asked : str
+        Name of the sampler that must serve, or "auto".
+    streamed : bool
+        Whether the stack comes piece by piece.
+    """
+
+    paths: int | None
+    rel_error: float | None
+    reverse: bool
+    tolerance: float
+    field_tolerance: float = 1e-3
+    asked: SamplerName = "auto"
+    streamed: bool = False
+
+
+class Drawn(NamedTuple):
+    """One realization: complex64[T, *sensor], or the image float32[*sensor] of an incoherent object; its paths."""
+
+    image: np.ndarray
+    connections: int = 0
+    unfinished: int = 0
+
+
+class Draws(Protocol):
+    """A sampler made ready: what is found once is found."""
+
+    def images(self, realizations: int) -> Iterator[Drawn]:
+        """Realizations 0, 1, ..., in their order."""
+        ...
+
+    def pieces(self, realization: int) -> Iterator[tuple[Where, np.ndarray]]:
+        """One realization piece by piece, complex64[t, h, w]: together the stack of :meth:`images`."""
+        ...
+
+
+class Sampler(Protocol):
+    """A way to render a scene, chosen and dimensioned."""
+
+    @property
+    def name(self) -> str:
+        """As one asks for it."""
+        ...
+
+    @property
+    def summation(self) -> str:
+        """How its fields come about, in a word or two."""
+        ...
+
+    @property
+    def paths(self) -> int:
+        """Paths that it traces, for each realization or once."""
+        ...
+
+    @property
+    def expected_error(self) -> float:
+        """Relative error that so many paths leave."""
+        ...
+
+    @property
+    def error_of(self) -> str:
+        """What that is an error of."""
+        ...
+
+    @property
+    def gaussianity(self) -> Gaussianity:
+        """Whether so many paths make Gaussian speckle."""
+        ...
+
+    def operations(self) -> Mapping[str, float]:
+        """Counted operations of the first realization, by the names of :mod:`specklegen.core.nanoseconds`."""
+        ...
+
+    def alternatives(self) -> Mapping[str, Mapping[str, float]]:
+        """Operations that other ways to the same would take, by what they are."""
+        ...
+
+    def memory(self, threads: int) -> int:
+        """Bytes by which the process grows at most in its first plan and render, of one realization."""
+        ...
+
+    def prepare(self, seed: Seed, threads: int | None) -> Draws:
+        """Do once what all realizations share."""
+        ...
+
+
+def image_of(scene: Scene, field: np.ndarray) -> np.ndarray:
+    """Field [T, ...] of one medium as complex64[T, *sensor], or the image float32[*sensor] of an incoherent object."""
+    field = field.reshape(len(field), *scene.sensor.shape)
+    if not isinstance(scene.illumination, IncoherentObject):
+        return field.astype(np.complex64)
+    brightness = scene.illumination.brightness
+    power = np.square(field.real) + np.square(field.imag)
+    return np.tensordot(brightness[brightness > 0], power, axes=1).astype(np.float32)

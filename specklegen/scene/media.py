@@ -7,7 +7,8 @@ from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, NonNegative, Positive, UnitInterval, Value, position_vectors
-from specklegen.scene.scatterers.scatterer import Scatterer
+from specklegen.scene.scatterers import AnyScatterer
+from specklegen.scene.unitless import unitless_fingerprint
 
 
 class Slab(Value):
@@ -29,7 +30,7 @@ class Slab(Value):
     thickness: NonNegative
     mean_free_path: Positive
     albedo: UnitInterval = 1.0
-    scatterer: Scatterer
+    scatterer: AnyScatterer
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -46,10 +47,14 @@ class Slab(Value):
         """sigma_t = 1 / mean_free_path, per unit length."""
         return 1 / self.mean_free_path
 
+    def unitless_fingerprint(self) -> str:
+        """SHA-256 of the slab in units of its thickness (or, without any, of its mean free path)."""
+        return unitless_fingerprint(self, self.thickness or self.mean_free_path)
+
     @property
     def transport_length(self) -> float:
         """l* = mean_free_path / (1 - g): distance over which a path forgets its direction."""
-        return self.mean_free_path / (1 - self.scatterer.g)
+        return self.mean_free_path / (1 - self.scatterer.mean_cosine())
 
 
 class Box(Value):
@@ -68,7 +73,7 @@ class Box(Value):
     upper: Array
     mean_free_path: Positive
     albedo: UnitInterval = 1.0
-    scatterer: Scatterer
+    scatterer: AnyScatterer
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -116,7 +121,7 @@ class VoxelGrid(Value):
     extinction: Array
     albedo: Array = Field(default_factory=lambda: np.ones(()), validate_default=True)
     material: Array = Field(default_factory=lambda: np.zeros(()), validate_default=True)
-    scatterers: tuple[Scatterer, ...]
+    scatterers: tuple[AnyScatterer, ...]
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -1,8 +1,6 @@
 """The scene: what is simulated, in one frozen value."""
 
-import hashlib
-import json
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from pydantic import model_validator
@@ -12,18 +10,11 @@ from specklegen.core.values import Positive, Value
 from specklegen.scene.illumination import CollimatedBeams, Illumination, IncoherentObject, PlaneWaves, PointSources
 from specklegen.scene.media import Medium, Slab, VoxelGrid
 from specklegen.scene.scatterers.mie import Mie
-from specklegen.scene.scatterers.scatterer import components
 from specklegen.scene.sensors import FarFieldGrid, NearField, Sensor
+from specklegen.scene.unitless import unitless_fingerprint
 
 NEAREST = 0.01
 """Wavelengths between a sensor point and a source inside the medium, at least."""
-
-_LENGTHS = {
-    "wavelength": 1, "thickness": 1, "mean_free_path": 1, "width": 1, "radius": 1, "lower": 1, "upper": 1, "points": 1,
-    "extinction": -1,
-}  # fmt: skip
-"""Fields of a scene with a dimension, and the power of length that it is."""
-
 
 class Scene(Value):
     """A medium, its illumination and a sensor. Every length is in one unit, which the wavelength fixes.
@@ -91,7 +82,7 @@ class Scene(Value):
         """Refuse Mie spheres made for another wavelength."""
         medium = self.medium
         scatterers = medium.scatterers if isinstance(medium, VoxelGrid) else (medium.scatterer,)
-        for particle in (p for scatterer in scatterers for p in components(scatterer)[0]):
+        for particle in (p for scatterer in scatterers for p, _ in scatterer.components):
             if isinstance(particle, Mie) and abs(particle.wavelength / self.wavelength - 1) > 1e-9:
                 reject(
                     "Mie.wavelength", f"that of the scene, {self.wavelength:g}", particle.wavelength,
@@ -100,8 +91,7 @@ class Scene(Value):
 
     def unitless_fingerprint(self) -> str:
         """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit of length."""
-        content = _unitless(self.model_dump(mode="json"), self.wavelength)
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        return unitless_fingerprint(self, self.wavelength)
 
     @property
     def dimension(self) -> int:
@@ -167,12 +157,3 @@ class Scene(Value):
 
 def _light_vectors(illumination: Illumination) -> np.ndarray:
     return illumination.points if isinstance(illumination, PointSources) else illumination.directions
-
-
-def _unitless(content: Any, wavelength: float, power: int = 0) -> Any:
-    """JSON with every field of ``_LENGTHS`` divided by its power of the wavelength, and rounded."""
-    if isinstance(content, dict):
-        return {key: _unitless(value, wavelength, _LENGTHS.get(key, 0)) for key, value in content.items()}
-    if isinstance(content, list):
-        return [_unitless(value, wavelength, power) for value in content]
-    return float(f"{content / wavelength**power:.9g}") if power else content

@@ -25,7 +25,7 @@ def warn_of_dependence(mean_free_path: float, wavelength: float) -> None:
 
 
 
-def validity_verdicts(scene: Scene) -> list[Decision]:
+def validity_decisions(scene: Scene) -> list[Decision]:
     """What the physics itself assumes of a scene, where it is doubtful."""
     found = []
     medium, wavelength = scene.medium, scene.wavelength

@@ -11,8 +11,8 @@ from scipy.special import spherical_jn, spherical_yn
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.scene.scatterers import is_henyey_greenstein
 from specklegen.scene.scatterers.mie import ACCURACY
-from specklegen.scene.scatterers.scatterer import is_henyey_greenstein
 
 PI, NAN = np.pi, np.nan
 RIPPLES = sg.Tabulated(theta=[0.0, 0.3, 1.0, 2.0, PI], amplitude=[3.0, -1 + 2j, 0.0, 0.5j, 1.0])

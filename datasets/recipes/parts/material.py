@@ -17,7 +17,7 @@ from specklegen.samplers.stationary.atlas import correlation_for
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.samplers.stationary.spectrum import LightModes, Spectrum, estimate_spectral_correlation, light_modes
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+from specklegen.scene.scatterers import HenyeyGreenstein
 
 KernelSource = Literal["estimate", "atlas"]
 _PARAMETERS = ("thickness", "optical_depth", "g", "albedo")
@@ -176,7 +176,7 @@ class KnownMaterial:
             "thickness": slab.thickness,
             "mean_free_path": slab.mean_free_path,
             "optical_depth": slab.optical_depth,
-            "g": slab.scatterer.g,
+            "g": slab.scatterer.mean_cosine(),
             "albedo": slab.albedo,
             "ballistic_fraction": float(np.exp(-slab.optical_depth)),
             "single_share": self.kernel.single_share,

@@ -21,11 +21,14 @@ from specklegen.core.parallel import Threads, even_slices, in_turn, map_blocks, 
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.core.statistics import BATCHES
 from specklegen.kernels.rng import fill_normals
+from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.paths.layout import Layout
+from specklegen.paths.pilot import volume_pilot
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.slab_tracer import BLOCK
-from specklegen.paths.tracer import Tracer, VolumeBank, scene_tracer
-from specklegen.paths.volume_pilot import volume_pilot
+from specklegen.paths.tracer import volume_tracer
+from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.samplers.covariance.single_scattering import Orders, all_quadruples, single_covariance, single_decision
 from specklegen.scene.scene import Scene
 from specklegen.scene.validity import warn_of_dependence
@@ -168,10 +171,10 @@ def covariance(
     tracer, reversal = _prepare(scene, reverse, tolerance)
     reverse = reversal.needed
     if pairs is None:
-        chosen, seen, entries = None, tracer, _all_pairs(t * v)
+        chosen, seen, entries = None, tracer.layout, _all_pairs(t * v)
     else:
         chosen = _checked_pairs(pairs, t, v)
-        seen, entries = _chosen_pairs(tracer, chosen)
+        seen, entries = _chosen_pairs(tracer.layout, chosen)
     alone = single_decision(scene, orders, len(chosen) if chosen is not None else (t * v) ** 2, tolerance, reverse)
     decisions = (reversal, alone)
     if not alone.needed:
@@ -219,12 +222,12 @@ def covariance_blocks(
     warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
     checked_budget("covariance_blocks", paths, None, None)
     tracer, reversal = _prepare(scene, reverse, tolerance)
-    t, v = len(tracer.lights.vectors), len(tracer.views.vectors)
+    t, v = len(scene.lights), len(scene.views)
     _require_memory(t, v, rows)
     for start in range(0, t * v, rows):
         part = slice(start, min(start + rows, t * v))
         entries = _rows(part, t * v)
-        found = _estimate(tracer, tracer, paths, seed, reverse=reversal.needed, entries=entries, threads=threads)
+        found = _estimate(tracer, tracer.layout, paths, seed, reverse=reversal.needed, entries=entries, threads=threads)
         yield part, found.reshaped((part.stop - part.start, t, v))
 
 
@@ -254,8 +257,8 @@ def _all_pairs(n: int) -> _Entries:
     return _Entries((n, n), lower_triangle, lambda power: np.sqrt(np.outer(power, power)), symmetric=True)
 
 
-def _chosen_pairs(tracer: Tracer, pairs: np.ndarray) -> tuple[Tracer, _Entries]:
-    """The chosen entries, and the tracer with only the lights and views that they name: no other end is evaluated."""
+def _chosen_pairs(layout: Layout, pairs: np.ndarray) -> tuple[Layout, _Entries]:
+    """The chosen entries, and the layout with only the lights and views that they name: no other end is evaluated."""
     lights, light_numbers = np.unique(pairs[:, [0, 2]], return_inverse=True)
     views, view_numbers = np.unique(pairs[:, [1, 3]], return_inverse=True)
     left, right = (light_numbers.reshape(-1, 2) * len(views) + view_numbers.reshape(-1, 2)).T
@@ -264,7 +267,7 @@ def _chosen_pairs(tracer: Tracer, pairs: np.ndarray) -> tuple[Tracer, _Entries]:
         out += np.einsum("pm,pm->p", a[left], a[right].conj())
 
     scale = _Entries((len(pairs),), entries, lambda power: np.sqrt(power[left] * power[right]))
-    return tracer.of_ends(lights, views), scale
+    return layout.of_ends(lights, views), scale
 
 
 def _rows(part: slice, n: int) -> _Entries:
@@ -274,16 +277,16 @@ def _rows(part: slice, n: int) -> _Entries:
     return _Entries((part.stop - part.start, n), rows, lambda power: np.sqrt(np.outer(power[part], power)))
 
 
-def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, Decision]:
+def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[VolumeTracer, Decision]:
     if not 0 < tolerance < 1:
         reject("covariance tolerance", "between 0 and 1", tolerance)
     reversal = scene_reversal(scene, reverse, tolerance)
-    return scene_tracer(scene, reversal.needed), reversal
+    return volume_tracer(scene, reversal.needed), reversal
 
 
 def _estimate(
-    tracer: Tracer,
-    seen: Tracer,
+    tracer: VolumeTracer,
+    seen: Layout,
     paths: int,
     seed: Seed,
     *,
@@ -304,6 +307,7 @@ def _estimate(
     batches = even_slices(paths, BATCHES)
     step = max(1, COVARIANCE_ELEMENTS // max(pairs, 1))
     members = thread_count(threads)
+    ways = partial(_both_ways, seen, tracer.bidirectional, reverse)
 
     def batch(part: slice, threads: Threads) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         once, often = np.zeros((2, *entries.shape), np.complex128)
@@ -314,7 +318,7 @@ def _estimate(
             cut += bank.unfinished
             amplitudes = chain(
                 ((once, single_amplitudes(seen, piece, threads)) for piece in _pieces(bank.single, step)),
-                ((often, multiple_amplitudes(seen, piece, reverse, threads)) for piece in _pieces(bank.multiple, step)),
+                ((often, ways(piece, threads)) for piece in _pieces(bank.multiple, step)),
             )
             for out, some in amplitudes:
                 entries.add(out, some, threads)
@@ -340,6 +344,10 @@ def _estimate(
     return Covariance(total, error, single, total - single, paths, reverse, float(relative), unfinished)
 
 
+def _both_ways(layout: Layout, bidirectional: bool, reverse: bool, bank: PathBank, threads: Threads) -> np.ndarray:
+    return multiple_amplitudes(layout, bank, bidirectional=bidirectional, reverse=reverse, threads=threads)
+
+
 def _standard_error(squares: np.ndarray, mean: np.ndarray, n: int) -> np.ndarray:
     """Error of a mean from the sum of |what each of n batches adds to it|^2; NaN where n < 2."""
     if n < 2:
@@ -353,7 +361,7 @@ def batches_side_by_side(entries: int, threads: int) -> int:
     return max(1, min(threads, threads * _ENTRIES // max(entries, 1)))
 
 
-def _pieces(bank: VolumeBank, step: int) -> Iterator[VolumeBank]:
+def _pieces(bank: PathBank, step: int) -> Iterator[PathBank]:
     return (bank.select(slice(start, start + step)) for start in range(0, len(bank), step))
 
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.paths.volume_pilot import volume_pilot
+from specklegen.paths.pilot import volume_pilot
 from specklegen.scene.illumination import PlaneWaves
 from specklegen.scene.media import Box
-from specklegen.scene.scatterers.scatterer import Dimensions, components
+from specklegen.scene.scatterers import Dimensions
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import NearField
 from specklegen.theory.single_scattering import box_covariance
@@ -51,7 +51,7 @@ def single_covariance(scene: Scene, quadruples: np.ndarray) -> np.ndarray:
     dimensions: Dimensions = 2 if scene.dimension == 2 else 3
     i1, v1, i2, v2 = quadruples.T
     total = np.zeros(len(quadruples), np.complex128)
-    for particle, share in zip(*components(medium.scatterer), strict=True):
+    for particle, share in medium.scatterer.components:
         total += share * box_covariance(
             medium.lower, medium.upper, extinction=medium.extinction, albedo=medium.albedo,
             wavelength=scene.wavelength, amplitude=lambda cos, s=particle: s.amplitude(cos, dimensions),

@@ -1,77 +1,116 @@
-"""The direct sum: the field of a bank at any far-field directions. Slow, exact, the reference."""
+"""The direct sum: the field of a bank at any lights and views. Slow, exact, the reference.
+
+u(t, v) = N^(-1/2) sum over connections of z sqrt(W) a_tv,    z = e^(2 pi i zeta), the same for all t and v
+"""
 
 import numpy as np
 
-from specklegen.core.parallel import Threads, map_blocks
+from specklegen.core.parallel import Threads, map_blocks, one_blas_thread
+from specklegen.core.random_streams import Seed
 from specklegen.kernels import sums
+from specklegen.kernels.phase_table import HENYEY_3D, ISOTROPIC_3D
+from specklegen.kernels.volume import VOXELS
 from specklegen.paths.bank import PathBank
-from specklegen.paths.slab_optics import (
-    Optics,
-    illumination_ends,
-    offsets,
-    reversal_phases,
-    single_amplitudes,
-)
+from specklegen.paths.endpoint_factors import endpoint_factors, light_strengths, single_factors
+from specklegen.paths.layout import Layout
+from specklegen.paths.phases import random_phases, reversal_phases
+from specklegen.paths.tracer import Tracer
+
+FIELD_ELEMENTS = 2**21  # of the largest array of endpoint factors held at a time
+VIEWS_AT_ONCE = 128  # per block of parallel work
+
+Phases = tuple[np.ndarray, np.ndarray | None]
+"""Unit phasors complex128[M] of the connections, and of the same paths walked backwards, where these take part."""
 
 
-def direct_field(
-    bank: PathBank,
-    optics: Optics,
-    phases: np.ndarray,
-    views: np.ndarray,
-    *,
-    reverse: bool = False,
-    threads: Threads = None,
-) -> np.ndarray:
+def path_phases(tracer: Tracer, bank: PathBank, seed: Seed, sample: int, reverse: bool, threads: Threads = 1) -> Phases:
+    """Random phases of a bank, addressed by (path, order); both ways of a path share one where they interfere."""
+    z = random_phases(bank, seed, sample, threads=threads)
+    if not tracer.bidirectional:
+        return z, None
+    return z, z if reverse else random_phases(bank, seed, sample, backwards=True, threads=threads)
+
+
+def direct_field(layout: Layout, bank: PathBank, phases: Phases, *, threads: Threads = None) -> np.ndarray:
     """Sum over the connections of a bank, complex128[T, V], divided by the root of the number of paths.
 
     Parameters
     ----------
-    bank, optics
-        Connections, and the scene's optics.
+    layout, bank
+        The scene, and its connections.
     phases
-        complex128[M], one phasor per connection (:func:`specklegen.paths.slab_optics.random_phases`).
-    views
-        float64[V, 3], unit vectors.
-    reverse
-        Add each path's reversal, with the same phase; the bank must have been traced for it.
+        Of :func:`path_phases`; without those of the way backwards, only forward paths are summed.
     threads
         The result does not depend on it: views are shared out, every view's sum keeps its order.
     """
-    is_single = bank.orders == 1
-    singles, multiples = bank.select(is_single), bank.select(~is_single)
-    field = _sum(singles, optics, phases[is_single], views, single=True, threads=threads)
-    field *= single_amplitudes(optics, views)
-    field += _sum(multiples, optics, phases[~is_single], views, single=False, threads=threads)
-    if reverse:
-        factors = phases[~is_single] * reversal_phases(bank, optics)
-        field += _sum(bank.reversed(), optics, factors, views, single=False, threads=threads)
+    forward, backward = phases
+    once = bank.orders == 1
+    single, multiple = bank.select(once), bank.select(~once)
+    field = np.zeros((len(layout.lights.vectors), len(layout.views.vectors)), np.complex128)
+    add = _add_fused if is_plain_slab(layout) else _add
+    with one_blas_thread():
+        add(layout, single, forward[once], field, threads)
+        add(layout, multiple, forward[~once], field, threads)
+        if backward is not None:
+            factors = backward[~once] * reversal_phases(layout, multiple)
+            add(layout, multiple.reversed(), factors, field, threads)
     return field / np.sqrt(max(bank.count, 1))
 
 
-def _sum(
-    bank: PathBank,
-    optics: Optics,
-    factors: np.ndarray,
-    views: np.ndarray,
-    *,
-    single: bool,
-    threads: Threads,
-) -> np.ndarray:
-    field = np.zeros((len(views), len(optics.tilts)), np.complex128)
+def _add(
+    layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads
+) -> None:
+    """Add the connections of a bank, of single or of multiple scattering, as products of matrices."""
+    lights, views = field.shape
+    step = max(64, FIELD_ELEMENTS // max(lights + views, 1))
+    for start in range(0, len(bank), step):
+        some = bank.select(slice(start, start + step))
+        lit = light_strengths(layout, some, factors[start : start + step])
+        once = bool(some.orders[0] == 1)
+
+        def block(first: int, some: PathBank = some, lit: np.ndarray = lit, once: bool = once) -> None:
+            part = slice(first, first + VIEWS_AT_ONCE)
+            few = layout.of_ends(slice(None), part)
+            ends = endpoint_factors(few, some, few.views, "exit")
+            if not once:
+                field[:, part] += lit @ ends.T
+                return
+            s = single_factors(few, some)
+            if s.shape[-1] == 1:
+                field[:, part] += s[..., 0] * (lit @ ends.T)
+            else:
+                field[:, part] += np.einsum("tm,vm,tvm->tv", lit, ends, s)
+
+        map_blocks(block, range(0, views, VIEWS_AT_ONCE), threads)
+
+
+def is_plain_slab(layout: Layout) -> bool:
+    """Whether far views look at a homogeneous slab of one type of isotropic or Henyey-Greenstein particles."""
+    volume, table = layout.volume, layout.table
+    far = not (layout.views.near or layout.lights.near)
+    infinite = bool(np.isinf(volume.bounds[0, 0])) and volume.dimension == 3
+    plain = len(table.kinds) == 1 and table.kinds[0] in (ISOTROPIC_3D, HENYEY_3D)
+    return far and infinite and plain and int(volume.cells[VOXELS].prod()) == 1
+
+
+def _add_fused(
+    layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads
+) -> None:
+    """The same in one pass for a plain slab: factors of the views are found and summed at once, never held."""
     if len(bank) == 0 or field.size == 0:
-        return field.T
-    ends = np.ascontiguousarray(illumination_ends(bank, optics, factors, single=single).T)
-    views = np.ascontiguousarray(views)
-    turns = offsets(views, optics.view_reference, optics.wavelength)
-    medium = optics.medium
+        return
+    single = bool(bank.orders[0] == 1)
+    total = np.zeros(field.shape[::-1], np.complex128)
+    strengths = np.ascontiguousarray(light_strengths(layout, bank, factors, threads).T)
+    views, turns = np.ascontiguousarray(layout.views.vectors), layout.views.turns
+    g = layout.table.parameters[0, 0] if layout.table.kinds[0] == HENYEY_3D else 0.0
+    thickness, extinction = layout.volume.bounds[1, 2], layout.volume.extinction[0]
 
     def block(part: slice) -> None:
         sums.direct_sum(
-            bank.records, int(single), medium.scatterer.g, medium.extinction, medium.thickness,
-            ends, views[part], turns[part], field[part],
-        )  # fmt: skip
+            bank.records, int(single), g, extinction, thickness, strengths, views[part], turns[part], total[part]
+        )
 
     step = max(1, min(256, len(views) // 8))
     map_blocks(block, [slice(a, a + step) for a in range(0, len(views), step)], threads)
-    return field.T
+    field += total.T * single_factors(layout, bank)[..., 0] if single else total.T

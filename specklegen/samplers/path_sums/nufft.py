@@ -14,15 +14,15 @@ import numpy as np
 
 from specklegen.core.parallel import Threads, map_blocks, slices
 from specklegen.kernels import sums
-from specklegen.paths import slab_optics
 from specklegen.paths.bank import PathBank
 from specklegen.paths.chunks import CONNECTIONS
-from specklegen.paths.slab_optics import Optics
+from specklegen.paths.endpoint_factors import BLOCK, light_strengths, single_factors
+from specklegen.paths.endpoints import offsets
+from specklegen.paths.layout import Layout
 from specklegen.samplers.path_sums.tiling import Tile, Tiling
 from specklegen.samplers.path_sums.view_factor import (
     ViewFactor,
     error_of_single,
-    face_depth,
     factor_values,
     multiple_factor,
     sagitta,
@@ -98,30 +98,32 @@ class NufftPlan:
 
 
 def build_nufft_plan(
-    bank: PathBank, optics: Optics, grid: FarFieldGrid, tolerance: float, tiling: Tiling | None = None
+    layout: Layout, bank: PathBank, grid: FarFieldGrid, tolerance: float, tiling: Tiling | None = None
 ) -> NufftPlan | None:
     """Decompose a scene's view factors on a pilot bank; None where the tiles (by default, the grid) are too wide."""
     tiling = tiling or Tiling(grid, grid.shape)
-    multiple = multiple_factor(bank.multiple, optics, tiling, _FACTOR_SHARE * tolerance)
-    single = None if multiple is None else single_factor(optics, tiling, _FACTOR_SHARE * tolerance)
+    multiple = multiple_factor(layout, bank.multiple, tiling, _FACTOR_SHARE * tolerance)
+    single = None if multiple is None else single_factor(layout, tiling, _FACTOR_SHARE * tolerance)
     if multiple is None or single is None:
         return None
     share = float(np.mean(bank.orders == 1)) if len(bank) else 0.0
-    return NufftPlan(tiling, multiple, single, share, tolerance)
+    found = NufftPlan(tiling, multiple, single, share, tolerance)
+    # Of several types each has an s(i . v) of its own, which no common factor at the end holds.
+    return found if len(layout.table.kinds) == 1 else together(layout, found)
 
 
-def together(summation: NufftPlan, optics: Optics) -> NufftPlan | None:
+def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:
     """The same with single scattering among the rest; None where that leaves the tolerance.
 
     It saves the transforms of single scattering, but spreads it at the rank of multiple scattering.
     """
-    error = error_of_single(summation.multiple, optics, summation.tiling)
+    error = error_of_single(layout, summation.multiple, summation.tiling)
     return replace(summation, single=None) if error <= _FACTOR_SHARE * summation.tolerance else None
 
 
 def nufft_field(
+    layout: Layout,
     bank: PathBank,
-    optics: Optics,
     phases: np.ndarray,
     summation: NufftPlan,
     *,
@@ -132,13 +134,13 @@ def nufft_field(
     complex64 for tolerances of 1e-4 and above, complex128 below. Every transform runs on one thread
     (finufft with more is not reproducible); tiles, or transforms of one tile, run side by side.
     """
-    lights = _lights(bank, optics, phases, summation, threads)
-    field = np.zeros((len(optics.tilts), *summation.grid.shape), summation.dtype)
+    lights = _lights(layout, bank, phases, summation, threads)
+    field = np.zeros((len(layout.lights.vectors), *summation.grid.shape), summation.dtype)
     tiles = summation.tiling.tiles
     inside = threads if len(tiles) == 1 else 1
 
     def fill(tile: Tile) -> None:
-        field[:, tile.rows, tile.columns] = _tile_field(lights, tile, optics, summation, inside)
+        field[:, tile.rows, tile.columns] = _tile_field(layout, lights, tile, summation, inside)
 
     map_blocks(fill, tiles, threads)
     field *= 1 / np.sqrt(max(bank.count, 1))
@@ -146,8 +148,8 @@ def nufft_field(
 
 
 def nufft_tile(
+    layout: Layout,
     bank: PathBank,
-    optics: Optics,
     phases: np.ndarray,
     summation: NufftPlan,
     tile: Tile,
@@ -155,8 +157,8 @@ def nufft_tile(
     threads: Threads = None,
 ) -> np.ndarray:
     """The part of :func:`nufft_field` on one of the summation's tiles, complex[T, h, w]: the same bits."""
-    lights = _lights(bank, optics, phases, summation, threads)
-    field = np.ascontiguousarray(_tile_field(lights, tile, optics, summation, threads))
+    lights = _lights(layout, bank, phases, summation, threads)
+    field = np.ascontiguousarray(_tile_field(layout, lights, tile, summation, threads))
     field *= 1 / np.sqrt(max(bank.count, 1))
     return field
 
@@ -172,8 +174,7 @@ class _Light:
     alone : bool
         Whether these are connections of single scattering alone, whose s(i . v) is left to the end.
     once : int64[...]
-        Else, which of them are of single scattering. Their directions are zero vectors, so that both of their ends
-        hold s(0), of which :func:`_load` makes s(i . v_r).
+        Else, which of them are of single scattering: neither of their endpoint factors holds an s.
     """
 
     factor: ViewFactor
@@ -184,31 +185,20 @@ class _Light:
 
 
 def _lights(
-    bank: PathBank, optics: Optics, phases: np.ndarray, summation: NufftPlan, threads: Threads
+    layout: Layout, bank: PathBank, phases: np.ndarray, summation: NufftPlan, threads: Threads
 ) -> list[_Light]:
     """All connections, or multiple and single scattering, whichever there are."""
     is_single = bank.orders == 1
     if summation.single is None:
-        strengths = _strengths(bank, optics, phases, False, threads)
+        strengths = light_strengths(layout, bank, phases, threads)
         lights = [_Light(summation.multiple, bank, strengths, False, np.flatnonzero(is_single))]
     else:
         lights = []
         for factor, chosen, alone in ((summation.multiple, ~is_single, False), (summation.single, is_single, True)):
             own = bank.select(chosen)
-            strengths = _strengths(own, optics, phases[chosen], alone, threads)
+            strengths = light_strengths(layout, own, phases[chosen], threads)
             lights.append(_Light(factor, own, strengths, alone, np.empty(0, np.int64)))
     return [light for light in lights if light.strengths.size]
-
-
-def _strengths(bank: PathBank, optics: Optics, phases: np.ndarray, alone: bool, threads: Threads) -> np.ndarray:
-    """Illumination ends, complex128[T, M], in blocks."""
-    strengths = np.empty((len(optics.tilts), len(bank)), np.complex128)
-
-    def fill(part: slice) -> None:
-        strengths[:, part] = slab_optics.illumination_ends(bank.select(part), optics, phases[part], single=alone)
-
-    map_blocks(fill, slices(len(bank), slab_optics.BLOCK), threads)
-    return strengths
 
 
 @dataclass(frozen=True)
@@ -221,8 +211,8 @@ class _Load:
         Phases a step of the grid along (y, x).
     sensor : complex128[R, M]
         Sensor ends at the skeleton views, with all that is common to the tile's views.
-    coupling : float64[R, T, 1]
-        s(i . v_r) / s(0)^2, a factor of the connections ``light.once``.
+    coupling : complex128[T, R, n]
+        s(i . v_r), a factor of the connections ``light.once``; n is 1 where they share it.
     """
 
     light: _Light
@@ -231,34 +221,34 @@ class _Load:
     coupling: np.ndarray
 
 
-def _load(light: _Light, tile: Tile, optics: Optics, summation: NufftPlan, threads: Threads) -> _Load:
+def _load(layout: Layout, light: _Light, tile: Tile, summation: NufftPlan, threads: Threads) -> _Load:
     bank, steps, pitch = light.bank, light.factor.steps, summation.grid.pitch
     points = np.empty((2, len(bank)), summation.dtype().real.dtype)
     sensor = np.empty((light.factor.rank, len(bank)), np.complex128)
     slope_x, slope_y = tile.middle[:2] / tile.middle[2]
-    offset = slab_optics.offsets(tile.middle.copy(), optics.view_reference, optics.wavelength)
+    offset = offsets(tile.middle.copy(), layout.views.reference, layout.wavelength)
 
     def fill(part: slice) -> None:
         some, common = bank.select(part), np.empty(part.stop - part.start, np.complex128)
         sums.grid_points(
-            some.records, pitch / optics.wavelength, slope_x, slope_y, offset, points[0, part], points[1, part], common
+            some.records, pitch / layout.wavelength, slope_x, slope_y, offset, points[0, part], points[1, part], common
         )
-        sensor[:, part] = factor_values(some, optics, tile, steps, single=light.alone)
+        sensor[:, part] = factor_values(layout, some, tile, steps)
         sensor[:, part] *= common
 
-    map_blocks(fill, slices(len(bank), slab_optics.BLOCK), threads)
-    none = optics.medium.scatterer.amplitude(np.zeros(1))
-    coupling = slab_optics.single_amplitudes(optics, tile.views(steps)) / none**2
-    return _Load(light, points, sensor, coupling.T[..., None])
+    map_blocks(fill, slices(len(bank), BLOCK), threads)
+    once = light.bank.select(light.once)
+    coupling = single_factors(layout.of_views(tile.views(steps)), once) if len(once) else np.ones((1, 1, 1))
+    return _Load(light, points, sensor, coupling)
 
 
 def _tile_field(
-    lights: list[_Light], tile: Tile, optics: Optics, summation: NufftPlan, threads: Threads
+    layout: Layout, lights: list[_Light], tile: Tile, summation: NufftPlan, threads: Threads
 ) -> np.ndarray:
     """Field on one tile, complex[T, h, w], times the root of the number of paths."""
-    loads = [_load(light, tile, optics, summation, threads) for light in lights]
+    loads = [_load(layout, light, tile, summation, threads) for light in lights]
     # Fixed parts of skeleton views and tilts: the bits must not depend on the number of threads.
-    groups = slices(len(optics.tilts), TILTS_AT_ONCE)
+    groups = slices(len(layout.lights.vectors), TILTS_AT_ONCE)
     parts = [
         (load, ranks, group)
         for load in loads
@@ -266,10 +256,10 @@ def _tile_field(
         for group in groups
     ]
     transforms = map_blocks(lambda part: _transform(*part, summation), parts, threads)
-    field = np.zeros((len(optics.tilts), *summation.tiling.shape), summation.dtype)
+    field = np.zeros((len(layout.lights.vectors), *summation.tiling.shape), summation.dtype)
     x, y = summation.tiling.steps
     steps = np.stack(np.broadcast_arrays(x, y[:, None]), -1)
-    bend = np.exp(2j * np.pi * face_depth(optics) * sagitta(steps, tile.middle) / optics.wavelength)
+    bend = np.exp(2j * np.pi * layout.exit_face * sagitta(steps, tile.middle) / layout.wavelength)
     bend = bend.astype(field.dtype)
 
     def gather(group: slice) -> None:
@@ -279,8 +269,9 @@ def _tile_field(
             for transform in mine[1:]:
                 total += transform
             if load.light.alone:
-                s = slab_optics.single_amplitudes(replace(optics, tilts=optics.tilts[group]), tile.views(steps))
-                total *= s.astype(total.real.dtype)
+                seen = layout.of_ends(group, slice(None)).of_views(tile.views(steps).reshape(-1, 3))
+                s = single_factors(seen, load.light.bank)[..., 0]
+                total *= s.reshape(total.shape).astype(total.dtype)
             field[group] += total
         field[group] *= bend
 
@@ -300,7 +291,8 @@ def _transform(load: _Load, ranks: slice, tilts: slice, summation: NufftPlan) ->
     total = np.zeros((len(strengths), *shape), dtype)
     for r in range(ranks.start, ranks.stop):
         values = (strengths * load.sensor[r]).astype(dtype)
-        values[:, load.light.once] *= load.coupling[r, tilts]
+        if len(load.light.once):
+            values[:, load.light.once] *= load.coupling[tilts, r]
         transform = plan.execute(values).reshape(total.shape)
         transform *= load.light.factor.pattern(r).astype(dtype)
         total += transform

@@ -6,8 +6,8 @@ from specklegen.core.parallel import one_blas_thread
 from specklegen.core.values import remembered
 from specklegen.paths.chunks import Chunks
 from specklegen.paths.pilot import Pilot, scene_pilot
-from specklegen.paths.slab_optics import Optics
 from specklegen.samplers.path_sums.cost import direct_operations, nufft_operations
+from specklegen.samplers.path_sums.direct import is_plain_slab
 from specklegen.samplers.path_sums.nufft import NufftPlan, build_nufft_plan, together
 from specklegen.samplers.path_sums.tiling import tilings
 from specklegen.samplers.path_sums.view_factor import constant_factor
@@ -26,7 +26,8 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
     low as can be; None where none is possible within the tolerance and cheaper than that.
     """
     assert isinstance(scene.sensor, FarFieldGrid)
-    pilot, optics = scene_pilot(scene, reverse), Optics.of_scene(scene)
+    pilot = scene_pilot(scene, reverse)
+    layout = pilot.tracer.layout
     tilts = len(scene.beams.directions)
     rows, columns = scene.sensor.shape
     per_path = len(pilot.bank) / max(pilot.bank.count, 1)
@@ -36,16 +37,16 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
         chunks = Chunks(_PATHS, per_path, summation.points).count
         return seconds(nufft_operations(summation, tilts, connections, chunks), 1)
 
-    best, least = None, seconds(direct_operations(tilts, connections, rows * columns), 1)
+    best, least = None, seconds(direct_operations(tilts, connections, rows * columns, is_plain_slab(layout)), 1)
     with one_blas_thread():
         for tiling in tilings(scene.sensor):
             flat = constant_factor(tiling)
             if cost(NufftPlan(tiling, flat, None, 0.0, tolerance)) >= least:
                 break
-            found = build_nufft_plan(pilot.bank, optics, scene.sensor, tolerance, tiling)
+            found = build_nufft_plan(layout, pilot.bank, scene.sensor, tolerance, tiling)
             if found is None:
                 continue
-            found = min(filter(None, (found, together(found, optics))), key=cost)
+            found = min(filter(None, (found, together(layout, found))), key=cost)
             if cost(found) < least:
                 best, least = found, cost(found)
             elif best is not None:

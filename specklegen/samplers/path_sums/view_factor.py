@@ -20,11 +20,11 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from specklegen.kernels import walk
-from specklegen.paths import slab_optics
 from specklegen.paths.bank import PathBank
-from specklegen.paths.slab_optics import AXIS, Optics
+from specklegen.paths.endpoint_factors import contributions, endpoint_factors, single_factors
+from specklegen.paths.endpoints import AXIS
+from specklegen.paths.layout import Layout
 from specklegen.samplers.path_sums.tiling import Tile, Tiling
-from specklegen.scene.media import Slab
 
 MAX_RANK = 128
 _NODES = (3, 5, 7, 9, 13)
@@ -77,22 +77,17 @@ def sagitta(steps: np.ndarray, middle: np.ndarray) -> np.ndarray:
     return (np.square(steps).sum(-1) + np.square(along)) / (2 * middle[2])
 
 
-def face_depth(optics: Optics) -> float:
-    """Depth of the face where the light comes out, from which view factors measure z."""
-    return optics.medium.thickness if optics.view_reference[2] > 0 else 0.0
-
-
-def factor_values(bank: PathBank, optics: Optics, tile: Tile, steps: np.ndarray, *, single: bool) -> np.ndarray:
+def factor_values(layout: Layout, bank: PathBank, tile: Tile, steps: np.ndarray) -> np.ndarray:
     """F of the connections of a bank at views given relative to a tile's middle, complex128[R, M]."""
     views, middle = tile.views(steps), tile.middle
     turns = np.zeros_like(views)
-    turns[:, 2] = -sagitta(steps, middle) / optics.wavelength
-    values = slab_optics.sensor_ends(bank, optics, views, single=single, turns=turns)
-    values *= np.exp(2j * np.pi * turns[:, 2:] * face_depth(optics))
+    turns[:, 2] = -sagitta(steps, middle) / layout.wavelength
+    values = endpoint_factors(layout, bank, replace(layout.views, vectors=views), "exit", turns=turns)
+    values *= np.exp(2j * np.pi * turns[:, 2:] * layout.exit_face)
     return values
 
 
-def multiple_factor(bank: PathBank, optics: Optics, tiling: Tiling, tolerance: float) -> ViewFactor | None:
+def multiple_factor(layout: Layout, bank: PathBank, tiling: Tiling, tolerance: float) -> ViewFactor | None:
     """Decompose the view factor of multiple scattering; None where no rank up to 128 is good enough.
 
     Parameters
@@ -102,52 +97,58 @@ def multiple_factor(bank: PathBank, optics: Optics, tiling: Tiling, tolerance: f
     tolerance
         Relative root mean square error allowed on the held-out half.
     """
-    tilt = optics.tilts.mean(axis=0) if len(optics.tilts) else AXIS
+    tilts = -layout.lights.vectors
+    tilt = tilts.mean(axis=0) if len(tilts) else AXIS
     centre = tiling.grid.center_direction
     power = np.zeros(len(bank))
     if len(bank):
-        power = slab_optics.contributions(bank, optics, tilt / np.linalg.norm(tilt), centre)
+        power = contributions(layout.at(tilt / np.linalg.norm(tilt), centre), bank)
     used = power > 0
     bank, power = bank.select(used), power[used]
     # Weights relative to F at the centre, so that rows weigh what their connections weigh in the field.
-    at_centre = np.abs(slab_optics.sensor_ends(bank, optics, centre[None], single=False)[0])
-    return _decompose(bank, optics, tiling, tolerance, np.sqrt(power) / np.maximum(at_centre, 1e-300), single=False)
+    at_centre = np.abs(endpoint_factors(layout, bank, layout.of_views(centre[None]).views, "exit")[0])
+    return _decompose(layout, bank, tiling, tolerance, np.sqrt(power) / np.maximum(at_centre, 1e-300))
 
 
-def single_factor(optics: Optics, tiling: Tiling, tolerance: float) -> ViewFactor | None:
+def single_factor(layout: Layout, tiling: Tiling, tolerance: float) -> ViewFactor | None:
     """Decompose the view factor of single scattering, which depends on the depth alone."""
-    return _decompose(_depths(optics.medium), optics, tiling, tolerance, np.ones(_DEPTHS), single=True)
+    return _decompose(layout, _depths(layout), tiling, tolerance, np.ones(_DEPTHS))
 
 
-def error_of_single(factor: ViewFactor, optics: Optics, tiling: Tiling) -> float:
+def error_of_single(layout: Layout, factor: ViewFactor, tiling: Tiling) -> float:
     """Relative root mean square error of single scattering, s(i . v) included, by the view factor of another light.
 
-    Of the worst of a few tiles, over depths and at most 16 tilts.
+    Of the worst of a few tiles and of the types of particle, over depths and at most 16 tilts.
     """
-    bank, spots = _depths(optics.medium), _held_out_steps(tiling)
-    count = len(optics.tilts)
+    bank, spots = _depths(layout), _held_out_steps(tiling)
+    count = len(layout.lights.vectors)
     some = np.unique(np.linspace(0, count - 1, min(count, _TILTS)).round().astype(int))
-    optics = replace(optics, tilts=optics.tilts[some])
+    layout = layout.of_ends(some, slice(None))
     nodes = factor.mix.shape[-1]
     patterns = _Lattice(tiling, nodes).at(factor.mix.reshape(factor.rank, nodes**2), spots)
 
-    def values(tile: Tile, steps: np.ndarray) -> np.ndarray:
-        s = slab_optics.single_amplitudes(optics, tile.views(steps))
-        return np.einsum("tv,vm->tmv", s, factor_values(bank, optics, tile, steps, single=True))
+    def values(tile: Tile, steps: np.ndarray, kind: int) -> np.ndarray:
+        own = replace(bank, types=np.full_like(bank.types, kind))
+        s = single_factors(layout.of_views(tile.views(steps)), own.select(slice(0, 1)))[..., 0]
+        return np.einsum("tv,vm->tmv", s, factor_values(layout, own, tile, steps))
 
-    tiles = [tiling.tiles[n] for n in _outline(tiling)]
-    return _worst([values(tile, factor.steps) for tile in tiles], patterns, [values(tile, spots) for tile in tiles])
+    cases = [(tiling.tiles[n], kind) for n in _outline(tiling) for kind in range(len(layout.table.kinds))]
+    found = [values(tile, factor.steps, kind) for tile, kind in cases]
+    return _worst(found, patterns, [values(tile, spots, kind) for tile, kind in cases])
 
 
-def _depths(medium: Slab) -> PathBank:
+def _depths(layout: Layout) -> PathBank:
     """Single scattering at depths spread over a slab."""
-    bank = PathBank(np.zeros((_DEPTHS, walk.RECORD)), np.ones(_DEPTHS, np.int32), np.arange(_DEPTHS), _DEPTHS)
-    bank.exit[:, 2] = medium.thickness * (np.arange(_DEPTHS) + 0.5) / _DEPTHS
+    bank = PathBank(
+        np.zeros((_DEPTHS, walk.RECORD)), np.ones(_DEPTHS, np.int32), np.arange(_DEPTHS),
+        np.zeros((_DEPTHS, 2), np.int32), _DEPTHS,
+    )  # fmt: skip
+    bank.exit[:, 2] = layout.volume.bounds[1, 2] * (np.arange(_DEPTHS) + 0.5) / _DEPTHS
     return bank
 
 
 def _decompose(
-    bank: PathBank, optics: Optics, tiling: Tiling, tolerance: float, weight: np.ndarray, *, single: bool
+    layout: Layout, bank: PathBank, tiling: Tiling, tolerance: float, weight: np.ndarray
 ) -> ViewFactor | None:
     if len(bank) < 2:
         return constant_factor(tiling)
@@ -162,7 +163,7 @@ def _decompose(
     few = [(tile, part.select(_FEW), weights[_FEW]) for tile, part, weights in (judges[n] for n in _outline(tiling))]
 
     def values(tile: Tile, part: PathBank, weights: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        return factor_values(part, optics, tile, steps, single=single).T * weights[:, None]
+        return factor_values(layout, part, tile, steps).T * weights[:, None]
 
     rough = [values(*judge, spots) for judge in few]
     truths: list[np.ndarray] = []

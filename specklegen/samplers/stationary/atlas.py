@@ -94,7 +94,7 @@ class Atlas:
 
     def place(self, slab: Slab) -> tuple[float, float, float] | None:
         """Coordinates of a slab; None outside the table."""
-        depth, drop = slab.optical_depth, 1 - slab.scatterer.g
+        depth, drop = slab.optical_depth, 1 - slab.scatterer.mean_cosine()
         if depth <= 0 or slab.albedo <= 0 or slab.scatterer.type not in ("HenyeyGreenstein", "Isotropic"):
             return None
         place = (math.log(depth), math.log(drop), absorption_coordinate(-math.log(slab.albedo), depth, drop))
@@ -116,7 +116,7 @@ class Atlas:
     def kernel(self, slab: Slab, place: tuple[float, float, float]) -> MemoryEffectCorrelation:
         """K of a slab at a place."""
         row = self.row(place)
-        depth, drop, albedo = slab.optical_depth, 1 - slab.scatterer.g, slab.albedo
+        depth, drop, albedo = slab.optical_depth, 1 - slab.scatterer.mean_cosine(), slab.albedo
         single = single_intensity(depth, drop, albedo)
         multiple = albedo**2 * np.exp(row[-1])
         radius = np.empty(len(row))

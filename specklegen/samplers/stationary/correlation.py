@@ -8,7 +8,7 @@ a histogram on a geometric grid, one row per independent batch. It has no end (n
 positive semidefinite for any set of tilts, and its errors are those of the batches.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,13 +16,14 @@ from scipy.optimize import root_scalar
 from scipy.special import j0
 
 from specklegen.core.parallel import map_blocks
-from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
-from specklegen.paths.roulette import roulette_threshold
-from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
-from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.endpoints import AXIS
+from specklegen.paths.slab_tracer import SlabTracer
+from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import Slab
 
 _BINS = 640
@@ -134,16 +135,9 @@ def _one_minus_bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
 
 @remembered(64)
-def _axial_threshold(medium: Slab) -> float:
-    proposal = plane_proposal(medium, AXIS, AXIS)
-    optics = plane_optics(medium, 1.0, AXIS[None])
-    return roulette_threshold(medium, proposal, optics, AXIS, pilot_seed(medium.fingerprint()))
-
-
-def axial_bank(medium: Slab, paths: int, seed: Seed, *, threads: int | None = None) -> PathBank:
-    """Trace ``paths`` paths of a plane wave along the axis, thinned for a view along the axis."""
-    proposal = replace(plane_proposal(medium, AXIS, AXIS), threshold=_axial_threshold(medium))
-    return trace(medium, proposal, seed, paths, threads=threads)
+def axial_tracer(medium: Slab) -> SlabTracer:
+    """Paths of a plane wave along the axis, seen along the axis; of wavelength 1, which decides nothing."""
+    return plane_tracer(medium, 1.0, AXIS[None], AXIS[None], reverse=False)
 
 
 def estimate_correlation(
@@ -153,11 +147,11 @@ def estimate_correlation(
 
     K does not depend on the wavelength: q r does.
     """
-    optics = plane_optics(medium, 1.0, AXIS[None])
+    tracer = axial_tracer(medium)
     edges = np.log(_told_apart(medium))
     rows = np.zeros((min(BATCHES, max(paths, 1)), _BINS))
     bounds = np.linspace(0, paths, len(rows) + 1).astype(int)
-    bank = axial_bank(medium, paths, seed, threads=threads)
+    bank = tracer.trace(seed, paths, threads=threads)
     starts = np.searchsorted(bank.paths, bounds)
     radius, weight = np.empty((2, len(bank)))
     place = np.empty(len(bank), np.int64)
@@ -165,7 +159,7 @@ def estimate_correlation(
     def batch(n: int) -> None:
         part = slice(starts[n], starts[n + 1])
         some = bank.select(part)
-        radius[part], weight[part] = lateral_distance(some), contributions(some, optics, AXIS, AXIS)
+        radius[part], weight[part] = lateral_distance(some), contributions(tracer.layout, some)
         with np.errstate(divide="ignore"):
             bins = (np.log(radius[part]) - edges[0]) / (edges[1] - edges[0]) * (_BINS - 1)
         place[part] = np.where(radius[part] > 0, np.clip(bins, 0, _BINS - 2) + 1, 0)
@@ -189,7 +183,7 @@ def _told_apart(medium: Slab) -> tuple[float, float]:
     Thin forward-scattering slabs need the 1 - g: light that is scattered twice walks about (1 - g) L sideways,
     far less than a transport length.
     """
-    drop = min(1.0, 1 - medium.scatterer.g)
+    drop = min(1.0, 1 - medium.scatterer.mean_cosine())
     thickness = medium.thickness or 1.0  # without depth there is no light, and any bins will do
     return 1e-3 * drop * thickness, 1e3 * (thickness + medium.mean_free_path)
 

@@ -9,16 +9,17 @@ a spread along the slope of its own, so K_v is complex and depends on the direct
 terms of physics.md 5 to first order in the tilt.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from specklegen.core.parallel import one_torch_thread, slices
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.paths.bank import PathBank
-from specklegen.paths.roulette import roulette_threshold
-from specklegen.paths.slab_optics import contributions, plane_optics
-from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.layout import plane_layout
+from specklegen.paths.roulette import slab_roulette
+from specklegen.paths.slab_tracer import SlabTracer, plane_proposal
 from specklegen.scene.media import Slab
 
 _AT_ONCE = 2**22  # phasors in memory
@@ -78,9 +79,8 @@ def estimate_oblique_correlation(
 
     It does not depend on the wavelength: q R does.
     """
-    optics = plane_optics(medium, 1.0, light[None], 1.0 if view[2] > 0 else -1.0)
-    proposal = plane_proposal(medium, light, view)
-    threshold = roulette_threshold(medium, proposal, optics, light, pilot_seed(medium.fingerprint()))
-    bank = trace(medium, replace(proposal, threshold=threshold), seed, paths, threads=threads)
-    weights = contributions(bank, optics, light, view)
-    return ObliqueCorrelation(face_to_face(bank, medium, light, view), weights, bank.paths, paths)
+    layout = plane_layout(medium, 1.0, light[None], view[None])
+    tracer = SlabTracer(layout, medium, plane_proposal(medium, light, view))
+    tracer = slab_roulette(tracer, light, pilot_seed(medium.unitless_fingerprint()))
+    bank = tracer.trace(seed, paths, threads=threads)
+    return ObliqueCorrelation(face_to_face(bank, medium, light, view), contributions(layout, bank), bank.paths, paths)

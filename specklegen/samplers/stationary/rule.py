@@ -7,53 +7,54 @@ import numpy as np
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.values import remembered
-from specklegen.paths.pilot import scene_pilot
-from specklegen.paths.slab_optics import AXIS
-from specklegen.samplers.sampler import Sampler
+from specklegen.paths.endpoints import AXIS
+from specklegen.paths.tracer import lock_step_obstacle, slab_tracer
+from specklegen.samplers.sampler import Wish
 from specklegen.samplers.stationary.stationarity import StationaryError, stationary_error
 from specklegen.scene.illumination import IncoherentObject, reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
 Kernel = Literal["axial", "oblique"]
-_KERNELS = {"axial": "kernel of the axis", "oblique": "kernel of its own direction"}
+_KERNELS = {"axial": "correlation of the axis", "oblique": "correlation about its own direction"}
+_PART = "stationary sampler"
 
 
-def stationary_decision(
-    scene: Scene, reverse: bool, sampler: Sampler, tolerance: float
-) -> tuple[Kernel | None, Decision]:
-    """The memory-effect kernel with which the stationary sampler serves a scene within the tolerance (physics.md 9).
+def stationary_decision(scene: Scene, wish: Wish) -> tuple[Kernel | None, Decision]:
+    """The memory-effect correlation with which the stationary sampler serves a scene within the tolerance.
 
     That of the axis wherever it is good enough; else the oblique one, about the middle of the beams and the views.
+    See docs/physics.md 9.
     """
-    part = "stationary sampler"
-    obstacle = _stationary_obstacle(scene, reverse)
+    obstacle = stationary_obstacle(scene, wish.reverse)
+    asked = wish.asked == "stationary"
     if obstacle:
-        if sampler == "stationary":
-            reject("sampler", '"paths" or "auto" for this scene', sampler, f"The stationary sampler {obstacle}.")
-        return None, Decision(part, False, obstacle)
-    if sampler == "paths":
-        return None, Decision(part, False, "as asked")
+        if asked:
+            reject("sampler", '"paths" or "auto" for this scene', wish.asked, f"The stationary sampler {obstacle}.")
+        return None, Decision(_PART, False, obstacle)
     errors: dict[Kernel, StationaryError] = {}
     for kernel in _kernels(scene):
-        errors[kernel] = scene_stationary_error(scene, tolerance, kernel == "oblique")
-        if errors[kernel].accepts(tolerance):
+        errors[kernel] = scene_stationary_error(scene, wish.tolerance, kernel == "oblique")
+        if errors[kernel].accepts(wish.tolerance):
             break
-    best = min(errors, key=lambda kernel: (not errors[kernel].accepts(tolerance), errors[kernel].largest))
+    best = min(errors, key=lambda kernel: (not errors[kernel].accepts(wish.tolerance), errors[kernel].largest))
     said = "; ".join(
         f"with the {_KERNELS[kernel]} its correlations are off by {error.correlation:.2g} +- "
         f"{error.correlation_error:.1g} and its intensities by {error.intensity:.2g} +- {error.intensity_error:.1g}"
         for kernel, error in errors.items()
     )
-    said += f", allowed {tolerance:g}"
-    if sampler == "stationary":
-        return best, Decision(part, True, f"asked for; {said}")
-    accepted = errors[best].accepts(tolerance)
-    return best if accepted else None, Decision(part, accepted, said)
+    said += f", allowed {wish.tolerance:g}"
+    accepted = errors[best].accepts(wish.tolerance)
+    if asked:
+        return best, Decision(_PART, True, f"asked for; {said}", doubt=not accepted)
+    return best if accepted else None, Decision(_PART, accepted, said)
 
 
-def _stationary_obstacle(scene: Scene, reverse: bool) -> str | None:
+def stationary_obstacle(scene: Scene, reverse: bool) -> str | None:
     """What keeps the stationary sampler from serving a scene at all; None where it may."""
+    other = lock_step_obstacle(scene)
+    if other:
+        return f"needs beams through a slab, seen from afar: {other}"
     if not isinstance(scene.sensor, FarFieldGrid):
         return "needs a regular far-field grid"
     if reverse:
@@ -66,9 +67,9 @@ def _stationary_obstacle(scene: Scene, reverse: bool) -> str | None:
 
 
 def _kernels(scene: Scene) -> list[Kernel]:
-    """Kernels that may serve a scene, the one to prefer first.
+    """Correlations that may serve a scene, the one to prefer first.
 
-    The kernel of the axis is that of transmission; a hidden object's modes need its symmetry. The oblique one is the
+    That of the axis is for transmission; a hidden object's modes need its symmetry. The oblique one is the
     same as it where beams and views are about the axis.
     """
     middle = [reference_direction(scene.beams.directions), scene.sensor.center_direction]  # type: ignore[union-attr]
@@ -78,8 +79,7 @@ def _kernels(scene: Scene) -> list[Kernel]:
     return [*(["axial"] if axial else []), *(["oblique"] if oblique else [])]  # type: ignore[list-item]
 
 
-
 @remembered(64)
 def scene_stationary_error(scene: Scene, tolerance: float, oblique: bool) -> StationaryError:
-    """How far the stationary model, with the kernel of the axis or the oblique one, is from a scene's pilot paths."""
-    return stationary_error(scene, scene_pilot(scene, False).proposal, tolerance, oblique=oblique)
+    """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
+    return stationary_error(scene, slab_tracer(scene, False), tolerance, oblique=oblique)

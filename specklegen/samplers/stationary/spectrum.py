@@ -30,8 +30,8 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES, jackknife
-from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, axial_bank, lateral_distance
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, axial_tracer, lateral_distance
 from specklegen.scene.media import Slab
 
 Spectrum = Literal["gaussian", "flat"]
@@ -140,8 +140,9 @@ def estimate_spectral_correlation(
 
     With the seed of :func:`estimate_correlation` it is made from the same paths.
     """
-    bank = axial_bank(medium, paths, seed, threads=threads)
-    weight = contributions(bank, plane_optics(medium, 1.0, AXIS[None]), AXIS, AXIS)
+    tracer = axial_tracer(medium)
+    bank = tracer.trace(seed, paths, threads=threads)
+    weight = contributions(tracer.layout, bank)
     radius = lateral_distance(bank)
     single = bank.orders == 1
     excess = np.where(single, 0.0, bank.entry[:, 2] + bank.length - bank.exit[:, 2])

@@ -16,8 +16,9 @@ import numpy as np
 
 from specklegen.core.random_streams import Stream, pilot_seed
 from specklegen.core.statistics import BATCHES, batch_sums, jackknife
-from specklegen.paths.slab_optics import AXIS, Optics, contributions
-from specklegen.paths.slab_tracer import Proposal, trace
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.endpoints import AXIS
+from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.stationary.oblique import face_to_face
 from specklegen.scene.illumination import directions_of_sines, reference_direction
 from specklegen.scene.scene import Scene
@@ -57,36 +58,37 @@ class StationaryError:
         return max(self.correlation, self.intensity)
 
 
-def stationary_error(scene: Scene, proposal: Proposal, tolerance: float, *, oblique: bool = False) -> StationaryError:
+def stationary_error(scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False) -> StationaryError:
     """Judge a scene; more pilot paths while they alone stand between yes and no."""
     paths = FIRST_PATHS
     while True:
-        error = pilot_error(scene, proposal, paths, oblique=oblique)
+        error = pilot_error(scene, tracer, paths, oblique=oblique)
         lowest = max(error.correlation - 2 * error.correlation_error, error.intensity - 2 * error.intensity_error)
         if error.accepts(tolerance) or lowest > tolerance or paths >= MOST_PATHS:
             return error
         paths *= 8
 
 
-def pilot_error(scene: Scene, proposal: Proposal, paths: int, *, oblique: bool = False) -> StationaryError:
+def pilot_error(scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool = False) -> StationaryError:
     """Judge a scene with collimated beams (or an incoherent object) and a far-field grid from ``paths`` paths.
 
     Parameters
     ----------
     scene
         The scene.
-    proposal
-        The proposal of its path sampler, threshold included; the pilot is keyed by the scene's fingerprint.
+    tracer
+        That of its path sums; the pilot is keyed by the scene in wavelengths.
     paths
         Pilot paths.
     oblique
         Judge the model with the oblique kernel; otherwise that of the axis, which is for transmission.
     """
-    seed = pilot_seed(scene.fingerprint())
-    pilot = _Bank(scene, proposal, seed, paths)
+    seed = pilot_seed(scene.unitless_fingerprint())
+    pilot = _Bank(scene, tracer, seed, paths)
     # The model's paths walk with the same random numbers, about the axis where its K is that of the axis, so that
     # the comparison carries physics and hardly any noise.
-    model = pilot if oblique else _Bank(scene, replace(proposal, reference=AXIS), seed, paths)
+    about = replace(tracer, proposal=replace(tracer.proposal, reference=AXIS))
+    model = pilot if oblique else _Bank(scene, about, seed, paths)
     middle = _grid(scene).center_direction if oblique else AXIS
     weight, way = model.weight(middle[:2]), face_to_face(model.bank, scene.slab, model.light, middle)
     norm = model.sums(weight)
@@ -119,10 +121,9 @@ def pilot_error(scene: Scene, proposal: Proposal, paths: int, *, oblique: bool =
 class _Bank:
     """Pilot paths about one direction of light, with their weights at views and their sums over batches."""
 
-    def __init__(self, scene: Scene, proposal: Proposal, seed: int, paths: int) -> None:
-        self.scene, self.light = scene, proposal.reference
-        self.optics = Optics.of_scene(scene)
-        self.bank = trace(scene.slab, proposal, seed, paths, stream=Stream.PILOT)
+    def __init__(self, scene: Scene, tracer: SlabTracer, seed: int, paths: int) -> None:
+        self.scene, self.light, self.layout = scene, tracer.proposal.reference, tracer.layout
+        self.bank = tracer.trace(seed, paths, stream=Stream.PILOT)
         self._paths = paths
         self._weights: dict[bytes, np.ndarray] = {}
         self._intensities: dict[bytes, np.ndarray] = {}
@@ -131,7 +132,7 @@ class _Bank:
         """Contribution of every connection at one view."""
         key = sines.tobytes()
         if key not in self._weights:
-            self._weights[key] = contributions(self.bank, self.optics, self.light, self._view(sines))
+            self._weights[key] = contributions(self.layout.at(self.light, self._view(sines)), self.bank)
         return self._weights[key]
 
     def intensity(self, sines: np.ndarray) -> np.ndarray:

@@ -1,1 +1,23 @@
-"""How the particles of a medium redistribute light, one family a file."""
+"""How the particles of a medium redistribute light, one family a file; importing the package makes them known."""
+
+from specklegen.scene.scatterers.henyey_greenstein import HenyeyGreenstein
+from specklegen.scene.scatterers.isotropic import Isotropic
+from specklegen.scene.scatterers.mie import Mie
+from specklegen.scene.scatterers.mixture import Mixture
+from specklegen.scene.scatterers.scatterer import AnyScatterer, Dimensions, Row, Scatterer, scatterer_types
+from specklegen.scene.scatterers.tabulated import Tabulated
+from specklegen.scene.scatterers.von_mises_fisher import VonMisesFisher
+
+__all__ = [
+    "AnyScatterer",
+    "Dimensions",
+    "HenyeyGreenstein",
+    "Isotropic",
+    "Mie",
+    "Mixture",
+    "Row",
+    "Scatterer",
+    "Tabulated",
+    "VonMisesFisher",
+    "scatterer_types",
+]

@@ -16,12 +16,9 @@ import numpy as np
 from pydantic import field_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.values import ComplexNumber, Positive, Value
-from specklegen.scene.scatterers.closed_form import Dimensions
-from specklegen.scene.scatterers.tabulated import Bins, Tabulated
-
-ACCURACY = 1e-4  # of the table, half-way between two nodes, relative to |s| there
-NARROWEST = 1e-7  # radians; where S1 + S2 passes through 0 the phase jumps, and no bin is narrow enough
+from specklegen.core.values import ComplexNumber, Positive
+from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotropy
+from specklegen.scene.scatterers.tabulated import Tabulated, tabulated
 
 
 class Efficiencies(NamedTuple):
@@ -32,7 +29,7 @@ class Efficiencies(NamedTuple):
     mean_cosine: float
 
 
-class Mie(Value):
+class Mie(_WithAnisotropy):
     """A sphere, homogeneous, in unpolarised light; three dimensions only.
 
     An absorbing sphere is allowed. What it absorbs is not part of s: give the medium the sphere's ``albedo``.
@@ -107,31 +104,19 @@ class Mie(Value):
         _refuse_flatland(dimensions)
         return self.table.amplitude(cos)
 
-    def bins(self, dimensions: Dimensions) -> Bins:
-        """Return the normalised table."""
+    def row(self, dimensions: Dimensions) -> Row:
+        """Return what the kernels read: the table's bins of theta."""
         _refuse_flatland(dimensions)
-        return self.table.bins(dimensions)
+        return self.table.row(dimensions)
 
     @cached_property
     def table(self) -> Tabulated:
-        """The amplitude, linear in theta between nodes that lie as close as ``ACCURACY`` asks for."""
-        # Eight nodes to the period of the fastest term, 2 pi / x; then halve what is not yet straight.
-        theta = np.linspace(0.0, math.pi, 33 + 4 * math.ceil(self.size_parameter))
-        s = self.exact_amplitude(theta)
-        nodes, values = [theta], [s]
-        left, right, below, above = theta[:-1], theta[1:], s[:-1], s[1:]
-        while left.size:
-            middle = (left + right) / 2
-            exact = self.exact_amplitude(middle)
-            bent = np.abs((below + above) / 2 - exact) > ACCURACY * np.maximum(np.abs(below), np.abs(above))
-            bent &= right - left > NARROWEST
-            left, middle, right, below, exact, above = (a[bent] for a in (left, middle, right, below, exact, above))
-            nodes.append(middle)
-            values.append(exact)
-            left, right = np.append(left, middle), np.append(middle, right)
-            below, above = np.append(below, exact), np.append(exact, above)
-        theta, first = np.unique(np.concatenate(nodes), return_index=True)
-        return Tabulated(theta=theta, amplitude=np.concatenate(values)[first])
+        """The amplitude, linear in theta between nodes that lie as close as the accuracy of tables asks for.
+
+        Where S1 + S2 passes through 0 the phase jumps, and no bin is narrow enough.
+        """
+        # Eight nodes to the period of the fastest term, 2 pi / x.
+        return tabulated(self.exact_amplitude, "Mie", 33 + 4 * math.ceil(self.size_parameter))
 
     def exact_amplitude(self, theta: np.ndarray) -> np.ndarray:
         """Complex amplitude s, per root steradian, at the scattering angle, from the Mie series itself."""

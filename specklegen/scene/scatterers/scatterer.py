@@ -1,92 +1,144 @@
-"""Scatterers: how the particles of a medium redistribute light.
+"""What every scatterer is: a phase function with an amplitude, and the row of numbers that the kernels read of it.
 
 A particle has an amplitude s(cos theta), complex in general, with the integral of |s|^2 over all directions
-(4 pi, or 2 pi in flatland) equal to 1; its phase function is |s|^2. A :class:`Mixture` is several types of
-particle side by side.
+(4 pi, or 2 pi in flatland) equal to 1; its phase function is |s|^2. A family of particles is one class, and a family of
+one's own needs no more than its amplitude:
+
+    class Screened(sg.Scatterer):
+        concentration: float
+
+        def shape(self, cos, dimensions=3):
+            return 1 / (1 + self.concentration * (1 - cos))
+
+It is then a scatterer everywhere: in every sampler, in recipes by ``type = "Screened"``, in stores.
 """
 
 import math
-from typing import Annotated, Literal, NoReturn, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, SerializeAsAny, WithJsonSchema
 
 from specklegen.core.errors import reject
-from specklegen.core.values import UnitInterval, Value
-from specklegen.scene.scatterers.closed_form import Dimensions, HenyeyGreenstein, Isotropic, VonMisesFisher
-from specklegen.scene.scatterers.mie import Mie
-from specklegen.scene.scatterers.tabulated import Tabulated
+from specklegen.core.values import Value, remembered
 
-Particle = Isotropic | HenyeyGreenstein | VonMisesFisher | Tabulated | Mie
+Dimensions = Literal[2, 3]
+
+_TYPES: dict[str, type["Scatterer"]] = {}
 
 
-class Mixture(Value):
-    """Several types of particle in one medium, each scattering on its own.
+def all_directions(dimensions: Dimensions) -> float:
+    """Measure of all directions: 4 pi in three dimensions, 2 pi in flatland."""
+    if dimensions not in (2, 3):
+        reject("dimensions", "2 or 3", dimensions)
+    return 2 * math.pi * (dimensions - 1)
 
-    Types of fraction 0 are dropped, so that they change nothing, not even the fingerprint.
 
-    Parameters
+class Row(NamedTuple):
+    """A type of particle as the kernels read it.
+
+    Attributes
     ----------
-    types
-        The particle types; a mixture of mixtures is refused.
-    fractions
-        Share of each type in the scattering coefficient sigma_s; they sum to 1 (to 1e-9).
+    kind : "isotropic", "henyey", "fisher" or "tabulated"
+        Form of the amplitude (:mod:`specklegen.kernels.phase_table`).
+    parameters : (float, float)
+        Of a closed form.
+    nodes, amplitudes, cumulative : float64[n], complex128[n], float64[n]
+        Angles theta, s there, and the share of |s|^2 below; empty where the form is closed.
     """
 
-    type: Literal["Mixture"] = "Mixture"
-    types: tuple[Annotated[Particle, Field(discriminator="type")], ...] = Field(min_length=1)
-    fractions: tuple[UnitInterval, ...]
+    kind: Literal["isotropic", "henyey", "fisher", "tabulated"]
+    parameters: tuple[float, float] = (0.0, 0.0)
+    nodes: np.ndarray = np.empty(0)
+    amplitudes: np.ndarray = np.empty(0, np.complex128)
+    cumulative: np.ndarray = np.empty(0)
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if len(self.fractions) != len(self.types):
-            reject("Mixture.fractions", f"one a type, {len(self.types)} in all", self.fractions)
-        total = math.fsum(self.fractions)
-        if abs(total - 1) > 1e-9:
-            reject(
-                "Mixture.fractions", "numbers that sum to 1 within 1e-9", self.fractions,
-                f"They sum to {total:.12g}: divide them by that.",
-            )  # fmt: skip
-        present = [pair for pair in zip(self.types, self.fractions, strict=True) if pair[1] > 0]
-        types, fractions = zip(*present, strict=True)
-        self.__dict__.update(types=types, fractions=fractions)  # a frozen value, not yet handed out
-        return self
+
+class Scatterer(Value):
+    """A type of particle, or several. Subclass it for a phase function of your own.
+
+    A subclass is a frozen value with fields of its own and one method, ``shape(cos, dimensions)``: the amplitude, real
+    or complex, up to a factor, at cosines of the scattering angle float64[...]. The name of the class is its ``type``.
+    """
+
+    type: Any = None
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        super().__pydantic_init_subclass__(**kwargs)
+        if cls.__name__.startswith("_"):
+            return
+        known = _TYPES.get(cls.__name__)
+        if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+            reject("Scatterer name", "one that no other scatterer has", cls.__name__, f"{known.__module__} has it too.")
+        _TYPES[cls.__name__] = cls
+        field = cls.model_fields["type"]
+        if field.default is None:
+            field.default = cls.__name__
+            cls.model_rebuild(force=True)
+
+    def shape(self, cos: np.ndarray, dimensions: Dimensions = 3) -> np.ndarray:
+        """Amplitude at cosines float64[...], real or complex, up to a factor: what a subclass says."""
+        raise NotImplementedError(f"{type(self).__name__} must say its amplitude: define shape(self, cos, dimensions)")
+
+    def mean_cosine(self, dimensions: Dimensions = 3) -> float:
+        """Mean cosine of the scattering angle, in 3D or in flatland."""
+        return _table_of(self, dimensions).mean_cosine(dimensions)
+
+    def amplitude(self, cos: np.ndarray | float, dimensions: Dimensions = 3) -> np.ndarray:
+        """Scattering amplitude s, per root steradian (root radian in 2D), at the cosine of the scattering angle."""
+        return _table_of(self, dimensions).amplitude(cos, dimensions)
+
+    def row(self, dimensions: Dimensions) -> Row:
+        """Return what the kernels read of it, in three dimensions or in flatland."""
+        return _table_of(self, dimensions).row(dimensions)
+
+    @property
+    def components(self) -> tuple[tuple["Scatterer", float], ...]:
+        """Types of particle, and their shares of sigma_s."""
+        return ((self, 1.0),)
+
+
+class _WithAnisotropy(Scatterer):
+    """A scatterer whose g follows from its amplitude; Henyey and Greenstein's has it as a field."""
 
     @property
     def g(self) -> float:
         """Anisotropy: mean cosine of the scattering angle in 3D."""
         return self.mean_cosine(3)
 
-    def mean_cosine(self, dimensions: Dimensions = 3) -> float:
-        """Mean cosine of the scattering angle: the mean over the types, by their fractions."""
-        return math.fsum(f * t.mean_cosine(dimensions) for t, f in zip(self.types, self.fractions, strict=True))
 
-    def amplitude(self, cos: np.ndarray | float, dimensions: Dimensions = 3) -> NoReturn:
-        """Refuse: a mixture has a phase function, the mean of its types', but no one amplitude."""
-        reject("Mixture.amplitude", "asked of one of its types", self.type, "Use mixture.types[n].amplitude(cos).")
+@remembered(32)
+def _table_of(scatterer: Scatterer, dimensions: Dimensions):
+    """Amplitude of a scatterer of somebody's own, linear in theta between nodes as close as it asks for."""
+    from specklegen.scene.scatterers.tabulated import tabulated
 
-
-Scatterer = Annotated[Particle | Mixture, Field(discriminator="type")]
+    return tabulated(lambda theta: scatterer.shape(np.cos(theta), dimensions), type(scatterer).__name__)
 
 
-def is_henyey_greenstein(scatterer: Particle | Mixture) -> bool:
-    """Whether g says it all: what the fast slab engine, which knows this one lobe, can trace."""
-    return isinstance(scatterer, Isotropic | HenyeyGreenstein)
+def _read(value: Any) -> Any:
+    if isinstance(value, Scatterer):
+        # A mixture of one type is that type, to its bits and its fingerprint.
+        return value.components[0][0] if len(value.components) == 1 else value
+    if not isinstance(value, Mapping):
+        raise ValueError("a scatterer")
+    name = value.get("type")
+    if name not in _TYPES:
+        raise ValueError(
+            f"of a known type ({', '.join(sorted(_TYPES))}); a type of your own is known once its module is imported"
+        )
+    return _read(_TYPES[name](**value))
 
 
-def anisotropy_alone(scatterer: Particle | Mixture) -> float:
-    """Return g of a scatterer that it describes fully.
-
-    Raises
-    ------
-    RuleError
-        For any other scatterer.
-    """
-    if not is_henyey_greenstein(scatterer):
-        reject("Slab.scatterer", "Isotropic or HenyeyGreenstein for this engine", scatterer.type)
-    return scatterer.g
+AnyScatterer = Annotated[
+    SerializeAsAny[Scatterer],
+    BeforeValidator(_read),
+    WithJsonSchema({"type": "object", "required": ["type"], "properties": {"type": {"type": "string"}}}),
+]
+"""A scatterer of any family, written with its type."""
 
 
-def components(scatterer: Particle | Mixture) -> tuple[tuple[Particle, ...], tuple[float, ...]]:
-    """Particle types of a scatterer and their shares of sigma_s."""
-    return (scatterer.types, scatterer.fractions) if isinstance(scatterer, Mixture) else ((scatterer,), (1.0,))
+def scatterer_types() -> list[str]:
+    """Names of all types of scatterer known here."""
+    return sorted(_TYPES)

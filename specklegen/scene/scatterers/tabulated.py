@@ -1,16 +1,20 @@
 """Tabulated amplitudes: s given at some angles, linear between them."""
 
 import math
+from collections.abc import Callable
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.values import Array, ComplexArray, Value, remembered
-from specklegen.scene.scatterers.closed_form import Dimensions
+from specklegen.core.values import Array, ComplexArray, remembered
+from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotropy
 
 WIDEST_BIN = math.pi / 16  # radians: what kernels.phase_table integrates to rounding
+ACCURACY = 1e-4  # of a table made of a function, half-way between two nodes, relative to |s| there
+NARROWEST = 1e-7  # radians; where an amplitude jumps no bin is narrow enough
+_MOST_NODES = 2**18
 
 # Gauss-Legendre on (0, 1), to rounding for a quadratic times sin theta cos theta over a bin of WIDEST_BIN.
 _X, _W = np.polynomial.legendre.leggauss(8)
@@ -29,7 +33,7 @@ class Bins(NamedTuple):
     cosine: np.ndarray
 
 
-class Tabulated(Value):
+class Tabulated(_WithAnisotropy):
     """A particle whose amplitude is known at some angles: complex, linear in theta between them.
 
     The integral of |s|^2 over all directions is made 1 in the dimension asked for, so only the shape and the
@@ -82,11 +86,6 @@ class Tabulated(Value):
             reject("Tabulated.from_power power", "densities of at least 0, finite", density)
         return cls(theta=theta, amplitude=np.sqrt(density))
 
-    @property
-    def g(self) -> float:
-        """Anisotropy: mean cosine of the scattering angle in 3D."""
-        return self.mean_cosine(3)
-
     def mean_cosine(self, dimensions: Dimensions = 3) -> float:
         """Mean cosine of the scattering angle, in 3D or in flatland."""
         return math.fsum(self.bins(dimensions).cosine)
@@ -99,6 +98,60 @@ class Tabulated(Value):
     def bins(self, dimensions: Dimensions) -> Bins:
         """Return the table normalised, its wide bins cut so that quadrature over each is exact to rounding."""
         return _bins(self, dimensions)
+
+    def row(self, dimensions: Dimensions) -> Row:
+        """Return what the kernels read: bins of theta."""
+        bins = self.bins(dimensions)
+        below = np.cumsum(np.append(0.0, bins.power))
+        return Row("tabulated", (0.0, 0.0), bins.theta, bins.amplitude, below / below[-1])
+
+
+def tabulated(shape: Callable[[np.ndarray], np.ndarray], owner: str, first: int = 129) -> Tabulated:
+    """Make a table of an amplitude that is a function of theta, with nodes as close as ``ACCURACY`` asks for.
+
+    Parameters
+    ----------
+    shape
+        Maps angles float64[n] to amplitudes, real or complex, up to a factor.
+    owner
+        Who asks, for the message of an error.
+    first
+        Nodes to begin with; bins whose middle is not on the straight line between their ends are then halved.
+
+    Raises
+    ------
+    RuleError
+        If the function does not return one finite number an angle, or is too rough for a quarter of a million nodes.
+    """
+
+    def at(theta: np.ndarray) -> np.ndarray:
+        s = np.asarray(shape(theta))
+        if s.shape != theta.shape:
+            reject(f"{owner} amplitude", f"of the shape of the cosines, {theta.shape}", s.shape)
+        if not np.isfinite(s).all():
+            reject(f"{owner} amplitude", "finite at every angle", s)
+        return s.astype(np.complex128)
+
+    theta = np.linspace(0.0, math.pi, first)
+    # A narrow forward lobe may hide within the first bin.
+    theta = np.unique(np.concatenate([theta, np.geomspace(1e-6, theta[1], 33)]))
+    s = at(theta)
+    nodes, values = [theta], [s]
+    left, right, below, above = theta[:-1], theta[1:], s[:-1], s[1:]
+    while left.size:
+        middle = (left + right) / 2
+        exact = at(middle)
+        bent = np.abs((below + above) / 2 - exact) > ACCURACY * np.maximum(np.abs(below), np.abs(above))
+        bent &= right - left > NARROWEST
+        left, middle, right, below, exact, above = (a[bent] for a in (left, middle, right, below, exact, above))
+        nodes.append(middle)
+        values.append(exact)
+        if sum(map(len, nodes)) > _MOST_NODES:
+            reject(f"{owner} amplitude", "smooth enough for a table", f"one that needs over {_MOST_NODES} nodes")
+        left, right = np.append(left, middle), np.append(middle, right)
+        below, above = np.append(below, exact), np.append(exact, above)
+    theta, place = np.unique(np.concatenate(nodes), return_index=True)
+    return Tabulated(theta=theta, amplitude=np.concatenate(values)[place])
 
 
 @remembered(32)

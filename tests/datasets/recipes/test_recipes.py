@@ -20,7 +20,7 @@ from specklegen.datasets.split import Purpose, substream
 from specklegen.instrument.camera import NoiseStreams, expose
 from specklegen.instrument.lab import LabSetup
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+from specklegen.scene.scatterers import HenyeyGreenstein
 
 FAST = {"material": {"kernel_paths": 1000}}
 NOISE = {"photons": 200.0, "background": 10.0, "dark_current": 2.0, "read_noise": 3.0, "gain": 0.5, "offset": 20.0}

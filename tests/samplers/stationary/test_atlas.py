@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from kernel_race import use_and_delete
 from scipy.special import j0
+from specklegen.paths.slab_optics import plane_optics
 from zscore import assert_z
 
 from specklegen.core.statistics import jackknife
 from specklegen.datasets.recipes.parts.material import Material, known
-from specklegen.paths.slab_optics import plane_optics
 from specklegen.paths.slab_tracer import plane_proposal, trace
 from specklegen.samplers.stationary import atlas, correlation_cache
 from specklegen.samplers.stationary.atlas import Errors, atlas_correlation, atlas_errors, correlation_for
@@ -26,7 +26,7 @@ from specklegen.samplers.stationary.correlation import (
     lateral_distance,
 )
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein, Isotropic
+from specklegen.scene.scatterers import HenyeyGreenstein, Isotropic
 
 
 def slab(depth, g, albedo=1.0, thickness=1.0) -> Slab:

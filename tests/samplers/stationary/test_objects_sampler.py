@@ -10,7 +10,7 @@ from specklegen.samplers.stationary.modes import karhunen_loeve, tabulated
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.spectrum import LightModes
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+from specklegen.scene.scatterers import HenyeyGreenstein
 from specklegen.scene.sensors import FarFieldGrid
 
 K = estimate_correlation(

@@ -5,15 +5,15 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy.special import j0
+from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
 from zscore import assert_mean, assert_z
 
 from specklegen.datasets import load_recipe
-from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
 from specklegen.samplers.stationary.correlation import axial_bank, estimate_correlation, lateral_distance
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.spectrum import estimate_spectral_correlation, light_modes
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+from specklegen.scene.scatterers import HenyeyGreenstein
 from specklegen.scene.sensors import FarFieldGrid
 
 PATHS = 100_000

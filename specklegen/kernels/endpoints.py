@@ -1,4 +1,4 @@
-"""Ends of connections in any volume: attenuation, phase, decay, beam profile and scattering towards lights and views.
+"""Endpoint factors of connections: attenuation, phase, decay, beam profile and scattering towards lights and views.
 
 Connections are taken side by side, one quantity after the other in one array, so that the loops over them become
 vector instructions. What does not, the way through voxels and tabulated or mixed particles, has loops of its own.
@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from specklegen.kernels import ROOM, inlined, kernel
-from specklegen.kernels.arithmetic import exponential
+from specklegen.kernels.arithmetic import exponential, fma
 from specklegen.kernels.phase_table import (
     FISHER_2D,
     FISHER_3D,
@@ -31,13 +31,16 @@ X, Y, Z, WX, WY, WZ, DX, DY, DZ, AWAY, DEPTH, MODULUS, TURNS, REAL, IMAGINARY = 
 
 
 @kernel
-def ends(volume, table, records, column, sign, types, side, near_field, views, wavelength, footprint, radius, out):
+def endpoint_factors(
+    volume, table, records, column, sign, types, side, near_field, views, turns, wavelength, footprint, radius, out
+):
     """Fill ``out`` complex128[V, M] with xi tau s b of one end of every connection at every light or view.
 
     column, sign : position's column in the records; +1 where the direction that follows it arrives, -1 where it leaves
     types, side : int32[M, 2] and the column of the end's particle
     near_field : 1 where ``views`` float64[V, 3] are points, 0 where they are directions away from the medium
                  (for a light: the reversed direction of travel)
+    turns : float64[V, 3]     phase of a direction, e^(-2 pi i turns . x); not read of points
     footprint, radius : beam profile on the entrance plane (radius 0: none)
 
     Connections of single scattering have no direction: they get no s.
@@ -59,7 +62,8 @@ def ends(volume, table, records, column, sign, types, side, near_field, views, w
             if near_field:
                 towards_point(px, py, pz, wavelength, cells[EXTRA, 0] == 2, state, count)
             else:
-                towards_direction(px, py, pz, wavelength, state, count)
+                ax, ay, az = turns[n, 0], turns[n, 1], turns[n, 2]
+                towards_direction(px, py, pz, ax, ay, az, state, count)
             attenuate(bounds, cells, extinction, state, count)
             scattered = scatter(kind, table.parameters[0, 0], table.parameters[0, 1], sign, state, count)
             for m in range(count):
@@ -77,12 +81,12 @@ def ends(volume, table, records, column, sign, types, side, near_field, views, w
 
 
 @inlined
-def towards_direction(px, py, pz, wavelength, state, count):
-    """The far field in one direction."""
+def towards_direction(px, py, pz, ax, ay, az, state, count):
+    """The far field in one direction, of phase (ax, ay, az) in turns per unit length."""
     for m in range(count):
         state[DX + m], state[DY + m], state[DZ + m] = px, py, pz
         state[AWAY + m] = math.inf
-        state[TURNS + m] = -(px * state[X + m] + py * state[Y + m] + pz * state[Z + m]) / wavelength
+        state[TURNS + m] = -fma(ax, state[X + m], fma(ay, state[Y + m], az * state[Z + m]))
 
 
 @inlined
@@ -155,7 +159,7 @@ def face_profile(bounds, footprint, radius, px, py, pz, x, y, z):
 
 
 @kernel
-def single_amplitudes(table, records, types, near_light, lights, near_view, views, out):
+def single_factors(table, records, types, near_light, lights, near_view, views, out):
     """Fill ``out`` complex128[T, V, M] with s(i . v) of single scattering, directions taken at each vertex."""
     for t in range(lights.shape[0]):
         for v in range(views.shape[0]):

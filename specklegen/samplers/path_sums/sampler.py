@@ -1,0 +1,240 @@
+"""Path sums: fresh paths and phases for every realization, summed by NUFFT or directly. Algorithms 2 and 4 of [Bar19].
+
+Serves every scene. Paths are cut into chunks that the plan fixes; chunks are traced and summed side by side and added
+in their order, so that a field does not depend on threads, nor on whether it comes whole or piece by piece.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial, reduce
+from itertools import islice
+
+import numpy as np
+
+from specklegen.core.budgets import DEFAULT_PATHS
+from specklegen.core.decision import Decision
+from specklegen.core.parallel import Threads, in_turn, one_blas_thread, slices, thread_count
+from specklegen.core.random_streams import Seed
+from specklegen.paths.bank import PathBank
+from specklegen.paths.gaussianity import Gaussianity
+from specklegen.paths.pilot import Pilot, scene_pilot
+from specklegen.paths.tracer import Tracer, lock_step_obstacle
+from specklegen.samplers.path_sums.cost import (
+    CONNECTIONS_KEPT,
+    Work,
+    direct_operations,
+    memory_bytes,
+    operations,
+    tracing_operations,
+)
+from specklegen.samplers.path_sums.direct import Phases, direct_field, is_plain_slab, path_phases
+from specklegen.samplers.path_sums.nufft import TILTS_AT_ONCE, NufftPlan, nufft_field, nufft_tile
+from specklegen.samplers.path_sums.summation import summation_decision
+from specklegen.samplers.path_sums.tiling import Tile, coarsest
+from specklegen.samplers.sampler import TILTS_STREAMED, Drawn, Where, Wish, image_of
+from specklegen.scene.illumination import directions_of_sines
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarFieldGrid
+
+assert TILTS_STREAMED % TILTS_AT_ONCE == 0, "transforms must group the tilts of a part as those of the whole"
+
+Bank = Callable[[int, Threads], tuple[PathBank, Phases]]
+"""(number of a chunk, threads) -> its connections and their random phases."""
+
+
+def consider(scene: Scene, wish: Wish) -> tuple["PathSums", list[Decision]]:
+    """Path sums for a scene; they serve any."""
+    pilot = scene_pilot(scene, wish.reverse)
+    obstacle = lock_step_obstacle(scene)
+    if obstacle is None:
+        nufft, decision = summation_decision(scene, pilot, wish.field_tolerance, wish.reverse)
+    else:
+        nufft, decision = None, Decision("paths in lock step and NUFFT", False, obstacle)
+    paths = wish.paths
+    if paths is None:
+        paths = DEFAULT_PATHS if wish.rel_error is None else pilot.moments.paths_for(wish.rel_error)
+    work = Work(
+        scene=scene,
+        paths=paths,
+        events_per_path=pilot.events_per_path,
+        connections_per_path=pilot.connections_per_path,
+        lock_step=obstacle is None,
+        nufft=nufft,
+        ways=2 if pilot.tracer.bidirectional else 1,
+        plain=is_plain_slab(pilot.tracer.layout),
+        streamed=wish.streamed,
+    )
+    return PathSums(scene, work, pilot, wish.reverse), [decision]
+
+
+@dataclass(frozen=True)
+class PathSums:
+    """Path sums of a scene, dimensioned; see :class:`specklegen.samplers.sampler.Sampler`."""
+
+    scene: Scene
+    work: Work
+    pilot: Pilot
+    reverse: bool
+
+    name = "paths"
+    error_of = "false intensity correlation"
+
+    @property
+    def summation(self) -> str:
+        """By "nufft", or "direct"."""
+        return "nufft" if self.work.nufft else "direct"
+
+    @property
+    def paths(self) -> int:
+        """Paths a realization."""
+        return self.work.paths
+
+    @property
+    def nufft(self) -> NufftPlan | None:
+        """The view factors, where the NUFFT is used."""
+        return self.work.nufft
+
+    @property
+    def tracer(self) -> Tracer:
+        """What traces the paths."""
+        return self.pilot.tracer
+
+    @property
+    def expected_error(self) -> float:
+        """Root of the excess correlation of intensities from a finite number of paths, at the worst view."""
+        return float(np.sqrt(self.pilot.moments.relative_variance / self.paths))
+
+    @property
+    def gaussianity(self) -> Gaussianity:
+        """Whether so many paths make Gaussian speckle."""
+        return self.pilot.moments.gaussianity(self.paths)
+
+    @property
+    def field_dtype(self) -> type:
+        """Precision in which fields are summed."""
+        return self.nufft.dtype if self.nufft else np.complex128
+
+    def operations(self) -> Mapping[str, float]:
+        """Counted operations of one realization."""
+        return operations(self.work)
+
+    def alternatives(self) -> Mapping[str, Mapping[str, float]]:
+        """The direct sum instead of the NUFFT, and reversed paths where they are left out."""
+        work = self.work
+        if not work.lock_step:
+            return {}
+        tracing = tracing_operations(work)
+
+        def direct(ways: int) -> Mapping[str, float]:
+            return tracing | direct_operations(work.lights, work.connections * ways, work.views, work.plain)
+
+        found = {"the direct sum": direct(1)} if work.nufft else {}
+        return found if self.reverse else found | {"adding reversed paths (reverse=True)": direct(2)}
+
+    def memory(self, threads: int) -> int:
+        """Bytes by which the process grows at most."""
+        return memory_bytes(self.work, threads)
+
+    def prepare(self, seed: Seed, threads: int | None) -> "PathDraws":
+        """Make ready to draw: there is nothing to be found once."""
+        return PathDraws(self, seed, threads)
+
+
+@dataclass(frozen=True)
+class PathDraws:
+    """Realizations of path sums under a seed."""
+
+    sampler: PathSums
+    seed: Seed
+    threads: int | None
+
+    @cached_property
+    def _chunks(self) -> list[slice]:
+        return self.sampler.work.chunks.slices
+
+    def images(self, realizations: int) -> Iterator[Drawn]:
+        """Fresh paths and phases for every realization, summed chunk by chunk in a fixed order."""
+        scene, work = self.sampler.scene, self.sampler.work
+        shape = (work.lights, *scene.sensor.shape)
+        jobs = ((r, chunk) for r in range(realizations) for chunk in range(len(self._chunks)))
+        members = thread_count(self.threads)
+        beside = work.chunks.side_by_side(members, float(np.prod(shape)), realizations)
+        parts = in_turn(lambda job, crew: self._field(*job, crew), jobs, members, beside)
+        for _ in range(realizations):
+            field, connections, unfinished = np.zeros(shape, self.sampler.field_dtype), 0, 0
+            with one_blas_thread():
+                for part, bank in islice(parts, len(self._chunks)):
+                    field += part.reshape(shape)
+                    connections += len(bank)
+                    unfinished += bank.unfinished
+            yield Drawn(image_of(scene, field), connections, unfinished)
+
+    def _traced(self, realization: int, n: int, threads: Threads) -> tuple[PathBank, Phases]:
+        """Connections of chunk ``n`` and their phases."""
+        chunk, tracer = self._chunks[n], self.sampler.tracer
+        count = chunk.stop - chunk.start
+        bank = tracer.trace(self.seed, count, first=chunk.start, sample=realization, threads=threads)
+        return bank, path_phases(tracer, bank, self.seed, realization, self.sampler.reverse, threads)
+
+    def _field(self, realization: int, n: int, threads: Threads) -> tuple[np.ndarray, PathBank]:
+        """What a chunk of paths adds to the field, and its connections."""
+        bank, phases = self._traced(realization, n, threads)
+        layout, nufft = self.sampler.tracer.layout, self.sampler.nufft
+        if nufft:
+            part = nufft_field(layout, bank, phases[0], nufft, threads=threads)
+        else:
+            part = direct_field(layout, bank, phases, threads=threads)
+        return part * math.sqrt(bank.count / self.sampler.paths), bank
+
+    def pieces(self, realization: int) -> Iterator[tuple[Where, np.ndarray]]:
+        """Sums in the same order over parts of the tilts and views, complex64: tiles of at most 512 x 512 views."""
+        sampler, grid = self.sampler, self.sampler.scene.sensor
+        assert isinstance(grid, FarFieldGrid)
+        work = sampler.work
+        tiling = work.nufft.tiling if work.nufft else coarsest(grid)
+        groups = slices(work.lights, TILTS_STREAMED)
+        piece = float(np.prod(tiling.shape)) * min(work.lights, TILTS_STREAMED)
+        members = thread_count(self.threads)
+        beside = work.chunks.side_by_side(members, piece)
+        bank: Bank = partial(self._traced, realization)
+        bank = _kept(bank) if work.connections <= CONNECTIONS_KEPT else bank
+        for tile in tiling.tiles:
+            for tilts in groups:
+                part = partial(self._piece, bank, tile, tilts)
+                with one_blas_thread():
+                    field = reduce(np.add, in_turn(part, range(len(self._chunks)), members, beside))
+                yield (tilts, tile.rows, tile.columns), field.astype(np.complex64)
+
+    def _piece(self, bank: Bank, tile: Tile, tilts: slice, n: int, threads: Threads) -> np.ndarray:
+        """What chunk ``n`` of the paths adds to the field of some tilts on one tile."""
+        some, phases = bank(n, threads)
+        sampler = self.sampler
+        layout = sampler.tracer.layout.of_ends(tilts, slice(0, 0))
+        if sampler.nufft:
+            field = nufft_tile(layout, some, phases[0], sampler.nufft, tile, threads=threads)
+        else:
+            field = direct_field(layout.of_views(_views(sampler.scene, tile)), some, phases, threads=threads)
+        shape = (tilts.stop - tilts.start, tile.rows.stop - tile.rows.start, tile.columns.stop - tile.columns.start)
+        return (field * math.sqrt(some.count / sampler.paths)).reshape(shape)
+
+
+def _kept(bank: Bank) -> Bank:
+    """The same, which remembers every chunk."""
+    found = {}
+
+    def kept(n: int, threads: Threads) -> tuple[PathBank, Phases]:
+        if n not in found:
+            found[n] = bank(n, threads)
+        return found[n]
+
+    return kept
+
+
+def _views(scene: Scene, tile: Tile) -> np.ndarray:
+    """float64[n, 3], the views of a tile."""
+    grid = scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    x, y = grid.sines
+    y, x = np.meshgrid(y[tile.rows], x[tile.columns], indexing="ij")
+    return directions_of_sines("tile", np.stack([x.ravel(), y.ravel()], -1), grid.sign)

@@ -1,0 +1,52 @@
+"""Henyey and Greenstein's phase function: Astrophysical Journal 93, 70 (1941)."""
+
+import math
+from typing import Literal
+
+import numpy as np
+from pydantic import field_validator
+
+from specklegen.core.errors import reject
+from specklegen.scene.scatterers.scatterer import Dimensions, Row, Scatterer, all_directions
+
+
+class HenyeyGreenstein(Scatterer):
+    """Henyey and Greenstein's phase function, rho = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2)).
+
+    In flatland its counterpart of the same mean cosine, rho = (1 - g^2) / (2 pi (1 + g^2 - 2 g cos)). The amplitude is
+    its root, real and positive.
+
+    Parameters
+    ----------
+    g
+        Anisotropy, the mean cosine of the scattering angle; -1 < g < 1.
+    """
+
+    type: Literal["HenyeyGreenstein"] = "HenyeyGreenstein"
+    g: float
+
+    @field_validator("g")
+    @classmethod
+    def _open_interval(cls, g: float) -> float:
+        if not -1 < g < 1:
+            reject(
+                "HenyeyGreenstein.g",
+                "between -1 and 1, both excluded",
+                g,
+                "g = 1 would not scatter at all: use a longer mean free path; 0.999 is as forward as fog gets.",
+            )
+        return g
+
+    def mean_cosine(self, dimensions: Dimensions = 3) -> float:
+        """Mean cosine of the scattering angle, in 3D or in flatland: g."""
+        return self.g
+
+    def amplitude(self, cos: np.ndarray | float, dimensions: Dimensions = 3) -> np.ndarray:
+        """Scattering amplitude s, per root steradian (root radian in 2D), at the cosine of the scattering angle."""
+        g, sign = abs(self.g), math.copysign(1.0, self.g)
+        base = (1 - g) ** 2 + 2 * g * (1 - sign * np.asarray(cos, dtype=np.float64))
+        return np.sqrt((1 - g**2) / (all_directions(dimensions) * base ** (dimensions / 2)))
+
+    def row(self, dimensions: Dimensions) -> Row:
+        """Return what the kernels read: g."""
+        return Row("henyey", (self.g, 0.0))
