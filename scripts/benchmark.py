@@ -29,8 +29,7 @@ from error_time.machine import circumstances
 import specklegen as sg
 from specklegen.core.memory import resident_memory
 from specklegen.oracles.naive_numba import naive_field
-from specklegen.paths.slab_optics import Optics, random_phases
-from specklegen.paths.slab_tracer import trace
+from specklegen.paths.phases import random_phases
 from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.path_sums.nufft import nufft_field
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
@@ -105,7 +104,7 @@ def path_rows(repeats: int, naive_paths: int) -> list[Row]:
     events = [0] * (repeats + 1)
 
     def tracing(n: int) -> None:
-        events[n] = trace(MEDIUM, made.proposal, n, PATHS, threads=1).events
+        events[n] = made.chosen.tracer.trace(n, PATHS, threads=1).events
 
     def rendering(n: int) -> None:
         sg.render(scene, paths=PATHS, sampler="paths", seed=n, threads=1)
@@ -135,13 +134,14 @@ def path_rows(repeats: int, naive_paths: int) -> list[Row]:
 
 def field_error(made: sg.Plan) -> float:
     """Relative root mean square difference of the NUFFT's field from the direct sum, at 64 views of the grid."""
-    assert made.nufft is not None
-    optics = Optics.of_scene(made.scene)
-    bank = trace(MEDIUM, made.proposal, 0, PATHS, threads=1)
+    assert made.summation == "nufft"
+    tracer, nufft = made.chosen.tracer, made.chosen.nufft
+    layout, views = tracer.layout, nufft.grid.directions.reshape(-1, 3)
+    bank = tracer.trace(0, PATHS, threads=1)
     phases = random_phases(bank, 0)
-    chosen = np.random.default_rng(0).choice(made.nufft.grid.directions[..., 0].size, 64, replace=False)
-    fast = nufft_field(bank, optics, phases, made.nufft, threads=1).reshape(len(optics.tilts), -1)[:, chosen]
-    exact = direct_field(bank, optics, phases, made.nufft.grid.directions.reshape(-1, 3)[chosen], threads=1)
+    chosen = np.random.default_rng(0).choice(len(views), 64, replace=False)
+    fast = nufft_field(layout, bank, phases, nufft, threads=1).reshape(len(layout.lights), -1)[:, chosen]
+    exact = direct_field(layout.of_views(views[chosen]), bank, (phases, None), threads=1)
     return float(np.linalg.norm(fast - exact) / np.linalg.norm(exact))
 
 
@@ -209,9 +209,8 @@ def thread_rows(repeats: int) -> list[Row]:
 def traced(seed: int, threads: int) -> None:
     """Trace 8e5 paths of the example, 1e5 at a time, as no render holds more."""
     made = sg.plan(example(), paths=8 * PATHS, sampler="paths")
-    assert made.proposal is not None
     for n in range(8):
-        trace(MEDIUM, made.proposal, seed, PATHS, first=n * PATHS, threads=threads)
+        made.chosen.tracer.trace(seed, PATHS, first=n * PATHS, threads=threads)
 
 
 def rendered(seed: int, threads: int) -> None:

@@ -14,14 +14,13 @@ from pathlib import Path
 
 import numpy as np
 from scipy.special import j0
-from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
 from tqdm import tqdm
 
 from specklegen.core.statistics import BATCHES, jackknife
-from specklegen.paths.roulette import roulette_threshold
-from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.slab_tracer import trace
 from specklegen.samplers.stationary.atlas import Atlas, loss_at, single_intensity, stencil
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, lateral_distance
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, axial_tracer, lateral_distance
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein
 
@@ -91,8 +90,8 @@ def radii_of(share: np.ndarray, square: np.ndarray) -> np.ndarray:
 def estimate(depth: float, drop: float, seed: tuple[int, ...]) -> Node:
     """Trace one node."""
     slab = Slab(thickness=1.0, mean_free_path=1 / depth, scatterer=HenyeyGreenstein(g=1 - drop))
-    proposal, optics = plane_proposal(slab, AXIS, AXIS), plane_optics(slab, 1.0, AXIS[None])
-    proposal = replace(proposal, threshold=0.3 * roulette_threshold(slab, proposal, optics, AXIS, seed))
+    tracer = axial_tracer(slab)
+    proposal = replace(tracer.proposal, threshold=0.3 * tracer.proposal.threshold)
     loss = loss_at(ABSORPTIONS, depth, drop)  # -ln albedo
     share, square = np.zeros((len(loss), BATCHES, BINS)), np.zeros((len(loss), BINS))
     paths, spent = 0, 0
@@ -101,7 +100,7 @@ def estimate(depth: float, drop: float, seed: tuple[int, ...]) -> Node:
         spent += bank.events
         batch = (bank.paths - paths) // (CHUNK // BATCHES)
         many = bank.orders > 1
-        radius, weight = lateral_distance(bank)[many], contributions(bank, optics, AXIS, AXIS)[many]
+        radius, weight = lateral_distance(bank)[many], contributions(tracer.layout, bank)[many]
         place = (np.log(radius) - LOWEST) * (BINS / (HIGHEST - LOWEST))
         place = np.clip(place, 0, BINS - 1).astype(np.int64)
         cell = batch[many] * BINS + place

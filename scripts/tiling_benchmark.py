@@ -21,9 +21,8 @@ import numpy as np
 
 import specklegen as sg
 from specklegen.core.memory import resident_memory
-from specklegen.paths.pilot import scene_pilot
-from specklegen.paths.slab_optics import Optics, random_phases
-from specklegen.paths.slab_tracer import trace
+from specklegen.paths.phases import random_phases
+from specklegen.paths.tracer import slab_tracer
 from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.path_sums.nufft import nufft_field
 from specklegen.samplers.path_sums.summation import scene_nufft
@@ -46,19 +45,19 @@ def compare(half: float, views: int, tilts: int, tolerance: float) -> str:
     start = time.process_time()
     evaluator = scene_nufft(this, False, tolerance)
     planning = time.process_time() - start
-    optics = Optics.of_scene(this)
-    bank = trace(this.slab, scene_pilot(this, False).proposal, 2, 2 * CONNECTIONS, threads=1)
+    tracer = slab_tracer(this, False)
+    layout, bank = tracer.layout, tracer.trace(2, 2 * CONNECTIONS, threads=1)
     bank = bank.select(slice(0, CONNECTIONS))
     phases = random_phases(bank, 3)
     chosen = np.random.default_rng(0).choice(views**2, VIEWS, replace=False)
     tiled, direct = np.inf, np.inf
     for _ in range(3):
         start = time.process_time()
-        exact = direct_field(bank, optics, phases, this.views[chosen], threads=1)
+        exact = direct_field(layout.of_views(this.views[chosen]), bank, (phases, None), threads=1)
         direct = min(direct, time.process_time() - start)
         if evaluator is not None:
             start = time.process_time()
-            found = nufft_field(bank, optics, phases, evaluator, threads=1).reshape(tilts, -1)[:, chosen]
+            found = nufft_field(layout, bank, phases, evaluator, threads=1).reshape(tilts, -1)[:, chosen]
             tiled = min(tiled, time.process_time() - start)
     direct *= 1e6 / len(bank) * views**2 / VIEWS
     tiled *= 1e6 / len(bank)

@@ -44,7 +44,7 @@ def test_plans_tell_what_is_done(name):
     kinds = {"voxels": "Grid of 1x2 voxels", "slab": "Slab 9 thick of optical depth 1.8"}
     assert text.startswith(kinds.get(name, "Box of optical depth 2"))
     assert "1000 paths" in text
-    assert "fast engine for beams through a slab: left out" in text
+    assert "paths in lock step and NUFFT: left out" in text
     assert "nan" not in text
 
 

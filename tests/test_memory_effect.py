@@ -1,19 +1,20 @@
 """The memory effect of a slab against two independent programs and closed forms."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.special import j0
 from scipy.stats import chi2
+from slab_sums import wave_layout
 from zscore import FALSE_ALARM, assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.core.statistics import BATCHES, jackknife
-from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.endpoints import AXIS
 from specklegen.paths.slab_tracer import plane_proposal, trace
-from specklegen.samplers.stationary.correlation import estimate_correlation
+from specklegen.samplers.stationary.correlation import axial_tracer, estimate_correlation, lateral_distance
 from specklegen.theory import slab as theory
 
 THICKNESS, WAVELENGTH = 1000.0, 0.5
@@ -178,7 +179,7 @@ def test_the_tiniest_tilt_has_its_parabola(optical_depth):
     theta = np.array([1e-9, 1e-12])
     found = sg.memory_effect(medium, wavelength=WAVELENGTH, tilts=theta, paths=200_000, seed=1)
     bank = trace(medium, plane_proposal(medium, AXIS, AXIS), 2, 64 * 1000)
-    w = contributions(bank, plane_optics(medium, 1.0, AXIS[None]), AXIS, AXIS)
+    w = contributions(wave_layout(medium, 1.0, AXIS[None]), bank)
     r2 = np.square(bank.exit[:, :2] - bank.entry[:, :2]).sum(axis=1)
     batch = bank.paths // 1000
     sums = np.stack([np.bincount(batch, w * r2), np.bincount(batch, w)], 1)
@@ -346,10 +347,9 @@ def test_kernel_is_the_bessel_mean_of_its_bank():
     """K(q) = E[w J0(q r)]/E[w]: the histogram of r against the sum over connections, on the same paths."""
     medium = slab(5, 0.5)
     kernel = estimate_correlation(medium, 50_000, 1)
-    from specklegen.samplers.stationary.correlation import _axial_threshold, lateral_distance
-
-    bank = trace(medium, replace(plane_proposal(medium, AXIS, AXIS), threshold=_axial_threshold(medium)), 1, 50_000)
-    w = contributions(bank, plane_optics(medium, 1.0, AXIS[None]), AXIS, AXIS)
+    tracer = axial_tracer(medium)
+    bank = tracer.trace(1, 50_000)
+    w = contributions(tracer.layout, bank)
     q = np.array([0.0, 0.1, 0.5, 1.0, 3.0, 10.0]) / THICKNESS
     expected = (w * j0(q[:, None] * lateral_distance(bank))).sum(axis=1) / w.sum()
     # Bins are 2.7 % wide about their mean square: the error is (0.027 q r)^2 / 24.

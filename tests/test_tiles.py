@@ -5,10 +5,11 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import specklegen as sg
-from specklegen import tiles
 from specklegen.paths.chunks import Chunks
-from specklegen.planning.costs import Work, memory_bytes
-from specklegen.samplers.path_sums import summation, tiling
+from specklegen.paths.pilot import scene_pilot
+from specklegen.samplers.path_sums import sampler, summation, tiling
+from specklegen.samplers.path_sums.cost import Work, memory_bytes
+from specklegen.samplers.stationary.sampler import Stationary
 
 SINGLE = 1e-5  # complex64 sums of some thousand terms of order 1
 
@@ -36,8 +37,8 @@ CASES = {
 def small_pieces(monkeypatch):
     """Pieces of 16 views a side and two tilts; three chunks of paths, traced anew for each."""
     monkeypatch.setattr(tiling, "MOST_VIEWS", 16)
-    monkeypatch.setattr(tiles, "TILTS_STREAMED", 2)
-    monkeypatch.setattr(tiles, "CONNECTIONS_KEPT", 0)
+    monkeypatch.setattr(sampler, "TILTS_STREAMED", 2)
+    monkeypatch.setattr(sampler, "CONNECTIONS_KEPT", 0)
     monkeypatch.setattr(Chunks, "count", 3)
     summation.scene_nufft.cache_clear()
     yield
@@ -87,15 +88,15 @@ def test_a_stack_goes_to_zarr(tmp_path):
 @pytest.mark.usefixtures("small_pieces")
 def test_an_interrupted_stack_has_no_name_and_is_made_anew(tmp_path, monkeypatch):
     this, options = CASES["nufft"]
-    real = tiles._chunk
+    real = sampler.nufft_tile
 
-    def fails(made, optics, tile, *rest):
+    def fails(layout, bank, phases, plan, tile, **rest):
         if tile.rows.start:
             raise KeyboardInterrupt
-        return real(made, optics, tile, *rest)
+        return real(layout, bank, phases, plan, tile, **rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr(tiles, "_chunk", fails)
+        patch.setattr(sampler, "nufft_tile", fails)
         with pytest.raises(KeyboardInterrupt):
             sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
     assert not (tmp_path / "stack.zarr").exists()
@@ -105,14 +106,14 @@ def test_an_interrupted_stack_has_no_name_and_is_made_anew(tmp_path, monkeypatch
 
 
 def test_no_tilts_are_no_pieces():
-    for sampler in ("paths", "stationary"):
-        assert gathered(scene(tilts=0), sampler=sampler, paths=100)[1] == 0
+    for name in ("paths", "stationary"):
+        assert gathered(scene(tilts=0), sampler=name, paths=100)[1] == 0
 
 
 @pytest.mark.usefixtures("small_pieces")
 def test_pieces_are_summed_with_one_thread_of_linear_algebra(monkeypatch):
     """As a render is: more would change last bits. Between pieces the caller has them all again."""
-    real, seen = tiles.nufft_tile, []
+    real, seen = sampler.nufft_tile, []
 
     def threads() -> set[int]:
         return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
@@ -121,7 +122,7 @@ def test_pieces_are_summed_with_one_thread_of_linear_algebra(monkeypatch):
         seen.append(threads())
         return real(*args, **kwargs)
 
-    monkeypatch.setattr(tiles, "nufft_tile", watched)
+    monkeypatch.setattr(sampler, "nufft_tile", watched)
     this, options = CASES["nufft"]
     with threadpool_limits(2):
         for _ in sg.render_tiles(this, seed=3, **options):
@@ -134,9 +135,9 @@ def test_what_cannot_be_streamed_is_refused_at_once():
     this = scene()
     with pytest.raises(sg.RuleError, match="seen by a FarFieldGrid; got 'CollimatedBeams seen by FarField'"):
         sg.render_tiles(this.replace(sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]])))
-    lobes = this.slab.replace(scatterer=sg.VonMisesFisher(concentration=5.0))
-    with pytest.raises(sg.RuleError, match="got 'the scatterer is VonMisesFisher'. Use render"):
-        sg.render_tiles(this.replace(medium=lobes), paths=1000)
+    box = sg.Box(lower=[-1.0] * 3, upper=[1.0] * 3, mean_free_path=1.0, scatterer=sg.Isotropic())
+    with pytest.raises(sg.RuleError, match="got 'the medium is a Box'. Use render"):
+        sg.render_tiles(this.replace(medium=box), paths=1000)
 
 
 @pytest.mark.parametrize("stationary", [False, True])
@@ -145,11 +146,13 @@ def test_what_is_held_does_not_grow_with_the_stack(stationary):
     bytes_held = {}
     for n in (2048, 4096):
         for streamed in (False, True):
-            work = Work(
-                scene=scene((n, n), 100, width=1e5), paths=10_000, events_per_path=10.0, connections_per_path=1.0,
-                stationary=stationary, nufft=None, reverse=False, streamed=streamed,
-            )  # fmt: skip
-            bytes_held[n, streamed] = memory_bytes(work, 1)
+            this = scene((n, n), 100, width=1e5)
+            if stationary:
+                pilot = scene_pilot(scene((8, 8), 1, width=1e5), False)
+                needed = Stationary(this, 10_000, "axial", pilot, streamed).memory(1)
+            else:
+                needed = memory_bytes(Work(this, 10_000, 10.0, 1.0, True, None, 1, streamed=streamed), 1)
+            bytes_held[n, streamed] = needed
     assert bytes_held[4096, False] > 100 * 4096**2 * 8
     assert bytes_held[4096, True] < 0.2 * bytes_held[4096, False]
     if not stationary:

@@ -5,19 +5,21 @@ from zscore import assert_z
 
 from specklegen.oracles import box_algorithms as oracle
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
-from specklegen.paths.tracer import scene_tracer
+from specklegen.paths.tracer import volume_tracer
 
 BATCHES = 64
 
 
 def engine_batches(scene, paths, *, reverse, seed=1, parts=False):
     """Covariance complex128[64, TV, TV] of ``paths`` paths each; with ``parts`` [64, 2, ...], single and multiple."""
-    tracer = scene_tracer(scene, reverse)
+    tracer = volume_tracer(scene, reverse)
     found = []
     for b in range(BATCHES):
         bank = tracer.trace(seed, paths, first=b * paths, threads=1)
-        once = single_amplitudes(tracer, bank.single)
-        more = multiple_amplitudes(tracer, bank.multiple, reverse)
+        once = single_amplitudes(tracer.layout, bank.single)
+        more = multiple_amplitudes(
+            tracer.layout, bank.multiple, bidirectional=tracer.bidirectional, reverse=reverse
+        )
         found.append([a @ a.conj().T / paths for a in (once, more)])
     found = np.array(found)
     return found if parts else found.sum(axis=1)

@@ -1,17 +1,18 @@
 """Directions, phases and tilts at their extremes; backscattering and the forward direction."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from decimal import Decimal, localcontext
 
 import numpy as np
 
 import specklegen as sg
 from specklegen.kernels.volume import exit_distance, optical_depth
-from specklegen.paths.endpoint_factors import endpoint_factors
-from specklegen.paths.layout import volume_of
-from specklegen.paths.slab_optics import Optics, contributions, illumination_ends
+from specklegen.paths.endpoint_factors import contributions, endpoint_factors
+from specklegen.paths.layout import scene_layout
 from specklegen.paths.slab_tracer import beam_proposal, trace
-from specklegen.paths.tracer import scene_tracer
+from specklegen.paths.tracer import volume_tracer
+from specklegen.paths.volumes import volume_of
 from specklegen.theory.correlation_transfer import field_correlation
 from specklegen.theory.single_scattering import box_covariance, slab_covariance
 
@@ -100,12 +101,13 @@ _LONG = 1e8 / (2 * np.pi)  # wavelengths: k L = 1e8
 def phases_far() -> Row:
     """Both engines' phases of plane waves on vertices as far as 1e8/k, against exact arithmetic."""
     made = scene(slab(1.0, thickness=_LONG), beams([0.0, 0.3], width=_LONG / 2))
-    tracer = scene_tracer(made, False)
-    bank = tracer.trace(1, 16).single
-    general = endpoint_factors(tracer, bank, tracer.lights, "entry")
+    tracer = volume_tracer(made, False)
+    bank, layout = tracer.trace(1, 16).single, tracer.layout
+    absolute = replace(layout.lights, reference=np.zeros(3))
+    general = endpoint_factors(layout, bank, absolute, "entry")
     right = [[_turned(lambda i=i, x=x: _dot(i, x), 1.0) for x in bank.entry] for i in made.lights]
     fast = trace(made.slab, beam_proposal(made.slab, made.beams, AXIS[None]), 1, 16).single
-    ends = illumination_ends(fast, Optics.of_scene(made), np.ones(len(fast)), single=True)
+    ends = endpoint_factors(layout, fast, layout.lights, "entry")
     tilts = [_turned(lambda x=x: _dot(made.lights[1] - AXIS, x), 1.0) for x in fast.entry]
     error = max(_gap(general, right), _gap(ends[1] / np.where(ends[0] == 0, 1, ends[0]), tilts))
     return within("k L = 1e8: phases of plane waves, rad", "60-digit arithmetic", 0.0, error, 2e-7, relative=False)
@@ -114,9 +116,9 @@ def phases_far() -> Row:
 def phases_near() -> Row:
     """The same for distances to points."""
     made = scene(slab(1.0, thickness=_LONG), beams([0.0], width=1e3), sg.NearField(points=[[1e3, 0, 1.5 * _LONG]]))
-    tracer = scene_tracer(made, False)
+    tracer = volume_tracer(made, False)
     bank = tracer.trace(1, 16).single
-    found = endpoint_factors(tracer, bank, tracer.views, "exit")[0]
+    found = endpoint_factors(tracer.layout, bank, tracer.layout.views, "exit")[0]
 
     def distance(x: np.ndarray) -> Decimal:
         gap = [Decimal(float(a)) - Decimal(float(b)) for a, b in zip(made.views[0], x, strict=True)]
@@ -165,7 +167,7 @@ def narrow_beam() -> Row:
     medium, width, batches = slab(2.0), 20.0, 64
     made = scene(medium, beams([0.0], width), views([0, 0, -1]))
     bank = trace(medium, beam_proposal(medium, made.beams, -AXIS[None]), 4, batches * 1000)
-    w = contributions(bank, Optics.of_scene(made), AXIS, -AXIS)
+    w = contributions(scene_layout(made), bank)
     back = (bank.orders > 1) & (np.abs(bank.exit[:, :2]) <= width / 2).all(axis=1)
     sums = np.bincount(bank.paths // 1000, w * (1.0 + back), batches) / bank.count
     right, error = sums.sum(), np.sqrt(batches) * sums.std(ddof=1)

@@ -11,7 +11,7 @@ from specklegen.kernels import kernel
 from specklegen.kernels.phase_table import sample
 from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.slab_tracer import plane_proposal, trace
-from specklegen.paths.tracer import scene_tracer
+from specklegen.paths.tracer import volume_tracer
 from specklegen.theory.slab import double_to_single
 
 from .row import FALSE_ALARM, Row, holds, measured, refused, within
@@ -93,7 +93,7 @@ def albedo_zero() -> Row:
         {
             "render = mean field": np.array_equal(stack.field, sg.mean_field(made).astype(np.complex64)),
             "C = 0 in a slab and in a box": not any(sg.covariance(s, paths=100).value.any() for s in (made, box)),
-            "no scattering event": scene_tracer(box, False).trace(0, 1000).events == 0,
+            "no scattering event": volume_tracer(box, False).trace(0, 1000).events == 0,
         },
     )  # fmt: skip
 

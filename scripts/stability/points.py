@@ -4,7 +4,7 @@ import numpy as np
 
 import specklegen as sg
 from specklegen.paths.endpoint_factors import endpoint_factors, single_amplitudes
-from specklegen.paths.tracer import scene_tracer
+from specklegen.paths.tracer import volume_tracer
 from specklegen.theory.correlation_transfer import collision_density
 
 from .row import Row, holds, measured, refused, within
@@ -49,12 +49,12 @@ def near_mean() -> Row:
 def near_vertex() -> Row:
     """A sensor on a vertex, and a hair away from one."""
     made = scene(cube(50.0, 25.0), sg.PlaneWaves(directions=[AXIS]), sg.NearField(points=[[0.0, 0.0, 0.0]]))
-    x = scene_tracer(made, False).trace(1, 64).entry[7]
+    x = volume_tracer(made, False).trace(1, 64).entry[7]
     hair = np.nextafter(x, np.inf)
-    tracer = scene_tracer(made.replace(sensor=sg.NearField(points=[x, hair])), False)
-    bank = scene_tracer(made, False).trace(1, 64)
-    ends = endpoint_factors(tracer, bank, tracer.views, "exit")
-    single = single_amplitudes(tracer, bank.single)
+    tracer = volume_tracer(made.replace(sensor=sg.NearField(points=[x, hair])), False)
+    bank = volume_tracer(made, False).trace(1, 64)
+    ends = endpoint_factors(tracer.layout, bank, tracer.layout.views, "exit")
+    single = single_amplitudes(tracer.layout, bank.single)
     found = sg.covariance(made.replace(sensor=sg.NearField(points=[x, hair])), paths=6400, seed=1)
     return holds(
         "sensor on a vertex, and 1e-15 away", "measure zero: left out, without bias", "finite",

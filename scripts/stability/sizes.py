@@ -6,7 +6,7 @@ import numpy as np
 
 import specklegen as sg
 from specklegen.paths.endpoint_factors import endpoint_factors
-from specklegen.paths.tracer import scene_tracer
+from specklegen.paths.tracer import volume_tracer
 
 from .row import Row, measured, within
 from .scenes import ACCEPTANCE, beams, scene, slab
@@ -26,14 +26,14 @@ def scaled() -> Row:
 
 def _leaving(made: sg.Scene, paths: int, seed: int) -> np.ndarray:
     """Light through a box's sides over what meets the box, 64 batches: float64[64]."""
-    tracer = replace(scene_tracer(made, False), threshold=0.0)
+    tracer = replace(volume_tracer(made, False), threshold=0.0)
     generator, sums = np.random.default_rng(seed), np.zeros(64)
     bounds = np.stack([made.medium.lower, made.medium.upper])
     size = paths // 64
     area = float(np.prod((bounds[1] - bounds[0])[:2]))
     for n in range(64):
         bank = tracer.trace(seed, size, first=n * size)
-        power = bank.weight * np.square(np.abs(endpoint_factors(tracer, bank, tracer.lights, "entry")[0]))
+        power = bank.weight * np.square(np.abs(endpoint_factors(tracer.layout, bank, tracer.layout.lights, "entry")[0]))
         # One direction a connection, isotropic: what leaves there unscattered, and through which face.
         out = generator.normal(size=(len(bank), 3))
         out /= np.linalg.norm(out, axis=1, keepdims=True)

@@ -61,14 +61,14 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
 def _rays(scene: Scene) -> np.ndarray:
     """complex128[T, V], the field of every light at every view with what is lost on the straight line."""
     lights, views = light_endpoints(scene), view_endpoints(scene)
-    field = np.empty((len(lights.vectors), len(views.vectors)), np.complex128)
+    field = np.empty((len(lights), len(views)), np.complex128)
     met = mean_integrals.rays(
         volume_of(scene.medium, scene.dimension), lights.near, lights.vectors, views.near, views.vectors,
         scene.wavelength, lights.footprint, lights.radius, field,
     )  # fmt: skip
     if met >= 0:
         reject(
-            "mean_field scene.sensor.points", "away from every source", scene.views[met % len(views.vectors)],
+            "mean_field scene.sensor.points", "away from every source", scene.views[met % len(views)],
             "The field of a point source is infinite there.",
         )  # fmt: skip
     return field

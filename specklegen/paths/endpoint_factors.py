@@ -63,7 +63,7 @@ def endpoint_factors(
 
 def light_strengths(layout: Layout, bank: PathBank, factors: np.ndarray, threads: Threads = 1) -> np.ndarray:
     """complex128[T, M], factor_m sqrt(W_m) A_t(m) of the entrances, in blocks of connections."""
-    out = np.empty((len(layout.lights.vectors), len(bank)), np.complex128)
+    out = np.empty((len(layout.lights), len(bank)), np.complex128)
 
     def block(part: slice) -> None:
         some = bank.select(part)
@@ -78,7 +78,7 @@ def single_factors(layout: Layout, bank: PathBank) -> np.ndarray:
     lights, views = layout.lights, layout.views
     if not (lights.near or views.near) and len(layout.table.kinds) == 1:
         bank = bank.select(slice(0, 1))
-    out = np.empty((len(lights.vectors), len(views.vectors), len(bank)), np.complex128)
+    out = np.empty((len(lights), len(views), len(bank)), np.complex128)
     kernels.single_factors(
         layout.table, bank.records, bank.types, lights.near, np.ascontiguousarray(lights.vectors),
         views.near, np.ascontiguousarray(views.vectors), out,

@@ -7,6 +7,7 @@ connection alone, and is random anyway (:func:`specklegen.paths.phases.reversal_
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -14,10 +15,10 @@ import numpy as np
 from specklegen.kernels import volume_walk
 from specklegen.kernels.walk import UNLIMITED
 from specklegen.paths.volumes import footprint_code, spatial
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources
+from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources, directions_of_sines
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import NearField
+from specklegen.scene.sensors import FarFieldGrid, NearField
 
 _PROBES = 5
 AXIS = np.array([0.0, 0.0, 1.0])
@@ -31,8 +32,9 @@ class Endpoints:
     Attributes
     ----------
     near : bool
-        Whether ``vectors`` are points; else unit vectors away from the medium.
-    vectors : float64[n, 3]
+        Whether they are points; else directions away from the medium.
+    given : float64[n, 3] or FarFieldGrid
+        Points or unit vectors; a grid is not spread out before somebody asks for :attr:`vectors`.
     wavelength : float
     footprint, radius :
         Beam profile on the entrance plane; radius 0 is none.
@@ -41,11 +43,19 @@ class Endpoints:
     """
 
     near: bool
-    vectors: np.ndarray
+    given: np.ndarray | FarFieldGrid
     wavelength: float
     footprint: int = UNLIMITED
     radius: float = 0.0
     reference: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def __len__(self) -> int:
+        return int(np.prod(self.given.shape)) if isinstance(self.given, FarFieldGrid) else len(self.given)
+
+    @cached_property
+    def vectors(self) -> np.ndarray:
+        """float64[n, 3], in C order of a grid."""
+        return self.of(slice(None)).vectors if isinstance(self.given, FarFieldGrid) else self.given
 
     @property
     def turns(self) -> np.ndarray:
@@ -56,12 +66,21 @@ class Endpoints:
 
     def of(self, chosen: np.ndarray | slice) -> Self:
         """Those of these numbers."""
-        return replace(self, vectors=self.vectors[chosen])
+        if not isinstance(self.given, FarFieldGrid):
+            return replace(self, given=self.given[chosen])
+        numbers = np.arange(*chosen.indices(len(self))) if isinstance(chosen, slice) else np.asarray(chosen)
+        row, column = np.divmod(numbers, self.given.shape[1])
+        x, y = self.given.sines
+        return replace(self, given=directions_of_sines("view", np.stack([x[column], y[row]], -1), self.given.sign))
+
+    def at(self, vectors: np.ndarray) -> Self:
+        """Others of the kind: float64[n, 3]."""
+        return replace(self, given=np.ascontiguousarray(np.atleast_2d(vectors)))
 
     def few(self) -> Self:
         """A few of them, which stand for all."""
-        chosen = np.unique(np.linspace(0, max(len(self.vectors) - 1, 0), _PROBES).astype(int))
-        return self.of(chosen) if len(self.vectors) else self
+        chosen = np.unique(np.linspace(0, max(len(self) - 1, 0), _PROBES).astype(int))
+        return self.of(chosen) if len(self) else self
 
     def probed(self) -> Self:
         """A few of them without their profile: what only other beams light must be judged as if these did."""
@@ -99,7 +118,8 @@ def view_endpoints(scene: Scene) -> Endpoints:
     if isinstance(scene.sensor, NearField):
         return Endpoints(True, spatial(scene.views), scene.wavelength)
     reference = scene.side * AXIS if isinstance(scene.medium, Slab) else np.zeros(3)
-    return Endpoints(False, spatial(scene.views), scene.wavelength, reference=reference)
+    given = scene.sensor if isinstance(scene.sensor, FarFieldGrid) else spatial(scene.views)
+    return Endpoints(False, given, scene.wavelength, reference=reference)
 
 
 def plane_endpoints(vectors: np.ndarray, wavelength: float, radius: float = 0.0) -> Endpoints:

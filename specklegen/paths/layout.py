@@ -39,12 +39,11 @@ class Layout:
 
     def of_views(self, vectors: np.ndarray) -> Self:
         """The same with other views: unit vectors float64[V, 3]."""
-        return replace(self, views=replace(self.views, vectors=np.ascontiguousarray(vectors)))
+        return replace(self, views=self.views.at(vectors))
 
     def at(self, light: np.ndarray, view: np.ndarray) -> Self:
         """The same with one light and one view, unit vectors of travel float64[3]."""
-        lights = replace(self.lights, vectors=-np.atleast_2d(light))
-        return replace(self, lights=lights, views=replace(self.views, vectors=np.atleast_2d(view)))
+        return replace(self, lights=self.lights.at(-light), views=self.views.at(view))
 
     def probed(self) -> Self:
         """The same with only a few of the lights and views, which keep their beam profile."""

@@ -32,7 +32,7 @@ def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTrac
 
 def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:
     """Set the threshold from a pilot, where a path has so many connections that judging them pays."""
-    if not len(tracer.layout.views.vectors) or not len(tracer.layout.lights.vectors):
+    if not len(tracer.layout.views) or not len(tracer.layout.lights):
         return tracer
     # Any positive threshold makes the walk judge connections; this one keeps them all but those of no weight.
     judging = replace(tracer, threshold=1e-300)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import ROOT
+from slab_sums import direct
 from typer.testing import CliRunner
 from zscore import assert_z, limit
 
@@ -21,11 +22,10 @@ from specklegen.benchmarking.probes import only
 from specklegen.cli.bench import scene_of
 from specklegen.cli.commands import app
 from specklegen.core.errors import RuleError
-from specklegen.paths.slab_optics import Optics, random_phases
-from specklegen.paths.slab_tracer import trace
+from specklegen.paths.layout import scene_layout
+from specklegen.paths.phases import random_phases
 from specklegen.planning.planning import plan
 from specklegen.rendering import render
-from specklegen.samplers.path_sums.direct import direct_field
 
 PITCH = 0.45e-3
 
@@ -101,15 +101,16 @@ def test_no_crossing():
 def test_connection_amplitudes_are_those_of_the_field(side, reverse):
     scene = small(side)
     made = sg.plan(scene, paths=500, sampler="paths", reverse=reverse)
-    bank = trace(scene.slab, made.proposal, 3, 500)
-    phases, optics = random_phases(bank, 3), Optics.of_scene(scene)
+    tracer = made.chosen.tracer
+    bank = tracer.trace(3, 500)
+    phases, layout = random_phases(bank, 3), scene_layout(scene)
     points = np.array([(0, 5), (2, 40), (1, 77)])
     single = bank.orders == 1
     ours = sum(
-        connection_amplitudes(made, bank.select(part), points, single=alone) @ phases[part]
-        for part, alone in ((single, True), (~single, False))
+        connection_amplitudes(tracer, bank.select(part), points, reverse=reverse) @ phases[part]
+        for part in (single, ~single)
     ) / np.sqrt(bank.count)
-    field = direct_field(bank, optics, phases, scene.views, reverse=reverse)
+    field = direct(bank, layout, phases, scene.views, reverse=reverse)
     np.testing.assert_allclose(ours, field[points[:, 0], points[:, 1]], rtol=1e-10)
 
 
@@ -130,7 +131,7 @@ def test_paths_imply_what_their_renders_scatter_about():
 @pytest.mark.parametrize(("center", "kernel"), [((0.0, 0.0), "axial"), ((0.5, 0.2), "oblique")])
 def test_stationary_model_is_that_of_its_stacks(center, kernel):
     scene = small(center=center)
-    assert plan(scene, sampler="stationary").kernel == kernel
+    assert plan(scene, sampler="stationary").chosen.kernel == kernel
     probes = Probes(np.array([(0, 38), (2, 42), (0, 39)]), np.array([(0, 1), (0, 2)]))
     model = stationary_estimate(scene, probes, 2000, 1).value
     fields = render(scene, paths=2000, sampler="stationary", seed=1, realizations=4000).field.reshape(4000, 3, -1)

@@ -10,9 +10,8 @@ from specklegen.oracles.algorithms import Pairs, algorithm1, algorithm2
 from specklegen.oracles.electric_field import electric_field
 from specklegen.oracles.naive_covariance import naive_covariance
 from specklegen.oracles.naive_numba import naive_field
-from specklegen.paths import slab_optics
-from specklegen.paths.slab_optics import Optics
-from specklegen.paths.slab_tracer import trace
+from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.paths.tracer import slab_tracer
 from specklegen.scene.illumination import directions_of_sines
 
 BATCHES = 64
@@ -61,26 +60,13 @@ def transcribed_covariances(scene, *, reverse=False, paths=TRANSCRIBED_PATHS):
 
 def engine_covariances(scene, *, reverse=False, paths=ENGINE_PATHS):
     """C that the engine's paths imply, batch by batch: complex128[64, T * V, T * V]."""
-    made = sg.plan(scene, paths=paths, sampler="paths", reverse=reverse)
-    optics = Optics.of_scene(scene)
-    views = scene.sensor.directions
-    pairs = len(optics.tilts) * len(views)
-
-    def amplitudes(bank, factors, *, single=False):
-        light = slab_optics.illumination_ends(bank, optics, factors, single=single)
-        sensor = slab_optics.sensor_ends(bank, optics, views, single=single)
-        return light[:, None] * sensor
-
+    tracer = slab_tracer(scene, reverse)
+    layout, ways = tracer.layout, {"bidirectional": reverse, "reverse": reverse}
     covariances = []
     for batch in range(BATCHES):
-        bank = trace(scene.medium, made.proposal, 7, paths, first=batch * paths, threads=1)
-        singles, multiples = bank.single, bank.multiple
-        one = amplitudes(singles, np.ones(len(singles), complex), single=True)
-        one *= slab_optics.single_amplitudes(optics, views)[..., None]
-        more = amplitudes(multiples, np.ones(len(multiples), complex))
-        if reverse:
-            more += amplitudes(bank.reversed(), slab_optics.reversal_phases(bank, optics))
-        a = np.concatenate([one, more], axis=-1).reshape(pairs, -1)
+        bank = tracer.trace(7, paths, first=batch * paths, threads=1)
+        parts = single_amplitudes(layout, bank.single), multiple_amplitudes(layout, bank.multiple, **ways)
+        a = np.concatenate(parts, axis=-1)
         covariances.append(a @ a.conj().T / paths)
     return np.array(covariances)
 

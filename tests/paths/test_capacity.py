@@ -7,7 +7,7 @@ import pytest
 
 import specklegen as sg
 from specklegen.kernels import volume_walk
-from specklegen.paths.tracer import scene_tracer
+from specklegen.paths.tracer import volume_tracer
 
 THICK = sg.Scene(
     wavelength=1.0,
@@ -19,20 +19,20 @@ THICK = sg.Scene(
 
 def test_a_thick_medium_is_traced_once(monkeypatch):
     """Blocks of the render: one call each; with the eight connections a path of old, two."""
-    tracer = scene_tracer(THICK, False)
+    tracer = volume_tracer(THICK, False)
     calls = []
     walk = volume_walk.trace_volume
     monkeypatch.setattr(volume_walk, "trace_volume", lambda *a: calls.append(a) or walk(*a))
     bank = tracer.trace(1, 2000, threads=1)
     assert len(bank) > 8 * 2000
     assert len(calls) == 1
-    replace(tracer, room=8.0).trace(1, 2000, threads=1)
+    replace(tracer, capacity=8.0).trace(1, 2000, threads=1)
     assert len(calls) == 3
 
 
-@pytest.mark.parametrize("room", [0.0, 1.0, 500.0])
-def test_the_bank_does_not_depend_on_the_room(room):
-    tracer = scene_tracer(THICK, False)
-    bank, other = tracer.trace(1, 300, threads=1), replace(tracer, room=room).trace(1, 300, threads=1)
+@pytest.mark.parametrize("capacity", [0.0, 1.0, 500.0])
+def test_the_bank_does_not_depend_on_the_capacity(capacity):
+    tracer = volume_tracer(THICK, False)
+    bank, other = tracer.trace(1, 300, threads=1), replace(tracer, capacity=capacity).trace(1, 300, threads=1)
     assert bank.records.tobytes() == other.records.tobytes()
     assert bank.types.tobytes() == other.types.tobytes()

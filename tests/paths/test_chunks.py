@@ -10,9 +10,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import specklegen as sg
-from specklegen import rendering
 from specklegen.core.parallel import in_turn, map_blocks
 from specklegen.paths.chunks import Chunks
+from specklegen.samplers.path_sums import sampler
 
 
 @given(st.integers(1, 10**8), st.floats(0, 1e3), st.integers(1, 2**20))
@@ -56,7 +56,7 @@ def test_large_transforms_get_more_connections_at_a_time():
             illumination=sg.CollimatedBeams.tilts([0.0], width=1e5),
             sensor=grid,
         )
-        counts[views] = sg.plan(scene, paths=1_000_000, sampler="paths").chunks.count
+        counts[views] = sg.plan(scene, paths=1_000_000, sampler="paths").chosen.work.chunks.count
     assert counts[64] >= 2 * counts[400]
 
 
@@ -221,8 +221,8 @@ def test_a_chunk_that_is_lost_or_counted_twice_is_seen(monkeypatch):
     monkeypatch.setattr(Chunks, "count", 4)
     scene = slab_scene()
     right = sg.render(scene, paths=2000, seed=4, sampler="paths", realizations=2, threads=2)
-    taken = rendering.islice
-    monkeypatch.setattr(rendering, "islice", lambda parts, n: taken(parts, n - 1))
+    taken = sampler.islice
+    monkeypatch.setattr(sampler, "islice", lambda parts, n: taken(parts, n - 1))
     wrong = sg.render(scene, paths=2000, seed=4, sampler="paths", realizations=2, threads=2)
     for a, b in zip(right.field, wrong.field, strict=True):
         assert np.linalg.norm(a - b) > 0.1 * np.linalg.norm(a)

@@ -8,12 +8,13 @@ from numba import njit
 from paths_by_hand import connection_weights, entrance_power, phase_function, way_out
 from scipy.special import expn
 from scipy.stats import chi2
+from slab_sums import beam_layout, wave_layout
 from zscore import FALSE_ALARM, assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.kernels import walk
 from specklegen.paths.bank import concatenate
-from specklegen.paths.slab_optics import Optics, contributions, plane_optics
+from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.slab_tracer import BLOCK, beam_proposal, plane_proposal, trace
 from specklegen.scene.illumination import illuminated_area, reference_direction
 from specklegen.theory.slab import double_to_single, slab_transmission
@@ -93,11 +94,11 @@ def test_full_weights_are_those_of_the_formula(profile, g):
     medium = slab(3, g, albedo=0.8)
     beams = sg.CollimatedBeams.tilts([[0.3, -0.2], [0.35, -0.1]], width=60.0, profile=profile)
     bank = trace(medium, beam_proposal(medium, beams, AXIS), 1, 300)
-    optics = Optics.of(0.5, medium, beams)
+    layout = beam_layout(0.5, medium, beams)
     for view in np.array([[0, 0, 1.0], [0.6, 0, 0.8], [0, 0.6, -0.8], [0.8, 0.6, 1e-9] / np.sqrt(1 + 1e-18)]):
         for light in beams.directions:
             expected = connection_weights(bank, medium, light, view, profile, 60.0)
-            found = contributions(bank, optics, light, view)
+            found = contributions(layout.at(light, view), bank)
             # Rounding, times the few hundred mean free paths that an exponent holds.
             np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-290)
             if abs(view[2]) < 1e-6:
@@ -110,15 +111,15 @@ def test_thinning_is_unbiased(g, reverse):
     medium = slab(4, g)
     beams = sg.CollimatedBeams.tilts([0.1], width=300.0)
     views = np.array([[0, 0, 1.0], [0.3, 0, np.sqrt(0.91)], [-0.1, 0, -np.sqrt(0.99)]])
-    proposal = beam_proposal(medium, beams, views, reverse=reverse)
-    optics = Optics.of(0.5, medium, beams)
+    proposal = beam_proposal(medium, beams, views, bidirectional=reverse)
+    layout = beam_layout(0.5, medium, beams)
     count = 64 * 500
     sums = []
     for threshold, seed in ((0.0, 1), (None, 2)):
         if threshold is None:
             threshold = 10 * sums[0].mean(axis=0)[0]
         bank = trace(medium, replace(proposal, threshold=threshold), seed, count)
-        weights = [contributions(bank, optics, beams.directions[0], view) for view in views]
+        weights = [contributions(layout.at(beams.directions[0], view), bank) for view in views]
         orders = np.stack([bank.orders == 1, bank.orders == 2, bank.orders > 5], 1)
         sums.append(batch_means(bank, np.stack([*weights, *(weights[0][:, None] * orders).T], 1)))
         kept = len(bank) / count
@@ -214,7 +215,7 @@ def test_views_summed_one_by_one_hold_the_same_energy(g):
     """The same balance through ``contributions``: each batch sees its own 48 views, even over both hemispheres."""
     medium = slab(2.0, g)
     light = np.array([0.3, 0.0, np.sqrt(0.91)])
-    optics = plane_optics(medium, 0.5, light[None])
+    layout = wave_layout(medium, 0.5, light[None])
     generator = np.random.default_rng(4)
     totals = []
     for batch in range(BATCHES):
@@ -222,7 +223,7 @@ def test_views_summed_one_by_one_hold_the_same_energy(g):
         vz = (np.arange(48) + generator.random(48)) / 24 - 1
         azimuth = 2 * np.pi * generator.random(48)
         views = np.stack([np.sqrt(1 - vz**2) * np.cos(azimuth), np.sqrt(1 - vz**2) * np.sin(azimuth), vz], 1)
-        totals.append(4 * np.pi * np.mean([contributions(bank, optics, light, v).sum() / 500 for v in views]))
+        totals.append(4 * np.pi * np.mean([contributions(layout.at(light, v), bank).sum() / 500 for v in views]))
     assert_mean(totals, -np.expm1(-2.0 / light[2]))
 
 
@@ -351,11 +352,11 @@ def test_single_scattering_has_its_closed_form():
     medium = slab(1.5, 0.6, 0.8)
     beams = sg.CollimatedBeams.tilts([0.0], width=50.0)
     bank = trace(medium, beam_proposal(medium, beams, AXIS), 41, 64 * 1000).single
-    optics = Optics.of(0.5, medium, beams)
+    layout = beam_layout(0.5, medium, beams)
     area, scattering = 2500.0, 0.8 * medium.extinction
     forward = phase_function(0.6, np.array(1.0)) * scattering * area * medium.thickness * np.exp(-1.5)
     backward = phase_function(0.6, np.array(-1.0)) * scattering * area * -np.expm1(-3.0) / (2 * medium.extinction)
-    found = [batch_means(bank, contributions(bank, optics, AXIS, view)) for view in (AXIS, -AXIS)]
+    found = [batch_means(bank, contributions(layout.at(AXIS, view), bank)) for view in (AXIS, -AXIS)]
     assert_mean(np.stack(found, 1), [forward, backward])
 
 
@@ -417,6 +418,6 @@ def test_path_length_is_the_sum_of_flights():
 
 
 def test_reversing_twice_is_the_identity():
-    bank = trace(slab(3, 0.5), plane_proposal(slab(3, 0.5), AXIS, AXIS, reverse=True), 71, 500)
+    bank = trace(slab(3, 0.5), plane_proposal(slab(3, 0.5), AXIS, AXIS, bidirectional=True), 71, 500)
     assert same(bank.reversed().reversed(), bank.multiple)
     assert (bank.reversed().entry == bank.multiple.exit).all()

@@ -11,7 +11,7 @@ import specklegen as sg
 from specklegen.oracles.box_algorithms import Beams, Far, Near, Setup
 from specklegen.oracles.box_media import box, henyey_greenstein
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
-from specklegen.paths.tracer import scene_tracer
+from specklegen.paths.tracer import volume_tracer
 
 WAVELENGTH = 0.7
 LIGHTS = ("plane", "beam", "outside", "inside")
@@ -160,13 +160,14 @@ def test_energy(dimension, light):
         expected = -np.expm1(-1.5) * width ** (dimension - 1)
     views = sphere(rng, 48 * BATCHES, dimension)
     scene = sg.Scene(wavelength=1.0, medium=medium, illumination=source, sensor=sg.FarField(directions=views))
-    tracer = scene_tracer(scene, False)
+    tracer = volume_tracer(scene, False)
     flux = np.empty(BATCHES)
     for b in range(BATCHES):
         bank = tracer.trace(41, 300, first=300 * b, threads=1)
-        few = tracer.of_ends(slice(None), slice(48 * b, 48 * b + 48))
+        few = tracer.layout.of_ends(slice(None), slice(48 * b, 48 * b + 48))
         power = [np.square(np.abs(a)).sum() for a in (
-            single_amplitudes(few, bank.single), multiple_amplitudes(few, bank.multiple, False)
+            single_amplitudes(few, bank.single),
+            multiple_amplitudes(few, bank.multiple, bidirectional=tracer.bidirectional, reverse=False),
         )]  # fmt: skip
         flux[b] = sum(power) / 300 / 48 * solid_angle
     assert_mean(flux, expected, slack=2e-3 * expected if light == "inside" else 0.0)

@@ -83,7 +83,7 @@ def test_reversed_paths_add_nothing_that_is_seen(name, n):
 def test_the_kernel_stands_for_the_paths(name, n):
     """|C|^2 between the two lights furthest apart, window and all, within what the criterion states."""
     made = plans(name)[n]
-    assert (made.sampler, made.kernel) == ("stationary", "axial")
+    assert (made.sampler, made.chosen.kernel) == ("stationary", "axial")
     stated = scene_stationary_error(made.scene, STATIONARY_TOLERANCE, False)
     assert f"off by {stated.correlation:.2g}" in made.explain()
     covariance, kernel = full(made.scene, False, 1), estimate_correlation(made.scene.slab, 100_000, 3)

@@ -6,7 +6,6 @@ from zscore import assert_z
 
 import specklegen as sg
 from specklegen.core.nanoseconds import NANOSECONDS, SERIAL, seconds
-from specklegen.paths.slab_tracer import trace
 
 SLAB = sg.Slab(thickness=1000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.7))
 BEAMS = sg.CollimatedBeams.tilts([0.0, 1e-4, 3e-4], width=3e4)
@@ -49,7 +48,7 @@ def test_every_operation_has_its_nanoseconds(way):
     for name in COUNTED[way]:
         assert made.operations[name] > 0, name
     event = "event" if "event" in made.operations else "volume event"
-    assert made.operations[event] == pytest.approx(1000 * made.events_per_path)
+    assert made.operations[event] == pytest.approx(1000 * made.chosen.pilot.events_per_path)
     twice = sg.plan(scene, paths=2000, threads=1, **options)
     for name, count in made.operations.items():
         assert count >= 0
@@ -62,11 +61,11 @@ def test_every_operation_has_its_nanoseconds(way):
 def test_events_and_connections_are_those_of_a_run():
     """Predicted from the pilot against 64 batches of another seed, both with their errors."""
     made = sg.plan(SCENE, paths=1000, sampler="paths")
-    banks = [trace(SLAB, made.proposal, (7, n), 500) for n in range(64)]
+    banks = [made.chosen.tracer.trace((7, n), 500) for n in range(64)]
     found = np.array([[bank.events, len(bank)] for bank in banks]) / 500
     error = found.std(axis=0, ddof=1) / 8
     pilot = error * np.sqrt(64 * 500 / 6000)
-    said = np.array([made.events_per_path, made.connections_per_path])
+    said = np.array([made.chosen.pilot.events_per_path, made.chosen.pilot.connections_per_path])
     assert_z(said, found.mean(axis=0), np.hypot(error, pilot), degrees=63)
     with pytest.raises(AssertionError, match="z ="):
         assert_z(1.1 * said, found.mean(axis=0), np.hypot(error, pilot), degrees=63)
@@ -74,9 +73,10 @@ def test_events_and_connections_are_those_of_a_run():
 
 def test_what_the_nufft_does_is_counted():
     made = sg.plan(SCENE, paths=1000, sampler="paths")
-    assert made.nufft is not None
-    transforms = made.nufft.rank * len(BEAMS.directions)
+    assert made.chosen.nufft is not None
+    transforms = made.chosen.nufft.rank * len(BEAMS.directions)
     assert made.operations["FFT point"] == 4 * transforms * 600
-    assert made.operations["end"] == pytest.approx(1000 * made.connections_per_path * (3 + made.nufft.spreads))
+    ends = 1000 * made.chosen.pilot.connections_per_path * (3 + made.chosen.nufft.spreads)
+    assert made.operations["end"] == pytest.approx(ends)
     assert set(made.alternatives) == {"the direct sum", "adding reversed paths (reverse=True)"}
     assert made.alternatives["adding reversed paths (reverse=True)"] > made.alternatives["the direct sum"]

@@ -301,7 +301,7 @@ def _estimate(
     """
     total, single = np.zeros((2, *entries.shape), np.complex128)
     squares = np.zeros(entries.shape)
-    pairs = len(seen.lights.vectors) * len(seen.views.vectors)
+    pairs = len(seen.lights) * len(seen.views)
     power = np.zeros(pairs)
     unfinished = 0
     batches = even_slices(paths, BATCHES)

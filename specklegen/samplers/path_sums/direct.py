@@ -46,7 +46,7 @@ def direct_field(layout: Layout, bank: PathBank, phases: Phases, *, threads: Thr
     forward, backward = phases
     once = bank.orders == 1
     single, multiple = bank.select(once), bank.select(~once)
-    field = np.zeros((len(layout.lights.vectors), len(layout.views.vectors)), np.complex128)
+    field = np.zeros((len(layout.lights), len(layout.views)), np.complex128)
     add = _add_fused if is_plain_slab(layout) else _add
     with one_blas_thread():
         add(layout, single, forward[once], field, threads)

@@ -135,7 +135,7 @@ def nufft_field(
     (finufft with more is not reproducible); tiles, or transforms of one tile, run side by side.
     """
     lights = _lights(layout, bank, phases, summation, threads)
-    field = np.zeros((len(layout.lights.vectors), *summation.grid.shape), summation.dtype)
+    field = np.zeros((len(layout.lights), *summation.grid.shape), summation.dtype)
     tiles = summation.tiling.tiles
     inside = threads if len(tiles) == 1 else 1
 
@@ -248,7 +248,7 @@ def _tile_field(
     """Field on one tile, complex[T, h, w], times the root of the number of paths."""
     loads = [_load(layout, light, tile, summation, threads) for light in lights]
     # Fixed parts of skeleton views and tilts: the bits must not depend on the number of threads.
-    groups = slices(len(layout.lights.vectors), TILTS_AT_ONCE)
+    groups = slices(len(layout.lights), TILTS_AT_ONCE)
     parts = [
         (load, ranks, group)
         for load in loads
@@ -256,7 +256,7 @@ def _tile_field(
         for group in groups
     ]
     transforms = map_blocks(lambda part: _transform(*part, summation), parts, threads)
-    field = np.zeros((len(layout.lights.vectors), *summation.tiling.shape), summation.dtype)
+    field = np.zeros((len(layout.lights), *summation.tiling.shape), summation.dtype)
     x, y = summation.tiling.steps
     steps = np.stack(np.broadcast_arrays(x, y[:, None]), -1)
     bend = np.exp(2j * np.pi * layout.exit_face * sagitta(steps, tile.middle) / layout.wavelength)

@@ -82,7 +82,7 @@ def factor_values(layout: Layout, bank: PathBank, tile: Tile, steps: np.ndarray)
     views, middle = tile.views(steps), tile.middle
     turns = np.zeros_like(views)
     turns[:, 2] = -sagitta(steps, middle) / layout.wavelength
-    values = endpoint_factors(layout, bank, replace(layout.views, vectors=views), "exit", turns=turns)
+    values = endpoint_factors(layout, bank, layout.views.at(views), "exit", turns=turns)
     values *= np.exp(2j * np.pi * turns[:, 2:] * layout.exit_face)
     return values
 
@@ -121,7 +121,7 @@ def error_of_single(layout: Layout, factor: ViewFactor, tiling: Tiling) -> float
     Of the worst of a few tiles and of the types of particle, over depths and at most 16 tilts.
     """
     bank, spots = _depths(layout), _held_out_steps(tiling)
-    count = len(layout.lights.vectors)
+    count = len(layout.lights)
     some = np.unique(np.linspace(0, count - 1, min(count, _TILTS)).round().astype(int))
     layout = layout.of_ends(some, slice(None))
     nodes = factor.mix.shape[-1]

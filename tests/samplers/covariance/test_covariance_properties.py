@@ -10,8 +10,8 @@ from zscore import assert_z
 
 import specklegen as sg
 from specklegen.core.statistics import jackknife
-from specklegen.paths.tracer import scene_tracer
-from specklegen.samplers.path_sums.volume_field import volume_field
+from specklegen.paths.tracer import volume_tracer
+from specklegen.samplers.path_sums.direct import direct_field, path_phases
 
 SCENE = flat_box([0.0, 4.0, 4.0], views([0, 4, 4, 120, 180]), scatterer=sg.HenyeyGreenstein(g=0.4), albedo=0.9)
 
@@ -34,15 +34,17 @@ def test_hermitian_and_positive(found):
     assert eigenvalues.min() >= -1e-12 * eigenvalues.max()
 
 
+def field(tracer, bank, reverse, seed=1, sample=0, threads=1):
+    phases = path_phases(tracer, bank, seed, sample, reverse, threads)
+    return direct_field(tracer.layout, bank, phases, threads=threads)
+
+
 def test_the_same_bits_on_any_number_of_threads(found):
     again = sg.covariance(SCENE, paths=1000, seed=1, reverse=True, threads=2)
     np.testing.assert_array_equal(again.value, found.value)
     np.testing.assert_array_equal(again.standard_error, found.standard_error)
-    tracer = scene_tracer(SCENE, True)
-    one, two = (
-        volume_field(tracer, tracer.trace(1, 3000, threads=threads), 1, reverse=True, threads=threads)
-        for threads in (1, 2)
-    )
+    tracer = volume_tracer(SCENE, True)
+    one, two = (field(tracer, tracer.trace(1, 3000, threads=n), True, threads=n) for n in (1, 2))
     np.testing.assert_array_equal(one, two)
 
 
@@ -79,11 +81,11 @@ def test_fields_have_the_covariance(reverse):
     """A03, A17: Algorithm 4 against Algorithm 3, with two unlike kinds of particle, entry by entry and in norm."""
     mixture = sg.Mixture(types=(sg.HenyeyGreenstein(g=0.9), sg.HenyeyGreenstein(g=-0.5)), fractions=(0.3, 0.7))
     scene = flat_box([0.0, 4.0], views([0, 4, 150, 180]), scatterer=mixture, half=5.0)
-    tracer = scene_tracer(scene, reverse)
+    tracer = volume_tracer(scene, reverse)
     per_batch = 8
     fields = np.array(
         [
-            volume_field(tracer, tracer.trace(5, 30, sample=r, threads=1), 5, r, reverse=reverse, threads=1).ravel()
+            field(tracer, tracer.trace(5, 30, sample=r, threads=1), reverse, 5, r).ravel()
             for r in range(BATCHES * per_batch)
         ]
     ).reshape(BATCHES, per_batch, -1)

@@ -88,7 +88,7 @@ def test_the_unit_of_length_sways_no_choice(kind):
 
 def test_a_gate_near_its_threshold_stays_where_it_is_in_another_unit():
     """The pilot finds the same share of multiple scattering, so a tolerance beside that share decides alike."""
-    from specklegen.paths.volume_pilot import volume_pilot
+    from specklegen.paths.pilot import volume_pilot
 
     def scene(unit: float) -> sg.Scene:
         one = thin(200.0)

@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import paths_by_hand
 import pytest
+from slab_sums import beam_layout, direct, roulette_threshold, wave_layout
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
-from specklegen.paths import slab_optics
-from specklegen.paths.roulette import roulette_threshold
-from specklegen.paths.slab_optics import AXIS, Optics, plane_optics, random_phases
+from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.paths.endpoints import AXIS
+from specklegen.paths.phases import random_phases
 from specklegen.paths.slab_tracer import beam_proposal, plane_proposal, trace
-from specklegen.samplers.path_sums.direct import direct_field
+from specklegen.samplers.path_sums import nufft
 from specklegen.samplers.path_sums.nufft import build_nufft_plan, nufft_field, together
 from specklegen.samplers.path_sums.view_factor import error_of_single
 from specklegen.scene.illumination import directions_of_sines
@@ -39,12 +40,12 @@ def test_direct_sum_is_the_literal_sum(reverse, profile, side):
     """Absolute phases in long double, less the reference phases that the random ones are relative to."""
     medium = slab(g=-0.3, albedo=0.9)
     beams = sg.CollimatedBeams.tilts([[0.0, 0.0], [0.3, -0.2], [0.01, 0.4]], width=200.0, profile=profile)
-    bank = trace(medium, beam_proposal(medium, beams, side * AXIS, reverse=reverse), 1, 60)
-    optics = Optics.of(0.5, medium, beams, side)
+    bank = trace(medium, beam_proposal(medium, beams, side * AXIS, bidirectional=reverse), 1, 60)
+    layout = beam_layout(0.5, medium, beams, side)
     phases = random_phases(bank, 2)
     sines = [[0.0, 0.0], [0.1, 0.2], [-0.7, 0.1], [1e-7, -1e-9]]
     views = np.concatenate([directions_of_sines("view", sines, s) for s in (side, -side)])  # both sides of the slab
-    found = direct_field(bank, optics, phases, views, reverse=reverse)
+    found = direct(bank, layout, phases, views, reverse=reverse)
     expected = paths_by_hand.field(
         bank, medium, 0.5, beams.directions, views, phases, (AXIS, side * AXIS), profile, 200.0, reverse=reverse
     )
@@ -53,7 +54,7 @@ def test_direct_sum_is_the_literal_sum(reverse, profile, side):
     # Power: one per cent more path weight, or a phase of 1e-9, is seen.
     heavier = replace(bank, records=bank.records.copy())
     heavier.weight[:] *= 1.01
-    assert relative(direct_field(heavier, optics, phases, views, reverse=reverse), expected) > 1e-3
+    assert relative(direct(heavier, layout, phases, views, reverse=reverse), expected) > 1e-3
     assert relative(found * np.exp(1e-9j), expected) > 1e-10
 
 
@@ -61,10 +62,10 @@ def test_direct_sum_does_not_depend_on_threads():
     medium = slab()
     beams = sg.CollimatedBeams.tilts([0.0, 0.1], width=100.0)
     bank = trace(medium, beam_proposal(medium, beams, AXIS), 1, 100)
-    optics, phases = Optics.of(0.5, medium, beams), random_phases(bank, 2)
+    layout, phases = beam_layout(0.5, medium, beams), random_phases(bank, 2)
     views = sg.FarField.grid(shape=(31, 17), pitch=0.01).directions.reshape(-1, 3)
-    one = direct_field(bank, optics, phases, views, threads=1)
-    assert one.tobytes() == direct_field(bank, optics, phases, views, threads=2).tobytes()
+    one = direct(bank, layout, phases, views, threads=1)
+    assert one.tobytes() == direct(bank, layout, phases, views, threads=2).tobytes()
 
 
 def test_phases_keep_to_2e_7_radians_at_a_thickness_of_1e8_over_k():
@@ -74,10 +75,10 @@ def test_phases_keep_to_2e_7_radians_at_a_thickness_of_1e8_over_k():
     lights = directions_of_sines("light", [[0.0, 0.0], [1e-9, 0.0], [1e-4, 3e-5], [0.3, -0.2]])
     views = directions_of_sines("view", [[0.0, 0.0], [1e-9, 1e-9], [0.01, 0.0], [-0.4, 0.3]])
     bank = trace(medium, plane_proposal(medium, AXIS, AXIS), 1, 40)
-    optics = plane_optics(medium, wavelength, lights)
+    layout = wave_layout(medium, wavelength, lights)
     for m in range(0, len(bank), 7):
         one = bank.select(slice(m, m + 1))
-        found = direct_field(one, optics, np.ones(1, complex), views)
+        found = direct(one, layout, np.ones(1, complex), views)
         expected = paths_by_hand.field(
             one, medium, wavelength, lights, views, np.ones(1), (AXIS, AXIS), "plane", np.inf
         )
@@ -108,11 +109,11 @@ def test_moving_the_medium_turns_every_entry_by_its_phase(reverse):
     medium, wavelength = slab(), 0.7
     lights = directions_of_sines("light", [[0.0, 0.0], [0.2, 0.1]])
     views = directions_of_sines("view", [[0.0, 0.0], [0.1, -0.3], [0.5, 0.5]], -1.0)
-    bank = trace(medium, plane_proposal(medium, AXIS, AXIS, reverse=reverse), 1, 50)
-    optics, phases = plane_optics(medium, wavelength, lights, -1.0), random_phases(bank, 1)
+    bank = trace(medium, plane_proposal(medium, AXIS, AXIS, bidirectional=reverse), 1, 50)
+    layout, phases = wave_layout(medium, wavelength, lights, -1.0), random_phases(bank, 1)
     shift = np.array([12.3, -4.56, 0.0])
-    before = direct_field(bank, optics, phases, views, reverse=reverse)
-    after = direct_field(bank.translated(shift), optics, phases, views, reverse=reverse)
+    before = direct(bank, layout, phases, views, reverse=reverse)
+    after = direct(bank.translated(shift), layout, phases, views, reverse=reverse)
     turn = np.exp(2j * np.pi / wavelength * ((lights @ shift)[:, None] - (views @ shift)))
     assert relative(after, before * turn) < 1e-11
 
@@ -125,11 +126,11 @@ def test_reciprocity():
     medium, wavelength = slab(), 0.7
     light = directions_of_sines("light", [[0.3, 0.1]])
     view = directions_of_sines("view", [[-0.2, 0.4]], -1.0)
-    bank = trace(medium, plane_proposal(medium, AXIS, AXIS, reverse=True), 1, 30)
+    bank = trace(medium, plane_proposal(medium, AXIS, AXIS, bidirectional=True), 1, 30)
     for m in range(len(bank)):
         one = bank.select(slice(m, m + 1))
         there, back = (
-            direct_field(one, plane_optics(medium, wavelength, i, -1.0), np.ones(1, complex), v, reverse=True).item()
+            direct(one, wave_layout(medium, wavelength, i, -1.0), np.ones(1, complex), v, reverse=True).item()
             for i, v in ((light, view), (-view, -light))
         )
         assert abs(there) ** 2 * light[0, 2] == pytest.approx(abs(back) ** 2 * -view[0, 2], rel=1e-9)
@@ -146,8 +147,8 @@ def test_the_pattern_moves_with_the_tilt(side, axis):
     beams = sg.CollimatedBeams(directions=directions_of_sines("tilt", [[0.0, 0.0], tilt]), width=width)
     grid = sg.FarField.grid(shape=(32, 32), pitch=pitch, side=side, center=(0.1, 0.05))
     bank = trace(medium, beam_proposal(medium, beams, grid.center_direction), 1, 4000)
-    optics = Optics.of(0.5, medium, beams, grid.sign)
-    field = direct_field(bank, optics, random_phases(bank, 1), grid.directions.reshape(-1, 3))
+    layout = beam_layout(0.5, medium, beams, grid.sign)
+    field = direct(bank, layout, random_phases(bank, 1), grid.directions.reshape(-1, 3))
     one, two = np.square(np.abs(field.reshape(2, 32, 32)))
     one, two = one - one.mean(), two - two.mean()
     correlation = np.fft.ifft2(np.fft.fft2(two) * np.fft.fft2(one).conj()).real
@@ -159,22 +160,13 @@ def test_the_pattern_moves_with_the_tilt(side, axis):
 # ---- Reversed paths ------------------------------------------------------------------------------------
 
 
-def powers(bank, optics, view, *, reverse: bool) -> np.ndarray:
+def powers(bank, layout, view, *, reverse: bool) -> np.ndarray:
     """Batch means of |a|^2 at one light and view: [64, (single, multiple, multiple that ends inside the beam)]."""
-    one = bank.orders == 1
-    phases = np.ones(len(bank), complex)
-
-    def amplitudes(part, factors, single):
-        a = slab_optics.illumination_ends(part, optics, factors, single=single)[0]
-        return a * slab_optics.sensor_ends(part, optics, view[None], single=single)[0]
-
+    one, layout = bank.orders == 1, layout.of_views(view[None])
     power = np.zeros((len(bank), 3))
-    power[one, 0] = np.square(
-        np.abs(amplitudes(bank.select(one), phases[one], True) * slab_optics.single_amplitudes(optics, view[None]))
-    )
-    many = bank.multiple
-    a = amplitudes(many, phases[~one], False)
-    back = amplitudes(bank.reversed(), slab_optics.reversal_phases(bank, optics), False)
+    power[one, 0] = np.square(np.abs(single_amplitudes(layout, bank.single)[0]))
+    both = multiple_amplitudes(layout, bank.multiple, bidirectional=True, reverse=False)[0]
+    a, back = both.reshape(2, -1)
     power[~one, 1] = np.square(np.abs(a + back if reverse else a))
     power[~one, 2] = np.where(np.abs(back) > 0, power[~one, 1], 0)
     batch = bank.paths // (bank.count // BATCHES)
@@ -191,13 +183,13 @@ def test_backscattering_is_enhanced_as_it_should(g, width):
     sums = []
     for reverse, seed, count in ((False, 1, 64 * 1000), (True, 2, 64 * 1500)):
         if width is None:
-            proposal = plane_proposal(medium, light[0], views, reverse=reverse)
-            optics = plane_optics(medium, 0.5, light, -1.0)
+            proposal = plane_proposal(medium, light[0], views, bidirectional=reverse)
+            layout = wave_layout(medium, 0.5, light, -1.0)
         else:
-            proposal = beam_proposal(medium, beams, views, reverse=reverse)
-            optics = Optics.of(0.5, medium, beams, -1.0)
+            proposal = beam_proposal(medium, beams, views, bidirectional=reverse)
+            layout = beam_layout(0.5, medium, beams, -1.0)
         bank = trace(medium, proposal, seed, count)
-        sums.append(powers(bank, optics, views[0], reverse=reverse))
+        sums.append(powers(bank, layout, views[0], reverse=reverse))
     forward, both = sums
 
     single, multiple, inside = forward.mean(axis=0)
@@ -216,11 +208,11 @@ def test_reversed_paths_leave_the_rest_of_the_sphere_alone():
     medium = slab(g=0.3)
     light = AXIS[None]
     view = directions_of_sines("view", [0.6, 0.0], -1.0)
-    optics = plane_optics(medium, 0.05, light, -1.0)
+    layout = wave_layout(medium, 0.05, light, -1.0)
     sums = []
     for reverse, seed in ((False, 1), (True, 2)):
-        bank = trace(medium, plane_proposal(medium, AXIS, view, reverse=reverse), seed, 64 * 1500)
-        sums.append(powers(bank, optics, view, reverse=reverse)[:, :2].sum(axis=1))
+        bank = trace(medium, plane_proposal(medium, AXIS, view, bidirectional=reverse), seed, 64 * 1500)
+        sums.append(powers(bank, layout, view, reverse=reverse)[:, :2].sum(axis=1))
     wing = 0.65 * 0.05 / (2 * np.pi * 30.0 * 0.63)  # physics.md 2: c / (k l |i + v|) of the intensity
     errors = [s.std(ddof=1) / 8 for s in sums]
     assert_z(sums[1].mean(), sums[0].mean(), np.hypot(*errors), degrees=BATCHES - 1, slack=wing * sums[0].mean())
@@ -238,19 +230,19 @@ def compare(
     """Relative error of the NUFFT against the direct sum on connections that the decomposition never saw."""
     tilts = np.deg2rad(0.0025) * np.arange(5) if tilts is None else tilts
     beams = sg.CollimatedBeams.tilts(tilts, width=width)
-    optics = Optics.of(1.0, medium, beams, grid.sign)
+    layout = beam_layout(1.0, medium, beams, grid.sign)
     probes = np.concatenate([grid.center_direction[None], grid.corner_directions])
     proposal = beam_proposal(medium, beams, probes)
-    proposal = replace(proposal, threshold=roulette_threshold(medium, proposal, optics, proposal.reference, 7))
-    summation = build_nufft_plan(trace(medium, proposal, 1, pilot), optics, grid, tolerance)
+    proposal = replace(proposal, threshold=roulette_threshold(medium, proposal, layout, proposal.reference, 7))
+    summation = build_nufft_plan(layout, trace(medium, proposal, 1, pilot), grid, tolerance)
     if summation is None:
         return None
     held_out = trace(medium, proposal, 2, 4000).select(slice(0, connections))
     assert (held_out.orders == 1).any() or medium.optical_depth > 5
     phases = random_phases(held_out, 3)
-    found = nufft_field(held_out, optics, phases, summation)
+    found = nufft_field(layout, held_out, phases, summation)
     assert found.dtype == (np.complex64 if tolerance >= 1e-4 else np.complex128)
-    expected = direct_field(held_out, optics, phases, grid.directions.reshape(-1, 3)).reshape(found.shape)
+    expected = direct(held_out, layout, phases, grid.directions.reshape(-1, 3)).reshape(found.shape)
     return relative(found, expected)
 
 
@@ -289,13 +281,13 @@ def test_nufft_on_any_grid(name, tolerance):
 def test_nufft_threads_do_not_matter():
     beams = sg.CollimatedBeams.tilts([0.0, 1e-4], width=1e5)
     grid = sg.FarField.grid(shape=(20, 21), pitch=2e-5)
-    optics = Optics.of(1.0, EXAMPLE, beams)
+    layout = beam_layout(1.0, EXAMPLE, beams)
     bank = trace(EXAMPLE, beam_proposal(EXAMPLE, beams, AXIS), 1, 500)
-    summation = build_nufft_plan(bank, optics, grid, 1e-3)
+    summation = build_nufft_plan(layout, bank, grid, 1e-3)
     assert summation is not None
     assert summation.rank > 2
     phases = random_phases(bank, 3)
-    one, two = (nufft_field(bank, optics, phases, summation, threads=n) for n in (1, 2))
+    one, two = (nufft_field(layout, bank, phases, summation, threads=n) for n in (1, 2))
     assert one.tobytes() == two.tobytes()
 
 
@@ -307,24 +299,24 @@ SINGLE_TILTS = {"narrow": [0.0, 1e-4], "wide": [0.0, 0.3, 0.5]}
 def test_single_scattering_may_share_the_transforms(tilts, tolerance, monkeypatch):
     beams = sg.CollimatedBeams.tilts(SINGLE_TILTS[tilts], width=1e5)
     grid = sg.FarField.grid(shape=(20, 21), pitch=2e-5)
-    optics = Optics.of(1.0, EXAMPLE, beams)
+    layout = beam_layout(1.0, EXAMPLE, beams)
     bank = trace(EXAMPLE, beam_proposal(EXAMPLE, beams, AXIS), 1, 1000)
-    alone = build_nufft_plan(bank, optics, grid, tolerance)
+    alone = build_nufft_plan(layout, bank, grid, tolerance)
     assert alone is not None
-    both = together(alone, optics)
+    both = together(layout, alone)
     assert both is not None
     assert both.rank < alone.rank
     phases = random_phases(bank, 3)
     once = replace(bank.single, count=bank.count)
     for part, z in ((bank, phases), (once, phases[bank.orders == 1])):
-        expected = direct_field(part, optics, z, grid.directions.reshape(-1, 3))
+        expected = direct(part, layout, z, grid.directions.reshape(-1, 3))
         for summation in (alone, both):
-            found = nufft_field(part, optics, z, summation)
+            found = nufft_field(layout, part, z, summation)
             assert relative(found.reshape(expected.shape), expected) < 1.5 * tolerance
     # Power: an amplitude s(i . v) that is off by twice the tolerance is seen.
-    amplitudes = slab_optics.single_amplitudes
-    monkeypatch.setattr(slab_optics, "single_amplitudes", lambda *known: (1 + 2 * tolerance) * amplitudes(*known))
-    wrong = nufft_field(once, optics, phases[bank.orders == 1], both)
+    factors = nufft.single_factors
+    monkeypatch.setattr(nufft, "single_factors", lambda *known: (1 + 2 * tolerance) * factors(*known))
+    wrong = nufft_field(layout, once, phases[bank.orders == 1], both)
     assert relative(wrong.reshape(expected.shape), expected) > 1.5 * tolerance
 
 
@@ -333,30 +325,30 @@ def test_single_scattering_keeps_its_own_transforms_where_it_must():
     medium = sg.Slab(thickness=2000.0, mean_free_path=2000.0, scatterer=sg.HenyeyGreenstein(g=0.97))
     beams = sg.CollimatedBeams.tilts([0.0, 0.02], width=1e5)
     grid = sg.FarField.grid(shape=(65, 65), pitch=np.sin(np.deg2rad(1.0)) / 32)
-    optics = Optics.of(1.0, medium, beams)
+    layout = beam_layout(1.0, medium, beams)
     bank = trace(medium, beam_proposal(medium, beams, AXIS), 1, 1500)
-    summation = build_nufft_plan(bank, optics, grid, 1e-3)
+    summation = build_nufft_plan(layout, bank, grid, 1e-3)
     assert summation is not None
-    assert together(summation, optics) is None
+    assert together(layout, summation) is None
     once, phases = bank.single, random_phases(bank.single, 3)
-    expected = direct_field(once, optics, phases, grid.directions.reshape(-1, 3))
-    forced = nufft_field(once, optics, phases, replace(summation, single=None)).reshape(expected.shape)
-    own = nufft_field(once, optics, phases, summation).reshape(expected.shape)
+    expected = direct(once, layout, phases, grid.directions.reshape(-1, 3))
+    forced = nufft_field(layout, once, phases, replace(summation, single=None)).reshape(expected.shape)
+    own = nufft_field(layout, once, phases, summation).reshape(expected.shape)
     assert relative(own, expected) < 1.5e-3
     # It may be forced, and then is as wrong as the criterion says.
-    stated = error_of_single(summation.multiple, optics, summation.tiling)
+    stated = error_of_single(layout, summation.multiple, summation.tiling)
     assert 0.5 * stated < relative(forced, expected) < 2 * stated
 
 
 def test_nufft_of_nothing_is_zero():
     beams = sg.CollimatedBeams.tilts([0.0], width=1e5)
     grid = sg.FarField.grid(shape=(4, 5), pitch=1e-6)
-    optics = Optics.of(1.0, EXAMPLE, beams)
+    layout = beam_layout(1.0, EXAMPLE, beams)
     bank = trace(EXAMPLE, beam_proposal(EXAMPLE, beams, AXIS), 1, 300)
-    summation = build_nufft_plan(bank, optics, grid, 1e-3)
+    summation = build_nufft_plan(layout, bank, grid, 1e-3)
     assert summation is not None
     nothing = bank.select(slice(0, 0))
-    field = nufft_field(nothing, optics, random_phases(nothing, 1), summation)
+    field = nufft_field(layout, nothing, random_phases(nothing, 1), summation)
     assert field.shape == (1, 4, 5)
     assert not field.any()
 

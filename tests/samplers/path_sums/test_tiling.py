@@ -4,19 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from slab_sums import beam_layout, direct, roulette_threshold
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import specklegen as sg
 from specklegen.core.nanoseconds import seconds
 from specklegen.kernels import sums
 from specklegen.paths.chunks import Chunks
+from specklegen.paths.layout import scene_layout
+from specklegen.paths.phases import random_phases
 from specklegen.paths.pilot import scene_pilot
-from specklegen.paths.roulette import roulette_threshold
-from specklegen.paths.slab_optics import Optics, random_phases
 from specklegen.paths.slab_tracer import beam_proposal, trace
 from specklegen.samplers.path_sums import nufft, summation, view_factor
 from specklegen.samplers.path_sums.cost import nufft_operations
-from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.path_sums.nufft import build_nufft_plan, nufft_field
 from specklegen.samplers.path_sums.summation import scene_nufft
 from specklegen.samplers.path_sums.tiling import Tiling, tilings
@@ -41,16 +41,16 @@ def wide(full_angle: float, shape=(60, 45), **kwargs) -> sg.FarFieldGrid:
 def fields(grid, tiling, medium, tolerance, *, connections=150):
     """Field in tiles and by the direct sum of connections that the decomposition never saw; None where refused."""
     beams = sg.CollimatedBeams.tilts(TILTS, width=0.4 / grid.pitch)
-    optics = Optics.of(1.0, medium, beams, grid.sign)
+    layout = beam_layout(1.0, medium, beams, grid.sign)
     proposal = beam_proposal(medium, beams, np.concatenate([grid.center_direction[None], grid.corner_directions]))
-    proposal = replace(proposal, threshold=roulette_threshold(medium, proposal, optics, proposal.reference, 7))
-    summation = build_nufft_plan(trace(medium, proposal, 1, 6000), optics, grid, tolerance, tiling)
+    proposal = replace(proposal, threshold=roulette_threshold(medium, proposal, layout, proposal.reference, 7))
+    summation = build_nufft_plan(layout, trace(medium, proposal, 1, 6000), grid, tolerance, tiling)
     if summation is None:
         return None
     bank = trace(medium, proposal, 2, 2000).select(slice(0, connections))
     phases = random_phases(bank, 3)
-    found = nufft_field(bank, optics, phases, summation)
-    expected = direct_field(bank, optics, phases, grid.directions.reshape(-1, 3)).reshape(found.shape)
+    found = nufft_field(layout, bank, phases, summation)
+    expected = direct(bank, layout, phases, grid.directions.reshape(-1, 3)).reshape(found.shape)
     return found, expected
 
 
@@ -117,7 +117,7 @@ def test_a_wrong_phase_of_a_tile_is_caught(wrong, monkeypatch):
         tilted = lambda records, pitch, x, y, *rest: points(records, pitch, 1.01 * x, 1.01 * y, *rest)  # noqa: E731
         monkeypatch.setattr(sums, "grid_points", tilted)
     else:
-        monkeypatch.setattr(nufft, "face_depth", lambda optics: 0.95 * optics.medium.thickness)
+        monkeypatch.setattr(nufft, "sagitta", lambda *known: 0.95 * sagitta(*known))
     grid = wide(10.0)
     found, expected = fields(grid, Tiling(grid, (12, 12)), slab(0.9), 1e-3)
     assert relative(found, expected) > 5e-3
@@ -126,12 +126,12 @@ def test_a_wrong_phase_of_a_tile_is_caught(wrong, monkeypatch):
 def test_tiles_do_not_depend_on_threads():
     grid = wide(5.0, (37, 29))
     medium, beams = slab(0.9), sg.CollimatedBeams.tilts(TILTS, width=0.4 / grid.pitch)
-    optics = Optics.of(1.0, medium, beams)
+    layout = beam_layout(1.0, medium, beams)
     bank = trace(medium, beam_proposal(medium, beams, grid.center_direction), 1, 600)
-    summation = build_nufft_plan(bank, optics, grid, 1e-3, Tiling(grid, (10, 10)))
+    summation = build_nufft_plan(layout, bank, grid, 1e-3, Tiling(grid, (10, 10)))
     assert summation is not None
     assert summation.tiles == 12
-    one, two = (nufft_field(bank, optics, random_phases(bank, 3), summation, threads=n) for n in (1, 2))
+    one, two = (nufft_field(layout, bank, random_phases(bank, 3), summation, threads=n) for n in (1, 2))
     assert one.tobytes() == two.tobytes()
 
 
@@ -170,15 +170,15 @@ def test_the_planner_cuts_wide_views_and_leaves_narrow_ones_whole():
 def test_tiles_that_are_not_tried_would_not_pay(monkeypatch):
     """And those that are tried are judged on one thread of linear algebra, whose last bits would else depend on it."""
     this, tried = scene(0.5, 65), []
-    pilot, optics = scene_pilot(this, False), Optics.of_scene(this)
+    pilot, layout = scene_pilot(this, False), scene_layout(this)
 
-    def build(bank, optics, grid, tolerance, tiling):
+    def build(layout, bank, grid, tolerance, tiling):
         tried.append(tiling)
         assert {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"} == {1}
-        return build_nufft_plan(bank, optics, grid, tolerance, tiling)
+        return build_nufft_plan(layout, bank, grid, tolerance, tiling)
 
     def cost(found) -> float:
-        per_path = len(pilot.bank) / pilot.bank.count
+        per_path = pilot.connections_per_path
         chunks = Chunks(100_000, per_path, found.points).count
         return seconds(nufft_operations(found, 1, 1e5 * per_path, chunks), 1)
 
@@ -188,7 +188,7 @@ def test_tiles_that_are_not_tried_would_not_pay(monkeypatch):
     left_out = [tiling for tiling in tilings(this.sensor) if tiling not in tried]
     assert left_out
     for tiling in left_out[:3]:
-        other = build_nufft_plan(pilot.bank, optics, this.sensor, 1e-3, tiling)
+        other = build_nufft_plan(layout, pilot.bank, this.sensor, 1e-3, tiling)
         assert other is None or cost(other) > cost(best)
 
 
@@ -199,7 +199,6 @@ def test_a_render_in_tiles_is_the_render_summed_directly():
     assert rendered.report.summation == "nufft"
     chosen = np.random.default_rng(0).choice(96 * 96, 400, replace=False)
     few = wide_view.replace(sensor=sg.FarField(directions=wide_view.views[chosen]))
-    proposal = sg.plan(wide_view, paths=300, sampler="paths").proposal
-    bank = trace(wide_view.slab, proposal, 1, 300)
-    expected = direct_field(bank, Optics.of_scene(few), random_phases(bank, 1), few.views)
+    bank = sg.plan(wide_view, paths=300, sampler="paths").chosen.tracer.trace(1, 300)
+    expected = direct(bank, scene_layout(few), random_phases(bank, 1), few.views)
     assert relative(rendered.field.reshape(2, -1)[:, chosen], expected) < 1.5e-3

@@ -1,7 +1,6 @@
 """The atlas of memory-effect kernels: a distribution, continuous, right within its bounds; and the kernels on disk."""
 
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from importlib.resources import files
 from multiprocessing import get_context
 
@@ -9,18 +8,15 @@ import numpy as np
 import pytest
 from kernel_race import use_and_delete
 from scipy.special import j0
-from specklegen.paths.slab_optics import plane_optics
 from zscore import assert_z
 
 from specklegen.core.statistics import jackknife
 from specklegen.datasets.recipes.parts.material import Material, known
-from specklegen.paths.slab_tracer import plane_proposal, trace
 from specklegen.samplers.stationary import atlas, correlation_cache
 from specklegen.samplers.stationary.atlas import Errors, atlas_correlation, atlas_errors, correlation_for
 from specklegen.samplers.stationary.correlation import (
-    AXIS,
     MemoryEffectCorrelation,
-    _axial_threshold,
+    axial_tracer,
     contributions,
     estimate_correlation,
     lateral_distance,
@@ -220,10 +216,10 @@ def agreement(medium: Slab, paths: int, rounds: int) -> dict[str, float]:
 @pytest.mark.parametrize("medium", [slab(0.5, 0.98), slab(2.1, 0.969), slab(10.0, 0.9), slab(1e-3, 0.0)])
 def test_bins_of_estimates_lose_nothing(medium):
     """The histogram of r against the sum over the same paths: thin forward-scattering slabs have tiny r."""
-    proposal, optics = plane_proposal(medium, AXIS, AXIS), plane_optics(medium, 1.0, AXIS[None])
-    bank = trace(medium, replace(proposal, threshold=_axial_threshold(medium)), 3, 20_000, threads=1)
+    tracer = axial_tracer(medium)
+    bank = tracer.trace(3, 20_000, threads=1)
     kernel = estimate_correlation(medium, 20_000, 3, threads=1)
-    radius, weight = lateral_distance(bank), contributions(bank, optics, AXIS, AXIS)
+    radius, weight = lateral_distance(bank), contributions(tracer.layout, bank)
     q = np.geomspace(0.03, 30, 20) / np.sqrt(kernel.mean_square_radius)
     whole = (j0(np.outer(q, radius)) @ weight / weight.sum()) ** 2
     np.testing.assert_allclose(kernel(q) ** 2, whole, atol=2e-3)  # 3 % wide bins; 0.2 where r falls off their end

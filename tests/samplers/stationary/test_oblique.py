@@ -6,7 +6,7 @@ from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.core.statistics import jackknife
-from specklegen.paths.slab_optics import AXIS
+from specklegen.paths.endpoints import AXIS
 from specklegen.paths.slab_tracer import beam_proposal, trace
 from specklegen.planning.planning import STATIONARY_TOLERANCE, plan
 from specklegen.samplers.stationary.correlation import estimate_correlation
@@ -67,7 +67,7 @@ CASES = [
 def test_oblique_stacks_are_those_of_paths(view, tilt, g, side):
     scene, paths, count = oblique(view, tilt, g=g, side=side), 2500, 250 if view == 10 else 100
     made = plan(scene, paths=200_000)
-    assert (made.sampler, made.kernel) == ("stationary", "oblique"), made.explain()
+    assert (made.sampler, made.chosen.kernel) == ("stationary", "oblique"), made.explain()
     found = []
     for sampler, n in (("paths", paths), ("stationary", 200_000)):
         stack = sg.render(scene, paths=n, seed=1, realizations=count, sampler=sampler)
@@ -139,7 +139,7 @@ def test_the_criterion_accepts_it_to_forty_degrees(g, side):
         scene = scene.replace(
             illumination=scene.beams.replace(width=200 * THICKNESS), sensor=scene.sensor.replace(pitch=PITCH / 4)
         )
-        error = pilot_error(scene, plan(scene, sampler="paths", reverse=False).proposal, 8192, oblique=True)
+        error = pilot_error(scene, plan(scene, sampler="paths", reverse=False).chosen.tracer, 8192, oblique=True)
         assert error.accepts(STATIONARY_TOLERANCE / 4)
 
 
@@ -147,7 +147,7 @@ def test_the_kernel_of_the_axis_is_preferred_where_it_is_right():
     """And then its bits are what they were: the oblique one is not even estimated."""
     scene = oblique(0.5)
     made = plan(scene)
-    assert (made.sampler, made.kernel) == ("stationary", "axial")
+    assert (made.sampler, made.chosen.kernel) == ("stationary", "axial")
     rendered = sg.render(scene, paths=5000, seed=3).field
     kernel = estimate_correlation(scene.slab, 5000, 3)
     np.testing.assert_array_equal(rendered, stack_sampler(scene, kernel).sample(3).numpy())

@@ -5,11 +5,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy.special import j0
-from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
 from zscore import assert_mean, assert_z
 
 from specklegen.datasets import load_recipe
-from specklegen.samplers.stationary.correlation import axial_bank, estimate_correlation, lateral_distance
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.samplers.stationary.correlation import axial_tracer, estimate_correlation, lateral_distance
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.spectrum import estimate_spectral_correlation, light_modes
 from specklegen.scene.media import Slab
@@ -53,8 +53,9 @@ def test_half_widths(g, half_width, rounding):
 
 def paths_of(g):
     """Weight, lateral distance and length of each path, without bins."""
-    bank = axial_bank(slab(g), PATHS, 1, threads=1)
-    weight = contributions(bank, plane_optics(slab(g), 1.0, AXIS[None]), AXIS, AXIS)
+    tracer = axial_tracer(slab(g))
+    bank = tracer.trace(1, PATHS, threads=1)
+    weight = contributions(tracer.layout, bank)
     length = bank.entry[:, 2] + bank.length + 1000.0 - bank.exit[:, 2]
     return weight / weight.sum(), lateral_distance(bank), length
 

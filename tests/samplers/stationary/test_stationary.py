@@ -7,7 +7,7 @@ from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.core.statistics import jackknife
-from specklegen.paths.slab_optics import AXIS
+from specklegen.paths.endpoints import AXIS
 from specklegen.planning.planning import STATIONARY_TOLERANCE, plan
 from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.samplers.stationary.exit_grid import cells, window
@@ -83,7 +83,7 @@ def test_stationary_and_path_sampler_have_the_same_statistics():
     by_paths[3:] -= excess
     # The criterion says by how much the stationary model may be off; its K has its own error of the mean.
     made = plan(scene, sampler="paths")
-    judged = pilot_error(scene, made.proposal, 32768)
+    judged = pilot_error(scene, made.chosen.tracer, 32768)
     assert judged.correlation < STATIONARY_TOLERANCE
     allowed = np.full(len(by_paths), judged.correlation + 2 * judged.correlation_error)
     allowed[:3] = (judged.intensity + 2 * judged.intensity_error + 5 * reports[1].expected_error) * by_paths[:3]
@@ -272,7 +272,7 @@ MEASURED = [
 @pytest.mark.parametrize(("g", "width", "view", "expected"), MEASURED)
 def test_criterion_measures_what_it_should(g, width, view, expected):
     scene = criterion_scene(g, width, center=np.deg2rad(view))
-    error = pilot_error(scene, plan(scene, sampler="paths").proposal, 32768)
+    error = pilot_error(scene, plan(scene, sampler="paths").chosen.tracer, 32768)
     # The published figures are rounded and belong to some tilt; a factor of 1.6 tells all the classes apart.
     assert expected / 1.6 - 3 * error.correlation_error < error.correlation
     assert error.correlation < 1.6 * expected + 3 * error.correlation_error
@@ -287,7 +287,7 @@ def test_planner_takes_the_stationary_sampler_where_it_is_right(g, width, view, 
     made = plan(criterion_scene(g, width, center=np.deg2rad(view)))
     assert made.sampler == ("stationary" if accepted else "paths"), made.explain()
     # Off the axis, the kernel of the axis is not right.
-    assert made.kernel == (None if not accepted else "oblique" if view else "axial")
+    assert getattr(made.chosen, "kernel", None) == (None if not accepted else "oblique" if view else "axial")
     assert "stationary sampler" in made.explain()
 
 
