@@ -37,6 +37,10 @@ class Layout:
         """The same with only the lights and views of these numbers."""
         return replace(self, lights=self.lights.of(lights), views=self.views.of(views))
 
+    def of_lights(self, chosen: np.ndarray | slice) -> Self:
+        """The same with only the lights of these numbers; views stay as they are, unspread."""
+        return replace(self, lights=self.lights.of(chosen))
+
     def of_views(self, vectors: np.ndarray) -> Self:
         """The same with other views: unit vectors float64[V, 3]."""
         return replace(self, views=self.views.at(vectors))

@@ -269,7 +269,7 @@ def _tile_field(
             for transform in mine[1:]:
                 total += transform
             if load.light.alone:
-                seen = layout.of_ends(group, slice(None)).of_views(tile.views(steps).reshape(-1, 3))
+                seen = layout.of_lights(group).of_views(tile.views(steps).reshape(-1, 3))
                 s = single_factors(seen, load.light.bank)[..., 0]
                 total *= s.reshape(total.shape).astype(total.dtype)
             field[group] += total

@@ -210,7 +210,7 @@ class PathDraws:
         """What chunk ``n`` of the paths adds to the field of some tilts on one tile."""
         some, phases = bank(n, threads)
         sampler = self.sampler
-        layout = sampler.tracer.layout.of_ends(tilts, slice(0, 0))
+        layout = sampler.tracer.layout.of_lights(tilts)
         if sampler.nufft:
             field = nufft_tile(layout, some, phases[0], sampler.nufft, tile, threads=threads)
         else:

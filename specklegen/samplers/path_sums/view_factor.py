@@ -123,7 +123,7 @@ def error_of_single(layout: Layout, factor: ViewFactor, tiling: Tiling) -> float
     bank, spots = _depths(layout), _held_out_steps(tiling)
     count = len(layout.lights)
     some = np.unique(np.linspace(0, count - 1, min(count, _TILTS)).round().astype(int))
-    layout = layout.of_ends(some, slice(None))
+    layout = layout.of_lights(some)
     nodes = factor.mix.shape[-1]
     patterns = _Lattice(tiling, nodes).at(factor.mix.reshape(factor.rank, nodes**2), spots)
 
