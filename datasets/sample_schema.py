@@ -138,12 +138,13 @@ def require_finite(sample: Mapping[str, Any], recipe: Renderable, seed: int, spl
     """
     spec = recipe.layout().get("parameters")
     unbounded = spec.unbounded if spec is not None else ()
-    columns = {key: value for key, value in sample.items() if key != "parameters"} | dict(sample["parameters"])
-    for name, column in columns.items():
+    arrays = [(key, value, False) for key, value in sample.items() if key != "parameters"]
+    drawn = [(name, value, name in unbounded) for name, value in sample["parameters"].items()]
+    for name, column, free in arrays + drawn:
         value = np.asarray(column)
         if value.dtype.kind not in "fc":
             continue
-        good = ~np.isnan(value) if name in unbounded else np.isfinite(value)
+        good = ~np.isnan(value) if free else np.isfinite(value)
         if not good.all():
             index = np.atleast_1d(sample["index"])
             rows = good.reshape(len(index), -1)

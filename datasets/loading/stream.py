@@ -9,7 +9,7 @@ from torch.utils.data import get_worker_info
 
 from specklegen.core.errors import reject
 from specklegen.datasets.loading.epochs import EpochBatches
-from specklegen.datasets.sample_schema import Renderable
+from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.identity import device_kind
 
 if TYPE_CHECKING:
@@ -85,7 +85,9 @@ class SpeckleStream(EpochBatches):
         if get_worker_info() is not None:
             self._require_no_workers(get_worker_info().num_workers)  # type: ignore[union-attr]
         for number in numbers:
-            yield tensors(self.recipe.batch(self.seed, self.split, self.indices(epoch, number)), self.device)
+            batch = self.recipe.batch(self.seed, self.split, self.indices(epoch, number))
+            require_finite(batch, self.recipe, self.seed, self.split)
+            yield tensors(batch, self.device)
 
     def loader(self, num_workers: int = 0, **options: Any) -> "EpochLoader":
         """Return an iterable over epochs with exact resume: specklegen.datasets.loading.loader.EpochLoader.
