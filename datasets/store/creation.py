@@ -123,6 +123,7 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
         If the folder is not a store of this version, or of another recipe; or nothing tells its seed any more.
     """
     metadata.reject_strangers(folder)
+    sweep_creations(folder)
     with writing(folder), claim(_with_parent(folder / "valid" / "locks"), METADATA, wait=True):
         try:
             metadata.read(folder)
