@@ -13,7 +13,7 @@ from pydantic import field_validator, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.values import Value
 
-RESERVED = ("index", "parameters", "seed", "valid", "checksum")
+RESERVED = ("index", "parameters", "seed", "seal", "valid", "checksum")
 """Names that the transport gives to its own columns; no array of a layout is stored under them."""
 
 
@@ -33,6 +33,8 @@ class ArraySpec(Value):
     counts : bool
         Whole numbers from 0 to 65535, such as camera counts: stored as uint16, or as float32 when asked,
         without loss either way.
+    unbounded : tuple of str
+        Of the parameters: names of those that may be infinite, since infinity means something there.
     """
 
     shape: tuple[int, ...] = ()
@@ -41,6 +43,7 @@ class ArraySpec(Value):
     units: str = "1"
     description: str = ""
     counts: bool = False
+    unbounded: tuple[str, ...] = ()
 
     @field_validator("dtype")
     @classmethod
@@ -123,3 +126,29 @@ def stored_arrays(recipe: Renderable) -> dict[str, ArraySpec]:
                     f"Name the axis of length {length} otherwise, such as '{key}_{dim}'.",
                 )
     return layout
+
+
+def require_finite(sample: Mapping[str, Any], recipe: Renderable, seed: int, split: str) -> None:
+    """Refuse a sample, or a batch of them, that holds anything but finite numbers; parameters may say ``unbounded``.
+
+    Raises
+    ------
+    RuleError
+        Naming the sample, and the array or the parameter.
+    """
+    spec = recipe.layout().get("parameters")
+    unbounded = spec.unbounded if spec is not None else ()
+    arrays = [(key, value, False) for key, value in sample.items() if key != "parameters"]
+    drawn = [(name, value, name in unbounded) for name, value in sample["parameters"].items()]
+    for name, column, free in arrays + drawn:
+        value = np.asarray(column)
+        if value.dtype.kind not in "fc":
+            continue
+        good = ~np.isnan(value) if free else np.isfinite(value)
+        if not good.all():
+            index = np.atleast_1d(sample["index"])
+            rows = good.reshape(len(index), -1)
+            worst = int(rows.all(1).argmin())
+            bad = value.reshape(rows.shape)[worst][~rows[worst]][0]
+            address = f"sample (seed={seed}, split={split!r}, index={int(index[worst])})"
+            reject(f"{name} of {address}", "finite everywhere", bad.item())

@@ -1,7 +1,6 @@
 """The cache: a generated store as a torch data set that never hands out a sample that is not there."""
 
 import os
-from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -13,14 +12,12 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.loading.stream import tensors
-from specklegen.datasets.sample_schema import Renderable
+from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.creation import require_same
 from specklegen.datasets.store.identity import identity
+from specklegen.datasets.store.reading import SampleReader
 from specklegen.datasets.store.shards import MissingSample
 from specklegen.datasets.store.store import Store
-
-_TABLES = 4096
-"""Shards whose rows of parameters are kept in memory."""
 
 
 class SpeckleCache(Dataset):
@@ -45,7 +42,8 @@ class SpeckleCache(Dataset):
     MissingSample
         On reading a sample that is not there.
     DamagedShard
-        On reading bytes that are not those that were written.
+        On reading bytes that are not those that were written; as ForeignShard, if they were written for another
+        data set or another sample.
     """
 
     def __init__(
@@ -67,8 +65,7 @@ class SpeckleCache(Dataset):
     def _open(self) -> None:
         self._store = Store(self.folder)
         self._types = self._store.sample_types()
-        self._valid = np.zeros(self._store.samples, bool)
-        self._tables: OrderedDict[int, tuple[np.ndarray, np.ndarray]] = OrderedDict()
+        self._reader = SampleReader(self._store)
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -113,41 +110,18 @@ class SpeckleCache(Dataset):
         except MissingSample:
             if self.missing == "raise" or self.recipe is None:
                 raise
+        seed, split = self.identity["seed"], self.identity["split"]
         with one_torch_thread():
-            return self.recipe.sample(self.identity["seed"], self.identity["split"], index)
-
-    def _read(self, index: int) -> dict[str, Any]:
-        shard, row = divmod(index, self._store.shard_samples)
-        self._require_valid(index, shard)
-        numbers, parameters = self._table(shard)
-        sample: dict[str, Any] = {
-            key: np.array(files.read(index), self._types[key])
-            for key, files in self._store.shard_files.items()
-        }
-        sample["index"] = int(numbers[row])
-        sample["parameters"] = dict(zip(self._store.parameter_names, parameters[row].tolist(), strict=True))
+            sample = self.recipe.sample(seed, split, index)
+        require_finite(sample, self.recipe, seed, split)
         return sample
 
-    def _require_valid(self, index: int, shard: int) -> None:
-        if self._valid[index]:
-            return
-        self._forget(shard)
-        span = self._store.span(shard)
-        self._valid[span.start : span.stop] = self._store.valid_in(shard)
-        if not self._valid[index]:
-            raise MissingSample(f"sample {index} of {self.folder} has not been generated yet")
-
-    def _forget(self, shard: int) -> None:
-        self._tables.pop(shard, None)
-        for files in self._store.shard_files.values():
-            files.close()
-
-    def _table(self, shard: int) -> tuple[np.ndarray, np.ndarray]:
-        if shard not in self._tables:
-            self._tables[shard] = self._store.table("index", shard), self._store.table("parameters", shard)
-            if len(self._tables) > _TABLES:
-                self._tables.popitem(last=False)
-        return self._tables[shard]
+    def _read(self, index: int) -> dict[str, Any]:
+        stored = self._reader.read(index)
+        sample: dict[str, Any] = {key: np.array(array, self._types[key]) for key, array in stored.arrays.items()}
+        sample["index"] = index
+        sample["parameters"] = dict(zip(self._store.parameter_names, stored.parameters.tolist(), strict=True))
+        return sample
 
     def batch(self, indices: Sequence[int]) -> dict[str, Any]:
         """Return samples stacked along a new first axis, as tensors; read in the order of the shards."""

@@ -5,11 +5,13 @@ every n-th batch of its rank, and the DataLoader takes from the workers in turn.
 state: batch b of epoch e is a pure function.
 """
 
+import operator
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import torch
 from torch.utils.data import IterableDataset, get_worker_info
+from torch.utils.data._utils.collate import default_collate_fn_map
 
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
@@ -28,12 +30,30 @@ def distributed_place() -> tuple[int, int]:
     return 0, 1
 
 
+class Batch(dict):
+    """A batch: a dict that a DataLoader does not batch again."""
+
+
+def _refuse_to_batch_again(batches: list, **_: Any) -> NoReturn:
+    reject(
+        "DataLoader.batch_size", "None: the batches are made in the data set", f"{len(batches)} batches to be joined",
+        "Use stream.loader(num_workers=...), or DataLoader(stream, batch_size=None).",
+    )  # fmt: skip
+
+
+default_collate_fn_map[Batch] = _refuse_to_batch_again
+
+
 class EpochBatches(IterableDataset):
     """Batches of one rank, epoch after epoch; subclasses say how they are made.
 
-    One iteration is one epoch. The epoch lies in shared memory, where :meth:`set_epoch` reaches workers that
-    are already running. Set it between iterations.
+    One iteration is one epoch, always the same one until :meth:`set_epoch` chooses another; what :meth:`loader`
+    returns goes on to the next by itself. The epoch lies in shared memory, where :meth:`set_epoch` reaches workers
+    that are already running. Set it between iterations.
     """
+
+    repeats = False
+    """Whether a loader goes through the same epoch again and again unless told otherwise."""
 
     def __init__(
         self,
@@ -54,6 +74,7 @@ class EpochBatches(IterableDataset):
             reject(f"{owner}.rank", f"from 0 to world - 1 = {self.world - 1}", self.rank)
         self._count = batch_count(length, batch_size, self.world, drop_last)
         self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
+        self.choices = 0
 
     def __len__(self) -> int:
         """Return the number of batches in an epoch, the same for every rank."""
@@ -65,10 +86,22 @@ class EpochBatches(IterableDataset):
         return int(self._epoch)
 
     def set_epoch(self, epoch: int) -> None:
-        """Choose the epoch of the next iteration, here and in workers that are already running."""
-        if epoch < 0:
-            reject(f"{type(self).__name__}.epoch", "at least 0", epoch)
-        self._epoch.fill_(epoch)
+        """Choose the epoch of the next iteration, here and in workers that are already running.
+
+        Raises
+        ------
+        RuleError
+            If it is not a whole number of at least 0, or an index of its samples would not fit into 64 bits.
+        """
+        self._epoch.fill_(self.checked_epoch(epoch))
+        self.choices += 1
+
+    def checked_epoch(self, epoch: Any) -> int:
+        """Return the number of an epoch, or refuse it."""
+        last = (2**63 - 1) // self.length - 1
+        if isinstance(epoch, bool) or not hasattr(epoch, "__index__") or not 0 <= operator.index(epoch) <= last:
+            reject(f"{type(self).__name__}.epoch", f"a whole number from 0 to {last}", epoch)
+        return operator.index(epoch)
 
     def places(self, number: int) -> range:
         """Return the places in the epoch that make up batch ``number`` of this rank."""
@@ -85,20 +118,20 @@ class EpochBatches(IterableDataset):
     def warm(self) -> None:
         """Do, in the process that starts workers, what each of them would otherwise do anew."""
 
-    def starting_at(self, first: int) -> Iterator[dict[str, Any]]:
-        """Iterate over the rest of the epoch from batch ``first`` on; in a worker, over its share of it."""
-        worker = get_worker_info()
+    def starting_at(self, first: int, epoch: int | None = None) -> Iterator[Batch]:
+        """Iterate over the rest of an epoch from batch ``first`` on; in a worker, over its share of it."""
+        worker, epoch = get_worker_info(), self.epoch if epoch is None else epoch
         if worker is None:
-            batches = self.make(self.epoch, range(first, self._count))
+            batches = self.make(epoch, range(first, self._count))
             for _ in range(first, self._count):
                 with one_torch_thread():
                     batch = next(batches)
-                yield batch
+                yield Batch(batch)
             return
         prepare_worker()
-        yield from self.make(self.epoch, range(first + worker.id, self._count, worker.num_workers))
+        yield from map(Batch, self.make(epoch, range(first + worker.id, self._count, worker.num_workers)))
 
-    def __iter__(self) -> Iterator[dict[str, Any]]:
+    def __iter__(self) -> Iterator[Batch]:
         return self.starting_at(0)
 
     def loader(self, num_workers: int = 0, **options: Any) -> "EpochLoader":

@@ -13,22 +13,39 @@ from specklegen.datasets.workers import worker_context
 
 
 class _FromBatch(IterableDataset):
-    """The batches of an epoch from a first one on, which lies in shared memory."""
+    """The batches of an epoch from a first one on; both numbers lie in shared memory."""
 
     def __init__(self, batches: EpochBatches) -> None:
         self.batches = batches
-        self.first = torch.zeros((), dtype=torch.int64).share_memory_()
+        self.start = torch.zeros(2, dtype=torch.int64).share_memory_()
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        return self.batches.starting_at(int(self.first))
+        epoch, first = self.start.tolist()
+        return self.batches.starting_at(first, epoch)
+
+
+class EpochSampler:
+    """What training frameworks look for to say which epoch comes next: they call ``loader.sampler.set_epoch``."""
+
+    def __init__(self, loader: "EpochLoader") -> None:
+        self._loader = loader
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the epoch of the next iteration, unless the loader repeats its epoch, as in validation."""
+        if not self._loader.repeat:
+            self._loader.set_epoch(epoch)
 
 
 class EpochLoader:
-    """An iterable over batches: each iteration is one epoch, the one that ``set_epoch`` chose.
+    """An iterable over batches: each iteration is one epoch, and the next iteration the next epoch.
+
+    Who calls :meth:`set_epoch` chooses the epochs from then on: an iteration goes through the one chosen last.
+    Frameworks that call ``loader.sampler.set_epoch`` do so too.
 
     The position is counted here, in the training process, by the batches handed out: what workers had made in
     advance is not in it. After :meth:`load_state_dict` the next iteration is the rest of that epoch (nothing,
-    if it was over), with any number of workers.
+    if it was over), with any number of workers. There is one position, and so one iteration at a time: where a
+    second one has begun, the first one refuses to go on.
 
     Parameters
     ----------
@@ -37,6 +54,9 @@ class EpochLoader:
     num_workers : int
         Worker processes, started by a fork server (spawned where there is none) and kept between epochs: a
         script needs ``if __name__ == "__main__":``. 0 makes batches in this process.
+    repeat : bool, optional
+        Go through the same epoch each time. By default for streams of the splits validation and test, so that
+        every validation is on the same samples.
     pin_memory : bool, optional
         By default, whether there is a CUDA device.
     timeout : float
@@ -50,6 +70,7 @@ class EpochLoader:
         batches: EpochBatches,
         num_workers: int = 0,
         *,
+        repeat: bool | None = None,
         pin_memory: bool | None = None,
         timeout: float = 0,
         prefetch_factor: int = 2,
@@ -58,8 +79,12 @@ class EpochLoader:
             reject("loader.num_workers", "at least 0", num_workers)
         self.batches = batches
         self._source = _FromBatch(batches)
-        self._position = batches.epoch, 0
-        self._resume: int | None = None
+        self.repeat = batches.repeats if repeat is None else repeat
+        self.sampler = EpochSampler(self)
+        self._upcoming = batches.epoch, 0
+        self._position: tuple[int, int] | None = None
+        self._choices = batches.choices
+        self._turn = 0
         workers: dict[str, Any] = {}
         if num_workers:
             batches.warm()
@@ -73,30 +98,53 @@ class EpochLoader:
         pinned = torch.cuda.is_available() if pin_memory is None else pin_memory
         self._loader = DataLoader(self._source, batch_size=None, pin_memory=pinned, **workers)
 
+    @property
+    def dataset(self) -> EpochBatches:
+        """What the batches come from, by the name that training frameworks know."""
+        return self.batches
+
     def __len__(self) -> int:
         """Return the number of batches in a whole epoch."""
         return len(self.batches)
 
     def set_epoch(self, epoch: int) -> None:
         """Choose the epoch of the next iteration; a resumed position holds if it is in that epoch."""
-        if epoch != self.batches.epoch:
-            self._resume = None
         self.batches.set_epoch(epoch)
 
+    def _hear(self) -> None:
+        """Take notice of a call of ``set_epoch``, here or on the batches themselves."""
+        if self.batches.choices != self._choices:
+            self._choices = self.batches.choices
+            if self.batches.epoch != self._upcoming[0]:
+                self._upcoming, self._position = (self.batches.epoch, 0), None
+
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        first, self._resume = self._resume or 0, None
-        epoch = self.batches.epoch
-        self._source.first.fill_(first)
-        self._position = epoch, first
-        for number, batch in enumerate(self._loader, first + 1):
+        self._hear()
+        self._turn += 1
+        turn = self._turn
+        epoch, number = self._position = self._upcoming
+        stays = self.repeat or self.batches.choices > 0
+        self._upcoming = (epoch if stays else epoch + 1), 0
+        self._source.start.copy_(torch.tensor([epoch, number]))
+        batches = iter(self._loader)
+        while True:
+            if turn != self._turn:
+                reject(
+                    "loader", "iterated over once at a time", "a second iteration, begun before this one had ended",
+                    "Make a loader for each.",
+                )  # fmt: skip
+            try:
+                batch = next(batches)
+            except StopIteration:
+                return
+            number += 1
             self._position = epoch, number
             yield batch
 
     def state_dict(self) -> dict[str, Any]:
         """Return the position after the last batch that was handed out; plain values, for any checkpoint."""
-        epoch, number = self._position
-        if self._resume is None and epoch != self.batches.epoch:
-            epoch, number = self.batches.epoch, 0
+        self._hear()
+        epoch, number = self._position or self._upcoming
         return self._settings() | {"epoch": epoch, "next_batch": number}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -108,9 +156,11 @@ class EpochLoader:
         Raises
         ------
         RuleError
-            If the state is of other data, or its position is inside a round of this world and batch size.
+            If the state is of other data, its numbers are not those of a position, or its position is inside a round
+            of this world and batch size.
         """
         here = self._settings()
+        self._check(state)
         free = ("world", "batch_size")
         fields = differences(
             {key: value for key, value in state.items() if key not in ("epoch", "next_batch", *free)},
@@ -118,6 +168,8 @@ class EpochLoader:
         )
         if fields:
             reject("loader.state", "that of the same samples in the same order", "; ".join(fields))
+        if state["next_batch"] > _rounds(self.batches, state):
+            reject("loader.state['next_batch']", f"at most {_rounds(self.batches, state)}", state["next_batch"])
         sample = min(state["next_batch"] * state["world"] * state["batch_size"], self.batches.length)
         number, inside = divmod(sample, here["world"] * here["batch_size"])
         if sample == self.batches.length or state["next_batch"] == _rounds(self.batches, state):
@@ -129,9 +181,22 @@ class EpochLoader:
                 f"sample {sample}",
                 f"Resume with {state['world']} ranks and batches of {state['batch_size']}.",
             )
-        self.batches.set_epoch(state["epoch"])
-        self._position = state["epoch"], number
-        self._resume = number
+        self._choices = self.batches.choices
+        self._upcoming, self._position = (state["epoch"], number), None
+        self._turn += 1  # an iteration that was going on does not
+
+    def _check(self, state: Any) -> None:
+        """Refuse what cannot be a position."""
+        if not isinstance(state, dict):
+            reject("loader.state", "a dict that state_dict() returned", state)
+        least = {"epoch": 0, "next_batch": 0, "world": 1, "batch_size": 1}
+        for name, low in least.items():
+            value = state.get(name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < low:
+                reject(f"loader.state[{name!r}]", f"a whole number of at least {low}", state.get(name, "none"))
+        if not isinstance(state.get("drop_last"), bool):
+            reject("loader.state['drop_last']", "True or False", state.get("drop_last", "none"))
+        self.batches.checked_epoch(state["epoch"])
 
     def _settings(self) -> dict[str, Any]:
         batches = self.batches

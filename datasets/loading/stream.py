@@ -9,7 +9,7 @@ from torch.utils.data import get_worker_info
 
 from specklegen.core.errors import reject
 from specklegen.datasets.loading.epochs import EpochBatches
-from specklegen.datasets.sample_schema import Renderable
+from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.identity import device_kind
 
 if TYPE_CHECKING:
@@ -20,7 +20,8 @@ class SpeckleStream(EpochBatches):
     """Batches of fresh samples, as a torch ``IterableDataset``.
 
     Epoch e holds the samples from e · length on, so that every epoch is new. Use it with
-    ``stream.loader(num_workers=4)``, or with ``DataLoader(stream, batch_size=None, num_workers=4)``: the
+    ``stream.loader(num_workers=4)``, which goes from epoch to epoch by itself, or with
+    ``DataLoader(stream, batch_size=None, num_workers=4)``, where ``stream.set_epoch`` has to be called: the
     batches are made here, and are the same to the bit for any number of workers.
 
     Parameters
@@ -54,8 +55,7 @@ class SpeckleStream(EpochBatches):
         loader = SpeckleStream(recipe, batch_size=32).loader(num_workers=4)
         loader.load_state_dict(checkpoint)                      # when resuming
         for epoch in range(loader.state_dict()["epoch"], 100):
-            loader.set_epoch(epoch)
-            for batch in loader:
+            for batch in loader:                                # epoch after epoch, each with new samples
                 ...
     """
 
@@ -74,6 +74,7 @@ class SpeckleStream(EpochBatches):
         super().__init__(recipe.length(split), batch_size, rank, world, drop_last)
         self.recipe, self.seed, self.split = _on(recipe, device), seed, split
         self.device = torch.device(device)
+        self.repeats = split != "train"
 
     def indices(self, epoch: int, number: int) -> range:
         """Return the indices of the samples in batch ``number`` of this rank."""
@@ -85,7 +86,9 @@ class SpeckleStream(EpochBatches):
         if get_worker_info() is not None:
             self._require_no_workers(get_worker_info().num_workers)  # type: ignore[union-attr]
         for number in numbers:
-            yield tensors(self.recipe.batch(self.seed, self.split, self.indices(epoch, number)), self.device)
+            batch = self.recipe.batch(self.seed, self.split, self.indices(epoch, number))
+            require_finite(batch, self.recipe, self.seed, self.split)
+            yield tensors(batch, self.device)
 
     def loader(self, num_workers: int = 0, **options: Any) -> "EpochLoader":
         """Return an iterable over epochs with exact resume: specklegen.datasets.loading.loader.EpochLoader.

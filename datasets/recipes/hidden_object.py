@@ -204,7 +204,7 @@ class HiddenObject(Recipe):
         shared = self.media is not None or self.media_group > 1
         return prepared(sampler, frames, parameters, halves=self.light.halves, share=shared, tilts=angles)
 
-    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One image with its object and parameters; see :class:`Recipe`."""
         which = cast(Split, split)
         brightness = self.objects.image(seed, which, index)

@@ -11,7 +11,7 @@ from pydantic import model_validator
 
 from specklegen.core.values import PositiveInt, Value
 from specklegen.datasets.recipes.hidden_object import HiddenObject
-from specklegen.datasets.recipes.parts.distributions import Draw, drawn, require_above
+from specklegen.datasets.recipes.parts.distributions import UnboundedDraw, drawn, require_above
 from specklegen.datasets.recipes.parts.light import draw_frames
 from specklegen.datasets.recipes.parts.tilts import Tilts
 from specklegen.datasets.sample_schema import ArraySpec
@@ -28,11 +28,11 @@ class Dynamics(Value):
         Images a sample.
     correlation_time
         Frames over which the correlation of the field falls to 1/e, and that of the intensity to 1/e^2; may
-        vary from medium to medium.
+        vary from medium to medium; infinite for a medium that stays as it is.
     """
 
     frames: PositiveInt = 8
-    correlation_time: Draw
+    correlation_time: UnboundedDraw
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.coherence.partially_coherent import (
+    COHERENT,
     effective_source_modes,
     gaussian_brightness,
     gaussian_schell_object,
@@ -14,7 +15,7 @@ from specklegen.coherence.partially_coherent import (
 )
 from specklegen.core.values import Positive, remembered
 from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
-from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends
+from specklegen.datasets.recipes.parts.distributions import UnboundedDraw, drawn, ends
 from specklegen.datasets.recipes.parts.light import draw_medium
 from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
 from specklegen.datasets.sample_schema import ArraySpec
@@ -35,13 +36,14 @@ class PartiallyCoherent(Recipe):
     Parameters
     ----------
     coherence_length
-        sigma_g on the entrance face, in the unit of the wavelength; may vary from sample to sample.
+        sigma_g on the entrance face, in the unit of the wavelength; may vary from sample to sample. From 100 widths of
+        the window on, and so for infinity, the light is coherent.
     mode_tolerance
         Share of the intensity that the Karhunen-Loeve modes of the memory effect may leave out.
     """
 
     kind: Literal["partially-coherent"] = "partially-coherent"
-    coherence_length: Draw
+    coherence_length: UnboundedDraw
     mode_tolerance: Positive = 0.01
 
     @model_validator(mode="after")
@@ -92,13 +94,13 @@ class PartiallyCoherent(Recipe):
         tilts = np.zeros((1, 2))
         return prepared(sampler, [fields], parameters, halves=self.light.halves, share=True, tilts=tilts)
 
-    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One image with its parameters; see :class:`Recipe`."""
         which = cast(Split, split)
         medium = self.medium_number(index)
         length = drawn(self.coherence_length, generator(substream(seed, which, Purpose.OBJECT, index)))
-        brightness = gaussian_brightness(*self.lattice, self.geometry.wavelength, length)
         wavelength, width, profile = self._window
+        brightness = gaussian_brightness(*self.lattice, wavelength, min(length, COHERENT * width))
         ready = medium_realization(self, seed, which, medium)
         return {
             "image": self.observed(ready.images(brightness), seed, which, index)[0],

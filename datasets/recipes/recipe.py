@@ -24,7 +24,7 @@ from specklegen.datasets.recipes.parts.distributions import ends
 from specklegen.datasets.recipes.parts.light import Light
 from specklegen.datasets.recipes.parts.material import Estimator, KnownMaterial, Material, known_light
 from specklegen.datasets.recipes.parts.viewing import CameraGrid, Lab, Viewing, Window
-from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.sample_schema import ArraySpec, require_finite
 from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
 from specklegen.instrument.camera import Camera, NoiseStreams, expose
 from specklegen.planning.planning import Plan
@@ -41,6 +41,7 @@ PARAMETERS = ArraySpec(
     description="parameters drawn for the sample and what follows from them; lengths in the recipe's unit, angles in "
     "radians, pitches in direction sines inside the medium; expected_contrast is that of the light at one pixel, "
     "before the camera's noise; estimator: " + ", ".join(f"{e.value} kernel from {e.name.lower()}" for e in Estimator),
+    unbounded=("memory_effect_range", "coherence_length", "correlation_time"),
 )
 """Layout of the parameters of every kind."""
 
@@ -295,8 +296,15 @@ class Recipe(Value):
         Raises
         ------
         RuleError
-            If the split is unknown, or the seed or the index is not a whole number of at least 0.
+            If the split is unknown, the seed or the index is not a whole number of at least 0, or the sample would
+            hold a number that is not finite.
         """
+        sample = self.rendered(seed, split, index)
+        require_finite(sample, self, seed, split)
+        return sample
+
+    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
+        """One sample, before it is checked; what each kind says."""
         raise NotImplementedError
 
     def plans(self) -> list[Plan]:

@@ -62,7 +62,7 @@ class TiltStack(Recipe):
         media = [draw_medium(self.light, sampler, seed, split, medium)]
         return prepared(sampler, media, parameters, halves=self.light.halves, share=False, tilts=angles)
 
-    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One stack with its tilts and parameters; see :class:`Recipe`."""
         which = cast(Split, split)
         medium = self.medium_number(index)
@@ -95,9 +95,9 @@ class MaterialRegression(TiltStack):
         )
         return {**super().layout(), "target": target}
 
-    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One stack with its tilts, target and parameters; see :class:`Recipe`."""
-        sample = super().sample(seed, split, index)
+        sample = super().rendered(seed, split, index)
         drawn = sample["parameters"]
         target = [drawn["g"], np.log10(drawn["optical_depth"]), np.log10(drawn["thickness"])]
         return {**sample, "target": np.array(target, np.float32)}

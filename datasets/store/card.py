@@ -1,10 +1,12 @@
 """The data card: a page in Markdown beside every store that says what is in it and how to read it."""
 
+import glob
 import json
-import os
 from pathlib import Path
 
-from specklegen.datasets.store.store import Store
+from specklegen.datasets.store.files import is_temporary, write_whole
+from specklegen.datasets.store.locks import claim
+from specklegen.datasets.store.store import METADATA, Store
 
 _PAGE = """# {title}: {split} split
 
@@ -74,8 +76,11 @@ def card_file(folder: Path) -> Path:
 
 
 def write_card(store: Store) -> Path:
-    """Write the card beside the store, by renaming."""
+    """Write the card beside the store, by renaming; sweep up what killed processes left of it."""
     file = card_file(store.folder)
-    temporary = file.with_name(f".{file.name}.{os.getpid()}.partial")
-    temporary.write_text(card(store), encoding="utf-8")
-    return temporary.replace(file)
+    with claim(store.locks, METADATA, wait=True) as claimed:
+        for left in file.parent.glob(f"{glob.escape(file.name)}.*.partial"):
+            if claimed == "held" and is_temporary(left):
+                left.unlink(missing_ok=True)
+        write_whole(file, card(store).encode())
+    return file

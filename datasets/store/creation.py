@@ -4,40 +4,28 @@ The metadata is written here once, by the process that starts the work; those th
 """
 
 import contextlib
+import glob
 import os
+import re
 import shutil
 import uuid
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import zarr
-from zarr.codecs import BloscCodec, Crc32cCodec
-
-from specklegen.core.errors import reject
-from specklegen.datasets.sample_schema import ArraySpec, Renderable, stored_arrays
+from specklegen.core.errors import RuleError, reject
+from specklegen.datasets.sample_schema import Renderable
+from specklegen.datasets.store import metadata
+from specklegen.datasets.store.files import writing
 from specklegen.datasets.store.identity import differences, fingerprint, identity
+from specklegen.datasets.store.layout import layout_of, write_empty
 from specklegen.datasets.store.locks import claim
-from specklegen.datasets.store.store import FORMAT, METADATA, Store
+from specklegen.datasets.store.store import METADATA, Store
 
-SHARD_BYTES = 32 * 2**20
-LEAST_SHARDS = 16
+_CREATING = re.compile(r"\.[0-9a-f]{32}\.creating")
 
-
-def default_shard_samples(samples: int, sample_bytes: int) -> int:
-    """Choose samples a shard: 32 MB uncompressed, and in small sets sixteen shards to share and to resume."""
-    return max(1, min(SHARD_BYTES // max(1, sample_bytes), -(-samples // LEAST_SHARDS)))
-
-
-def stored_type(spec: ArraySpec, dtype: str) -> np.dtype:
-    """Return the type in which an array is stored: counts in the one asked for, all else as it is."""
-    return np.dtype(dtype if spec.counts else spec.dtype)
-
-
-def _codecs(dtype: np.dtype) -> list:
-    shuffled = BloscCodec(cname="zstd", clevel=5, shuffle="bitshuffle", typesize=dtype.itemsize)
-    return [*([shuffled] if dtype.kind in "ui" else []), Crc32cCodec()]
+_LIVING: set[Path] = set()
+"""Stores that threads of this process are making: locks do not keep one from sweeping another's."""
 
 
 def open_for(
@@ -69,84 +57,94 @@ def open_for(
 
 def require_same(store: Store, wanted: Mapping[str, Any]) -> None:
     """Refuse a store of another data set, naming the fields that differ."""
-    fields = differences(store.attributes["identity"], wanted)
-    if fields or store.attributes["fingerprint"] != fingerprint(wanted):
+    _require_same(store.folder, store.attributes, wanted)
+
+
+def _require_same(folder: Path, attributes: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    fields = differences(attributes["identity"], wanted)
+    if fields or attributes["fingerprint"] != fingerprint(wanted):
         reject(
             "generate.folder",
             "a new folder, or a store of the same recipe, seed, split and type",
-            str(store.folder),
+            str(folder),
             f"It differs in {'; '.join(fields) or 'its fingerprint'}. Choose another folder, or agree.",
         )
 
 
 @contextlib.contextmanager
 def _temporary(folder: Path) -> Iterator[Path]:
-    temporary = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}.creating")
-    try:
-        (temporary / "valid").mkdir(parents=True)
-        claims = temporary / "valid" / "claims"
-        claims.touch()
-        with claim(claims, METADATA):
-            yield temporary
-    except OSError as error:
-        reject("generate.folder", "in a place where you can write", str(folder), f"The system says: {error}.")
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+    with writing(folder), contextlib.ExitStack() as stack:
+        while True:
+            temporary = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}.creating")
+            _LIVING.add(temporary)
+            stack.callback(_LIVING.discard, temporary)
+            stack.callback(shutil.rmtree, temporary, ignore_errors=True)
+            # Until it is locked another process may take it for dead and delete it: then there is no such file.
+            with contextlib.suppress(FileNotFoundError):
+                (temporary / "valid").mkdir(parents=True, exist_ok=True)
+                stack.enter_context(claim(temporary / "valid" / "locks", METADATA, wait=True))
+                break
+        yield temporary
 
 
 def sweep_creations(folder: Path) -> list[Path]:
-    """Delete half-made stores that killed processes left beside ``folder``."""
+    """Delete half-made stores that killed processes left beside ``folder``; those of living ones are locked."""
     swept = []
-    for temporary in folder.parent.glob(f".{folder.name}.*.creating"):
-        with (
-            contextlib.suppress(FileNotFoundError),
-            claim(temporary / "valid" / "claims", METADATA) as claimed,
-        ):
-            if claimed == "held":
-                shutil.rmtree(temporary, ignore_errors=True)
-                swept.append(temporary)
+    for temporary in folder.parent.glob(f".{glob.escape(folder.name)}.*.creating"):
+        if temporary in _LIVING or not _CREATING.fullmatch(temporary.name.removeprefix(f".{folder.name}")):
+            continue
+        with contextlib.suppress(OSError):
+            (temporary / "valid").mkdir(parents=True, exist_ok=True)  # its maker may have died before it did
+            with claim(temporary / "valid" / "locks", METADATA) as claimed:
+                if claimed == "held":
+                    shutil.rmtree(temporary, ignore_errors=True)
+                    swept.append(temporary)
     return swept
 
 
 def grown(store: Store, samples: int) -> Store:
-    """Make room for more samples, the ledger last, and open the store anew."""
-    with claim(store.folder / "valid" / "claims", METADATA, wait=True):
-        arrays = dict(zarr.open_group(store.folder, mode="r+", zarr_format=3).arrays())
-        for name in sorted(arrays, key=lambda name: name == "valid"):
-            rows = -(-samples // store.shard_samples) if name == "checksum" else samples
-            if arrays[name].shape[0] < rows:
-                arrays[name].resize((rows, *arrays[name].shape[1:]))
+    """Make room for more samples, and open the store anew; see :mod:`specklegen.datasets.store.metadata`."""
+    with writing(store.folder), claim(store.locks, METADATA, wait=True):
+        now = metadata.read(store.folder)
+        samples = max(samples, now.room)
+        if samples > now.samples:
+            now.replace(room=samples).write(store.folder)
+            now.write_arrays(store.folder, samples)
+            now.replace(samples=samples, room=samples).write(store.folder)
     return Store(store.folder, writable=True)
 
 
-def _tables(samples: int, rows: int, names: list[str], about: str) -> dict[str, dict[str, Any]]:
-    """Describe the columns that the transport adds: one row a sample (or a shard), one file a shard."""
-    each = {"shape": (samples,), "chunks": (rows,), "dimension_names": ("sample",)}
+def mend_metadata(folder: Path, recipe: Renderable) -> str:
+    """Write the metadata of a store again from its recipe, if they are damaged; return what was found.
 
-    def told(description: str, units: str = "1", **more: Any) -> dict[str, Any]:
-        return {"attributes": {"units": units, "long_name": description} | more}
+    Raises
+    ------
+    RuleError
+        If the folder is not a store of this version, or of another recipe; or nothing tells its seed any more.
+    """
+    metadata.reject_strangers(folder)
+    sweep_creations(folder)
+    with writing(folder), claim(_with_parent(folder / "valid" / "locks"), METADATA, wait=True):
+        try:
+            metadata.read(folder)
+            return ""
+        except RuleError as fault:
+            found = str(fault)
+        attributes, samples = metadata.stated(folder)
+        there = attributes["identity"]
+        wanted = identity(recipe, there["seed"], there["split"], there["dtype"])
+        _require_same(folder, attributes, wanted)
+        layout = layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"])
+        with _temporary(folder) as temporary:
+            made = write_empty(temporary, layout)
+        made.write_arrays(folder, samples)
+        made.write(folder)
+        return found
 
-    return {
-        "parameters": {
-            "dtype": "float64",
-            "shape": (samples, len(names)),
-            "chunks": (rows, max(1, len(names))),
-            "dimension_names": ("sample", "parameter"),
-        }
-        | told(about, units="as described", names=names),
-        "index": each | {"dtype": "int64"} | told("index of the sample"),
-        "seed": each | {"dtype": "int64"} | told("seed of the data set"),
-        "checksum": {
-            "dtype": "uint8",
-            "shape": (-(-samples // rows), 32),
-            "chunks": (1, 32),
-            "dimension_names": ("shard", "byte"),
-        }
-        | told("SHA-256 of the files of a shard"),
-        "valid": each
-        | {"dtype": "bool"}
-        | told("whether the sample is there; one that is not reads as zeros"),
-    }
+
+def _with_parent(file: Path) -> Path:
+    file.parent.mkdir(exist_ok=True)
+    return file
 
 
 def _create(
@@ -157,45 +155,12 @@ def _create(
     shard_samples: int | None,
     notes: str,
 ) -> None:
-    """Make an empty store under a temporary name, then rename it; of two at once, one wins."""
-    arrays = stored_arrays(recipe)
-    parameters = recipe.layout().get("parameters")
-    names = list(recipe.sample(wanted["seed"], wanted["split"], 0)["parameters"])
-    types = {key: stored_type(spec, wanted["dtype"]) for key, spec in arrays.items()}
-    size = max((int(np.prod(spec.shape)) * types[key].itemsize for key, spec in arrays.items()), default=1)
-    rows = min(shard_samples or default_shard_samples(samples, size), samples)
-    attributes = {
-        "format": FORMAT,
-        "title": recipe.name,
-        "fingerprint": fingerprint(wanted),
-        "recipe_fingerprint": recipe.fingerprint(),
-        "identity": wanted,
-        "recipe": wanted["recipe"],
-        "arrays": list(arrays),
-        "shard_samples": rows,
-        "notes": notes,
-        "epoch_samples": recipe.length(wanted["split"]),
-    }
+    """Make an empty store under a temporary name, then rename it; of several at once, one wins."""
+    layout = layout_of(recipe, wanted, samples, shard_samples, notes)
     with _temporary(folder) as temporary:
-        group = zarr.create_group(store=temporary, zarr_format=3, attributes=attributes)
-        for key, spec in arrays.items():
-            group.create_array(
-                key,
-                shape=(samples, *spec.shape),
-                chunks=(1, *spec.shape),
-                shards=(rows, *spec.shape),
-                dtype=types[key],
-                compressors=_codecs(types[key]),
-                filters=None,
-                fill_value=0,
-                dimension_names=("sample", *spec.dims),
-                attributes={"units": spec.units, "long_name": spec.description, "sample_dtype": spec.dtype},
-            )
-        for name, table in _tables(
-            samples, rows, names, parameters.description if parameters else ""
-        ).items():
-            group.create_array(name, **table, compressors=[Crc32cCodec()], filters=None, fill_value=0)
-        with contextlib.suppress(OSError):
+        write_empty(temporary, layout)
+        try:
             os.rename(temporary, folder)
-    if not folder.exists():
-        reject("generate.folder", "a folder that can be made", str(folder), "Choose another folder.")
+        except OSError as error:
+            if not (folder / "zarr.json").exists():
+                raise error

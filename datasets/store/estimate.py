@@ -8,8 +8,9 @@ import numpy as np
 
 from specklegen.core.parallel import thread_count
 from specklegen.datasets.sample_schema import Renderable, stored_arrays
-from specklegen.datasets.store.creation import default_shard_samples, open_for, stored_type
+from specklegen.datasets.store.creation import open_for
 from specklegen.datasets.store.generate import GenerationError, fill_shard
+from specklegen.datasets.store.layout import default_shard_samples, stored_type
 
 _PROBE = 32
 _COPIES = 2

@@ -5,10 +5,11 @@ machine or over a shared folder: each claims the shards that it renders. A call 
 are there.
 """
 
+import contextlib
 import os
 import pickle
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -20,9 +21,10 @@ import numpy as np
 
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread, thread_count
-from specklegen.datasets.sample_schema import Renderable
+from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.card import write_card
 from specklegen.datasets.store.creation import open_for
+from specklegen.datasets.store.files import no_room, writing
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.store import Store
 from specklegen.datasets.workers import end_with_parent, prepare_worker, worker_context
@@ -45,7 +47,8 @@ class GenerationError(RuntimeError):
 class Outcome:
     """What became of one shard; small enough to send between machines.
 
-    ``transient`` failures were the system's (an OSError) and may not come back; all others would.
+    ``transient`` failures were the system's (an OSError) and may not come back; all others would. After a
+    ``final`` one nothing more can be written, by any shard: the disk is full.
     """
 
     shard: int
@@ -54,6 +57,7 @@ class Outcome:
     checksum: str = ""
     message: str = ""
     transient: bool = False
+    final: bool = False
 
 
 def generate(
@@ -106,14 +110,16 @@ def generate(
     RuleError
         If the folder holds something else, or an argument breaks a rule.
     GenerationError
-        If samples could not be rendered: the (seed, index) of the first of each shard; the rest is done.
+        If samples could not be rendered: the (seed, index) of the first of each shard; the rest is done. If the disk
+        is full: at once.
     """
     _check(samples, shard_samples, shard_range)
     if cluster is not None and processes is not None:
         reject("generate.processes", "left out with a cluster, which has its own", processes)
     store = open_for(recipe, seed, split, dtype, Path(folder).absolute(), samples, shard_samples, notes)
     store.sweep()
-    write_card(store)
+    with writing(store.folder):
+        write_card(store)
     part, parts = shard_range
     count = -(-samples // store.shard_samples)
     shards = range(part * count // parts, (part + 1) * count // parts)
@@ -129,12 +135,18 @@ def generate(
         from specklegen.datasets.store.dask import run as run_on
 
         run = partial(run_on, cluster, store, recipe)
-    for outcome in _outcomes(run, missing):
-        if outcome.state == "failed":
-            failures.append(outcome.message)
-            continue
-        done += len(store.span(outcome.shard))
-        report(done, total)
+    with contextlib.closing(_outcomes(run, missing)) as outcomes:
+        for outcome in outcomes:
+            if outcome.final:
+                raise GenerationError(
+                    f"nothing more can be written to {store.folder}, which holds {done} of {total} samples asked for.\n"
+                    f"{outcome.message}\nMake room, then run the same command again: it goes on where it stopped."
+                )
+            if outcome.state == "failed":
+                failures.append(outcome.message)
+                continue
+            done += len(store.span(outcome.shard))
+            report(done, total)
     if failures:
         shown = "\n".join(failures[:5])
         raise GenerationError(
@@ -165,8 +177,8 @@ def fill_shard(store: Store, recipe: Renderable, shard: int, wait: bool = False)
             checksum = store.write_shard(shard, _render(store, recipe, store.span(shard)))
         except Exception as error:  # a bad sample must not stop the others; it is reported with its address
             message = f"shard {shard}: {type(error).__name__}: {error}"
-            transient = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
-            return Outcome(shard, "failed", message=message, transient=transient)
+            transient = (isinstance(error, OSError) or isinstance(error.__cause__, OSError)) and not no_room(error)
+            return Outcome(shard, "failed", message=message, transient=transient, final=no_room(error))
     return Outcome(shard, "written", time.perf_counter() - start, checksum.hex())
 
 
@@ -181,6 +193,7 @@ def _render(store: Store, recipe: Renderable, span: range) -> dict[str, np.ndarr
         indices = span[first : first + BATCH]
         place = slice(first, first + len(indices))
         batch = _batch(recipe, seed, split, indices)
+        require_finite(batch, recipe, seed, split)
         for key in store.keys:
             columns[key][place] = _as_stored(key, np.asarray(batch[key]), kinds[key], types[key])
         if list(batch["parameters"]) != names:
@@ -219,7 +232,7 @@ def _as_stored(key: str, array: np.ndarray, promised: np.dtype, stored: np.dtype
     return cast
 
 
-def _outcomes(run: Callable[..., Iterator[Outcome]], shards: list[int]) -> Iterator[Outcome]:
+def _outcomes(run: Callable[..., Iterator[Outcome]], shards: list[int]) -> Generator[Outcome, None, None]:
     """Yield an outcome for each shard: first those that are free, then those that others had claimed."""
     taken: list[int] = []
     for outcome in run(shards=shards, wait=False):

@@ -35,7 +35,8 @@ def identity(recipe: Renderable, seed: int, split: str, dtype: str = "uint16") -
         "data_version": recipe.data_version,
         "device": device_kind(recipe),
         "dtype": dtype,
-        "recipe": json.loads(recipe.canonical_json()),
+        # JSON has no infinity: it is written as a word, so that every reader of a store can read its zarr.json.
+        "recipe": json.loads(recipe.canonical_json(), parse_constant=str),
         "seed": seed,
         "split": split,
     }

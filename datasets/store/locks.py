@@ -2,7 +2,8 @@
 
 Byte n of the file is locked while piece n is being worked on. The operating system drops the lock with the
 process, however it dies, so that no claim ever goes stale. Claims only save double work and tell orphaned
-temporary files from live ones: correctness rests on whole files that appear by renaming.
+temporary files from live ones: correctness rests on whole files that appear by renaming. The file itself
+holds nothing, and is made where it is missing.
 
 The locks are POSIX record locks: they exclude processes, on one machine or over NFS with a lock service,
 and not threads of one process. A process holds one claim on a file at a time.
@@ -24,14 +25,36 @@ LockState = Literal["held", "busy", "unlockable"]
 
 @contextmanager
 def claim(file: Path, number: int, wait: bool = False) -> Iterator[LockState]:
-    """LockState piece ``number``; "busy" if another process has it, "unlockable" where there are no locks."""
+    """Lock piece ``number``; "busy" if another process has it, "unlockable" where there are no locks.
+
+    Raises
+    ------
+    OSError
+        If the file is not there and cannot be made.
+    """
     if fcntl is None:
         yield "unlockable"
         return
-    descriptor = os.open(file, os.O_RDWR)
+    descriptor, state = _opened(file, number, wait)
     try:
-        yield _lock(descriptor, number, wait)
+        yield state
     finally:
+        os.close(descriptor)
+
+
+def _opened(file: Path, number: int, wait: bool) -> tuple[int, LockState]:
+    """Lock the file that has this name once the lock is held: it may have been deleted during the wait."""
+    while True:
+        descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            state = _lock(descriptor, number, wait)
+            if state == "busy" or os.path.samestat(os.fstat(descriptor), os.stat(file)):
+                return descriptor, state
+        except FileNotFoundError:
+            pass
+        except BaseException:
+            os.close(descriptor)
+            raise
         os.close(descriptor)
 
 

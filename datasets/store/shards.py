@@ -27,6 +27,10 @@ class DamagedShard(OSError):
     """Bytes in a shard that differ from what was written."""
 
 
+class ForeignShard(DamagedShard):
+    """A sound shard of another data set, or of another place in this one."""
+
+
 def _checked(data: bytes, file: Path) -> bytes:
     if len(data) < 4 or google_crc32c.value(data[:-4]) != int.from_bytes(data[-4:], "little"):
         raise DamagedShard(
@@ -47,7 +51,10 @@ def read_table(file: Path, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarra
         data = file.read_bytes()
     except FileNotFoundError:
         raise MissingSample(f"{file} is not there") from None
-    return np.frombuffer(_checked(data, file), dtype.newbyteorder("<")).reshape(shape)
+    content = _checked(data, file)
+    if len(content) != int(np.prod(shape)) * dtype.itemsize:
+        raise DamagedShard(f"{file} holds a table of another size; mend the store with verify --repair")
+    return np.frombuffer(content, dtype.newbyteorder("<")).reshape(shape)
 
 
 class ShardFiles:
@@ -101,6 +108,8 @@ class ShardFiles:
         data = _checked(os.pread(descriptor, length, offset), self.file(shard))
         if self._compressed:
             data = _BLOSC.decode(data)
+        if len(data) != int(np.prod(self._shape)) * self._dtype.itemsize:
+            raise ForeignShard(f"{self.file(shard)} holds samples of another size; mend the store with verify --repair")
         return np.frombuffer(data, self._dtype).reshape(self._shape)
 
     def _shard(self, shard: int) -> tuple[int, np.ndarray]:

@@ -3,8 +3,11 @@
     <folder>/zarr.json             attributes: identity, fingerprint, the whole recipe, shard size
     <folder>/<array>/              one chunk a sample, many samples a shard file
     <folder>/parameters, index, seed    one row a sample, one file a shard
-    <folder>/checksum              SHA-256 of a shard's files
+    <folder>/seal                  ties a sample to its data set and its number, see :mod:`seals`
+    <folder>/checksum              SHA-256 of a shard's files, and of which shard it is
     <folder>/valid                 true for the samples that are there; written last, one file a shard
+    <folder>/valid/record.json     what every zarr.json says, see :mod:`metadata`
+    <folder>/valid/locks           empty; its bytes are locked by those who write, see :mod:`locks`
 
 A shard is the unit of work: rendered whole by one process and written whole. Each file appears by renaming,
 so that a reader sees all of it or nothing. Nothing is flushed to the disk (no fsync): after a power cut a
@@ -12,9 +15,8 @@ file may be torn, which its CRC32C and the checksum tell.
 """
 
 import contextlib
-import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,13 +24,17 @@ from typing import Any
 import numpy as np
 import zarr
 
-from specklegen.core.errors import reject
+from specklegen.datasets.store import metadata
+from specklegen.datasets.store.files import is_temporary
 from specklegen.datasets.store.locks import LockState, claim
+from specklegen.datasets.store.seals import seal, shard_digest
 from specklegen.datasets.store.shards import MissingSample, ShardFiles, read_table
 
-FORMAT = "specklegen store, version 1"
 METADATA = 0
-"""The piece of the claims file that stands for the metadata; shard s is piece s + 1."""
+"""The byte of the file of locks that stands for the metadata; shard s is byte s + 1."""
+
+COLUMNS = ("parameters", "index", "seed", "seal")
+"""Tables with a row a sample, the ledger excepted."""
 
 
 class Store:
@@ -44,28 +50,26 @@ class Store:
     Raises
     ------
     RuleError
-        If the folder is not a store of this version.
+        If the folder is not a store of this version, or its metadata are not those that were written.
     """
 
     def __init__(self, folder: str | os.PathLike, writable: bool = False) -> None:
         self.folder = Path(folder).absolute()
-        remedy = "Make one with generate."
-        if not (self.folder / "zarr.json").is_file():
-            reject("store.folder", "a folder that holds a store", str(folder), remedy)
+        self.metadata = metadata.read(self.folder)
         with zarr.config.set({"array.write_empty_chunks": True}):
-            self._group = zarr.open_group(self.folder, mode="r+" if writable else "r", zarr_format=3)
-            self._arrays = dict(self._group.arrays())
-        self.attributes: dict[str, Any] = dict(self._group.attrs)
-        if self.attributes.get("format") != FORMAT:
-            reject("store.folder", f"a {FORMAT}", str(folder), remedy)
+            group = zarr.open_group(self.folder, mode="r+" if writable else "r", zarr_format=3)
+            self._arrays: dict[str, zarr.Array] = {name: group[name] for name in self.metadata.arrays}  # type: ignore[misc]
+        self.attributes: dict[str, Any] = self.metadata.attributes
         self.shard_samples: int = self.attributes["shard_samples"]
         self.parameter_names: list[str] = list(self._arrays["parameters"].attrs["names"])  # type: ignore[arg-type]
         self.keys: list[str] = list(self.attributes["arrays"])
+        self.fingerprint: str = self.attributes["fingerprint"]
+        self.seed: int = self.attributes["identity"]["seed"]
 
     @property
     def samples(self) -> int:
         """Number of samples that the store has room for."""
-        return self._arrays["valid"].shape[0]
+        return self.metadata.samples
 
     @property
     def shard_count(self) -> int:
@@ -92,33 +96,49 @@ class Store:
         return bool(self.valid_in(shard).all())
 
     def claimed(self, shard: int, wait: bool = False) -> contextlib.AbstractContextManager[LockState]:
-        """LockState a shard; see :mod:`specklegen.datasets.store.locks`."""
-        return claim(self.folder / "valid" / "claims", shard + 1, wait)
+        """Claim a shard; see :mod:`specklegen.datasets.store.locks`."""
+        return claim(self.locks, shard + 1, wait)
+
+    @property
+    def locks(self) -> Path:
+        """The file whose bytes are claims."""
+        return self.folder / "valid" / "locks"
 
     def files(self, shard: int) -> list[Path]:
         """Return the files that hold a shard's contents, the ledger excepted, in a fixed order."""
-        columns = [self._table_file(name, shard) for name in ("parameters", "index", "seed")]
-        return [self.shard_files[key].file(shard) for key in self.keys] + columns
+        return [self.shard_files[key].file(shard) for key in self.keys] + [
+            self._table_file(name, shard) for name in COLUMNS
+        ]
 
     def _table_file(self, name: str, shard: int) -> Path:
         return self.folder.joinpath(name, "c", str(shard), *["0"] * (self._arrays[name].ndim - 1))
 
     def digest(self, shard: int) -> bytes:
-        """Return the SHA-256 of a shard's files as they are now; of a missing file, of its absence."""
-        digest = hashlib.sha256()
-        for file in self.files(shard):
-            data = file.read_bytes() if file.exists() else b"absent"
-            digest.update(len(data).to_bytes(8, "little") + data)
-        return digest.digest()
+        """Return the SHA-256 of a shard as it is now: its data set, its number, its files."""
+        return shard_digest(self.fingerprint, self.seed, shard, self.shard_samples, self.files(shard))
 
     def recorded_digest(self, shard: int) -> bytes:
-        """Return the SHA-256 that was written with the shard."""
-        return np.asarray(self._arrays["checksum"][shard]).tobytes()
+        """Return the SHA-256 that was written with the shard.
+
+        Raises
+        ------
+        MissingSample, DamagedShard
+            If there is none, or it is not as it was written.
+        """
+        return read_table(self._table_file("checksum", shard), np.dtype(np.uint8), (32,)).tobytes()
+
+    def seal(self, index: int, seed: int, parameters: np.ndarray, arrays: Mapping[str, np.ndarray]) -> np.uint64:
+        """Return the seal of a sample of this store, of its arrays as they are stored."""
+        return seal(self.fingerprint, index, seed, parameters, (arrays[key] for key in self.keys))
 
     def write_shard(self, shard: int, columns: Mapping[str, np.ndarray]) -> bytes:
         """Write the columns of a shard, its checksum, last its line in the ledger; return the checksum."""
         place = slice(self.span(shard).start, self.span(shard).stop)
-        for name, column in columns.items():
+        seals = [
+            self.seal(int(index), self.seed, columns["parameters"][row], {key: columns[key][row] for key in self.keys})
+            for row, index in enumerate(columns["index"])
+        ]
+        for name, column in {**columns, "seal": np.array(seals, np.uint64)}.items():
             self._arrays[name][place] = column
         checksum = self.digest(shard)
         self._arrays["checksum"][shard] = np.frombuffer(checksum, np.uint8)
@@ -174,18 +194,28 @@ class Store:
         }
 
     def table(self, name: str, shard: int) -> np.ndarray:
-        """Read a column of a shard, checked: "parameters", "index", "seed" or "valid"."""
+        """Read a column of a shard, checked: "parameters", "index", "seed", "seal" or "valid"."""
         array = self._arrays[name]
         shape = (self.shard_samples, *array.shape[1:])
         return read_table(self._table_file(name, shard), np.dtype(array.dtype), shape)
 
+    def temporaries(self) -> Iterator[tuple[int, Path]]:
+        """Find files that are not yet whole, with the byte of the file of locks that their writers hold."""
+        for name in ["", *self.metadata.arrays]:
+            for file in (self.folder / name).glob("*.partial"):
+                if is_temporary(file) and file.name.split(".")[0] in ("zarr", "record"):
+                    yield METADATA, file
+        for name in self.metadata.arrays:
+            for file in (self.folder / name / "c").rglob("*.partial"):
+                number = file.relative_to(self.folder / name / "c").parts[0].split(".")[0]
+                if is_temporary(file) and number.isdigit():
+                    yield int(number) + 1, file
+
     def sweep(self) -> list[Path]:
         """Delete the temporary files that killed processes left; those of living ones are claimed."""
         swept = []
-        for file in sorted(self.folder.rglob("*.partial")):
-            parts = file.relative_to(self.folder).parts
-            number = parts[2].split(".")[0] if len(parts) > 2 and parts[1] == "c" else ""
-            with claim(self.folder / "valid" / "claims", int(number) + 1 if number else METADATA) as claimed:
+        for number, file in sorted(self.temporaries()):
+            with claim(self.locks, number) as claimed:
                 if claimed == "held":
                     file.unlink(missing_ok=True)
                     swept.append(file)

@@ -2,14 +2,15 @@
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from specklegen.core.errors import reject
 from specklegen.datasets.sample_schema import Renderable
-from specklegen.datasets.store.creation import require_same
+from specklegen.datasets.store.creation import mend_metadata, require_same
 from specklegen.datasets.store.generate import GenerationError, fill_shard
-from specklegen.datasets.store.identity import fingerprint, identity
+from specklegen.datasets.store.identity import identity
+from specklegen.datasets.store.reading import SampleReader
 from specklegen.datasets.store.store import Store
 
 
@@ -19,18 +20,20 @@ class Verification:
 
     ``damaged`` shards are on the ledger but a file is missing or differs by a byte; ``unfinished`` ones are
     not wholly on the ledger, which is no fault of a store that is being filled; ``orphans`` are temporary
-    files that killed processes left.
+    files that killed processes left. ``metadata`` says what was wrong with them before a repair wrote them again;
+    without a repair such a store is refused.
     """
 
     shards: int
     damaged: tuple[int, ...]
     unfinished: tuple[int, ...]
     orphans: int
+    metadata: str = ""
 
     @property
     def sound(self) -> bool:
-        """Whether everything that the ledger lists is there, to the byte."""
-        return not self.damaged
+        """Whether everything that the ledger lists is there, to the byte, and from this data set."""
+        return not self.damaged and not self.metadata
 
 
 def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verification:
@@ -41,7 +44,8 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
     folder : path
         The folder of the store.
     repair : recipe, optional
-        The recipe that the store was made from: damaged and unfinished shards are rendered, orphans deleted.
+        The recipe that the store was made from: damaged metadata are written again, damaged and unfinished shards
+        are rendered, orphans deleted.
 
     Returns
     -------
@@ -51,18 +55,13 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
     Raises
     ------
     RuleError
-        If the folder is not a store, its attributes were changed, or the recipe is another one.
+        If the folder is not a store, its metadata were changed (and there is no recipe), or the recipe is another one.
     GenerationError
         If a shard could not be rendered again.
     """
+    found = mend_metadata(Path(folder).absolute(), repair) if repair is not None else ""
     store = Store(folder, writable=repair is not None)
     stated = store.attributes["identity"]
-    if fingerprint(stated) != store.attributes["fingerprint"]:
-        reject(
-            "store.fingerprint",
-            f"{fingerprint(stated)}, the SHA-256 of its identity",
-            store.attributes["fingerprint"],
-        )
     if repair is not None:
         require_same(store, identity(repair, stated["seed"], stated["split"], stated["dtype"]))
     damaged, unfinished = [], []
@@ -72,7 +71,7 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
             damaged.append(shard)
         elif state == "unfinished":
             unfinished.append(shard)
-    orphans = len(list(store.folder.rglob("*.partial")))
+    orphans = len(list(store.temporaries()))
     if repair is not None:
         store.sweep()
         for shard in damaged:
@@ -83,14 +82,19 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
         failed = [outcome.message for outcome in outcomes if outcome.state == "failed"]
         if failed:
             raise GenerationError("\n".join(failed))
-    return Verification(store.shard_count, tuple(damaged), tuple(unfinished), orphans)
+    return Verification(store.shard_count, tuple(damaged), tuple(unfinished), orphans, found)
 
 
 def _state(store: Store, shard: int) -> str:
     try:
         valid = store.valid_in(shard)
         if valid.any() and store.digest(shard) != store.recorded_digest(shard):
-            return "damaged"
-    except (OSError, ValueError):  # a flipped byte in the ledger or in the checksums themselves
+            if valid.all():
+                return "damaged"
+            # A shard that is being filled up, or whose writer died at it, is sound if all that is listed is.
+            reader = SampleReader(store)
+            for row in np.flatnonzero(valid).tolist():
+                reader.read(store.span(shard)[row])
+    except (OSError, LookupError):  # a byte flipped in the ledger or in the checksums themselves; a file that is gone
         return "damaged"
     return "sound" if np.all(valid) else "unfinished"

@@ -1,6 +1,7 @@
 """Examples: what a network sees and what it should show, ready in memory."""
 
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import torch
@@ -67,16 +68,24 @@ def examples(
     return Examples(*(torch.cat(field) for field in zip(*parts, strict=True)))
 
 
-def streamed(stream: SpeckleStream, kind: str, workers: int = 0) -> tuple[Callable[[int, int], Iterator[Any]], int]:
+class Streamed:
+    """Batches of a stream, as a function of (epoch, first step); ``identity`` says what of."""
+
+    def __init__(self, stream: SpeckleStream, kind: str, workers: int = 0) -> None:
+        self.kind, self.loader = kind, stream.loader(num_workers=workers)
+        recipe = json.loads(stream.recipe.canonical_json())
+        self.identity: dict[str, Any] = stream.identity() | {"batch_size": stream.batch_size, "recipe": recipe}
+
+    def __call__(self, epoch: int, first: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Batches of an epoch from step ``first`` on."""
+        self.loader.load_state_dict(self.loader.state_dict() | {"epoch": epoch, "next_batch": first})
+        for batch in self.loader:
+            yield network_input(batch, self.kind), batch["object"].float()
+
+
+def streamed(stream: SpeckleStream, kind: str, workers: int = 0) -> tuple[Streamed, int]:
     """Batches that are rendered while the network trains, for ``train``: every epoch is new."""
-    loader = stream.loader(num_workers=workers)
-
-    def batches(epoch: int, first: int) -> Iterator[tuple[Tensor, Tensor]]:
-        loader.load_state_dict(loader.state_dict() | {"epoch": epoch, "next_batch": first})
-        for batch in loader:
-            yield network_input(batch, kind), batch["object"].float()
-
-    return batches, len(stream)
+    return Streamed(stream, kind, workers), len(stream)
 
 
 def mirrored(inputs: Tensor, targets: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,18 +1,20 @@
-"""Training on one page: batches -> network -> loss -> step, with a checkpoint and a line of a log after each epoch.
+"""Training on one page: batches -> network -> loss -> step, with a line of a log after each epoch.
 
 Everything random is a function of (seed, epoch, step): first weights, order of the samples, mirroring. So a run is
 repeated by its settings, and one that was stopped goes on to the same bits. The one exception is a budget in seconds:
 there the learning rate falls with the time spent, so that a run ends well whenever it ends.
 
-Files in the folder of a run: ``checkpoint.pt`` (all that is needed to go on), ``best.pt`` (the model with the best
+Files in the folder of a run: ``run.json`` (settings and data; nothing else goes on with the run), ``checkpoint.pt``
+(all that is needed to go on: after each epoch, every few minutes, and on Ctrl-C), ``best.pt`` (the model with the best
 Pearson correlation on validation media), ``log.csv``.
 """
 
 import csv
+import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -24,9 +26,11 @@ from torch import Tensor, nn
 from specklegen.core.errors import reject
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.models.learning.examples import Examples, mirrored
+from specklegen.models.learning.interrupts import deferred
 from specklegen.models.learning.losses import Loss, loss_named
 from specklegen.models.learning.networks import build
 from specklegen.models.learning.reconstructor import Reconstructor
+from specklegen.models.learning.run_record import record, require_same_run, write_record
 from specklegen.models.metrics import align, pearson
 
 WARM_UP = 50
@@ -107,9 +111,15 @@ def train(
     seconds: float | None = None,
     device: str = "cpu",
     progress: Callable[[dict[str, float]], None] | None = None,
+    steps: Callable[[int, int], None] | None = None,
+    about: Mapping[str, Any] | None = None,
+    save_every: float = 300.0,
     stop_after: int | None = None,
 ) -> Reconstructor:
     """Train a network, or go on where the run in this folder was stopped.
+
+    A finished run goes on if more epochs, or more seconds, are asked for; the learning rate is then that of the
+    longer run.
 
     Parameters
     ----------
@@ -127,6 +137,12 @@ def train(
         Torch device. On CUDA the forward pass runs in bfloat16, which the CPU would only emulate.
     progress
         Called with each row of the log.
+    steps
+        Called with (steps done, steps in all epochs) after every step.
+    about
+        What "data" and "validation" are, as tables of JSON: recorded with the run, and named where another run differs.
+    save_every
+        Seconds between checkpoints inside an epoch.
     stop_after
         Steps after which to stop, as if interrupted; the checkpoint is exact.
 
@@ -138,34 +154,57 @@ def train(
     Raises
     ------
     RuleError
-        If the folder holds a run with other settings, or there are no examples.
+        If the folder holds a run with other settings or data (more epochs are no difference), if the validation
+        examples are the training examples, or there are none.
+    KeyboardInterrupt
+        On Ctrl-C, after the step that was being made and a checkpoint.
     """
+    here = record(training, data if isinstance(data, Examples) else data[0], validation, about)
     if isinstance(data, Examples):
         data = shuffled(data, training), math.ceil(len(data.targets) / training.batch_size)
     batches, length = data
     if not length or not len(validation.targets):
         reject("train examples", "at least one, and one for validation", (length, len(validation.targets)))
-    run = _Run(training, validation, Path(folder), device)
+    run = _Run(training, validation, Path(folder), device, here)
+    run.finished |= seconds is not None and run.spent >= seconds
     clock = time.process_time if torch.device(device).type == "cpu" else time.perf_counter
     loss_of = loss_named(training.loss)
-    taken, total = 0, length * training.epochs
-    while not run.finished:
-        for inputs, targets in batches(run.epoch, run.step):
-            begin = clock()
-            done = run.epoch * length + run.step
-            share = done / total if seconds is None else max(done / total, run.spent / seconds)
-            run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))
-            taken += 1
-            run.spent += clock() - begin
-            if taken == stop_after:
-                run.save()
-                return run.reconstructor()
-            if seconds is not None and run.spent >= seconds:
-                run.finished = True
-                break
-        row = run.end_epoch()
-        if progress is not None:
-            progress(row)
+    taken, total, saved = 0, length * training.epochs, time.monotonic()
+    with deferred() as interrupt:
+        while not run.finished:
+            try:
+                for inputs, targets in batches(run.epoch, run.step):
+                    begin = clock()
+                    done = run.epoch * length + run.step
+                    share = done / total if seconds is None else max(done / total, run.spent / seconds)
+                    run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))
+                    taken += 1
+                    run.spent += clock() - begin
+                    if steps is not None:
+                        steps(done + 1, total)
+                    if taken == stop_after:
+                        run.save()
+                        return run.reconstructor()
+                    interrupt.obey()
+                    if time.monotonic() - saved > save_every:
+                        run.save()
+                        saved = time.monotonic()
+                    if seconds is not None and run.spent >= seconds:
+                        run.finished = True
+                        break
+                interrupt.obey()
+            except Exception:
+                interrupt.obey()  # workers that heard the Ctrl-C too are gone
+                raise
+            except KeyboardInterrupt:
+                if interrupt.asked:  # between two steps
+                    run.save()
+                raise
+            row = run.end_epoch()
+            saved = time.monotonic()
+            if progress is not None:
+                progress(row)
+            interrupt.obey()
     return Reconstructor.load(run.folder / "best.pt")
 
 
@@ -177,8 +216,11 @@ def cosine(share: float) -> float:
 class _Run:
     """State of a run; all of it is in the checkpoint."""
 
-    def __init__(self, training: Training, validation: Examples, folder: Path, device: str) -> None:
+    def __init__(
+        self, training: Training, validation: Examples, folder: Path, device: str, record: dict[str, Any]
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
+        self.record = record
         self.training, self.validation, self.folder, self.device = training, validation, folder, torch.device(device)
         side, shape = validation.inputs.shape[-1], (validation.targets.shape[-2], validation.targets.shape[-1])
         self.side, self.shape = side, shape
@@ -194,6 +236,7 @@ class _Run:
         self.rows: list[dict[str, float]] = []
         if (folder / "checkpoint.pt").exists():
             self.restore()
+        write_record(folder, record)
 
     def take_step(self, inputs: Tensor, targets: Tensor, loss_of: Loss, rate: float) -> None:
         """One step of the optimiser at a share of the learning rate."""
@@ -251,7 +294,7 @@ class _Run:
     def save(self) -> None:
         """Write the checkpoint whole, or not at all."""
         state: dict[str, Any] = {name: getattr(self, name) for name in self._COUNTERS}
-        state |= {"training": self.training.canonical_json(), "side": self.side, "shape": list(self.shape)}
+        state |= {"record": json.dumps(self.record), "side": self.side, "shape": list(self.shape)}
         state |= {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
         partial = self.folder / "checkpoint.pt.partial"
         torch.save(state, partial)
@@ -260,13 +303,15 @@ class _Run:
     def restore(self) -> None:
         """Take up the run of the folder."""
         state = torch.load(self.folder / "checkpoint.pt", map_location=self.device, weights_only=True)
-        here = (self.training.canonical_json(), self.side, list(self.shape))
-        if (state["training"], state["side"], state["shape"]) != here:
-            reject("train.folder", "that of a run with these settings", state["training"], "Choose another folder.")
+        if "record" not in state:
+            reject("train.folder", "that of a run that says what it was made with", str(self.folder),
+                   "This one is of an older version. Choose another folder.")  # fmt: skip
+        require_same_run(self.folder, json.loads(state["record"]), self.record)
         self.network.load_state_dict(state["network"])
         self.optimiser.load_state_dict(state["optimiser"])
         for name in self._COUNTERS:
             setattr(self, name, state[name])
+        self.finished = self.epoch >= self.training.epochs or self.stale >= self.training.patience
 
 
 def validated(model: Reconstructor, examples: Examples) -> float:

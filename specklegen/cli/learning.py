@@ -33,10 +33,13 @@ def train(
     changes: Set = None,
 ) -> None:
     """Train a network to see through fog; checkpoint, log and curves lie in its folder."""
+    from tqdm import tqdm
+
     from specklegen.datasets import SpeckleCache, SpeckleStream
     from specklegen.models.judging.charts import training_curves
     from specklegen.models.learning.examples import examples, streamed
     from specklegen.models.learning.networks import parameter_count
+    from specklegen.models.learning.run_record import require_held_out
     from specklegen.models.learning.training import Training
     from specklegen.models.learning.training import train as fit
 
@@ -47,21 +50,46 @@ def train(
     if (Path(what) / "zarr.json").exists():
         if validation is None:
             reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
-        data, held_out = examples(SpeckleCache(what), input), examples(SpeckleCache(validation), input)
+        if changes:
+            reject("train --set", "left out with a store, which has its recipe", " ".join(changes))
+        stored, judged = SpeckleCache(what), SpeckleCache(validation)
+        require_held_out(stored, judged)
+        data, held_out = examples(stored, input), examples(judged, input)
+        about = {name: cache.identity | {"samples": len(cache)} for name, cache in
+                 (("data", stored), ("validation", judged))}  # fmt: skip
     else:
+        if validation is not None:
+            reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
         recipe = load_hidden(what, changes)
         data = streamed(SpeckleStream(recipe, seed=seed, batch_size=batch_size), input, workers)
         held_out = examples(recipe, input, validation_samples, seed, "validation")
+        about = {"validation": {"seed": seed, "split": "validation", "samples": validation_samples}}
     rows: list[dict[str, float]] = []
 
     def show(row: dict[str, float]) -> None:
         rows.append(row)
-        typer.echo(
+        tqdm.write(
             f"epoch {row['epoch']}: {row['seconds']:.0f} s, loss {row['train_loss']:.4f}, "
             f"validation {row['validation_pearson']:.4f}"
         )
 
-    model = fit(settings, data, held_out, out, seconds=seconds, device=device, progress=show)
+    with tqdm(unit="step", disable=None, leave=False) as bar:
+
+        def step(done: int, total: int) -> None:
+            bar.total = total
+            if not bar.n:
+                bar.initial = done - 1
+            bar.update(done - (bar.n or done - 1))
+
+        try:
+            model = fit(
+                settings, data, held_out, out, seconds=seconds, device=device, progress=show, steps=step, about=about
+            )
+        except KeyboardInterrupt:
+            typer.echo(f"stopped; the same command goes on from {out / 'checkpoint.pt'}", err=True)
+            raise typer.Exit(130) from None
+    if not rows:
+        typer.echo(f"The run in {out} was finished already: nothing was done. Ask for more --epochs to go on.")
     if rows:
         training_curves({network: rows}, out / "curves.png")
     typer.echo(f"{parameter_count(model.network)} parameters, {out / 'best.pt'}")

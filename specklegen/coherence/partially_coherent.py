@@ -53,7 +53,8 @@ from specklegen.scene.scene import Scene
 REACH = 4.0
 """Standard deviations kept of the angular spectrum, and of the coherence beyond the window: exp(-8) = 0.03 %."""
 _SUPPORT = {"square": 1.0, "disc": 1.0, "gaussian": 2.0}  # largest distance of lit points over the width
-_COHERENT = 100.0  # widths of coherence length from which light counts as coherent: 1 - |mu| <= 1e-4
+COHERENT = 100.0
+"""Widths of coherence length from which light counts as coherent: 1 - abs(mu) <= 1e-4."""
 _FINEST = 800.0  # coherence lengths a width may hold
 
 
@@ -86,8 +87,8 @@ def source_lattice(
         reject("coherence_length", f"at least {least:.4g} (wavelength, and width / {_FINEST:g})", shortest, remedy)
     if not longest >= shortest:
         reject("coherence_length", f"at least {shortest:.4g}, the shortest of the range", longest)
-    pitch = wavelength / (_SUPPORT[profile] * width + REACH * min(longest, _COHERENT * width))
-    spread = _angular_spread(wavelength, min(shortest, _COHERENT * width))
+    pitch = wavelength / (_SUPPORT[profile] * width + REACH * min(longest, COHERENT * width))
+    spread = _angular_spread(wavelength, min(shortest, COHERENT * width))
     return 1 + 2 * math.ceil(REACH * spread / pitch), pitch
 
 
@@ -129,7 +130,7 @@ def gaussian_schell_object(
         As `source_lattice`.
     """
     count, pitch = source_lattice(wavelength, width, profile, coherence_length, coherence_length)
-    brightness = gaussian_brightness(count, pitch, wavelength, min(coherence_length, _COHERENT * width))
+    brightness = gaussian_brightness(count, pitch, wavelength, min(coherence_length, COHERENT * width))
     return IncoherentObject(brightness=brightness, pitch=pitch, width=width, profile=profile)
 
 

@@ -90,11 +90,24 @@ def _read(value: Any) -> Any:
         return value
     if isinstance(value, bool) or not isinstance(value, int | float):
         reject("a drawn number", f"a number or a table with one of {', '.join(_KINDS)}", value)
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = np.inf
+    if not np.isfinite(number):
+        raise ValueError("finite")  # the field is named by whoever asked
+    return number
+
+
+def _read_up_to_infinity(value: Any) -> Any:
+    return np.inf if isinstance(value, float) and value == np.inf else _read(value)
 
 
 Draw = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_read)]
-"""A constant, or a distribution."""
+"""A finite constant, or a distribution."""
+
+UnboundedDraw = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_read_up_to_infinity)]
+"""The same, where a constant may also be infinite, since that means something: coherent light, a medium at rest."""
 
 
 def drawn(value: "float | Uniform | LogUniform | Choice", rng: np.random.Generator) -> float:

@@ -1,9 +1,13 @@
 """Tilts of the illumination of one medium: equally spaced along a line."""
 
-import numpy as np
+from typing import Self
 
+import numpy as np
+from pydantic import model_validator
+
+from specklegen.core.errors import reject
 from specklegen.core.values import PositiveInt, Value
-from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends
+from specklegen.datasets.recipes.parts.distributions import Choice, Draw, drawn, ends
 from specklegen.datasets.sample_schema import ArraySpec
 
 
@@ -18,11 +22,37 @@ class Tilts(Value):
         Angle between neighbours, radians; may vary from medium to medium.
     azimuth
         Direction of tilting from the x axis, radians; may vary from medium to medium.
+
+    Raises
+    ------
+    RuleError
+        If the last tilt may be at 90 degrees from the axis or beyond.
     """
 
     count: PositiveInt = 5
     step: Draw
     azimuth: Draw = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        reach = float(self.count - 1) * max(map(abs, ends(self.step)))
+        last = reach * np.array([[np.cos(a), np.sin(a)] for a in self._azimuths()])
+        if np.abs(last).max() >= np.pi / 2 or np.square(np.sin(last)).sum(1).max() >= 1:
+            reject(
+                "Tilts.step", f"radians such that tilt {self.count - 1} leans less than 90 degrees", self.step,
+                "Use a smaller step or fewer tilts; 1 degree is 0.01745.",
+            )  # fmt: skip
+        return self
+
+    def _azimuths(self) -> list[float]:
+        """Azimuths that may be drawn, among them those at which a tilt leans most: on an axis, or on a diagonal."""
+        if isinstance(self.azimuth, Choice):
+            return list(self.azimuth.choice)
+        low, high = ends(self.azimuth)
+        if high - low >= np.pi / 2:
+            return [0.0, np.pi / 4]
+        first = np.ceil(low / (np.pi / 4))
+        return [low, high, *(a for a in np.pi / 4 * (first + np.arange(2)) if a <= high)]
 
     def angles(self, step: float, azimuth: float) -> np.ndarray:
         """Tilts float64[T, 2] = (x, y), radians."""

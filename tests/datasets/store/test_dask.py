@@ -55,7 +55,7 @@ def make(folder, recipe=None, **options):
 
 def contents(folder):
     """Return every file of a store but the claims, by its path."""
-    files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.name != "claims"]
+    files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.name != "locks"]
     return {str(file.relative_to(folder)): file.read_bytes() for file in files}
 
 

@@ -13,10 +13,10 @@ from small_stores import TIMEOUT, assert_holds, contents, make
 
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.sample_schema import ArraySpec, stored_arrays
-from specklegen.datasets.store.creation import default_shard_samples
 from specklegen.datasets.store.generate import GenerationError
 from specklegen.datasets.store.identity import differences, fingerprint, identity
 from specklegen.datasets.store.info import info
+from specklegen.datasets.store.layout import default_shard_samples
 from specklegen.datasets.store.verify import verify
 
 
@@ -65,7 +65,7 @@ def test_plain_readers_do_not_need_specklegen(tmp_path):
     command = [sys.executable, "-W", "error::UserWarning", "-c", code, tmp_path / "a.zarr"]
     out = subprocess.run(command, capture_output=True, text=True, check=True, timeout=TIMEOUT).stdout
     total = int(FakeRecipe().sample(0, "train", 3)["image"].sum())
-    names = ["checksum", "field", "image", "index", "level", "object", "parameters", "seed", "valid"]
+    names = ["checksum", "field", "image", "index", "level", "object", "parameters", "seal", "seed", "valid"]
     assert out.strip() == f"{names} {total} fake"
 
 

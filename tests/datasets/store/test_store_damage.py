@@ -27,7 +27,7 @@ def test_verify_finds_a_flipped_byte_in_any_file_and_a_missing_shard(tmp_path):
     assert verify(folder).damaged == ()
     random = np.random.default_rng(0)
     victims = [name for name in good if name.split("/")[1:2] == ["c"]]
-    assert len(victims) == 5 * 9
+    assert len(victims) == 5 * 10
     for name in victims:
         shard = int(name.split("/")[2])
         data = bytearray(good[name])

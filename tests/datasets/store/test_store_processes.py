@@ -1,17 +1,18 @@
 """Stores filled by several processes, which may die at any moment."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
-import zarr
 from fake_recipe import FakeRecipe, Mortal
 from scenes import ROOT
 from small_stores import TIMEOUT, assert_holds, claiming, contents, make
 
+from specklegen.datasets.store import metadata
 from specklegen.datasets.store.creation import sweep_creations
 from specklegen.datasets.store.generate import GenerationError, fill_shard
 from specklegen.datasets.store.info import info
@@ -63,7 +64,7 @@ def test_a_claim_excludes_other_processes_and_ends_with_them(tmp_path):
 def test_a_call_returns_when_shards_that_others_had_claimed_are_there_too(tmp_path):
     """Another process claims shard 1 and dies without having rendered it: this call waits, and takes over."""
     make(tmp_path / "a.zarr", shard_range=(0, 5))
-    other, calls = claiming(tmp_path / "a.zarr/valid/claims", 2), []
+    other, calls = claiming(tmp_path / "a.zarr/valid/locks", 2), []
 
     def progress(done, total):
         calls.append(done)
@@ -80,20 +81,22 @@ def test_a_call_returns_when_shards_that_others_had_claimed_are_there_too(tmp_pa
 
 def test_a_call_that_dies_while_growing_leaves_a_sound_store(tmp_path, monkeypatch):
     good = make(tmp_path / "a.zarr", samples=8)
-    resize = zarr.Array.resize
-    for _ in range(8):  # each call grows one more array, and dies at the next; the ledger is the ninth
-        left = iter([None])
+    write = metadata.write_whole
+    for deaths in range(12):  # each call dies one file later: the record, nine arrays, the ledger, the record
+        left = iter(range(deaths))
 
-        def dying(array, shape, left=left):
+        def dying(file, data, left=left):
             next(left)  # StopIteration stands for the kill
-            resize(array, shape)
+            write(file, data)
 
-        monkeypatch.setattr(zarr.Array, "resize", dying)
+        monkeypatch.setattr(metadata, "write_whole", dying)
         with pytest.raises(StopIteration):
             make(tmp_path / "a.zarr", samples=22)
         monkeypatch.undo()
         assert info(tmp_path / "a.zarr") == good | {"bytes": info(tmp_path / "a.zarr")["bytes"]}
         assert_holds(tmp_path / "a.zarr", FakeRecipe(), 8)
+        shutil.rmtree(tmp_path / "a.zarr")
+        make(tmp_path / "a.zarr", samples=8)
     make(tmp_path / "a.zarr", samples=22)
     assert_holds(tmp_path / "a.zarr", FakeRecipe(), 22)
 
@@ -186,8 +189,8 @@ def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, 
     finished = {int(name.split("/")[2]) for name in listed}
     assert 4 <= len(finished) < 24
     (folder / "image/c/20/0").mkdir(parents=True, exist_ok=True)
-    (folder / "image/c/20/0/0.feed.partial").write_bytes(b"half a shard")
-    (folder / "zarr.feed.partial").write_bytes(b"half a header")
+    (folder / f"image/c/20/0/0.{'feed' * 8}.partial").write_bytes(b"half a shard")
+    (folder / f"zarr.{'feed' * 8}.partial").write_bytes(b"half a header")
     again = tmp_path / "again"
     assert start(folder, 1, again)[0].wait(TIMEOUT) == 0
     assert contents(folder) == uninterrupted
@@ -207,11 +210,11 @@ def test_a_killed_call_does_not_stop_the_other(tmp_path, uninterrupted):
 
 
 def test_half_made_stores_are_swept_and_living_ones_are_not(tmp_path):
-    living, dead = tmp_path / ".a.zarr.living.creating", tmp_path / ".a.zarr.dead.creating"
+    living, dead = (tmp_path / f".a.zarr.{letter * 32}.creating" for letter in "ad")
     for temporary in (living, dead):
         (temporary / "valid").mkdir(parents=True)
-        (temporary / "valid" / "claims").touch()
-    other = claiming(living / "valid" / "claims", 0)
+        (temporary / "valid" / "locks").touch()
+    other = claiming(living / "valid" / "locks", 0)
     try:
         assert sweep_creations(tmp_path / "a.zarr") == [dead]
         assert living.exists()

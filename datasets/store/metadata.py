@@ -1,0 +1,216 @@
+"""The metadata of a store: every ``zarr.json``, and a record of them all that tells when one has changed.
+
+``valid/record.json`` holds what each ``zarr.json`` says, the number of samples, and the SHA-256 of it all. Whoever
+opens a store compares. zarr looks into no folder of an array, so plain readers do not meet the record.
+
+A store grows in this order: the record says to what length, the arrays follow, the record says that it is done.
+So a kill in between leaves arrays of the old or of the new length, and nothing else passes.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from specklegen.core.errors import reject
+from specklegen.datasets.store.files import json_bytes, write_whole
+from specklegen.datasets.store.identity import differences, fingerprint
+
+FORMAT = "specklegen store, version 2"
+
+_REMEDY = "`specklegen verify --repair RECIPE` writes it again from the recipe; the samples stay."
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What a store is.
+
+    Attributes
+    ----------
+    samples : int
+        Samples that it has room for.
+    room : int
+        Samples that it is being made room for; equal to ``samples`` unless a call is growing it, or died at it.
+    files : dict
+        What each ``zarr.json`` says, by its path in the store; lengths along the samples are left out.
+    """
+
+    samples: int
+    room: int
+    files: Mapping[str, Any]
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """Attributes of the group: identity, fingerprint, recipe, shard size."""
+        return self.files["zarr.json"]["attributes"]
+
+    @property
+    def arrays(self) -> list[str]:
+        """Names of the arrays, tables included."""
+        return [name.removesuffix("/zarr.json") for name in self.files if "/" in name]
+
+    def rows(self, name: str, samples: int) -> int:
+        """Length of an array of a store of so many samples."""
+        return -(-samples // self.attributes["shard_samples"]) if name == "checksum" else samples
+
+    def replace(self, **lengths: int) -> Self:
+        """Return the metadata of a store of other lengths."""
+        return type(self)(**{"samples": self.samples, "room": self.room} | lengths, files=self.files)
+
+    def write(self, folder: Path) -> None:
+        """Write the record."""
+        (folder / "valid").mkdir(exist_ok=True)
+        content = {"samples": self.samples, "room": self.room, "files": self.files}
+        write_whole(_record(folder), json_bytes({"sha256": fingerprint(content), "content": content}))
+
+    def write_arrays(self, folder: Path, samples: int) -> None:
+        """Write every ``zarr.json`` that does not say what it should for so many samples; the ledger's last."""
+        for name in sorted(self.files, key=lambda name: name == "valid/zarr.json"):
+            said = self.files[name]
+            if "/" in name:
+                said = said | {"shape": [self.rows(Path(name).parent.name, samples), *said["shape"][1:]]}
+            file = folder / name
+            if not file.is_file() or file.read_bytes() != json_bytes(said):
+                file.parent.mkdir(exist_ok=True)
+                write_whole(file, json_bytes(said))
+
+
+def _record(folder: Path) -> Path:
+    return folder / "valid" / "record.json"
+
+
+def record_of(folder: Path, samples: int) -> Metadata:
+    """Take the metadata of a store that was just made, as its files state them."""
+    names = ["zarr.json", *sorted(f"{file.parent.name}/zarr.json" for file in folder.glob("*/zarr.json"))]
+    files = {name: _without_length(name, json.loads((folder / name).read_bytes())) for name in names}
+    return Metadata(samples, samples, files)
+
+
+def _without_length(name: str, said: dict[str, Any]) -> dict[str, Any]:
+    return said | {"shape": [None, *said["shape"][1:]]} if "/" in name else said
+
+
+def recorded(folder: Path) -> Metadata | None:
+    """Read the record of a store; None if it is not there, or not as it was written."""
+    try:
+        return _parsed(_record(folder).read_bytes())
+    except OSError:
+        return None
+
+
+def _parsed(data: bytes) -> Metadata | None:
+    try:
+        written = json.loads(data)
+        content = written["content"]
+        return Metadata(**content) if fingerprint(content) == written["sha256"] else None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def read(folder: Path) -> Metadata:
+    """Read the metadata of a store, every file compared with the record.
+
+    Raises
+    ------
+    RuleError
+        If the folder is not a store of this version, or its metadata are not those that were written: the file and
+        the fields are named, and the remedy.
+    """
+    reject_strangers(folder)
+    while True:
+        data = _record(folder).read_bytes() if _record(folder).is_file() else b""
+        there = _parsed(data)
+        faults = ["valid/record.json (missing, or not as it was written)"]
+        if there is not None:
+            faults = list(_faults(folder, there))
+            if not faults:
+                return there
+        if not _record(folder).is_file() or _record(folder).read_bytes() == data:  # no other call is growing it
+            reject("store metadata", f"as written when the store was made, in {folder}", "; ".join(faults), _REMEDY)
+
+
+def reject_strangers(folder: Path) -> None:
+    """Refuse a folder that is not a store, or a store of another version.
+
+    Raises
+    ------
+    RuleError
+        Saying which.
+    """
+    said, known = _json(folder / "zarr.json"), recorded(folder)
+    if known is not None:
+        return
+    if not (folder / "zarr.json").is_file():
+        reject("store.folder", "a folder that holds a store", str(folder), "Make one with generate.")
+    attributes = said.get("attributes") if isinstance(said, dict) else {}
+    stated = attributes.get("format") if isinstance(attributes, dict) else None
+    if said is not None and not str(stated).startswith("specklegen store"):
+        reject("store.folder", "a folder that holds a store", str(folder), "Make one with generate.")
+    if said is not None and stated != FORMAT:
+        reject(
+            "store.folder", f"a {FORMAT}", f"{folder}, a {stated}",
+            "Generate it again in a new folder: the recipe and the seed in its zarr.json make the same samples.",
+        )  # fmt: skip
+
+
+def _json(file: Path) -> Any:
+    """Content of a file; None where it is missing or no JSON."""
+    try:
+        return json.loads(file.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+
+
+def _faults(folder: Path, there: Metadata) -> Iterator[str]:
+    """Name the files that do not say what the record says, with the fields that differ."""
+    for name, expected in there.files.items():
+        said = _json(folder / name)
+        if not isinstance(said, dict):
+            yield f"{name} ({'damaged' if (folder / name).is_file() else 'missing'})"
+            continue
+        if "/" in name:
+            allowed = [there.rows(name.partition("/")[0], n) for n in (there.samples, there.room)]
+            shape = said.get("shape")
+            length = shape[0] if isinstance(shape, list) and shape else None
+            if isinstance(length, bool) or length not in allowed:
+                yield f"{name} (length {length!r} instead of {allowed[0]})"
+            said = said | {"shape": [None, *shape[1:]]} if isinstance(shape, list) else said
+        if _digest(said) != _digest(expected):
+            yield f"{name} ({'; '.join(differences(said, expected)) or 'other types of numbers'})"
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def stated(folder: Path) -> tuple[dict[str, Any], int]:
+    """Return the attributes and the number of samples of a store whose metadata are damaged.
+
+    They come from the record, or else from the files; the longest array counts, so that no sample is given up.
+
+    Raises
+    ------
+    RuleError
+        If neither is there.
+    """
+    known = recorded(folder)
+    if known is not None:
+        return known.attributes, known.room
+    said = _json(folder / "zarr.json")
+    try:
+        attributes = said["attributes"]
+        if fingerprint(attributes["identity"]) != attributes["fingerprint"]:
+            raise ValueError
+        names = [*attributes["arrays"], "parameters", "index", "seed", "seal", "valid"]
+        lengths = [_json(folder / name / "zarr.json") for name in names]
+        samples = max(int(one["shape"][0]) for one in lengths if one is not None)
+        if not isinstance(attributes["shard_samples"], int) or attributes["shard_samples"] < 1 or samples < 1:
+            raise ValueError
+    except (KeyError, TypeError, ValueError, IndexError):
+        reject(
+            "store metadata", f"readable, in valid/record.json or else in every zarr.json of {folder}", "neither",
+            "Generate the samples again in a new folder.",
+        )  # fmt: skip
+    return attributes, samples

@@ -1,0 +1,89 @@
+"""Reading samples of a store, each checked to be there, undamaged, and the one that was asked for."""
+
+from collections import OrderedDict
+from typing import NamedTuple
+
+import numpy as np
+
+from specklegen.datasets.store.shards import ForeignShard, MissingSample
+from specklegen.datasets.store.store import COLUMNS, Store
+
+_TABLES = 4096
+"""Shards whose rows of parameters are kept in memory."""
+
+_REMEDY = "mend the store with verify --repair"
+
+
+class Stored(NamedTuple):
+    """A sample as it lies in the store: its arrays in their stored types, and float64[p] parameters."""
+
+    arrays: dict[str, np.ndarray]
+    parameters: np.ndarray
+
+
+class SampleReader:
+    """Reads samples one at a time; keeps what it knows of the ledger and the tables.
+
+    Parameters
+    ----------
+    store : Store
+        The store; it may still be being filled.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self.store = store
+        self._valid = np.zeros(store.samples, bool)
+        self._tables: OrderedDict[int, dict[str, np.ndarray]] = OrderedDict()
+
+    def read(self, index: int) -> Stored:
+        """Read a sample.
+
+        Raises
+        ------
+        MissingSample
+            If it was not generated yet, or a file of it is gone.
+        DamagedShard
+            If bytes are not those that were written; as ForeignShard, if they were written for another data set or
+            another sample.
+        """
+        shard, row = divmod(index, self.store.shard_samples)
+        self._require_valid(index, shard)
+        try:
+            table = self._table(shard)
+            arrays = {key: files.read(index) for key, files in self.store.shard_files.items()}
+        except MissingSample as error:
+            raise MissingSample(f"{error}, though the ledger lists it: {_REMEDY}") from None
+        place, seed = f"shard {shard} of {self.store.folder}", self.store.seed
+        there, of = int(table["index"][row]), int(table["seed"][row])
+        if (there, of) != (index, seed):
+            raise ForeignShard(
+                f"{place} holds sample {there} of seed {of} where sample {index} of seed {seed} should be: {_REMEDY}"
+            )
+        if self.store.seal(index, seed, table["parameters"][row], arrays) != table["seal"][row]:
+            raise ForeignShard(
+                f"{place} holds files of another data set or shard, as the seal of sample {index} tells: {_REMEDY}"
+            )
+        return Stored(arrays, table["parameters"][row])
+
+    def _require_valid(self, index: int, shard: int) -> None:
+        if self._valid[index]:
+            return
+        self._forget(shard)
+        span = self.store.span(shard)
+        self._valid[span.start : span.stop] = self.store.valid_in(shard)
+        if not self._valid[index]:
+            raise MissingSample(
+                f"sample {index} of {self.store.folder} has not been generated yet: run generate again, it goes on"
+            )
+
+    def _forget(self, shard: int) -> None:
+        self._tables.pop(shard, None)
+        for files in self.store.shard_files.values():
+            files.close()
+
+    def _table(self, shard: int) -> dict[str, np.ndarray]:
+        if shard not in self._tables:
+            self._tables[shard] = {name: self.store.table(name, shard) for name in COLUMNS}
+            if len(self._tables) > _TABLES:
+                self._tables.popitem(last=False)
+        return self._tables[shard]

@@ -1,0 +1,105 @@
+"""What a run was made with, so that nothing else goes on with it: settings, data and validation data.
+
+Examples in memory are known by the SHA-256 of their tensors; whoever knows where they come from says so too, and
+then a difference has a name: a recipe's field, a seed, a split.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from specklegen.core.errors import reject
+from specklegen.datasets import SpeckleCache
+from specklegen.datasets.store.files import json_bytes, write_whole
+from specklegen.datasets.store.identity import differences
+from specklegen.models.learning.examples import Examples
+
+
+def digest_of(examples: Examples) -> str:
+    """SHA-256 of inputs and targets."""
+    digest = hashlib.sha256()
+    for tensor in (examples.inputs, examples.targets):
+        array = tensor.detach().cpu().contiguous().numpy()
+        digest.update(f"{array.dtype} {array.shape} ".encode())
+        digest.update(array.reshape(-1).view("u1").data)
+    return digest.hexdigest()
+
+
+def record(training: Any, data: Any, validation: Examples, about: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Collect what decides a run; JSON types only.
+
+    Parameters
+    ----------
+    training : Training
+        Settings.
+    data
+        Examples, or a function that makes batches, with an attribute ``identity`` if it can tell what of.
+    validation
+        Examples.
+    about
+        What the caller knows of "data" and "validation".
+
+    Raises
+    ------
+    RuleError
+        If the validation examples are the training examples.
+    """
+    held_out = {"sha256": digest_of(validation)}
+    shown = {"sha256": digest_of(data)} if isinstance(data, Examples) else dict(getattr(data, "identity", {}))
+    if shown.get("sha256") == held_out["sha256"]:
+        reject("train validation", "examples that the network is not trained on", "the training examples")
+    told = about or {}
+    return json.loads(
+        json.dumps(
+            {
+                "training": json.loads(training.canonical_json()),
+                "data": shown | dict(told.get("data", {})),
+                "validation": held_out | dict(told.get("validation", {})),
+            }
+        ),
+        parse_constant=str,
+    )
+
+
+def require_same_run(folder: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+    """Refuse to go on with a run that was made with something else; more epochs are welcome.
+
+    Raises
+    ------
+    RuleError
+        Naming every field that differs, with both values.
+    """
+    old, new = (one["training"]["epochs"] for one in (there, here))
+    allowed = {**there, "training": there["training"] | ({"epochs": new} if new > old else {})}
+    fields = differences(allowed, here)
+    if fields:
+        reject(
+            "train.folder", "that of a run with these settings and data", str(folder),
+            f"It differs in {'; '.join(fields)}. Choose another folder, or agree; more epochs may be asked for.",
+        )  # fmt: skip
+
+
+def write_record(folder: Path, here: Mapping[str, Any]) -> None:
+    """Write ``run.json`` into the folder of a run, for people."""
+    write_whole(folder / "run.json", json_bytes(here))
+
+
+def require_held_out(data: SpeckleCache, validation: SpeckleCache) -> None:
+    """Refuse a store to validate on whose media or objects the network is trained on.
+
+    Only splits are disjoint, by medium and by object, whatever the recipe and the seed.
+
+    Raises
+    ------
+    RuleError
+        If it is of the split train, or of the split that is trained on.
+    """
+    trained, held_out = data.identity["split"], validation.identity["split"]
+    if held_out == "train" or held_out == trained:
+        reject(
+            "train --validation", "a store of another split than the training data, and not of the split train",
+            f"{validation.folder}, of the split {held_out}",
+            "Its media and objects are those that the network learns from. Generate one with --split validation.",
+        )  # fmt: skip

@@ -1,0 +1,156 @@
+"""Nothing that is not finite is stored or handed out; infinity works where it means something; tilts stay below 90°."""
+
+import numpy as np
+import pytest
+from fake_recipe import FakeRecipe
+from small_stores import make
+
+from specklegen.core.errors import RuleError
+from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
+from specklegen.datasets.recipes.parts.tilts import Tilts
+from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.store.generate import GenerationError, generate
+from specklegen.datasets.store.info import info
+from specklegen.scene.illumination import CollimatedBeams
+
+SMALL = {"camera": {"shape": [32, 32]}, "material": {"kernel_paths": 2000}}
+INF, NAN = float("inf"), float("nan")
+
+
+class Broken(FakeRecipe):
+    """Sample 7 holds a number that is not finite, in the place that ``name`` says."""
+
+    def sample(self, seed, split, index):
+        sample = super().sample(seed, split, index)
+        if index == 7:
+            match self.name:
+                case "field":
+                    sample["field"][1, 2, 3] = np.nan
+                case "level":
+                    sample["level"] = np.float64(np.inf)
+                case "parameter":
+                    sample["parameters"]["level"] = NAN
+                case "infinite parameter":
+                    sample["parameters"]["level"] = INF
+        return sample
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("field", r"field of sample \(.*index=7\) must be finite everywhere; got nan"), ("level", "level of .*got inf"),
+     ("parameter", "level of .*got nan"), ("infinite parameter", "level of .*got inf")],
+)  # fmt: skip
+def test_no_such_number_is_stored_or_streamed(tmp_path, name, words):
+    recipe = Broken(name=name)
+    with pytest.raises(GenerationError, match=words):
+        make(tmp_path / "a.zarr", recipe)
+    assert info(tmp_path / "a.zarr")["done"] == 17, "all other shards are there"
+    cache = SpeckleCache(tmp_path / "a.zarr", missing="render", recipe=recipe)
+    with pytest.raises(RuleError, match=words):
+        cache.numpy(7)
+    batches = iter(SpeckleStream(recipe, batch_size=5))
+    next(batches)
+    with pytest.raises(RuleError, match=words):
+        next(batches)
+
+
+def test_a_parameter_may_be_infinite_where_the_layout_says_so(tmp_path):
+    class Unbounded(Broken):
+        def layout(self):
+            spec = ArraySpec(shape=(2,), dtype="float64", dims=("parameter",), unbounded=("level",))
+            return dict(super().layout()) | {"parameters": spec}
+
+    make(tmp_path / "a.zarr", Unbounded(name="infinite parameter"))
+    assert SpeckleCache(tmp_path / "a.zarr").numpy(7)["parameters"]["level"] == INF
+    with pytest.raises(GenerationError, match="level of .*got nan"):
+        make(tmp_path / "b.zarr", Unbounded(name="parameter"))
+
+
+def test_a_sample_of_a_recipe_is_finite_or_refused(monkeypatch):
+    """Whatever goes wrong inside: here the camera hands back one dark pixel as NaN."""
+    recipe = load_recipe("tilt-stack", SMALL)
+    observed = type(recipe).observed
+
+    def broken(self, *arguments):
+        images = observed(self, *arguments)
+        images[0, 0, 0] = np.nan
+        return images
+
+    monkeypatch.setattr(type(recipe), "observed", broken)
+    with pytest.raises(RuleError, match=r"stack of sample \(seed=3, split='test', index=2\) must be finite"):
+        recipe.sample(3, "test", 2)
+
+
+def test_infinite_coherence_length_is_coherent_light(tmp_path):
+    coherent = load_recipe("partially-coherent-slab", SMALL | {"coherence_length": INF})
+    generate(coherent, samples=2, folder=tmp_path / "a.zarr", processes=1)
+    stored = SpeckleCache(tmp_path / "a.zarr").numpy(1)
+    assert stored["parameters"]["coherence_length"] == INF
+    # 1 - |mu| <= 1e-4 across the window: one mode, and contrast 1, to that.
+    assert stored["parameters"]["effective_modes"] == pytest.approx(1, abs=1e-4)
+    assert stored["parameters"]["expected_contrast"] == pytest.approx(1, abs=1e-4)
+    for length in (100 * coherent.window.width, 1e12, 1e300):
+        other = load_recipe("partially-coherent-slab", SMALL | {"coherence_length": length})
+        np.testing.assert_array_equal(other.sample(0, "train", 1)["image"], stored["image"])
+    nearly = load_recipe("partially-coherent-slab", SMALL | {"coherence_length": 30.0 * coherent.window.width})
+    # Another lattice of beams is another draw of the medium: only what is expected can be compared.
+    assert nearly.sample(0, "train", 1)["parameters"]["effective_modes"] == pytest.approx(1, abs=2e-3)
+
+
+def test_infinite_correlation_time_is_a_medium_at_rest():
+    recipe = load_recipe("dynamic-slab", SMALL | {"dynamics": {"frames": 3, "correlation_time": INF}})
+    frames = recipe.sample(0, "train", 0)["frames"]
+    np.testing.assert_array_equal(frames[1:], frames[:1].repeat(2, 0))
+
+
+FIELDS = [
+    ("tilt-stack", "tilts.step", r"Tilts\.step"), ("tilt-stack", "tilts.azimuth", r"Tilts\.azimuth"),
+    ("tilt-stack", "material.thickness", r"Material\.thickness"), ("tilt-stack", "material.g", r"Material\.g"),
+    ("tilt-stack", "material.optical_depth", r"Material\.optical_depth"),
+    ("tilt-stack", "material.albedo", r"Material\.albedo"), ("through-slab", "field.extent_over_range", "extent_over"),
+    ("partially-coherent-slab", "coherence_length", "coherence_length"),
+    ("dynamic-slab", "dynamics.correlation_time", "correlation_time"),
+]  # fmt: skip
+VALUES = [NAN, INF, -INF, 10**400, {"choice": [NAN]}, {"uniform": [0.0, INF]}]
+MEAN_SOMETHING = ("coherence_length", "correlation_time")
+
+
+@pytest.mark.parametrize(
+    ("recipe", "path", "field", "value"),
+    [(*field, value) for field in FIELDS for value in VALUES if value != INF or field[2] not in MEAN_SOMETHING],
+    ids=lambda value: str(value)[:30],
+)
+def test_other_numbers_that_are_not_finite_are_refused_by_name(recipe, path, field, value):
+    table = value
+    for name in reversed(path.split(".")):
+        table = {name: table}
+    words = field if not isinstance(value, dict) else "choice|uniform"
+    with pytest.raises(RuleError, match=words):
+        load_recipe(recipe, table)
+
+
+@pytest.mark.parametrize(
+    "tilts",
+    [{"step": 2 * np.pi}, {"step": -2 * np.pi}, {"step": NAN}, {"step": np.pi / 8}, {"count": 2, "step": np.pi / 2},
+     {"step": {"uniform": [0, 0.4]}}, {"step": {"choice": [-0.4, 0.1]}}, {"count": 10**12, "step": 1e-3},
+     # Each component of the tilt turns by an angle of its own, so that a diagonal one leans more.
+     {"count": 2, "step": 1.2, "azimuth": np.pi / 4}, {"count": 2, "step": 1.2, "azimuth": {"uniform": [0.0, 1.0]}},
+     {"count": 2, "step": 1.2, "azimuth": {"uniform": [-5.0, 1e9]}}],
+    ids=repr,
+)  # fmt: skip
+def test_tilts_beyond_a_right_angle_are_refused(tilts):
+    with pytest.raises(RuleError, match=r"Tilts\.step"):
+        Tilts(**tilts)
+
+
+@pytest.mark.parametrize(
+    "tilts",
+    [{"step": 0.39}, {"step": -0.39}, {"count": 1, "step": 9.0}, {"count": 2, "step": 1.1, "azimuth": np.pi / 4},
+     {"count": 2, "step": 1.2, "azimuth": {"choice": [0.0, np.pi / 2]}}],
+    ids=repr,
+)  # fmt: skip
+def test_whatever_is_not_refused_can_be_drawn_and_is_a_beam(tilts):
+    made = Tilts(**tilts)
+    for seed in range(20):
+        angles, _ = made.drawn(np.random.default_rng(seed))
+        CollimatedBeams.tilts(angles, width=1.0)

@@ -1,0 +1,160 @@
+"""A run knows what it was made with: settings, data, validation; and is saved often enough."""
+
+import json
+import os
+import shutil
+import signal
+
+import pytest
+import torch
+from small_runs import DATA, HELD_OUT, SETTINGS, TINY, assert_same_run, checkpoint, squares
+from typer.testing import CliRunner
+
+from specklegen.cli.commands import app
+from specklegen.core.errors import RuleError
+from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.datasets.recipes.recipe import merged
+from specklegen.datasets.store.generate import generate
+from specklegen.models.learning.examples import examples, streamed
+from specklegen.models.learning.training import train
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    train(SETTINGS, DATA, HELD_OUT, folder)
+    return folder
+
+
+def test_a_run_does_not_go_on_with_other_data(whole, tmp_path):
+    before = (whole / "checkpoint.pt").read_bytes()
+    others = ((squares(70, 2), HELD_OUT, "data.sha256"), (DATA, squares(16, 3), "validation.sha256"))
+    for data, held_out, words in others:
+        with pytest.raises(RuleError, match=words):
+            train(SETTINGS, data, held_out, whole)
+    assert (whole / "checkpoint.pt").read_bytes() == before
+
+
+def test_a_difference_is_named_with_both_values(tmp_path):
+    about = {"data": {"recipe": {"material": {"g": 0.9}}, "seed": 0}}
+    train(SETTINGS, DATA, HELD_OUT, tmp_path, about=about, stop_after=1)
+    assert json.loads((tmp_path / "run.json").read_text())["data"]["recipe"] == {"material": {"g": 0.9}}
+    other = {"data": {"recipe": {"material": {"g": 0.8}}, "seed": 1}}
+    with pytest.raises(RuleError, match=r"material\.g \(0\.9 there, 0\.8 here\).*seed \(0 there, 1 here\)"):
+        train(SETTINGS, DATA, HELD_OUT, tmp_path, about=other)
+    with pytest.raises(RuleError, match=r"training\.width \(4 there, 8 here\)"):
+        train(SETTINGS.replace(width=8), DATA, HELD_OUT, tmp_path, about=about)
+
+
+def test_more_epochs_go_on_and_fewer_are_refused_by_name(whole, tmp_path):
+    shutil.copytree(whole, tmp_path / "a")
+    with pytest.raises(RuleError, match=r"training\.epochs \(3 there, 2 here\)"):
+        train(SETTINGS.replace(epochs=2), DATA, HELD_OUT, tmp_path / "a")
+    train(SETTINGS.replace(epochs=5), DATA, HELD_OUT, tmp_path / "a")
+    state = checkpoint(tmp_path / "a")
+    assert state["epoch"] == 5
+    assert [row["epoch"] for row in state["rows"]] == [0, 1, 2, 3, 4]
+    assert state["rows"][:3] == checkpoint(whole)["rows"]
+
+
+def test_a_larger_budget_goes_on(tmp_path):
+    settings = SETTINGS.replace(epochs=10_000)
+    train(settings, DATA, HELD_OUT, tmp_path, seconds=0.02)
+    first = checkpoint(tmp_path)
+    train(settings, DATA, HELD_OUT, tmp_path, seconds=first["spent"] + 0.02)
+    assert checkpoint(tmp_path)["epoch"] > first["epoch"]
+
+
+def test_a_run_of_a_version_that_recorded_no_data_is_refused(tmp_path):
+    train(SETTINGS, DATA, HELD_OUT, tmp_path, stop_after=1)
+    state = checkpoint(tmp_path)
+    del state["record"]
+    torch.save(state, tmp_path / "checkpoint.pt")
+    with pytest.raises(RuleError, match="says what it was made with"):
+        train(SETTINGS, DATA, HELD_OUT, tmp_path)
+
+
+def test_validation_on_the_training_examples_is_refused(tmp_path):
+    with pytest.raises(RuleError, match="not trained on"):
+        train(SETTINGS, DATA, DATA, tmp_path)
+
+
+def test_another_stream_does_not_go_on_with_a_run(tmp_path):
+    """Streams are known by recipe, seed and split, named one by one."""
+
+    def data(changes=None, **options):
+        recipe = load_recipe("through-slab", merged(TINY, changes or {}))
+        return streamed(SpeckleStream(recipe, batch_size=16, **options), "camera")
+
+    settings = SETTINGS.replace(input="camera", mirror=False)
+    held_out = examples(load_recipe("through-slab", TINY), "camera", split="validation")
+    train(settings, data(), held_out, tmp_path, stop_after=1)
+    for other, words in ((data({"material": {"g": 0.5}}), r"recipe\.material\.g"), (data(seed=1), r"data\.seed")):
+        with pytest.raises(RuleError, match=words):
+            train(settings, other, held_out, tmp_path)
+
+
+def test_checkpoints_inside_an_epoch_lose_no_step(whole, tmp_path, monkeypatch):
+    """Saved after every step, stopped by a failure in step 8: the rest is what it would have been."""
+    seen = []
+
+    def failing(done, total):
+        seen.append((done, total))
+        if done == 8:
+            raise OSError("power")
+
+    with pytest.raises(OSError, match="power"):
+        train(SETTINGS, DATA, HELD_OUT, tmp_path, save_every=-1.0, steps=failing)
+    assert seen == [(n, 15) for n in range(1, 9)]
+    assert (checkpoint(tmp_path)["epoch"], checkpoint(tmp_path)["step"]) == (1, 2)
+    train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    assert_same_run(checkpoint(whole), checkpoint(tmp_path))
+
+
+def test_ctrl_c_saves_after_the_step(whole, tmp_path):
+    def interrupting(done, total):
+        if done == 7:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        train(SETTINGS, DATA, HELD_OUT, tmp_path, steps=interrupting)
+    assert (checkpoint(tmp_path)["epoch"], checkpoint(tmp_path)["step"]) == (1, 2)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    assert_same_run(checkpoint(whole), checkpoint(tmp_path))
+
+
+@pytest.fixture(scope="module")
+def stores(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stores")
+    recipe = load_recipe("through-slab", TINY)
+    for name, split, seed in (("a", "train", 0), ("b", "train", 1), ("c", "validation", 0), ("d", "test", 0)):
+        generate(recipe, seed, split, samples=8, folder=folder / f"{name}.zarr", processes=1)
+    return folder
+
+
+@pytest.mark.parametrize(("data", "held_out"), [("a", "a"), ("a", "b"), ("c", "c"), ("c", "a")])
+def test_validation_on_training_media_is_refused(stores, tmp_path, data, held_out):
+    one, other = str(stores / f"{data}.zarr"), str(stores / f"{held_out}.zarr")
+    error = CliRunner().invoke(app, ["train", one, "--validation", other, "--out", str(tmp_path)]).exception
+    assert isinstance(error, RuleError)
+    assert "of another split than the training data" in str(error)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_records_the_data_and_says_when_a_run_is_finished(stores, tmp_path):
+    def run(*words, data="a", held_out="c"):
+        place = [str(stores / f"{data}.zarr"), "--validation", str(stores / f"{held_out}.zarr"), "--out", str(tmp_path)]
+        return CliRunner().invoke(app, ["train", *place, "--width", "4", "--epochs", "1", *words])
+
+    assert run().exit_code == 0
+    noted = json.loads((tmp_path / "run.json").read_text())
+    assert noted["data"]["split"] == "train"
+    assert noted["data"]["recipe"]["material"]["kernel_paths"] == 1000
+    assert "finished already" in run().output
+    assert "data.seed (0 there, 1 here)" in str(run(data="b").exception)
+    assert "validation.split ('validation' there, 'test' here)" in str(run(held_out="d").exception)
+    assert "epoch 1:" in run("--epochs", "2").output
+    assert "left out with a store" in str(run("--set", "material.g=0.5").exception)
+    error = CliRunner().invoke(app, ["train", "through-slab", "--out", str(tmp_path), "--validation", "x"]).exception
+    assert "left out with a recipe" in str(error)
