@@ -36,7 +36,7 @@ def _horner(coefficients: tuple[float, ...], t: torch.Tensor) -> torch.Tensor:
 
 
 def normal_quantile(u: torch.Tensor) -> torch.Tensor:
-    """w with Phi(w) = u, float64 of the shape of u, for u in (0, 1)."""
+    """W with Phi(w) = u, float64 of the shape of u, for u in (0, 1)."""
     q = u - 0.5
     ratio = lambda table, r: _horner(table[0], r) / _horner(table[1], r)  # noqa: E731
     r = torch.sqrt(-torch.log(torch.where(q < 0, u, 1 - u)))

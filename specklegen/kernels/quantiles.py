@@ -89,7 +89,7 @@ def _ratio(table, r):
 
 @inlined
 def normal_quantile(u):
-    """w with Phi(w) = u, for u in (0, 1)."""
+    """W with Phi(w) = u, for u in (0, 1)."""
     q = u - 0.5
     if abs(q) <= 0.425:
         return q * _ratio(_CENTRE, 0.180625 - q * q)
