@@ -44,7 +44,7 @@ PARAMETERS = ArraySpec(
 )
 """Layout of the parameters of every kind."""
 
-_NOISES = (Purpose.SHOT_NOISE, Purpose.BACKGROUND, Purpose.DARK_CURRENT, Purpose.READ_NOISE)
+NOISES = (Purpose.SHOT_NOISE, Purpose.BACKGROUND, Purpose.DARK_CURRENT, Purpose.READ_NOISE)
 
 COSMETIC = {"name", "description", "samples"}
 """Fields that decide no pixel and so stay out of the fingerprint."""
@@ -258,7 +258,7 @@ class Recipe(Value):
         """What the camera makes of expected intensities float[..., H, W]: float32, or counts if it is exposed."""
         if self.exposure is None:
             return images.astype(np.float32)
-        streams = NoiseStreams(*(substream(seed, split, purpose, index) for purpose in _NOISES))
+        streams = NoiseStreams(*(substream(seed, split, purpose, index) for purpose in NOISES))
         # Rounding may leave a dark pixel a little below 0.
         return expose(self.exposure, np.maximum(images, 0), streams)
 

@@ -143,16 +143,21 @@ def expose(camera: Camera, image: ArrayLike, streams: NoiseStreams) -> np.ndarra
     light = camera.photons * pixel_means(image, camera.oversampling)
     if not np.isfinite(light).all() or (light < 0).any():
         reject("expose image", "finite and at least 0 everywhere", np.asarray(image))
+    return counted(camera, light, [stream_key(words, Stream.CAMERA) for words in streams])
+
+
+def counted(camera: Camera, light: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Counts of mean detected photons float64[..., H, W], at least 0, with the four noises' keys: see :func:`expose`."""
+    shot, background, dark, read = keys
     charge = np.zeros(light.size)
-    quantiles.add_poisson(*stream_key(streams.shot, Stream.CAMERA), light.ravel(), charge)
-    dark = camera.dark_current * camera.exposure
-    for mean, words in ((camera.background, streams.background), (dark, streams.dark)):
+    quantiles.add_poisson(*shot, light.ravel(), charge)
+    for mean, key in ((camera.background, background), (camera.dark_current * camera.exposure, dark)):
         if mean > 0:
-            add_poisson_field(charge, mean, words)
+            add_poisson_field(charge, mean, key)
     if camera.full_well is not None:
         np.minimum(charge, camera.full_well, out=charge)
     if camera.read_noise > 0:
-        quantiles.add_normal(*stream_key(streams.read, Stream.CAMERA), camera.read_noise, charge)
+        quantiles.add_normal(*read, camera.read_noise, charge)
     counts = (charge / camera.gain + camera.offset).reshape(light.shape)
     if camera.bit_depth is None:
         return counts.astype(np.float32)

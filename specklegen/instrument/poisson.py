@@ -6,13 +6,11 @@ at the same uniform numbers, but for a few in a million.
 Source: Chen and Asau, *AIIE Transactions* 6, 163 (1974), guide tables.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from scipy.stats import poisson
 
-from specklegen.core.random_streams import Stream, stream_key
 from specklegen.kernels import quantiles
 
 LARGEST = 500.0
@@ -22,9 +20,8 @@ _PARTS = 2048
 
 
 
-def add_poisson_field(charge: np.ndarray, mean: float, words: Sequence[int]) -> None:
+def add_poisson_field(charge: np.ndarray, mean: float, key: tuple[int, int]) -> None:
     """Add to ``charge`` float64[n] independent Poisson numbers of one mean, number m from uniform number m of a key."""
-    key = stream_key(words, Stream.CAMERA)
     if mean > LARGEST:
         quantiles.add_poisson(*key, np.broadcast_to(np.float64(mean), charge.shape), charge)
     else:

@@ -12,7 +12,7 @@ FALSE_ALARM = 1e-6  # chance that a right build fails, per test
 
 def field(mean, count=200_000, words=(3,)):
     numbers = np.zeros(count)
-    add_poisson_field(numbers, mean, words)
+    add_poisson_field(numbers, mean, stream_key(words, Stream.CAMERA))
     return numbers.astype(int)
 
 

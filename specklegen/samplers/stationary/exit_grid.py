@@ -20,7 +20,7 @@ from specklegen.scene.sensors import FarFieldGrid
 MAX_PERIOD = 16384
 GUARD = 8
 """Speckle grains kept free between the last view and the first one's copy."""
-_SUPPORT = {"square": 1.0, "disc": 1.0, "gaussian": 2.5}  # sampled width over nominal width
+SUPPORT = {"square": 1.0, "disc": 1.0, "gaussian": 2.5}  # sampled width over nominal width
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def cells(wavelength: float, width: float, profile: Profile, pitch: float, span:
     grain = wavelength / width
     period = int(next_fast_len(int(np.ceil((span + GUARD * grain) / pitch)) + 1))  # type: ignore[arg-type]
     size = wavelength / (period * pitch)
-    count = int(np.ceil(_SUPPORT[profile] * width / size - 1e-9))
+    count = int(np.ceil(SUPPORT[profile] * width / size - 1e-9))
     return Axis(max(count, 1), size, period)
 
 
