@@ -33,7 +33,7 @@ from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
 from specklegen.scene.illumination import Profile
 from specklegen.scene.sensors import FarFieldGrid
 
-DATA_VERSION = 2
+DATA_VERSION = 3
 """Raised by hand whenever pixels change; a golden test guards it."""
 
 PARAMETERS = ArraySpec(
@@ -45,7 +45,7 @@ PARAMETERS = ArraySpec(
 )
 """Layout of the parameters of every kind."""
 
-_NOISES = (Purpose.SHOT_NOISE, Purpose.BACKGROUND, Purpose.DARK_CURRENT, Purpose.READ_NOISE)
+NOISES = (Purpose.SHOT_NOISE, Purpose.BACKGROUND, Purpose.DARK_CURRENT, Purpose.READ_NOISE)
 
 COSMETIC = {"name", "description", "samples"}
 """Fields that decide no pixel and so stay out of the fingerprint."""
@@ -259,7 +259,7 @@ class Recipe(Value):
         """What the camera makes of expected intensities float[..., H, W]: float32, or counts if it is exposed."""
         if self.exposure is None:
             return images.astype(np.float32)
-        streams = NoiseStreams(*(substream(seed, split, purpose, index) for purpose in _NOISES))
+        streams = NoiseStreams(*(substream(seed, split, purpose, index) for purpose in NOISES))
         # Rounding may leave a dark pixel a little below 0.
         return expose(self.exposure, np.maximum(images, 0), streams)
 

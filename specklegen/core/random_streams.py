@@ -24,7 +24,8 @@ class Stream(IntEnum):
     PILOT = 3
     STATIONARY = 4
     EIGEN = 5
-    TYPES = 6
+    CAMERA = 6
+    TYPES = 7
 
 
 def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:

@@ -11,8 +11,10 @@ m / gain**2 + (read_noise / gain)**2 + 1/12: the photon transfer curve, whose sl
 the rounding's, where the noise before it is wider than about half a count.)
 Source: Janesick, *Photon Transfer* (SPIE Press, 2007), chapters 2 and 5; EMVA Standard 1288, section 2.
 
-Each noise draws from a substream of its own, so that switching one on or off, or changing its strength,
-leaves the draws of the others as they were. Light that does not interfere is added before the
+Every number is a quantile: of the law that the pixel's mean says, at a uniform number that is a pure function of
+(noise, pixel), two pixels from one block of Philox. Each noise has a substream of its own, so that switching one on or
+off, or changing its strength, leaves the draws of the others as they were; and a longer exposure finds the same pixels
+lucky, since a quantile rises with its mean. Light that does not interfere is added before the
 exposure, by :func:`incoherent_sum`.
 """
 
@@ -24,8 +26,10 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.random_streams import Stream, stream_key
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
-from specklegen.instrument.poisson import poisson_field
+from specklegen.instrument.poisson import add_poisson_field
+from specklegen.kernels import quantiles
 
 Words = Sequence[int]
 
@@ -139,16 +143,22 @@ def expose(camera: Camera, image: ArrayLike, streams: NoiseStreams) -> np.ndarra
     light = camera.photons * pixel_means(image, camera.oversampling)
     if not np.isfinite(light).all() or (light < 0).any():
         reject("expose image", "finite and at least 0 everywhere", np.asarray(image))
-    dark = camera.dark_current * camera.exposure
-    charge = _generator(streams.shot).poisson(light).astype(np.float64)
-    for mean, words in ((camera.background, streams.background), (dark, streams.dark)):
+    return counted(camera, light, [stream_key(words, Stream.CAMERA) for words in streams])
+
+
+def counted(camera: Camera, light: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Counts of mean detected photons float64[..., H, W], at least 0, with the four noises' keys: see :func:`expose`."""
+    shot, background, dark, read = keys
+    charge = np.zeros(light.size)
+    quantiles.add_poisson(*shot, light.ravel(), charge)
+    for mean, key in ((camera.background, background), (camera.dark_current * camera.exposure, dark)):
         if mean > 0:
-            charge += poisson_field(_generator(words), mean, light.shape)
+            add_poisson_field(charge, mean, key)
     if camera.full_well is not None:
         np.minimum(charge, camera.full_well, out=charge)
     if camera.read_noise > 0:
-        charge += camera.read_noise * _generator(streams.read).standard_normal(light.shape)
-    counts = charge / camera.gain + camera.offset
+        quantiles.add_normal(*read, camera.read_noise, charge)
+    counts = (charge / camera.gain + camera.offset).reshape(light.shape)
     if camera.bit_depth is None:
         return counts.astype(np.float32)
     return np.clip(np.rint(counts), 0, camera.largest_count).astype(np.uint16)
@@ -250,6 +260,3 @@ def depolarised(image: ArrayLike, independent: ArrayLike, degree: float = 0.0) -
         reject("depolarised images", "of one shape", (one.shape, other.shape))
     return incoherent_sum(np.stack([one, other]), [0.5 * (1 + degree), 0.5 * (1 - degree)])
 
-
-def _generator(words: Words) -> np.random.Generator:
-    return np.random.Generator(np.random.Philox(np.random.SeedSequence(words)))

@@ -14,51 +14,65 @@ import numpy as np
 import torch
 
 from specklegen.core.parallel import one_torch_thread
-from specklegen.samplers.stationary.modes import tabulated
+from specklegen.samplers.stationary.exit_grid import Axis, profile_power, window
+from specklegen.samplers.stationary.modes import on_differences
 from specklegen.samplers.stationary.spectrum import LightModes
+from specklegen.scene.illumination import Profile
 
 
 def speckle_variance(
-    light: LightModes,
-    amplitude: np.ndarray,
-    lags: tuple[int, int],
-    lag_y: np.ndarray,
-    lag_x: np.ndarray,
-    area_y: np.ndarray,
-    area_x: np.ndarray,
-    twice: np.ndarray,
-    wavenumber: float,
-    shape: tuple[int, int],
-    pitch: float,
-) -> np.ndarray:
+    light: LightModes, x: Axis, y: Axis, width: float, profile: Profile, wavenumber: float, shape: tuple[int, int],
+    pitch: float, pixel: float,
+) -> np.ndarray:  # fmt: skip
     """V by the difference (row, column) of two object pixels, float64[2h - 1, 2w - 1].
 
     Parameters
     ----------
     light
         Modes of the light.
-    amplitude
-        Window b over the cells, with sum of b^2 = 1.
-    lags, lag_y, lag_x
-        Size of the lag grid, and the lags of its rows and of its columns of either sign.
-    area_y, area_x
-        Transforms of the camera pixel's area at the lags.
-    twice
-        How often a column of lags counts.
+    x, y, width, profile
+        Cells of the exit plane, and the window over them.
     wavenumber, shape, pitch
         2 pi / wavelength; shape (h, w) and pitch (sine) of the object.
+    pixel
+        Side of a camera pixel over the wavelength; 0 for a point.
     """
-    power = np.square(np.abs(np.fft.rfft2(np.square(amplitude), lags)))
-    # irfft2 gives the autocorrelation over lags of both signs; the lag grid keeps its first half of columns.
-    pairs = np.fft.irfft2(power, lags)[:, : len(lag_x)] * np.square(area_y)[:, None] * np.square(area_x) * twice
-    dy, dx = (wavenumber * pitch * np.arange(1 - n, n) for n in shape)
-    # Real and even along both axes, since the window is.
-    waves_y, waves_x = torch.from_numpy(np.cos(dy[:, None] * lag_y)), torch.from_numpy(np.cos(lag_x[:, None] * dx))
-    with one_torch_thread():
-        window = (waves_y @ torch.from_numpy(pairs) @ waves_x).numpy()
-    distance = np.hypot(dy[:, None], dx)
+    steps = [wavenumber * pitch * np.arange(n) for n in shape]
+    if profile == "disc":
+        shown = _disc(x, y, width, steps, pixel)
+    else:
+        along_y, along_x = (
+            lag_transform(profile_power(axis, width, profile), axis.size, step, pixel)
+            for axis, step in zip((y, x), steps, strict=True)
+        )
+        shown = along_y[:, None] * along_x
     memory = sum(
-        share**2 * np.square(tabulated(kernel, float(distance.max()))(distance))
+        share**2 * np.square(on_differences(kernel, shape, wavenumber * pitch))
         for share, kernel in zip(light.shares, light.kernels, strict=True)
     )
-    return window * memory
+    # Real and even along both axes, since the window is.
+    rows, columns = (np.abs(np.arange(1 - n, n)) for n in shape)
+    return (shown * memory)[rows[:, None], columns]
+
+
+def lag_transform(power: np.ndarray, size: float, step: np.ndarray, pixel: float) -> np.ndarray:
+    """Sum over lags s of A(s) a(s)^2 cos(kappa s) along one axis, at lateral wavevectors ``step``, float64[n]."""
+    lag = size * np.arange(len(power))
+    pairs = np.correlate(power, power, "full")[len(power) - 1 :] * np.square(np.sinc(pixel * lag))
+    pairs[1:] *= 2  # lags of either sign
+    return (np.cos(step[:, None] * lag) * pairs).sum(axis=1)
+
+
+def _disc(x: Axis, y: Axis, width: float, steps: list[np.ndarray], pixel: float) -> np.ndarray:
+    lags = 2 * y.count, 2 * x.count
+    power = np.square(np.abs(np.fft.rfft2(np.square(window(x, y, width, "disc")), lags)))
+    lag_y = np.fft.fftfreq(lags[0], 1 / lags[0]) * y.size
+    lag_x = np.arange(x.count + 1) * x.size
+    twice = np.where(lag_x == 0, 1.0, 2.0)
+    # irfft2 gives the autocorrelation over lags of both signs; half of the columns say it all.
+    pairs = np.fft.irfft2(power, lags)[:, : len(lag_x)] * twice
+    pairs *= np.square(np.sinc(pixel * lag_y))[:, None] * np.square(np.sinc(pixel * lag_x))
+    waves_y = torch.from_numpy(np.cos(steps[0][:, None] * lag_y))
+    waves_x = torch.from_numpy(np.cos(lag_x[:, None] * steps[1]))
+    with one_torch_thread():
+        return (waves_y @ torch.from_numpy(pairs) @ waves_x).numpy()

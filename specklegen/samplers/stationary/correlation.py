@@ -8,17 +8,18 @@ a histogram on a geometric grid, one row per independent batch. It has no end (n
 positive semidefinite for any set of tilts, and its errors are those of the batches.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import root_scalar
 from scipy.special import j0
 
 from specklegen.core.parallel import map_blocks
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.core.values import remembered
+from specklegen.kernels.bessel import bessel_mixture
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
@@ -27,6 +28,10 @@ from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import Slab
 
 _BINS = 640
+SCAN_STEP, SCAN_POINTS, SCAN_MOST = 1.25, 16, 64
+ROOT_NODES = (1 + 1 / SCAN_STEP) / 2 - (1 - 1 / SCAN_STEP) / 2 * np.cos(np.pi * (np.arange(6) + 0.5) / 6)
+"""Chebyshev's nodes from 1 / SCAN_STEP to 1."""
+ROOT_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -59,11 +64,16 @@ class MemoryEffectCorrelation:
     def __call__(self, q: np.ndarray | float) -> np.ndarray:
         """K at lateral wavevector differences q (radians per unit length), any shape; K(0) = 1."""
         q = np.asarray(q, dtype=np.float64)
+        found = np.empty(q.size)
+        bessel_mixture(np.ascontiguousarray(q).reshape(-1), *self._mixture, found)
+        return found.reshape(q.shape)
+
+    @cached_property
+    def _mixture(self) -> tuple[np.ndarray, np.ndarray]:
+        """Radii with light, and their shares."""
         share = self.weights.sum(axis=0)
         used = share > 0
-        share = share[used] / share[used].sum()
-        # Not a BLAS product, whose last bits depend on the number of threads.
-        return (_bessel(q.reshape(-1, 1), self.radius[used]) * share).sum(axis=1).reshape(q.shape)
+        return self.radius[used], share[used] / share[used].sum()
 
     def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
         """Matrix float64[T, T] of K between beams at direction sines float64[T, 2]; positive semidefinite."""
@@ -99,21 +109,25 @@ class MemoryEffectCorrelation:
         floor = self.single_share**2
         if floor > 1 - 1e-9:
             return float("inf")
-        target = floor + share * (1 - floor)
-        scale = 1 / np.sqrt(self.mean_square_radius)
-        q = np.geomspace(1e-2, 1e3, 400) * scale
-        # 1 - K <= q^2 <r^2> / 4: nothing falls to the target before.
-        first = int(np.searchsorted(q, 1.999 * np.sqrt(1 - np.sqrt(target)) * scale))
-        for start in range(first, len(q), 16):
-            below = np.flatnonzero(self(q[start : start + 16]) ** 2 < target)
+        level = np.sqrt(floor + share * (1 - floor))  # K falls through it first where C_I does
+        # 1 - K <= q^2 <r^2> / 4: nothing falls to the level before.
+        start = 1.999 * np.sqrt((1 - level) / self.mean_square_radius)
+        for first in range(0, SCAN_MOST, SCAN_POINTS):
+            q = start * SCAN_STEP ** np.arange(first, first + SCAN_POINTS)
+            below = np.flatnonzero(self(q) < level)
             if len(below):
-                n = start + int(below[0])
-                low, high = (q[n - 1] if n else 0.0), q[n]
-                found = root_scalar(
-                    lambda q: float(self(q)) ** 2 - target, bracket=(low, high), xtol=1e-15 * high, rtol=1e-15
-                )
-                return float(found.root)
+                return self._root(q[below[0]], level)
         return float("inf")
+
+    def _root(self, high: float, level: float) -> float:
+        """Where K falls through a level between high / SCAN_STEP and high: inverse interpolation, and a step of Newton.
+
+        Six nodes are off by some 1e-6, the step then by the square of that.
+        """
+        q = high * ROOT_NODES
+        found = float(inverse_interpolation(q, self(q), level))
+        below, at, above = self(found * np.array([1 - ROOT_STEP, 1.0, 1 + ROOT_STEP]))
+        return found * (1 + 2 * ROOT_STEP * float((at - level) / (below - above)))
 
     @property
     def mean_square_radius(self) -> float:
@@ -122,8 +136,16 @@ class MemoryEffectCorrelation:
         return float((share * self.radius**2).sum() / share.sum())
 
 
-def _bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    return j0(q * radius)
+def inverse_interpolation(x, y, level):
+    """Where a falling function is at a level, by Lagrange's polynomial of x in y: arrays or tensors [..., n] -> [...]."""
+    total = 0.0
+    for i in range(x.shape[-1]):
+        weight = x[..., i]
+        for j in range(x.shape[-1]):
+            if i != j:
+                weight = weight * ((level - y[..., j]) / (y[..., i] - y[..., j]))
+        total = total + weight
+    return total
 
 
 def _one_minus_bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:

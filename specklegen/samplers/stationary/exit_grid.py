@@ -20,7 +20,7 @@ from specklegen.scene.sensors import FarFieldGrid
 MAX_PERIOD = 16384
 GUARD = 8
 """Speckle grains kept free between the last view and the first one's copy."""
-_SUPPORT = {"square": 1.0, "disc": 1.0, "gaussian": 2.5}  # sampled width over nominal width
+SUPPORT = {"square": 1.0, "disc": 1.0, "gaussian": 2.5}  # sampled width over nominal width
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def cells(wavelength: float, width: float, profile: Profile, pitch: float, span:
     grain = wavelength / width
     period = int(next_fast_len(int(np.ceil((span + GUARD * grain) / pitch)) + 1))  # type: ignore[arg-type]
     size = wavelength / (period * pitch)
-    count = int(np.ceil(_SUPPORT[profile] * width / size - 1e-9))
+    count = int(np.ceil(SUPPORT[profile] * width / size - 1e-9))
     return Axis(max(count, 1), size, period)
 
 
@@ -88,18 +88,20 @@ def window(x: Axis, y: Axis, width: float, profile: Profile) -> np.ndarray:
 
     Cells that the edge of a window cuts count by the share of their area inside it.
     """
-    if profile == "gaussian":
-        r2 = y.positions[:, None] ** 2 + x.positions**2
-        power = np.exp(-8 * r2 / width**2)
-    elif profile == "square":
-        power = _share(y, width)[:, None] * _share(x, width)
-    else:
+    if profile == "disc":
         fine = (np.arange(16) - 7.5) / 16
         xs = (x.positions[:, None] + fine * x.size).ravel()
         ys = (y.positions[:, None] + fine * y.size).ravel()
         inside = ys[:, None] ** 2 + xs**2 <= width**2 / 4
         power = inside.reshape(y.count, 16, x.count, 16).mean(axis=(1, 3))
-    return np.sqrt(power / power.sum())
+        return np.sqrt(power / power.sum())
+    return np.sqrt(profile_power(y, width, profile))[:, None] * np.sqrt(profile_power(x, width, profile))
+
+
+def profile_power(axis: Axis, width: float, profile: Profile) -> np.ndarray:
+    """b^2 of a square or Gaussian window along one axis, float64[count] with sum 1: such a window is a product."""
+    power = np.exp(-8 * np.square(axis.positions / width)) if profile == "gaussian" else _share(axis, width)
+    return power / power.sum()
 
 
 def _share(axis: Axis, width: float) -> np.ndarray:

@@ -1,90 +1,241 @@
-"""Karhunen-Loeve modes of the memory effect: few independent fields for many correlated beams.
+"""Modes of the memory effect: few independent fields for the many correlated beams of an object.
 
     K(i_j - i_l) = sum_r phi_r(j) phi_r(l)
 
-Pivoted Cholesky finds the beams that determine all others, an eigenvalue decomposition then drops what is
-left of the rank. Symmetric objects have equal eigenvalues, whose vectors any rounding turns; so the modes are
-at last brought to the one triangular form at the pivots, and are the same on every machine. K is tabulated
-once: a cubic spline, whose error falls with the fourth power of its step.
+The beams lie on a lattice, the object's pixels, under a few base tilts. With B discrete orthonormal polynomials on the
+lattice, those of total degree d at most in the order of their degree, the coefficients of K are A = B^T K B. K depends
+on differences alone, so that A is two small products with the correlations of the polynomials in one dimension. Its
+Cholesky factor L gives the modes phi = B L, and its strongest columns are kept, in their order. No pivot, eigenvector
+or root is chosen by rounding: neighbours in power stay together, and the order is that of the polynomials.
+
+The degree is 6, and rises where the polynomials leave out more than half of the tolerance. At half a memory-effect
+range 4 modes of 28 do, as few as the exact Karhunen-Loeve expansion needs at the same tolerance (docs/recipes.md).
+Source of the recurrence: Gautschi, *Orthogonal Polynomials* (2004), section 2.2.3, with every step orthogonalised anew.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
-from scipy.interpolate import CubicSpline
 
 from specklegen.core.parallel import one_torch_thread
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 
-Correlation = Callable[[np.ndarray], np.ndarray]
+FIRST_DEGREE = 6
+POLYNOMIAL_SHARE = 0.5
+"""Share of the tolerance that the polynomials may leave out."""
+_TOGETHER = 0.999  # ratio of the powers of two columns that are kept together
+_JITTER = 1e-11  # on the diagonal, over the number of beams: far above rounding, far below any tolerance
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Beams of an object's pixels under base tilts.
+
+    Attributes
+    ----------
+    shape : (h, w)
+        Pixels.
+    step : float
+        Lateral wavevector between neighbours.
+    base : float64[T, 2]
+        Lateral wavevectors (x, y) of the base tilts.
+    """
+
+    shape: tuple[int, int]
+    step: float
+    base: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of beams, T h w."""
+        return len(self.base) * self.shape[0] * self.shape[1]
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes over a set of beams.
+    """Modes over a lattice of beams.
 
     Attributes
     ----------
     values : float64[P, R]
-        phi, each beam's intensity (the sum of its squares) 1.
-    pivots : int[n]
-        Beams that determine the others, n >= R.
+        phi, each beam's intensity (the sum of its squares) 1; beams in the order (tilt, row, column).
+    coefficients : float64[N, R]
+        Kept columns of the Cholesky factor.
+    degree : int
+        Highest total degree of the polynomials.
+    lattice : Lattice
     """
 
     values: np.ndarray
-    pivots: np.ndarray
+    coefficients: np.ndarray
+    degree: int
+    lattice: Lattice
 
-    def mixing(self, correlation: Correlation, wavevectors: np.ndarray) -> np.ndarray:
+    def mixing(self, kernel: MemoryEffectCorrelation) -> np.ndarray:
         """Root float64[R, R] that turns these modes into those of another K: phi A A^T phi^T is its matrix.
 
-        Found at the pivots, and right for the other beams where their K's modes lie in the span of these.
+        Found among the polynomials by least squares, and right where the other K's modes lie in the span of these.
         """
-        gap = wavevectors[self.pivots][:, None] - wavevectors[self.pivots]
-        matrix = torch.from_numpy(correlation(np.hypot(gap[..., 0], gap[..., 1])))
         with one_torch_thread():
-            at_pivots = torch.linalg.pinv(torch.from_numpy(self.values[self.pivots]))
-            values, vectors = torch.linalg.eigh(at_pivots @ matrix @ at_pivots.T)
+            matrix = coefficients(kernel, self.lattice, self.degree)
+            back = torch.linalg.pinv(torch.from_numpy(self.coefficients))
+            values, vectors = torch.linalg.eigh(back @ matrix @ back.T)
             return ((vectors * values.clamp(min=0).sqrt()) @ vectors.T).numpy()  # symmetric: the only one
 
 
-def tabulated(kernel: MemoryEffectCorrelation, largest: float) -> Correlation:
-    """K as a cubic spline from 0 to ``largest``, with a node every 1/16 of the inverse mean distance."""
-    if largest == 0 or not kernel.weights.any():
-        return lambda q: np.ones_like(q)
-    spread = np.sqrt(kernel.mean_square_radius)
-    nodes = np.linspace(0, largest, int(np.clip(16 * largest * spread, 32, 4096)) + 1)
-    return CubicSpline(nodes, kernel(nodes))
+@lru_cache(maxsize=64)
+def polynomials(count: int, degree: int) -> np.ndarray:
+    """Orthonormal polynomials on ``count`` points, float64[count, min(count, degree + 1)], by degree."""
+    x = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
+    found = np.full((count, 1), count**-0.5)
+    for _ in range(min(count - 1, degree)):
+        new = x * found[:, -1]
+        for _ in range(2):  # once leaves rounding that grows with the degree
+            new = new - found @ (found.T @ new)
+        found = np.column_stack([found, new / np.linalg.norm(new)])
+    return found
 
 
-def karhunen_loeve(correlation: Correlation, wavevectors: np.ndarray, tolerance: float) -> Modes:
-    """Modes of beams with lateral wavevectors float64[P, 2].
+@lru_cache(maxsize=64)
+def graded(shape: tuple[int, ...], degree: int) -> np.ndarray:
+    """Degrees int64[N, axes] along each axis of the products of polynomials of total degree at most ``degree``."""
+    degrees = np.indices([min(n, degree + 1) for n in shape]).reshape(len(shape), -1).T
+    total = degrees.sum(axis=1)
+    kept = degrees[total <= degree]
+    return kept[np.lexsort((*kept.T[::-1], kept.sum(axis=1)))]
+
+
+@lru_cache(maxsize=64)
+def products(count: int, degree: int) -> torch.Tensor:
+    """Correlations float64[m * m, 2 count - 1] of two of the m polynomials, by the difference of their points."""
+    basis = polynomials(count, degree)
+    return torch.from_numpy(np.stack([np.correlate(a, b, "full") for a in basis.T for b in basis.T]))
+
+
+@lru_cache(maxsize=64)
+def folded(count: int, degree: int) -> torch.Tensor:
+    """:func:`products` for a K that is even: differences 0, 1, ..., float64[m * m, count]."""
+    full = products(count, degree)
+    half = full[:, count - 1 :].clone()
+    half[:, 1:] += full[:, : count - 1].flip(1)
+    return half
+
+
+@lru_cache(maxsize=64)
+def places(shape: tuple[int, int], degree: int) -> torch.Tensor:
+    """Where A[i, j] lies in the product (row degrees) x (column degrees), flat: int64[N, N]."""
+    rows, columns = graded(shape, degree).T
+    m, n = (min(count, degree + 1) for count in shape)
+    flat = (rows[:, None] * m + rows) * n * n + columns[:, None] * n + columns
+    return torch.from_numpy(flat)
+
+
+@lru_cache(maxsize=64)
+def distances(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Different distances of two points of a lattice float64[d], ascending, and which it is, int64[h, w]."""
+    squares = np.square(np.arange(shape[0]))[:, None] + np.square(np.arange(shape[1]))
+    unique, which = np.unique(squares, return_inverse=True)
+    return np.sqrt(unique), which.reshape(shape)
+
+
+def on_differences(kernel: MemoryEffectCorrelation, shape: tuple[int, int], step: float) -> np.ndarray:
+    """K float64[h, w] at the differences (row, column) of two pixels, neither below 0."""
+    distance, which = distances(shape)
+    return _memory(kernel, step * distance)[which]
+
+
+def _memory(kernel: MemoryEffectCorrelation, q: np.ndarray) -> np.ndarray:
+    """K; 1 where there is no light."""
+    return kernel(q) if kernel.weights.any() else np.ones_like(q)
+
+
+def coefficients(kernel: MemoryEffectCorrelation, lattice: Lattice, degree: int) -> torch.Tensor:
+    """A = B^T K B, float64[N, N], of the polynomials of a lattice."""
+    shape, tilts = lattice.shape, len(lattice.base)
+    if tilts == 1:
+        memory = torch.from_numpy(on_differences(kernel, shape, lattice.step))
+        return lattice_coefficients(memory, shape, degree)
+    h, w = shape
+    gap = lattice.base[:, None] - lattice.base
+    dy = -lattice.step * np.arange(1 - h, h) + gap[..., 1, None]
+    dx = -lattice.step * np.arange(1 - w, w) + gap[..., 0, None]
+    distance, which = np.unique(np.hypot(dy[..., :, None], dx[..., None, :]), return_inverse=True)
+    memory = torch.from_numpy(_memory(kernel, distance)[which].reshape(tilts, tilts, 2 * h - 1, 2 * w - 1))
+    between = products(h, degree) @ memory @ products(w, degree).T  # [T, T, m_y^2, m_x^2]
+    turns = torch.from_numpy(polynomials(tilts, degree))
+    m, n, t = min(h, degree + 1), min(w, degree + 1), turns.shape[1]
+    full = torch.einsum("st,ui,suabcd->tiabcd", turns, turns, between.reshape(tilts, tilts, m, m, n, n))
+    over, rows, columns = torch.from_numpy(graded((tilts, h, w), degree).T)
+    flat = ((over[:, None] * t + over) * m * m + rows[:, None] * m + rows) * n * n + columns[:, None] * n + columns
+    return full.reshape(-1)[flat]
+
+
+def lattice_coefficients(memory: torch.Tensor, shape: tuple[int, int], degree: int) -> torch.Tensor:
+    """A of one base tilt, float64[..., N, N], from K on differences float64[..., h, w]."""
+    device = memory.device
+    rows, columns = (folded(count, degree).to(device) for count in shape)
+    between = rows @ memory @ columns.T
+    return between.flatten(-2)[..., places(shape, degree).to(device)]
+
+
+def factor(matrix: torch.Tensor, size: int) -> torch.Tensor:
+    """Cholesky factor L of A, float64[..., N, N], which rounding may have left a little short of definite."""
+    jitter = _JITTER * size * torch.eye(matrix.shape[-1], dtype=matrix.dtype, device=matrix.device)
+    return torch.linalg.cholesky_ex(matrix + jitter)[0]
+
+
+def kept(triangle: torch.Tensor, size: int, tolerance: float) -> torch.Tensor:
+    """Which columns of L to keep, bool[..., N], so that at most ``tolerance`` of the intensity is left out.
+
+    The strongest are, as few as will do; columns of nearly one power are kept or left out together.
+    """
+    power = triangle.square().sum(-2)
+    descending = power.sort(dim=-1, descending=True)[0]
+    left = size - descending.cumsum(-1)
+    following = torch.nn.functional.pad(descending[..., 1:], (0, 1))
+    enough = (left <= tolerance * size) & (following <= _TOGETHER * descending)
+    enough[..., -1] = True
+    least = descending.gather(-1, enough.to(torch.int8).argmax(-1, keepdim=True))
+    return power >= least
+
+
+def reached(triangle: torch.Tensor, size: int) -> torch.Tensor:
+    """Share of the intensity that the polynomials reach, float64[...]."""
+    return triangle.square().sum((-2, -1)) / size
+
+
+def basis(shape: tuple[int, int], degree: int) -> torch.Tensor:
+    """Polynomials of one base tilt over the pixels, float64[h * w, N]."""
+    return torch.from_numpy(_basis(shape, degree))
+
+
+@lru_cache(maxsize=16)
+def _basis(shape: tuple[int, ...], degree: int) -> np.ndarray:
+    values = np.ones((1, len(graded(shape, degree))))
+    for count, degrees in zip(shape, graded(shape, degree).T, strict=True):
+        values = (values[:, None] * polynomials(count, degree)[:, degrees]).reshape(-1, len(degrees))
+    return values
+
+
+def karhunen_loeve(kernel: MemoryEffectCorrelation, lattice: Lattice, tolerance: float) -> Modes:
+    """Modes of a lattice of beams.
 
     What they leave out adds up to at most ``tolerance`` of the intensity, and every beam's intensity is
     then restored to 1.
     """
-    size = len(wavevectors)
-    residual = np.ones(size)
-    factor = np.empty((0, size))
-    pivots: list[int] = []
-    while residual.sum() > 0.25 * tolerance * size and len(pivots) < size:
-        pivot = int(residual.round(9).argmax())  # of equal ones the first, whatever the rounding
-        gap = wavevectors - wavevectors[pivot]
-        row = correlation(np.hypot(gap[:, 0], gap[:, 1])) - (factor[:, pivot, None] * factor).sum(axis=0)
-        row = row / np.sqrt(residual[pivot])
-        factor = np.concatenate([factor, row[None]])
-        residual = np.clip(residual - row**2, 0, None)
-        residual[pivot] = 0.0  # rounding must not choose it twice
-        pivots.append(pivot)
-    # The small Gram matrix has the factor's singular vectors at a fraction of the cost of its own decomposition.
+    tilts = len(lattice.base)
+    shape = lattice.shape if tilts == 1 else (tilts, *lattice.shape)
+    complete = sum(shape) - len(shape)
+    degree = FIRST_DEGREE
     with one_torch_thread():
-        rows = torch.from_numpy(factor)
-        power, vectors = torch.linalg.eigh(rows @ rows.T)
-        rank = max(1, int((power.cumsum(0) > 0.75 * tolerance * size).sum()))
-        while rank < len(power) and power[-rank - 1] > 0.999 * power[-rank]:
-            rank += 1  # equal eigenvalues stay together
-        values = rows.T @ vectors.flip(1)[:, :rank]
-        turn, triangle = torch.linalg.qr(values[pivots[:rank]].T)
-        values = values @ (turn * triangle.diagonal().sign())
-    return Modes((values / values.norm(dim=1, keepdim=True)).numpy(), np.array(pivots))
+        while True:
+            triangle = factor(coefficients(kernel, lattice, degree), lattice.size)
+            if degree >= complete or 1 - reached(triangle, lattice.size) <= POLYNOMIAL_SHARE * tolerance:
+                break
+            degree = degree * 3 // 2
+        columns = triangle[:, kept(triangle, lattice.size, tolerance)]
+        values = torch.from_numpy(_basis(shape, degree)) @ columns
+        values = values / values.norm(dim=1, keepdim=True)
+    return Modes(values.numpy(), columns.numpy(), degree, lattice)

@@ -26,11 +26,12 @@ from scipy.fft import next_fast_len
 
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
+from specklegen.kernels.waves import fill_waves
 from specklegen.samplers.stationary.contrast import speckle_variance
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.samplers.stationary.exit_grid import Axis, cells, window
 from specklegen.samplers.stationary.gaussian_noise import complex_normals
-from specklegen.samplers.stationary.modes import karhunen_loeve, tabulated
+from specklegen.samplers.stationary.modes import Lattice, karhunen_loeve
 from specklegen.samplers.stationary.spectrum import LightModes, monochromatic
 from specklegen.samplers.stationary.stacks import mean_intensity
 from specklegen.scene.illumination import Profile, illuminated_area, object_sines
@@ -272,10 +273,8 @@ def object_sampler(
     k = 2 * np.pi / wavelength
     base = np.atleast_2d(np.asarray(base, np.float64))
     sines = object_sines("object_sampler", object_shape, object_pitch)
-    beams = k * (base[:, None] + sines).reshape(-1, 2)
-    reach = float(np.hypot(*np.ptp(beams, axis=0)))
-    modes = karhunen_loeve(tabulated(kernel, reach), beams, tolerance)
-    values = modes.values.copy()
+    modes = karhunen_loeve(kernel, Lattice(object_shape, k * object_pitch, k * base), tolerance)
+    values = modes.values
     axes = []
     for axis in (0, 1):
         n_object, n_camera = object_shape[1 - axis], grid.shape[1 - axis]
@@ -296,16 +295,14 @@ def object_sampler(
     if len(light.shares) == 1:
         mixing = np.ones((1, 1, 1))
     else:
-        roots = [modes.mixing(tabulated(each, reach), beams) for each in light.kernels]
+        roots = [modes.mixing(each) for each in light.kernels]
         mixing = np.sqrt(light.shares)[:, None, None] * np.stack(roots)
         # The span of K's modes holds those of each mode of the light only nearly: put back what it leaves out.
-        power = np.square(np.einsum("pr,nrq->npq", modes.values, mixing)).sum(axis=(0, 2))
-        values *= np.sqrt((1 - light.flat) / power)[:, None]
-    variance = speckle_variance(
-        light, amplitude, lags, lag_y, lag_x, area_y, area_x, twice, k, object_shape, object_pitch
-    )
+        power = np.square(np.einsum("pr,nrq->npq", values, mixing)).sum(axis=(0, 2))
+        values = values * np.sqrt((1 - light.flat) / power)[:, None]
     real = torch.float32 if dtype == torch.complex64 else torch.float64
     put = lambda a, t: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=t)  # noqa: E731
+    waves = lambda a, b, gain: _waves(a, b, gain, real).to(device)  # noqa: E731
     return ObjectSampler(
         modes=put(values.reshape(len(base), -1, values.shape[1]).swapaxes(1, 2), real),
         mixing=put(mixing, dtype),
@@ -314,14 +311,21 @@ def object_sampler(
         y=y,
         envelope=put(amplitude * np.sqrt(mean_intensity(kernel, area)), real),
         lags=lags,
-        object_rows=put(np.exp(1j * k * lag_y[:, None] * sines[:, 0, 1]), dtype),
-        object_columns=put(np.exp(1j * k * lag_x[:, None] * sines[0, :, 0]), dtype),
-        camera_rows=put(np.exp(-1j * k * view_y[:, :, None] * lag_y) * area_y, dtype),
-        camera_columns=put(np.exp(-1j * k * lag_x[:, None] * view_x[:, None]) * (twice * area_x)[:, None], dtype),
+        object_rows=waves(lag_y, sines[:, 0, 1] / wavelength, np.ones(object_shape[0])),
+        object_columns=waves(lag_x, sines[0, :, 0] / wavelength, np.ones(object_shape[1])),
+        camera_rows=torch.stack([waves(view / -wavelength, lag_y, area_y) for view in view_y]),
+        camera_columns=torch.stack([waves(view / -wavelength, lag_x, twice * area_x).T for view in view_x]),
         shape=object_shape,
         mean=mean_intensity(kernel, area),
-        variance=variance,
+        variance=speckle_variance(light, x, y, width, profile, k, object_shape, object_pitch, seen),
     )
+
+
+def _waves(along: np.ndarray, across: np.ndarray, gain: np.ndarray, real: torch.dtype) -> torch.Tensor:
+    """gain[m] e^(2 pi i along[n] across[m]), complex[n, m]."""
+    waves = torch.empty((len(along), len(across), 2), dtype=real)
+    fill_waves(along, across, gain, waves.numpy())
+    return torch.view_as_complex(waves)
 
 
 def _lit_box(brightness: np.ndarray) -> tuple[slice, slice]:

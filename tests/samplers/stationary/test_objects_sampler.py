@@ -6,7 +6,6 @@ import torch
 from zscore import assert_mean
 
 from specklegen.samplers.stationary.correlation import estimate_correlation
-from specklegen.samplers.stationary.modes import karhunen_loeve, tabulated
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.spectrum import LightModes
 from specklegen.scene.media import Slab
@@ -102,40 +101,3 @@ def test_tilts_are_correlated_by_the_memory_effect():
     assert_mean(np.array(products), expected)
     with pytest.raises(AssertionError, match="z ="):
         assert_mean(np.array(products), expected + 0.1)
-
-
-def test_modes_reproduce_the_kernel():
-    """To the tolerance in the sum over beams, and for each pair to its root."""
-    y, x = np.meshgrid(np.arange(12.0), np.arange(9.0), indexing="ij")
-    for scale, tolerance in ((2e-4, 0.01), (8e-4, 0.01), (2e-4, 1e-4)):
-        beams = scale * np.stack([x.ravel(), y.ravel()], axis=-1)
-        gap = beams[:, None] - beams
-        exact = K(np.hypot(gap[..., 0], gap[..., 1]))
-        modes = karhunen_loeve(tabulated(K, 20 * scale), beams, tolerance)
-        values = modes.values
-        np.testing.assert_allclose(np.square(values).sum(axis=1), 1, rtol=1e-12)
-        assert np.abs(values @ values.T - exact).mean() < tolerance
-        assert np.abs(values @ values.T - exact).max() < 2 * np.sqrt(tolerance)
-        q = np.linspace(0, 20 * scale, 777)
-        np.testing.assert_allclose(tabulated(K, 20 * scale)(q), K(q), atol=2e-4)
-
-
-def test_modes_do_not_depend_on_rounding():
-    """Equal eigenvalues of a symmetric object: an error of 1e-12 in K must not turn the modes."""
-    y, x = np.meshgrid(np.arange(-5.0, 6), np.arange(-5.0, 6), indexing="ij")
-    beams = 2e-4 * np.stack([x.ravel(), y.ravel()], axis=-1)
-    rng = np.random.default_rng(0)
-    exact = tabulated(K, 4e-3)
-    one = karhunen_loeve(exact, beams, 0.01)
-    two = karhunen_loeve(lambda q: exact(q) * (1 + 1e-12 * rng.random(q.shape)), beams, 0.01)
-    np.testing.assert_allclose(one.values, two.values, atol=1e-6)
-
-
-def test_mixing_turns_the_modes_into_those_of_another_kernel():
-    y, x = np.meshgrid(np.arange(8.0), np.arange(8.0), indexing="ij")
-    beams = 2e-4 * np.stack([x.ravel(), y.ravel()], axis=-1)
-    modes = karhunen_loeve(tabulated(K, 4e-3), beams, 1e-4)
-    wider = lambda q: tabulated(K, 4e-3)(0.7 * q)  # noqa: E731
-    root = modes.values @ modes.mixing(wider, beams)
-    gap = beams[:, None] - beams
-    np.testing.assert_allclose(root @ root.T, wider(np.hypot(gap[..., 0], gap[..., 1])), atol=0.02)

@@ -12,7 +12,7 @@ from specklegen.planning.planning import STATIONARY_TOLERANCE, plan
 from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.samplers.stationary.exit_grid import cells, window
 from specklegen.samplers.stationary.gaussian_noise import complex_normals
-from specklegen.samplers.stationary.modes import karhunen_loeve, tabulated
+from specklegen.samplers.stationary.modes import Lattice, karhunen_loeve
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.stacks import mean_intensity, stack_sampler
 from specklegen.samplers.stationary.stationarity import pilot_error
@@ -379,7 +379,7 @@ def test_one_torch_thread_gives_the_bits_of_two():
 def test_modes_leave_out_no_more_than_asked(tolerance):
     kernel = estimate_correlation(slab(), 5000, 1)
     sines = object_sines("object", (7, 6), 8e-5)
-    modes = karhunen_loeve(tabulated(kernel, K * 8e-5 * 10), K * sines, tolerance).values
+    modes = karhunen_loeve(kernel, Lattice((7, 6), K * 8e-5, np.zeros((1, 2))), tolerance).values
     correlation = kernel.correlation(sines, K)
     np.testing.assert_allclose((modes**2).sum(axis=1), 1, rtol=1e-12)
     # Nothing is left out by trace before every pixel is restored to 1; the entries then move by at most twice that.
