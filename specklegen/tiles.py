@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from specklegen.core.arguments import instance
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads, in_turn, one_blas_thread, slices, thread_count
 from specklegen.core.random_streams import Seed
@@ -81,7 +82,7 @@ def render_tiles(
     RuleError
         At once, for a scene of another kind, and as :func:`specklegen.plan` does.
     """
-    obstacle = streaming_obstacle(scene)
+    obstacle = streaming_obstacle(instance("render_tiles scene", scene, Scene))
     if obstacle or sampler == "covariance":
         served = "CollimatedBeams through a slab of Henyey-Greenstein scatterers, seen by a FarFieldGrid"
         reject("render_tiles scene", served, obstacle or sampler, "Use render.")

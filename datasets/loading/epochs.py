@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch.utils.data import IterableDataset, get_worker_info
 
+from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets.loading.partition import batch_count, batch_range
@@ -48,8 +49,7 @@ class EpochBatches(IterableDataset):
         self.rank = here_rank if rank is None else rank
         self.world = here_world if world is None else world
         owner = type(self).__name__
-        if batch_size < 1:
-            reject(f"{owner}.batch_size", "at least 1", batch_size)
+        whole_number(f"{owner}.batch_size", batch_size, 1)
         if not 0 <= self.rank < self.world:
             reject(f"{owner}.rank", f"from 0 to world - 1 = {self.world - 1}", self.rank)
         self._count = batch_count(length, batch_size, self.world, drop_last)
@@ -66,8 +66,7 @@ class EpochBatches(IterableDataset):
 
     def set_epoch(self, epoch: int) -> None:
         """Choose the epoch of the next iteration, here and in workers that are already running."""
-        if epoch < 0:
-            reject(f"{type(self).__name__}.epoch", "at least 0", epoch)
+        whole_number(f"{type(self).__name__}.epoch", epoch, 0, 2**62 // max(1, self.length))
         self._epoch.fill_(epoch)
 
     def places(self, number: int) -> range:

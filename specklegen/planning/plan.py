@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from specklegen.core.decision import Decision
+from specklegen.core.errors import counted
 from specklegen.mean.field import ballistic_fraction
 from specklegen.paths.chunks import Chunks
 from specklegen.paths.gaussianity import Gaussianity
@@ -15,7 +16,7 @@ from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.media import Medium, Slab, VoxelGrid
 from specklegen.scene.scene import Scene
 
-_LIGHTS = {"PlaneWaves": "plane waves", "PointSources": "point sources", "IncoherentObject": "lit pixels"}
+_LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel"}
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class Plan:
 def _lit(scene: Scene) -> str:
     """A few words about the lights."""
     light = scene.illumination
-    words = f"{len(scene.lights)} {_LIGHTS.get(type(light).__name__, 'tilts')}"
+    words = counted(len(scene.lights), _LIGHTS.get(type(light).__name__, "tilt"))
     if isinstance(light, CollimatedBeams | IncoherentObject):
         words += f" through a window {light.width:.4g} wide"
     return words

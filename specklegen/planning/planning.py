@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from specklegen.core.arguments import instance, real_number
 from specklegen.core.budgets import DEFAULT_PATHS, checked_budget
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
@@ -92,8 +93,9 @@ def plan(
         For an argument out of range, a grid that undersamples the speckle, a sampler that cannot serve
         the scene, or a render that would not fit into memory.
     """
+    instance("plan scene", scene, Scene)
     checked_budget("plan", paths, rel_error, None)
-    if not 0 < field_tolerance < 1:
+    if not 0 < real_number("field_tolerance", field_tolerance) < 1:
         reject("field_tolerance", "between 0 and 1", field_tolerance)
     if sampler not in ("auto", "paths", "covariance", "stationary"):
         reject("sampler", 'one of "auto", "paths", "covariance", "stationary"', sampler)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BeforeValidator, model_validator
 
+from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
 from specklegen.core.values import Finite, Positive, Value
 
@@ -90,7 +91,7 @@ def _read(value: Any) -> Any:
         return value
     if isinstance(value, bool) or not isinstance(value, int | float):
         reject("a drawn number", f"a number or a table with one of {', '.join(_KINDS)}", value)
-    return float(value)
+    return real_number("a drawn number", value)
 
 
 Draw = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_read)]
