@@ -45,6 +45,9 @@ FILES = [
     "odd-pictures",
     "good.toml/inside", "loop",
 ]  # fmt: skip
+RECIPES = [*["through-slab"] * 40, *NAMES, *FILES]  # half of the lines go beyond their first argument
+STORES = [*["store.zarr"] * 30, *FILES]
+MODELS = [*["model.pt"] * 30, *FILES]
 SETS = [
     "material.g=0.8", "material.g=1", "material.g=nan", "material.g=x", "material", "=", "material.g", "material.g="
     + HUGE,
@@ -59,8 +62,8 @@ SETS = [
 SMALL_SET = ["--set", "material.kernel_paths=1000"]
 OPTIONS: dict[str, tuple[list[list[str]], list[str], dict[str, list[str]]]] = {
     # command: pools of its arguments, options that keep it short, options to draw with their pools
-    "recipes": ([["show", "schema", "x", "--json"], [*NAMES, *FILES]], [], {"--set": SETS}),
-    "plan": ([[*NAMES, *FILES]], ["--samples", "2", *SMALL_SET],
+    "recipes": ([["show", "schema", "show", "schema", "x", "--json"], RECIPES], [], {"--set": SETS}),
+    "plan": ([RECIPES], ["--samples", "2", *SMALL_SET],
              {"--samples": WHOLE, "--set": SETS, "--images": FILES, "--json": []}),
     "render": ([], ["--views", "8", "--paths", "64", "--tilts", "2"], {
         "--wavelength": REAL, "--thickness": REAL, "--optical-depth": REAL, "--g": REAL, "--albedo": REAL,
@@ -71,27 +74,27 @@ OPTIONS: dict[str, tuple[list[list[str]], list[str], dict[str, list[str]]]] = {
         "--wavelength": REAL, "--thickness": REAL, "--optical-depth": REAL, "--g": REAL, "--albedo": REAL,
         "--largest": REAL,
         "--points": WHOLE, "--mode": WORDS, "--paths": WHOLE, "--seed": WHOLE, "--out": FILES, "--json": []}),
-    "generate": ([[*NAMES, *FILES]], ["--samples", "2", "--processes", "1", "--out", "new.zarr", *SMALL_SET], {
+    "generate": ([RECIPES], ["--samples", "2", "--processes", "1", "--out", "new.zarr", *SMALL_SET], {
         "--samples": WHOLE, "--split": WORDS, "--seed": WHOLE, "--set": SETS, "--images": FILES,
         "--shard-range": WORDS, "--out": FILES}),
-    "preview": ([[*NAMES, *FILES]], ["--samples", "1", *SMALL_SET], {
+    "preview": ([RECIPES], ["--samples", "1", *SMALL_SET], {
         "--samples": WHOLE, "--split": WORDS, "--seed": WHOLE, "--set": SETS, "--images": FILES, "--out": FILES}),
-    "info": ([FILES], [], {}),
-    "verify": ([FILES], [], {"--repair": [*NAMES, *FILES], "--set": SETS, "--images": FILES, "--json": []}),
-    "export": ([FILES], ["--out", "exported"], {"--out": FILES, "--format": WORDS, "--samples": WHOLE}),
-    "train": ([[*NAMES, *FILES]], ["--out", "run", "--epochs", "1", "--seconds", "0.1", "--validation-samples", "2",
+    "info": ([STORES], [], {}),
+    "verify": ([STORES], [], {"--repair": [*NAMES, *FILES], "--set": SETS, "--images": FILES, "--json": []}),
+    "export": ([STORES], ["--out", "exported"], {"--out": FILES, "--format": WORDS, "--samples": WHOLE}),
+    "train": ([RECIPES], ["--out", "run", "--epochs", "1", "--seconds", "0.1", "--validation-samples", "2",
     "--width", "1",
                                    "--batch-size", "2", *SMALL_SET, "--set", "samples.train=2"], {
         "--validation": FILES, "--validation-samples": WHOLE, "--input": WORDS, "--network": WORDS, "--width": WHOLE,
         "--loss": WORDS, "--learning-rate": REAL, "--batch-size": WHOLE, "--epochs": WHOLE, "--seconds": REAL,
         "--device": ["cpu", "cuda", "gpu", "meta", ""], "--seed": WHOLE, "--set": SETS, "--out": FILES}),
-    "evaluate": ([FILES], ["--samples", "2", "--no-katz", "--recipe", "unknown-slab", *SMALL_SET], {
+    "evaluate": ([MODELS], ["--samples", "2", "--no-katz", "--recipe", "unknown-slab", *SMALL_SET], {
         "--recipe": [*NAMES, *FILES], "--split": WORDS, "--samples": WHOLE, "--restarts": WHOLE, "--out": FILES,
         "--seed": WHOLE, "--set": SETS}),
-    "recoverable": ([[*NAMES, *FILES]], ["--media", "1", *SMALL_SET], {
+    "recoverable": ([RECIPES], ["--media", "1", *SMALL_SET], {
         "--beam": REAL, "--removal": REAL, "--media": WHOLE, "--seed": WHOLE, "--set": SETS, "--images": FILES,
         "--json": []}),
-    "bench": ([[*NAMES, *FILES]], ["--seconds", "0.01"], {
+    "bench": ([RECIPES], ["--seconds", "0.01"], {
         "--seconds": REAL, "--seed": WHOLE, "--set": SETS, "--csv": FILES, "--out": FILES}),
 }  # fmt: skip
 

@@ -52,15 +52,23 @@ class Store:
         remedy = "Make one with generate."
         if not (self.folder / "zarr.json").is_file():
             reject("store.folder", "a folder that holds a store", str(folder), remedy)
-        with zarr.config.set({"array.write_empty_chunks": True}):
-            self._group = zarr.open_group(self.folder, mode="r+" if writable else "r", zarr_format=3)
-            self._arrays = dict(self._group.arrays())
-        self.attributes: dict[str, Any] = dict(self._group.attrs)
-        if self.attributes.get("format") != FORMAT:
+        try:
+            with zarr.config.set({"array.write_empty_chunks": True}):
+                self._group = zarr.open_group(self.folder, mode="r+" if writable else "r", zarr_format=3)
+                self._arrays = dict(self._group.arrays())
+            self.attributes: dict[str, Any] = dict(self._group.attrs)
+            known = self.attributes.get("format") == FORMAT
+            if known:
+                self.shard_samples: int = self.attributes["shard_samples"]
+                self.parameter_names: list[str] = list(self._arrays["parameters"].attrs["names"])  # type: ignore[arg-type]
+                self.keys: list[str] = list(self.attributes["arrays"])
+                lost = {*self.keys, "valid", "index", "seed", "checksum"} - self._arrays.keys()
+        except (ValueError, KeyError, TypeError) as error:  # damaged JSON, or metadata of something else
+            reject("store.folder", "a store whose metadata are whole", str(folder), f"{type(error).__name__}: {error}.")
+        if not known:
             reject("store.folder", f"a {FORMAT}", str(folder), remedy)
-        self.shard_samples: int = self.attributes["shard_samples"]
-        self.parameter_names: list[str] = list(self._arrays["parameters"].attrs["names"])  # type: ignore[arg-type]
-        self.keys: list[str] = list(self.attributes["arrays"])
+        if lost:
+            reject("store.folder", "a store with all of its arrays", str(folder), f"Lost: {', '.join(sorted(lost))}.")
 
     @property
     def samples(self) -> int:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from specklegen.cli.output import AsJson, echo_json
+from specklegen.cli.output import AsJson, echo_json, picture_file, writable
 from specklegen.cli.recipe_options import Seed, Set, load, names_starting_with
 from specklegen.core.errors import reject
 from specklegen.core.tables import json_table, read_text, toml_table
@@ -41,9 +41,10 @@ def bench_command(
     if not 0 < seconds < float("inf"):
         reject("--seconds", "greater than 0 and finite", seconds)
     scene = scene_of(what, changes)
-    for file in (table, out):
-        if file is not None and not file.parent.is_dir():
-            reject("bench output", "in a folder that exists", str(file))
+    if out is not None:
+        picture_file("bench --out", out)
+    if table is not None:
+        writable(table.parent, "bench --csv")
     say = (lambda line: None) if as_json else tqdm.write
     say(_line(_COLUMNS))
     rows = []

@@ -55,7 +55,20 @@ class Progress:
         self.done = done
 
 
-def writable(folder: Path) -> None:
+def picture_file(field: str, file: Path) -> None:
+    """Check where a picture is to go, before the work starts.
+
+    Raises
+    ------
+    RuleError
+        If its name is not that of a PNG, or its folder cannot be written.
+    """
+    if file.suffix.lower() != ".png" or file.is_dir():
+        reject(field, "a file whose name ends in .png", str(file))
+    writable(file.parent, field)
+
+
+def writable(folder: Path, field: str = "--out") -> None:
     """Make a folder before the work starts, so that an unwritable one is found at once."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -63,4 +76,5 @@ def writable(folder: Path) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        reject("--out", "a writable folder", str(folder), str(error.strerror))
+        rule = "a writable folder" if field == "--out" else "in a writable folder"
+        reject(field, rule, str(folder), str(error.strerror))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from specklegen.cli.failures import INTERRUPTED, NOT_WHOLE
-from specklegen.cli.output import AsJson, Progress, echo_json, writable
+from specklegen.cli.output import AsJson, Progress, echo_json, picture_file
 from specklegen.cli.recipe_options import Images, RecipeName, RecipeOrStore, Seed, Set, Split, is_store, load
 from specklegen.core.errors import counted, reject
 
@@ -83,6 +83,7 @@ def preview(
     """Draw samples of a recipe or of a store as a contact sheet."""
     from specklegen.pictures import sheet
 
+    picture_file("preview --out", out)
     if is_store(what):
         from specklegen.datasets import SpeckleCache
 
@@ -91,7 +92,6 @@ def preview(
     else:
         loaded = load(what, changes, images)
         shown = [loaded.sample(seed, split, n) for n in range(samples)]
-    writable(out.parent)
     typer.echo(str(sheet(shown, out)))
 
 

@@ -32,7 +32,7 @@ def shown(value: object) -> str:
     try:
         text = np.array2string(value, threshold=6) if isinstance(value, np.ndarray) else repr(value)
     except (ValueError, RecursionError):  # whole numbers of thousands of digits, lists in lists without end
-        text = f"a {type(value).__name__} too long to show"
+        text = f"<{type(value).__name__} too long to show>"
     text = " ".join(text.split())
     return text if len(text) <= 120 else text[:117] + "..."
 
