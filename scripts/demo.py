@@ -15,7 +15,7 @@ import numpy as np
 
 import specklegen as sg
 from specklegen import pictures
-from specklegen.cli.commands import Progress
+from specklegen.cli.output import Progress
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.store.generate import generate

@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from specklegen.paths.slab_optics import Optics, random_phases
+from specklegen.samplers.path_sums.device import device_field
 
 import specklegen as sg
-from specklegen.paths.slab_optics import Optics, random_phases
 from specklegen.paths.slab_tracer import beam_proposal, trace
-from specklegen.samplers.path_sums.device import device_field
 from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.samplers.stationary.objects import object_sampler

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import torch
 
-from specklegen.cli.commands import Progress
+from specklegen.cli.output import Progress
 from specklegen.datasets import SpeckleCache, load_recipe
 from specklegen.datasets.store.generate import generate
 from specklegen.models.judging import baselines

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.core.arguments import instance, real_array, real_number
 from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
@@ -126,10 +127,11 @@ def memory_effect(
     DoubtWarning
         Where the mean free path is below the wavelength: independent scattering is then doubtful.
     """
-    tilts = np.atleast_1d(np.asarray(tilts, dtype=np.float64))
+    instance("memory_effect medium", medium, Slab)
+    tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
     if tilts.ndim != 1 or not np.isfinite(tilts).all() or (tilts.size and np.abs(tilts).max() >= np.pi / 2):
         reject("memory_effect tilts", "radians between -pi/2 and pi/2, of shape (T,)", tilts, "Use np.deg2rad.")
-    if not (np.isfinite(wavelength) and wavelength > 0):
+    if not 0 < real_number("memory_effect wavelength", wavelength) < np.inf:
         reject("memory_effect wavelength", "greater than 0", wavelength)
     warn_of_dependence(medium.mean_free_path, wavelength)
     checked_budget("memory_effect", paths, rel_error, seconds)
@@ -139,7 +141,7 @@ def memory_effect(
     if view is None:
         sine = 0.0 if mode == "transmission" else np.sin(_OFF_BACKSCATTER)
         view = directions_of_sines("view", [sine, 0.0], side)
-    view = np.asarray(view, dtype=np.float64)
+    view = real_array("memory_effect view", view)
     if view.shape != (3,) or not abs(np.linalg.norm(view) - 1) <= 1e-6 or view[2] * side <= 0:
         reject("memory_effect view", f"a unit vector of shape (3,) on the side of {mode}", view)
 

@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from specklegen.core.arguments import instance, whole_number
 from specklegen.core.budgets import checked_budget, paths_for
 from specklegen.core.decision import Decision
 from specklegen.core.errors import DoubtWarning, reject
@@ -138,8 +139,9 @@ def render(
     RuleError
         See :func:`specklegen.plan`.
     """
-    if realizations is not None and realizations < 1:
-        reject("realizations", "at least 1, or None for one without the axis", realizations)
+    instance("render scene", scene, Scene)
+    if realizations is not None:
+        whole_number("render realizations", realizations, 1)
     if mean and isinstance(scene.illumination, IncoherentObject):
         reject("mean", "False for an incoherent object", mean, "Its ballistic image is not modelled.")
     checked_budget("render", paths, rel_error, seconds)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from specklegen.core.arguments import instance
 from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.random_streams import Seed
 from specklegen.mean.field import mean_field
@@ -60,7 +61,7 @@ def render_tiles(
     RuleError
         At once, for a scene of another kind, and as :func:`specklegen.plan` does.
     """
-    obstacle = streaming_obstacle(scene)
+    obstacle = streaming_obstacle(instance("render_tiles scene", scene, Scene))
     if obstacle or sampler == "covariance":
         served = "CollimatedBeams through a slab, seen by a FarFieldGrid"
         reject("render_tiles scene", served, obstacle or sampler, "Use render.")

@@ -119,7 +119,7 @@ class SpeckleGenerator:
         return medium.prepare(self.recipe, self.split, self.tables, self.sizes, draws), keys
 
     def ranks(self, made: medium.MediumBatch) -> list[int]:
-        """Ranks on the host: the one wait of a batch. (On "meta" there are no numbers: each rank is the median's.)"""
+        """Ranks on the host: the one wait of a batch. On "meta" there are no numbers: the median's."""
         return [3] * len(made.rank) if made.rank.device.type == "meta" else made.rank.tolist()
 
     def _drawn(self, numbers: list[int]) -> dict[str, Any]:
@@ -196,7 +196,8 @@ class SpeckleGenerator:
                 contrast.index_copy_(0, seen, kept.expected_contrast(ready[number], objects)[: len(part)])
                 tilts.index_copy_(0, seen, ready[number].tilts.expand(len(part), -1, -1))
         names = some.parameters
-        table = torch.tensor([[ready[number].parameters[name] for name in names] for number in media], dtype=torch.float64)
+        rows = [[ready[number].parameters[name] for name in names] for number in media]
+        table = torch.tensor(rows, dtype=torch.float64)
         columns = dict(zip(names, table.to(self.device).unbind(1), strict=True))
         parameters = columns | {"expected_contrast": contrast, "medium": self._put(media).to(torch.float64)}
         return self._named(numbers, images, light, parameters, tilts)

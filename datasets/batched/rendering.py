@@ -10,7 +10,8 @@ from specklegen.datasets.recipes.recipe import Recipe
 
 
 def render(
-    recipe: Recipe, sizes: Sizes, tables: Tables, medium: MediumBatch, keys: torch.Tensor, light: torch.Tensor, rank: int
+    recipe: Recipe, sizes: Sizes, tables: Tables, medium: MediumBatch, keys: torch.Tensor, light: torch.Tensor,
+    rank: int,
 ) -> torch.Tensor:  # fmt: skip
     """Images over their expected value, float32[B, T, H, W].
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from torch.utils.data import Dataset
 
+from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets.loading.epochs import EpochBatches
@@ -99,12 +100,19 @@ class SpeckleCache(Dataset):
 
     def __getitem__(self, index: int) -> dict[str, Any]:
         """Return a sample as tensors."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"sample {index} of a store of {len(self)}")
-        return tensors(self.numpy(int(index) % len(self)))
+        return tensors(self.numpy(index))
 
     def numpy(self, index: int) -> dict[str, Any]:
-        """Return a sample as arrays."""
+        """Return a sample as arrays; -1 is the last one.
+
+        Raises
+        ------
+        RuleError, IndexError
+            If the index is no whole number, or there is no such sample.
+        """
+        if not -len(self) <= whole_number("SpeckleCache index", index, -(2**63)) < len(self):
+            raise IndexError(f"sample {index} of a store of {len(self)}")
+        index = int(index) % len(self)
         try:
             return self._read(index)
         except MissingSample:

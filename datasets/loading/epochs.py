@@ -5,7 +5,6 @@ every n-th batch of its rank, and the DataLoader takes from the workers in turn.
 state: batch b of epoch e is a pure function.
 """
 
-import operator
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -13,6 +12,7 @@ import torch
 from torch.utils.data import IterableDataset, get_worker_info
 from torch.utils.data._utils.collate import default_collate_fn_map
 
+from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets.loading.partition import batch_count, batch_range
@@ -68,8 +68,7 @@ class EpochBatches(IterableDataset):
         self.rank = here_rank if rank is None else rank
         self.world = here_world if world is None else world
         owner = type(self).__name__
-        if batch_size < 1:
-            reject(f"{owner}.batch_size", "at least 1", batch_size)
+        whole_number(f"{owner}.batch_size", batch_size, 1)
         if not 0 <= self.rank < self.world:
             reject(f"{owner}.rank", f"from 0 to world - 1 = {self.world - 1}", self.rank)
         self._count = batch_count(length, batch_size, self.world, drop_last)
@@ -98,10 +97,8 @@ class EpochBatches(IterableDataset):
 
     def checked_epoch(self, epoch: Any) -> int:
         """Return the number of an epoch, or refuse it."""
-        last = (2**63 - 1) // self.length - 1
-        if isinstance(epoch, bool) or not hasattr(epoch, "__index__") or not 0 <= operator.index(epoch) <= last:
-            reject(f"{type(self).__name__}.epoch", f"a whole number from 0 to {last}", epoch)
-        return operator.index(epoch)
+        last = (2**63 - 1) // max(1, self.length) - 1
+        return whole_number(f"{type(self).__name__}.epoch", epoch, 0, last)
 
     def places(self, number: int) -> range:
         """Return the places in the epoch that make up batch ``number`` of this rank."""

@@ -8,7 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
+from specklegen.core.escaping import csv_cell
 from specklegen.datasets.loading.cache import SpeckleCache
 
 
@@ -47,7 +49,7 @@ def export(
         If a sample has not been generated.
     """
     cache = SpeckleCache(folder)
-    chosen = list(range(len(cache))) if samples is None else [int(sample) for sample in samples]
+    chosen = list(range(len(cache))) if samples is None else _there(samples, len(cache))
     if format not in _WRITERS:
         reject("export.format", f"one of {', '.join(map(repr, _WRITERS))}", format)
     if not chosen:
@@ -66,9 +68,17 @@ def export(
                 | columns[row]
             )
             if row == 0:
-                writer.writerow(line)
+                writer.writerow([csv_cell(name) for name in line])
             writer.writerow(line.values())
     return [*files, table]
+
+
+def _there(samples: Sequence[int], length: int) -> list[int]:
+    """The samples asked for, each of which has to be in the store; one that is not ends the search."""
+    chosen = []
+    for sample in samples:
+        chosen.append(whole_number("export.samples", sample, 0, length - 1, remedy=f"The store has {length}."))
+    return chosen
 
 
 def _write_npy(cache: SpeckleCache, chosen: list[int], out: Path) -> tuple[list[Path], list[dict]]:

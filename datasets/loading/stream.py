@@ -7,6 +7,8 @@ import numpy as np
 import torch
 from torch.utils.data import get_worker_info
 
+from specklegen.core.arguments import whole_number
+from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.sample_schema import Renderable, require_finite
@@ -71,8 +73,11 @@ class SpeckleStream(EpochBatches):
         drop_last: bool = False,
         device: str | torch.device = "cpu",
     ) -> None:
+        if not isinstance(recipe, Renderable):
+            reject("SpeckleStream.recipe", "a recipe", recipe, "Read one with load_recipe.")
         super().__init__(recipe.length(split), batch_size, rank, world, drop_last)
-        self.recipe, self.seed, self.split = _on(recipe, device), seed, split
+        self.recipe, self.split = _on(recipe, device), split
+        self.seed = whole_number("SpeckleStream.seed", seed)
         self.device = torch.device(device)
         self.repeats = split != "train"
 
@@ -129,11 +134,7 @@ class SpeckleStream(EpochBatches):
 
 
 def _on(recipe: Renderable, device: str | torch.device) -> Renderable:
-    try:
-        torch.empty(0, device=device)
-    except (RuntimeError, AssertionError, NotImplementedError) as error:
-        reject("SpeckleStream.device", "a device that torch has here", str(device), str(error).split("\n")[0])
-    if torch.device(device).type == "cpu":
+    if checked_device("SpeckleStream.device", device).type == "cpu":
         return recipe
     if not hasattr(recipe, "on"):
         reject("SpeckleStream.device", f'"cpu" for {type(recipe).__name__}, which has no method `on`', str(device))

@@ -3,13 +3,18 @@
 A picture becomes grey (Rec. 709 luminance), float32, at least 0; its scale does not matter, since every
 object is brought to a peak of 1. Resampling averages areas (a triangle as wide as the reduction), so
 that nothing is aliased and nothing turns negative.
+
+A file is decoded by the reader that its name calls for and by no other, and only after its header says that it is
+small enough: a small file can hold a picture that fills the memory.
 """
 
+from math import prod
 from pathlib import Path
 
 import numpy as np
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".npy")
+MOST_PIXELS = 2**26
+"""Pixels of a picture, at most: 8192 x 8192."""
 
 _LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 
@@ -23,17 +28,23 @@ def read_grey(path: Path) -> np.ndarray:
     Raises
     ------
     ValueError
-        If the file is no single picture of finite values that are at least 0 and not all 0.
+        If the file is no single picture of finite values that are at least 0 and not all 0, or is too large.
     OSError
         If the file cannot be read.
     """
-    return _grey(_READERS.get(path.suffix.lower(), _read_common)(path))
+    return _grey(_READERS[path.suffix.lower()](path))
+
+
+def _require_small(pixels: int) -> None:
+    if pixels > MOST_PIXELS:
+        raise ValueError(f"it has {pixels} pixels, more than {MOST_PIXELS}")
 
 
 def _read_common(path: Path) -> np.ndarray:
     from PIL import Image, ImageOps
 
-    with Image.open(path) as picture:
+    with Image.open(path, formats=("PNG", "JPEG")) as picture:
+        _require_small(picture.width * picture.height)
         upright = ImageOps.exif_transpose(picture)
         if upright.mode not in ("1", "L", "LA", "RGB", "RGBA") and not upright.mode.startswith(("I", "F")):
             upright = upright.convert("RGBA" if upright.has_transparency_data else "RGB")
@@ -41,16 +52,30 @@ def _read_common(path: Path) -> np.ndarray:
 
 
 def _read_tiff(path: Path) -> np.ndarray:
-    from tifffile import imread  # reads the 16-bit and float pictures that Pillow does not
+    from tifffile import TiffFile  # reads the 16-bit and float pictures that Pillow does not
 
-    return imread(path)
+    with TiffFile(path) as file:
+        series = file.series[0]
+        _require_small(_pixels(series.shape))
+        return series.asarray()
 
 
 def _read_numpy(path: Path) -> np.ndarray:
-    return np.load(path, allow_pickle=False)
+    mapped = np.load(path, mmap_mode="r", allow_pickle=False)  # the header; the numbers when they are asked for
+    _require_small(_pixels(mapped.shape))
+    return np.array(mapped)
 
 
-_READERS = {".npy": _read_numpy, ".tif": _read_tiff, ".tiff": _read_tiff}
+def _pixels(shape: tuple[int, ...]) -> int:
+    """Pixels of an array [..., h, w] or [h, w, c]; c, the last of three axes, is at most 4."""
+    colours = len(shape) == 3 and shape[2] <= 4
+    return prod(shape[:2] if colours else shape)
+
+
+_READERS = {
+    ".png": _read_common, ".jpg": _read_common, ".jpeg": _read_common, ".tif": _read_tiff, ".tiff": _read_tiff,
+    ".npy": _read_numpy,
+}  # fmt: skip
 
 
 def _grey(data: np.ndarray) -> np.ndarray:
@@ -70,6 +95,8 @@ def _grey(data: np.ndarray) -> np.ndarray:
         raise ValueError("it is black all over")
     return picture
 
+
+SUFFIXES = tuple(_READERS)
 
 Box = tuple[float, float, float, float]
 

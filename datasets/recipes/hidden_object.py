@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, Literal, Self, cast
+from typing import Annotated, Any, Literal, Self, cast
 
 import numpy as np
 import torch
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.values import Positive, Value
+from specklegen.core.values import Value
 from specklegen.datasets.objects import HiddenObjects
 from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
 from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, require_above
@@ -64,7 +64,7 @@ class HiddenObject(Recipe):
     kind: Literal["hidden-object"] = "hidden-object"
     objects: HiddenObjects
     field: ObjectField | None = None
-    mode_tolerance: Positive = 0.01
+    mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
 
     @model_validator(mode="after")
     def _check_field(self) -> Self:

@@ -1,11 +1,11 @@
 """Changes to a recipe written as text: ``material.g=0.8``."""
 
-import tomllib
 from collections.abc import Iterable
 from typing import Any
 
-from specklegen.core.errors import reject
-from specklegen.datasets.recipes.recipe import merged
+from specklegen.core.errors import RuleError, reject
+from specklegen.core.tables import toml_table
+from specklegen.datasets.recipes.recipe_files import merged
 
 
 def changes_of(texts: Iterable[str]) -> dict[str, Any]:
@@ -28,7 +28,7 @@ def changes_of(texts: Iterable[str]) -> dict[str, Any]:
 def _parse(key: str, value: str, text: str) -> dict[str, Any]:
     for candidate in (value, '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'):
         try:
-            return tomllib.loads(f"{key} = {candidate}")
-        except tomllib.TOMLDecodeError:
+            return toml_table(f"{key} = {candidate}", "a change")
+        except RuleError:
             continue
     reject("a change", "of the form KEY=VALUE with a dotted key", text)

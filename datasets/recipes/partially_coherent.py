@@ -1,10 +1,10 @@
 """Recipe kind "partially-coherent": a slab under partially coherent light, coherence length drawn sample by sample."""
 
 from collections.abc import Mapping
-from typing import Any, Literal, Self, cast
+from typing import Annotated, Any, Literal, Self, cast
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from specklegen.coherence.partially_coherent import (
     COHERENT,
@@ -13,7 +13,7 @@ from specklegen.coherence.partially_coherent import (
     gaussian_schell_object,
     source_lattice,
 )
-from specklegen.core.values import Positive, remembered
+from specklegen.core.values import remembered
 from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
 from specklegen.datasets.recipes.parts.distributions import UnboundedDraw, drawn, ends
 from specklegen.datasets.recipes.parts.light import draw_medium
@@ -44,7 +44,7 @@ class PartiallyCoherent(Recipe):
 
     kind: Literal["partially-coherent"] = "partially-coherent"
     coherence_length: UnboundedDraw
-    mode_tolerance: Positive = 0.01
+    mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
 
     @model_validator(mode="after")
     def _in_range(self) -> Self:

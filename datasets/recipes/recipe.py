@@ -7,11 +7,8 @@ start from; tables are merged, everything else is replaced. The physics of each 
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from importlib.resources import files
-from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -122,6 +119,8 @@ class Recipe(Value):
                    "Give one of window.width and field.pixels.")  # fmt: skip
         if self.exposure is not None and self.exposure.oversampling != 1:
             reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
+        if self.exposure is not None:
+            self.exposure.require_light(int(np.prod(self.camera_shape)))
         return self
 
     def _check_smear(self) -> None:
@@ -319,72 +318,3 @@ class Recipe(Value):
         batch = {key: np.stack([s[key] for s in samples]) for key in samples[0] if key != "parameters"}
         names = samples[0]["parameters"]
         return batch | {"parameters": {n: np.array([s["parameters"][n] for s in samples]) for n in names}}
-
-
-def recipe_names() -> list[str]:
-    """Names of the packaged recipes."""
-    folder = files("specklegen.datasets") / "recipes" / "packaged"
-    return sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
-
-
-def recipe_table(source: str | Path) -> dict[str, Any]:
-    """Table of a packaged recipe (by name) or of a TOML file (by path), what it inherits merged in.
-
-    Raises
-    ------
-    RuleError
-        If there is no such recipe, the file is not TOML, or recipes inherit one another in a circle.
-    """
-    return _table(str(source), ())
-
-
-def _table(source: str, heirs: tuple[str, ...]) -> dict[str, Any]:
-    if source in heirs:
-        reject("recipe.inherits", "free of circles", " -> ".join([*heirs, source]))
-    table = _parse(source)
-    parent = table.pop("inherits", None)
-    if parent is None:
-        return table
-    if parent not in recipe_names() and not Path(parent).is_absolute():
-        parent = str(Path(source).parent / parent)
-    return merged(_table(parent, (*heirs, source)), table)
-
-
-def _parse(source: str) -> dict[str, Any]:
-    if source in recipe_names():
-        text = (files("specklegen.datasets") / "recipes" / "packaged" / f"{source}.toml").read_text()
-    elif Path(source).is_file():
-        text = Path(source).read_text()
-    else:
-        reject(
-            "recipe", f"one of {', '.join(recipe_names())}, or the path of a TOML file", source,
-            "`specklegen recipes` lists the packaged ones.",
-        )  # fmt: skip
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        reject("recipe", "valid TOML", source, str(error))
-
-
-def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge tables: tables go into tables, everything else is replaced.
-
-    A table with another ``type`` replaces the old one whole, since their fields have nothing in common; so
-    does a distribution (``{uniform = ...}``).
-    """
-    result = dict(base)
-    for key, value in changes.items():
-        old = result.get(key)
-        both = isinstance(old, Mapping) and isinstance(value, Mapping)
-        if both and value.get("type", old.get("type")) == old.get("type") and not _is_draw(old):  # type: ignore[union-attr]
-            result[key] = merged(old, value)  # type: ignore[arg-type]
-        else:
-            result[key] = value
-    return result
-
-
-def _is_draw(table: Mapping[str, Any]) -> bool:
-    return bool({"uniform", "log_uniform", "choice"} & table.keys())
-
-
-__all__ = ["SPLITS", "Recipe", "merged", "recipe_names", "recipe_table"]

@@ -8,7 +8,8 @@ from specklegen.core.errors import reject
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
 from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
-from specklegen.datasets.recipes.recipe import Recipe, merged, recipe_table
+from specklegen.datasets.recipes.recipe import Recipe
+from specklegen.datasets.recipes.recipe_files import merged, recipe_table
 from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
 
 KINDS: dict[str, type[Recipe]] = {
@@ -36,11 +37,10 @@ def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) ->
     RuleError
         If there is no such recipe, or one of its fields breaks a rule.
     """
+    if changes is not None and not isinstance(changes, Mapping):
+        reject("load_recipe changes", 'a table such as {"material": {"g": 0.8}}', changes)
     table = merged(recipe_table(source), changes or {})
-    kind = table.get("kind")
-    if kind not in KINDS:
-        reject("recipe.kind", f"one of {', '.join(KINDS)}", kind)
-    return KINDS[kind](**table)
+    return _kind(table)(**table)
 
 
 def recipe_schema(name: str) -> dict[str, Any]:
@@ -51,7 +51,11 @@ def recipe_schema(name: str) -> dict[str, Any]:
     RuleError
         If there is neither.
     """
-    kind = name if name in KINDS else recipe_table(name).get("kind")
-    if kind not in KINDS:
+    return _kind({"kind": name} if name in KINDS else recipe_table(name)).model_json_schema()
+
+
+def _kind(table: Mapping[str, Any]) -> type[Recipe]:
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
         reject("recipe.kind", f"one of {', '.join(KINDS)}", kind)
-    return KINDS[kind].model_json_schema()
+    return KINDS[kind]

@@ -4,13 +4,14 @@ import glob
 import json
 from pathlib import Path
 
+from specklegen.core.escaping import cell, markdown, markdown_code
 from specklegen.datasets.store.files import is_temporary, write_whole
 from specklegen.datasets.store.locks import claim
 from specklegen.datasets.store.store import METADATA, Store
 
 _PAGE = """# {title}: {split} split
 
-{samples} samples rendered by specklegen from the recipe `{title}`, seed {seed}, data version {data_version}.
+{samples} samples rendered by specklegen from the recipe {code}, seed {seed}, data version {data_version}.
 Sample n is a pure function of (recipe, seed, split, n): it can be rendered again from what is stored with it.
 Fingerprint of the data set: `{fingerprint}`.
 
@@ -49,16 +50,17 @@ def card(store: Store) -> str:
     identity, described = store.attributes["identity"], store.describe()
     notes = store.attributes["notes"].strip()
     rows = [
-        f"| `{key}` | {row['dtype']} | {_axes(row)} | {row['units']} | {row['description']} |"
+        f"| {markdown_code(key)} | {row['dtype']} | {_axes(row)} | {cell(row['units'])} | {cell(row['description'])} |"
         for key, row in described.items()
     ]
     return _PAGE.format(
         **{key: identity[key] for key in ("split", "seed", "data_version")},
-        title=store.attributes["title"],
+        title=markdown(store.attributes["title"]),
+        code=markdown_code(store.attributes["title"]),
         samples=store.samples,
         fingerprint=store.attributes["fingerprint"],
         arrays="\n".join(rows),
-        names=", ".join(f"`{name}`" for name in store.parameter_names) or "none",
+        names=", ".join(map(markdown_code, store.parameter_names)) or "none",
         notes=f"\n{notes}\n" if notes else "",
         name=store.folder.name,
         shard_samples=store.shard_samples,

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from specklegen.core.errors import reject
+from specklegen.core.arguments import whole_number
+from specklegen.core.errors import ToldError, counted, reject
 from specklegen.core.parallel import one_torch_thread, thread_count
 from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.card import write_card
@@ -39,7 +40,7 @@ BATCH = 32
 _POOL_RESTARTS = 2
 
 
-class GenerationError(RuntimeError):
+class GenerationError(ToldError, RuntimeError):
     """Samples that could not be rendered; all others are in the store."""
 
 
@@ -103,7 +104,8 @@ def generate(
     Returns
     -------
     dict
-        What :func:`specklegen.datasets.store.info.info` says of the store.
+        What :func:`specklegen.datasets.store.info.info` says of the store, and rendered: samples that this very call
+        rendered, not those that another one did beside it.
 
     Raises
     ------
@@ -128,7 +130,7 @@ def generate(
     done = total - sum(len(store.span(shard)) for shard in missing)
     report = progress or (lambda done, total: None)
     report(done, total)
-    failures = []
+    failures, rendered = [], 0
     if cluster is None:
         run = partial(_run, store, recipe, processes=thread_count(processes))
     else:
@@ -145,21 +147,21 @@ def generate(
             if outcome.state == "failed":
                 failures.append(outcome.message)
                 continue
+            rendered += len(store.span(outcome.shard)) if outcome.state == "written" else 0
             done += len(store.span(outcome.shard))
             report(done, total)
     if failures:
         shown = "\n".join(failures[:5])
         raise GenerationError(
-            f"{len(failures)} of {len(shards)} shards failed; the others are stored.\n{shown}"
+            f"{len(failures)} of {counted(len(shards), 'shard')} failed; the others are stored.\n{shown}"
         )
-    return info(store.folder)
+    return info(store.folder) | {"rendered": rendered}
 
 
 def _check(samples: int, shard_samples: int | None, shard_range: tuple[int, int]) -> None:
-    if samples < 1:
-        reject("generate.samples", "at least 1", samples)
-    if shard_samples is not None and shard_samples < 1:
-        reject("generate.shard_samples", "at least 1", shard_samples, "Leave it out for shards of 32 MB.")
+    whole_number("generate.samples", samples, 1)
+    if shard_samples is not None:
+        whole_number("generate.shard_samples", shard_samples, 1, remedy="Leave it out for shards of 32 MB.")
     part, parts = shard_range
     if not 0 <= part < parts:
         reject("generate.shard_range", "(i, n) with 0 <= i < n", shard_range)

@@ -15,7 +15,7 @@ def info(folder: str | os.PathLike) -> dict[str, Any]:
     Returns
     -------
     dict
-        title, split, seed, dtype, data_version, fingerprint, done and total (samples), shards_done, shards,
+        title, split, seed, data_version, device, fingerprint, done and total (samples), shards_done, shards,
         shard_samples, bytes (on the disk, as file lengths), parameters (names), arrays (key: shape, dtype as
         stored, dims, units, description), recipe.
     """
@@ -24,7 +24,7 @@ def info(folder: str | os.PathLike) -> dict[str, Any]:
     identity = store.attributes["identity"]
     return {
         "title": store.attributes["title"],
-        **{key: identity[key] for key in ("split", "seed", "dtype", "data_version", "device")},
+        **{key: identity[key] for key in ("split", "seed", "data_version", "device")},
         "fingerprint": store.attributes["fingerprint"],
         "done": int(np.count_nonzero(valid)),
         "total": store.samples,
@@ -37,6 +37,7 @@ def info(folder: str | os.PathLike) -> dict[str, Any]:
         "bytes": stored_bytes(store.folder),
         "parameters": store.parameter_names,
         "arrays": store.describe(),
+        "libraries": store.attributes.get("libraries", {}),
         "recipe": store.attributes["recipe"],
     }
 

@@ -9,6 +9,7 @@ import numpy as np
 import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
+from specklegen.core.libraries import library_versions
 from specklegen.datasets.sample_schema import ArraySpec, Renderable, stored_arrays
 from specklegen.datasets.store import metadata
 from specklegen.datasets.store.identity import fingerprint
@@ -76,6 +77,7 @@ def layout_of(
         "shard_samples": rows,
         "notes": notes,
         "epoch_samples": recipe.length(wanted["split"]),
+        "libraries": library_versions(),
     }
     tables = _tables(samples, rows, names, parameters.description if parameters else "")
     return Layout(samples, attributes, arrays, types, tables)

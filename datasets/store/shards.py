@@ -14,16 +14,18 @@ import google_crc32c
 import numpy as np
 from numcodecs import Blosc
 
+from specklegen.core.errors import ToldError
+
 _ABSENT = 2**64 - 1
 _OPEN_FILES = 32
 _BLOSC = Blosc()
 
 
-class MissingSample(LookupError):
+class MissingSample(ToldError, LookupError):
     """A sample that the store does not hold."""
 
 
-class DamagedShard(OSError):
+class DamagedShard(ToldError, OSError):
     """Bytes in a shard that differ from what was written."""
 
 

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from specklegen.core.errors import reject
+from specklegen.core.escaping import cell, csv_cell
 from specklegen.models.judging.baselines import FRAME, Batch, Method, grain_pixels
 from specklegen.models.metrics import SCORES, Interval, align, bootstrap
 from specklegen.models.retrieval.apodisation import diffraction_limited, framed, transfer_function
@@ -84,7 +85,7 @@ class Evaluation(NamedTuple):
             for target in targets:
                 cells = [self.interval(method, target, score) for score in SCORES]
                 text = " | ".join(f"{c.mean:.3f} [{c.low:.3f}, {c.high:.3f}]" for c in cells)
-                lines.append(f"| {method} | {target} | {text} |")
+                lines.append(f"| {cell(method)} | {target} | {text} |")
         return "\n".join(lines) + "\n"
 
     def write(self, folder: Path) -> None:
@@ -95,14 +96,14 @@ class Evaluation(NamedTuple):
         with (folder / "summary.csv").open("w", newline="") as file:
             table = csv.DictWriter(file, list(rows[0]))
             table.writeheader()
-            table.writerows(rows)
+            table.writerows(row | {"method": csv_cell(str(row["method"]))} for row in rows)
         with (folder / "images.csv").open("w", newline="") as file:
             plain = csv.writer(file)
             plain.writerow(["image", "medium", "method", "target", *SCORES])
             for method, targets in self.values.items():
                 for target, found in targets.items():
                     for n, scores in enumerate(zip(*found.values(), strict=True)):
-                        plain.writerow([n, self.media[n], method, target, *(f"{value:.6g}" for value in scores)])
+                        plain.writerow([n, self.media[n], csv_cell(method), target, *(f"{v:.6g}" for v in scores)])
 
 
 class Case(NamedTuple):

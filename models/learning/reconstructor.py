@@ -1,6 +1,5 @@
 """A trained network as a user holds it: camera images in, brightness out; one small file."""
 
-import json
 import os
 from collections.abc import Mapping
 from importlib.resources import files
@@ -10,8 +9,11 @@ from typing import Any, Self
 import torch
 from torch import Tensor, nn
 
+from specklegen.core.arguments import whole_number
+from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
-from specklegen.models.learning.inputs import network_input
+from specklegen.models.learning.inputs import INPUTS, network_input
+from specklegen.models.learning.model_file import read_model, write_model
 from specklegen.models.learning.networks import build
 
 PRETRAINED = "unknown-slab"
@@ -58,11 +60,12 @@ class Reconstructor:
 
     def save(self, path: str | os.PathLike, compact: bool = False) -> None:
         """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter."""
-        weights = self.network.state_dict()
         stated = {name: getattr(self, name) for name in ("name", "input", "width", "side")}
         stated |= {"shape": list(self.shape)}
-        kept = {key: _rounded(value) if compact else value for key, value in weights.items()}
-        torch.save({"model": json.dumps(stated), "weights": kept}, Path(path))
+        kept: dict[str, Tensor] = {}
+        for key, weight in self.network.state_dict().items():
+            kept |= _rounded(key, weight) if compact else {key: weight}
+        write_model(Path(path), stated, kept)
 
     @classmethod
     def load(cls, path: str | os.PathLike, device: torch.device | str = "cpu") -> Self:
@@ -71,31 +74,57 @@ class Reconstructor:
         Raises
         ------
         RuleError
-            If the file holds something else.
+            If the file holds something else or is damaged, or there is no such device.
         """
-        if not Path(path).is_file():
-            reject("model", "a file", str(path))
-        state = torch.load(path, map_location=device, weights_only=True)
-        if not isinstance(state, dict) or set(state) != {"model", "weights"}:
-            reject("model", "a file that Reconstructor.save wrote", str(path))
-        stated = json.loads(state["model"])
-        network = build(stated["name"], stated["side"], stated["shape"], stated["width"], seed=0).to(device)
-        network.load_state_dict({key: _restored(value) for key, value in state["weights"].items()})
+        stated, kept = read_model(Path(path))
+        device = checked_device("Reconstructor.device", device)
+        weights = {key: _restored(key, kept) for key in kept if not key.endswith(_SCALE)}
+        network = _network_of(stated, weights, str(path)).to(device)
         return cls(network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device)
 
 
-def _rounded(weight: Tensor) -> Tensor | tuple[Tensor, Tensor]:
+def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: str) -> nn.Module:
+    """Build the network that a file states, and give it the file's weights.
+
+    First it is built without memory ("meta"), since a file may state any width: only a network whose weights are those
+    that lie in the file is built.
+    """
+    try:
+        for name in ("width", "side"):
+            whole_number(f"model {name}", stated[name], 1, 2**16)
+        rows, columns = (whole_number("model shape", n, 1, 2**16) for n in stated["shape"])
+        with torch.device("meta"):
+            promised = build(stated["name"], stated["side"], (rows, columns), stated["width"], seed=0).state_dict()
+        fits = {key: value.shape for key, value in promised.items()} == {k: w.shape for k, w in weights.items()}
+        known = stated["input"] in INPUTS
+    except (KeyError, TypeError, ValueError, RuntimeError):
+        fits = known = False
+    if not (fits and known):
+        reject("model", "a file whose weights are those of the network that it states", path)
+    network = build(stated["name"], stated["side"], (rows, columns), stated["width"], seed=0)
+    network.load_state_dict(dict(weights))
+    return network
+
+
+_SCALE = ":scale"
+"""Ends the name of the scales that belong to a rounded weight."""
+
+
+def _rounded(key: str, weight: Tensor) -> dict[str, Tensor]:
     """Rows as int8 and their scales; what has no rows as float16."""
     if weight.ndim < 2:
-        return weight.half()
+        return {key: weight.half()}
     scale = weight.flatten(1).abs().amax(1).clamp_min(torch.finfo(weight.dtype).tiny) / 127
-    return (weight / scale.reshape(-1, *[1] * (weight.ndim - 1))).round().to(torch.int8), scale
+    rows = (weight / scale.reshape(-1, *[1] * (weight.ndim - 1))).round().to(torch.int8)
+    return {key: rows, key + _SCALE: scale}
 
 
-def _restored(kept: Tensor | tuple[Tensor, Tensor]) -> Tensor:
-    if isinstance(kept, Tensor):
-        return kept.float()
-    rows, scale = kept
+def _restored(key: str, kept: Mapping[str, Tensor]) -> Tensor:
+    if key + _SCALE not in kept:
+        return kept[key].float()
+    rows, scale = kept[key], kept[key + _SCALE]
+    if len(scale) != len(rows):
+        reject("model", "a file with a scale for each row", key)
     return rows * scale.reshape(-1, *[1] * (rows.ndim - 1))
 
 

@@ -1,14 +1,15 @@
 """The command ``specklegen bench``: which sampler is best for one's own scene, by measurement."""
 
 import csv
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from specklegen.cli.recipe_options import Seed, Set, load
+from specklegen.cli.output import AsJson, echo_json, picture_file, writable
+from specklegen.cli.recipe_options import Seed, Set, load, names_starting_with
 from specklegen.core.errors import reject
+from specklegen.core.tables import json_table, read_text, toml_table
 
 if TYPE_CHECKING:
     from specklegen.scene.scene import Scene
@@ -17,12 +18,19 @@ _COLUMNS = ("sampler", "count", "CPU s", "wall s", "MiB", "standard error", "1/(
 
 
 def bench_command(
-    what: Annotated[str, typer.Argument(help="A packaged recipe, a recipe's TOML file, or a scene as TOML or JSON.")],
+    what: Annotated[
+        str,
+        typer.Argument(
+            help="A packaged recipe, a recipe's TOML file, or a scene as TOML or JSON.",
+            autocompletion=names_starting_with,
+        ),
+    ],
     seconds: Annotated[float, typer.Option(help="Processor time for all samplers together.")] = 20.0,
     seed: Seed = 0,
     changes: Set = None,
     table: Annotated[Path | None, typer.Option("--csv", help="CSV to write.")] = None,
     out: Annotated[Path | None, typer.Option(help="PNG to write: error against time.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Run every sampler that serves a scene at growing counts: error, time, memory, and what a second buys."""
     from tqdm import tqdm
@@ -30,11 +38,15 @@ def bench_command(
     from specklegen.benchmarking import SAMPLERS, bench, probes_of
     from specklegen.benchmarking.figure import Panel, error_figure
 
+    if not 0 < seconds < float("inf"):
+        reject("--seconds", "greater than 0 and finite", seconds)
     scene = scene_of(what, changes)
-    for file in (table, out):
-        if file is not None and not file.parent.is_dir():
-            reject("bench output", "in a folder that exists", str(file))
-    typer.echo(_line(_COLUMNS))
+    if out is not None:
+        picture_file("bench --out", out)
+    if table is not None:
+        writable(table.parent, "bench --csv")
+    say = (lambda line: None) if as_json else tqdm.write
+    say(_line(_COLUMNS))
     rows = []
     with tqdm(unit="run", disable=None, leave=False) as bar:
 
@@ -44,13 +56,23 @@ def bench_command(
 
         for row in bench(scene, seconds=seconds, seed=seed, progress=progress):
             rows.append(row)
-            tqdm.write(_line(_cells(row)))
+            say(_line(_cells(row)))
     probes = probes_of(scene)
-    for sampler in SAMPLERS:
-        obstacle = sampler.obstacle(scene, probes)
-        if obstacle:
-            typer.echo(f"{sampler.name}: left out: {obstacle}")
-    typer.echo(
+    obstacles = {sampler.name: sampler.obstacle(scene, probes) for sampler in SAMPLERS}
+    left_out = {name: obstacle for name, obstacle in obstacles.items() if obstacle}
+    if as_json:
+        told = [
+            {
+                "sampler": row.sampler, "count": row.count, "cpu_seconds": row.cost.cpu_seconds,
+                "wall_seconds": row.cost.wall_seconds, "memory_bytes": row.cost.memory_bytes,
+                "standard_error": row.standard_error, "efficiency": row.efficiency,
+            }
+            for row in rows
+        ]  # fmt: skip
+        echo_json({"runs": told, "left_out": left_out})
+    for name, obstacle in left_out.items():
+        say(f"{name}: left out: {obstacle}")
+    say(
         "One thread. Errors are those that the runs report, root mean square over intensities and tilt covariances of "
         "a few points, relative; that of the closed form is the light that it leaves out over the light that it gives."
     )
@@ -71,12 +93,13 @@ def scene_of(what: str, changes: list[str] | None) -> "Scene":
     import specklegen as sg
 
     path = Path(what)
-    if path.suffix in (".json", ".toml") and path.is_file():
-        text, is_json = path.read_text(), path.suffix == ".json"
-        if is_json or {"illumination", "sensor"} <= tomllib.loads(text).keys():
+    if path.suffix in (".json", ".toml"):
+        text = read_text(path, "bench")
+        table = json_table(text, f"scene {what}") if path.suffix == ".json" else toml_table(text, f"file {what}")
+        if path.suffix == ".json" or {"illumination", "sensor"} <= table.keys():
             if changes:
                 reject("bench --set", "left out where a file holds a scene", " ".join(changes), f"Change {what}.")
-            return sg.Scene.from_json(text) if is_json else sg.Scene.from_toml(text)
+            return sg.Scene(**table)
     plans = load(what, changes).plans()
     if not plans:
         reject("bench recipe", "one that renders scenes", what)

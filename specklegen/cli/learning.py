@@ -1,38 +1,52 @@
 """The commands that learn and judge: ``specklegen train`` and ``specklegen evaluate``."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from specklegen.cli.recipe_options import Seed, Set, load_hidden
-from specklegen.core.errors import reject
+from specklegen.cli.output import AsJson, echo_json, writable
+from specklegen.cli.recipe_options import RecipeOrStore, Seed, Set, Split, is_store, load_hidden, names_starting_with
+from specklegen.core.devices import checked_device
+from specklegen.core.errors import counted, reject
+
+Input = Literal["autocorrelation", "camera"]
+Network = Literal["residual", "unet", "stack-unet", "dense"]
 
 
 def train(
-    what: Annotated[str, typer.Argument(help="A recipe, streamed while the network trains, or the folder of a store.")],
+    what: RecipeOrStore,
     out: Annotated[Path, typer.Option(help="Folder of the run; a stopped run goes on.")],
     validation: Annotated[
         Path | None, typer.Option(help="Store of other media (needed with a store; a recipe has a split for it).")
     ] = None,
-    validation_samples: Annotated[int, typer.Option(help="Of a recipe's validation split.")] = 256,
-    input: Annotated[str, typer.Option(help="autocorrelation or camera.")] = "autocorrelation",
-    network: Annotated[str, typer.Option(help="residual, unet, stack-unet or dense.")] = "unet",
-    width: Annotated[int, typer.Option(help="Channels at the top; of the dense nets, units over 16.")] = 16,
+    validation_samples: Annotated[int, typer.Option(min=1, help="Of a recipe's validation split.")] = 256,
+    input: Annotated[Input, typer.Option(help="What the network sees.")] = "autocorrelation",
+    network: Annotated[Network, typer.Option(help="Kind of network.")] = "unet",
+    width: Annotated[
+        int, typer.Option(min=1, max=4096, help="Channels at the top; of the dense nets, units over 16.")
+    ] = 16,
     loss: Annotated[str, typer.Option(help="pearson, bce, ssim, l1, pearson+bce; with -invariant or without.")] = (
         "pearson-invariant"
     ),
     learning_rate: Annotated[float, typer.Option(help="Largest learning rate.")] = 3e-3,
-    batch_size: Annotated[int, typer.Option(help="Samples a step.")] = 64,
-    epochs: Annotated[int, typer.Option(help="Passes through the data.")] = 20,
+    batch_size: Annotated[int, typer.Option(min=1, help="Samples a step.")] = 64,
+    epochs: Annotated[int, typer.Option(min=1, help="Passes through the data.")] = 20,
     seconds: Annotated[float | None, typer.Option(help="Processor time to spend (by default: all epochs).")] = None,
     mirror: Annotated[bool, typer.Option(help="Show half of the samples mirrored.")] = False,
-    workers: Annotated[int, typer.Option(help="Processes that render a stream.")] = 0,
+    workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that render a stream.")] = 0,
     device: Annotated[str, typer.Option(help="Torch device.")] = "cpu",
     seed: Seed = 0,
     changes: Set = None,
 ) -> None:
-    """Train a network to see through fog; checkpoint, log and curves lie in its folder."""
+    """Train a network to see through fog, on a recipe streamed meanwhile or on a store.
+
+    Checkpoint, log and curves lie in the folder of the run.
+    """
+    checked_device("--device", device)
+    if seconds is not None and not seconds > 0:
+        reject("--seconds", "greater than 0", seconds)
+    writable(out)
     from tqdm import tqdm
 
     from specklegen.datasets import SpeckleCache, SpeckleStream
@@ -44,10 +58,10 @@ def train(
     from specklegen.models.learning.training import train as fit
 
     settings = Training(
-        input=input, network=network, width=width, loss=loss, learning_rate=learning_rate,  # type: ignore[arg-type]
+        input=input, network=network, width=width, loss=loss, learning_rate=learning_rate,
         batch_size=batch_size, epochs=epochs, mirror=mirror, seed=seed,
     )  # fmt: skip
-    if (Path(what) / "zarr.json").exists():
+    if is_store(what):
         if validation is None:
             reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
         if changes:
@@ -92,19 +106,22 @@ def train(
         typer.echo(f"The run in {out} was finished already: nothing was done. Ask for more --epochs to go on.")
     if rows:
         training_curves({network: rows}, out / "curves.png")
-    typer.echo(f"{parameter_count(model.network)} parameters, {out / 'best.pt'}")
+    typer.echo(f"{counted(parameter_count(model.network), 'parameter')}, {out / 'best.pt'}")
 
 
 def evaluate(
     models: Annotated[list[Path] | None, typer.Argument(help="Models (best.pt); by default the packaged one.")] = None,
-    recipe: Annotated[str, typer.Option(help="What to test on: a recipe.")] = "unknown-slab",
-    split: Annotated[str, typer.Option(help="Of the recipe.")] = "test",
-    samples: Annotated[int, typer.Option(help="Images.")] = 32,
+    recipe: Annotated[
+        str, typer.Option(help="What to test on: a recipe.", autocompletion=names_starting_with)
+    ] = "unknown-slab",
+    split: Split = "test",
+    samples: Annotated[int, typer.Option(min=1, help="Images.")] = 32,
     katz: Annotated[bool, typer.Option(help="Phase retrieval beside, plain and with C_I.")] = True,
-    restarts: Annotated[int, typer.Option(help="Of phase retrieval.")] = 10,
+    restarts: Annotated[int, typer.Option(min=1, max=1000, help="Of phase retrieval.")] = 10,
     out: Annotated[Path, typer.Option(help="Folder for tables and contact sheet.")] = Path("evaluation"),
     seed: Seed = 0,
     changes: Set = None,
+    as_json: AsJson = False,
 ) -> None:
     """Judge networks beside the mean image and phase retrieval, on media that none has seen."""
     import torch
@@ -120,8 +137,9 @@ def evaluate(
         reject("evaluate --recipe", "one with one image of each object", recipe)
     if loaded.media_of(samples) < 2:
         reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
-    named = {path.parent.name or str(path): Reconstructor.load(path) for path in models or []}
+    named = {_name(path, models): Reconstructor.load(path) for path in models or []}
     named = named or {"packaged network": load_pretrained()}
+    writable(out)
     objects = [torch.from_numpy(loaded.objects.image(seed, "train", n)) for n in range(256)]
     methods: dict[str, baselines.Method] = {"mean image": baselines.mean_image(torch.stack(objects))}
     if katz:
@@ -133,5 +151,15 @@ def evaluate(
     found.write(out)
     shown = evaluation.best_median_worst(cases, next(iter(named)))
     contact_sheet(shown, out / "cases.png")
+    if as_json:
+        echo_json(found.rows())
+        return
     typer.echo(found.markdown())
     typer.echo(f"{out / 'summary.md'}, {out / 'summary.csv'}, {out / 'images.csv'}, {out / 'cases.png'}")
+
+
+def _name(path: Path, models: list[Path] | None) -> str:
+    """What a model is called in tables: its run's folder, or its whole path where two folders have one name."""
+    folders = [other.absolute().parent.name for other in models or []]
+    name = path.absolute().parent.name
+    return name if name and folders.count(name) == 1 else str(path)

@@ -1,7 +1,7 @@
 """What every command that takes a recipe shares: the options that change it, and its reading."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -11,6 +11,25 @@ if TYPE_CHECKING:
     from specklegen.datasets import Recipe
     from specklegen.datasets.recipes.hidden_object import HiddenObject
 
+
+def names_starting_with(incomplete: str) -> list[str]:
+    """Packaged recipes that a shell may complete."""
+    from specklegen.datasets import recipe_names
+
+    return [name for name in recipe_names() if name.startswith(incomplete)]
+
+
+RecipeName = Annotated[
+    str,
+    typer.Argument(
+        metavar="RECIPE",
+        help="A packaged recipe (see `specklegen recipes`) or a TOML file.",
+        autocompletion=names_starting_with,
+    ),
+]
+RecipeOrStore = Annotated[
+    str, typer.Argument(help="A recipe, or the folder of a store.", autocompletion=names_starting_with)
+]
 Set = Annotated[
     list[str] | None,
     typer.Option(
@@ -18,7 +37,10 @@ Set = Annotated[
     ),
 ]
 Images = Annotated[Path | None, typer.Option(help="Folder of your own images to hide (PNG, JPEG, TIFF, NPY).")]
-Seed = Annotated[int, typer.Option(help="Whole number that the result is a function of.")]
+Seed = Annotated[int, typer.Option(min=0, help="Whole number that the result is a function of.")]
+Split = Annotated[
+    Literal["train", "validation", "test"], typer.Option(help="The three share no medium and no object.")
+]
 
 
 def load(recipe: str, changes: list[str] | None, images: Path | None = None) -> "Recipe":
@@ -28,7 +50,10 @@ def load(recipe: str, changes: list[str] | None, images: Path | None = None) -> 
 
     table = changes_of(changes or [])
     if images is not None:
-        table.setdefault("objects", {}).update({"type": "Folder", "path": str(images)})
+        objects = table.setdefault("objects", {})
+        if not isinstance(objects, dict):
+            reject("--set objects", "a table where --images is given", objects)
+        objects.update({"type": "Folder", "path": str(images)})
     return load_recipe(recipe, table)
 
 
@@ -46,3 +71,11 @@ def load_hidden(recipe: str, changes: list[str] | None, images: Path | None = No
     if not isinstance(loaded, HiddenObject):
         reject("recipe", "one with hidden objects", recipe, "`specklegen recipes` lists what there is.")
     return loaded
+
+
+def is_store(what: str) -> bool:
+    """Whether a name is the folder of a store."""
+    try:
+        return (Path(what) / "zarr.json").is_file()
+    except (OSError, ValueError):  # a name that is too long
+        return False

@@ -8,8 +8,7 @@ states; ``paths=`` that count gives the same bits on any machine of the type.
 import time
 from collections.abc import Callable
 
-import numpy as np
-
+from specklegen.core.arguments import real_number, whole_number
 from specklegen.core.errors import reject
 
 DEFAULT_PATHS = 100_000
@@ -28,13 +27,11 @@ def checked_budget(owner: str, paths: int | None, rel_error: float | None, secon
     """
     if paths is not None and (rel_error is not None or seconds is not None):
         reject(f"{owner} paths", "left out where rel_error or seconds is given", paths)
-    if paths is not None and not isinstance(paths, int | np.integer):
-        reject(f"{owner} paths", "a whole number", paths)
-    if paths is not None and paths < 1:
-        reject(f"{owner} paths", "at least 1", paths)
-    if rel_error is not None and not 0 < rel_error < 1:
+    if paths is not None:
+        whole_number(f"{owner} paths", paths, 1)
+    if rel_error is not None and not 0 < real_number(f"{owner} rel_error", rel_error) < 1:
         reject(f"{owner} rel_error", "between 0 and 1", rel_error)
-    if seconds is not None and not seconds > 0:
+    if seconds is not None and not real_number(f"{owner} seconds", seconds) > 0:
         reject(f"{owner} seconds", "greater than 0", seconds)
 
 

@@ -8,7 +8,11 @@ from typing import NoReturn
 import numpy as np
 
 
-class RuleError(ValueError):
+class ToldError(Exception):
+    """An error whose message says all that a user needs; the command line prints it without a traceback."""
+
+
+class RuleError(ToldError, ValueError):
     """A value that breaks a rule; the message names the field, the rule, the value and the remedy."""
 
 
@@ -25,10 +29,17 @@ def reject(field: str, rule: str, value: object, remedy: str = "") -> NoReturn:
 
 def shown(value: object) -> str:
     """Write a value in one short line for an error message."""
-    text = np.array2string(value, threshold=6) if isinstance(value, np.ndarray) else repr(value)
+    try:
+        text = np.array2string(value, threshold=6) if isinstance(value, np.ndarray) else repr(value)
+    except (ValueError, RecursionError):  # whole numbers of thousands of digits, lists in lists without end
+        text = f"<{type(value).__name__} too long to show>"
     text = " ".join(text.split())
     return text if len(text) <= 120 else text[:117] + "..."
 
+
+def counted(number: int, thing: str) -> str:
+    """Write a number with its noun: "1 shard", "2 shards"."""
+    return f"{number} {thing}" + ("" if number == 1 else "s")
 
 
 class DoubtWarning(UserWarning):

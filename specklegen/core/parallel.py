@@ -34,17 +34,15 @@ def thread_count(threads: int | None = None) -> int:
     Raises
     ------
     RuleError
-        If ``threads`` is less than 1.
+        If ``threads`` is no whole number of at least 1.
     """
     if threads is None:
         if _IN_WORKER:
             return 1
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if threads < 1:
-        from specklegen.core.errors import reject
+    from specklegen.core.arguments import whole_number
 
-        reject("threads", "at least 1", threads, "Leave it out to use every core.")
-    return threads
+    return whole_number("threads", threads, 1, remedy="Leave it out to use every core.")
 
 
 def slices(count: int, size: int) -> list[slice]:

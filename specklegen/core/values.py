@@ -7,16 +7,16 @@ keys pilots and stores) and to TOML.
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import Annotated, Any, ParamSpec, Self, TypeVar, cast
+from typing import Annotated, Any, Never, ParamSpec, Self, TypeVar, cast
 
 import numpy as np
 import tomli_w
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
 
 from specklegen.core.errors import RuleError, reject, shown
+from specklegen.core.tables import json_table, toml_table
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -45,6 +45,11 @@ _RULES = {
     "string_type": "a text",
     "union_tag_invalid": "one of the types {expected_tags}",
     "union_tag_not_found": "an object with a known type",
+    "model_type": "a table of the fields of {class_name}",
+    "model_attributes_type": "a table of fields",
+    "dict_type": "a table of fields",
+    "tuple_type": "a sequence, such as (2, 3)",
+    "list_type": "a sequence, such as [2, 3]",
     "too_short": "at least {min_length} long",
     "too_long": "at most {max_length} long",
 }
@@ -59,9 +64,14 @@ def _house_message(owner: str, error: ValidationError) -> str:
             continue
         where = ".".join([owner, *(str(part) for part in item["loc"])])
         rule = _RULES.get(item["type"])
-        rule = rule.format(**context) if rule else item["msg"].removeprefix("Value error, ")
+        rule = rule.format(**context) if rule else _bare(item["msg"])
         lines.append(f"{where} must be {rule}; got {shown(item['input'])}.")
     return "\n".join(lines)
+
+
+def _bare(message: str) -> str:
+    """What a message of pydantic demands, without the words that stand before it in each."""
+    return message.removeprefix("Value error, ").removeprefix("Input should be ")
 
 
 class Value(BaseModel):
@@ -69,11 +79,15 @@ class Value(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="constants")
 
-    def __init__(self, **fields: Any) -> None:
+    def __init__(self, *unnamed: Never, **fields: Any) -> None:
+        owner = type(self).__name__
+        if unnamed:
+            names = ", ".join(field.alias or name for name, field in type(self).model_fields.items())
+            reject(owner, f"given by the names of its fields ({names})", unnamed, "Write name=value.")
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            raise RuleError(_house_message(type(self).__name__, error)) from None
+            raise RuleError(_house_message(owner, error)) from None
 
     def __setattr__(self, name: str, value: Any) -> None:
         try:
@@ -99,13 +113,25 @@ class Value(BaseModel):
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Read a value from JSON."""
-        return cls(**json.loads(text))
+        """Read a value from JSON.
+
+        Raises
+        ------
+        RuleError
+            If the text is no JSON object, or a field breaks a rule.
+        """
+        return cls(**json_table(text, f"{cls.__name__} in JSON"))
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
-        """Read a value from TOML."""
-        return cls(**tomllib.loads(text))
+        """Read a value from TOML.
+
+        Raises
+        ------
+        RuleError
+            If the text is not TOML, or a field breaks a rule.
+        """
+        return cls(**toml_table(text, f"{cls.__name__} in TOML"))
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with some fields changed, validated anew."""
@@ -135,7 +161,7 @@ def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
 def _frozen_array(value: Any) -> np.ndarray:
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError("an array of numbers") from None
     if not np.isfinite(array).all():
         raise ValueError("finite everywhere")
@@ -158,7 +184,7 @@ def _complex_array(value: Any) -> np.ndarray:
     else:
         try:
             array = np.array(value, dtype=np.complex128)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError("an array of numbers") from None
     if not np.isfinite(array).all():
         raise ValueError("finite everywhere")

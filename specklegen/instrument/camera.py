@@ -33,6 +33,9 @@ from specklegen.kernels import quantiles
 
 Words = Sequence[int]
 
+MOST_ELECTRONS = 1e15
+"""Mean electrons of a pixel, at most: NumPy draws Poisson numbers of means up to 9e18; speckle has bright grains."""
+
 
 class NoiseStreams(NamedTuple):
     """Seeds of the noises: whole numbers of at least 0, each a sequence for `numpy.random.SeedSequence`."""
@@ -88,9 +91,9 @@ class Camera(Value):
         If a field breaks its rule, or the offset is not below the largest count.
     """
 
-    photons: Positive
+    photons: Annotated[float, Field(gt=0, le=MOST_ELECTRONS)]
     oversampling: PositiveInt = 1
-    background: NonNegative = 0.0
+    background: Annotated[float, Field(ge=0, le=MOST_ELECTRONS)] = 0.0
     dark_current: NonNegative = 0.0
     exposure: Positive = 1.0
     read_noise: NonNegative = 0.0
@@ -103,12 +106,29 @@ class Camera(Value):
     def _check(self) -> Self:
         if self.bit_depth is not None and self.offset >= self.largest_count:
             reject("Camera.offset", f"below the largest count, {self.largest_count:g}", self.offset)
+        if not self.dark_current * self.exposure <= MOST_ELECTRONS:
+            reject("Camera.dark_current", f"at most {MOST_ELECTRONS:g} electrons over the exposure", self.dark_current)
         return self
 
     @property
     def largest_count(self) -> float:
         """2**bit_depth - 1, or infinity."""
         return np.inf if self.bit_depth is None else 2.0**self.bit_depth - 1
+
+    def require_light(self, pixels: int) -> None:
+        """Refuse a camera that shows nothing of an image of mean intensity 1.
+
+        Raises
+        ------
+        RuleError
+            If an image of so many pixels has less than one photon, or its brightest pixel less than half a count.
+        """
+        if self.photons * pixels < 1:
+            reject("Camera.photons", f"at least {1 / pixels:.2g}, one photon in an image", self.photons)
+        brightest = self.photons * (1 + np.log(pixels)) / self.gain  # the largest of so many exponential numbers
+        if self.bit_depth is not None and brightest < 0.5:
+            told = f"The brightest pixel gives about {brightest:.2g} counts at {self.gain:g} electrons a count."
+            reject("Camera.photons", "enough for a count", self.photons, told)
 
     @property
     def saturation(self) -> float:
@@ -147,7 +167,7 @@ def expose(camera: Camera, image: ArrayLike, streams: NoiseStreams) -> np.ndarra
 
 
 def counted(camera: Camera, light: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Counts of mean detected photons float64[..., H, W], at least 0, with the four noises' keys: see :func:`expose`."""
+    """Counts of mean photons float64[..., H, W], at least 0, with the four noises' keys: see :func:`expose`."""
     shot, background, dark, read = keys
     charge = np.zeros(light.size)
     quantiles.add_poisson(*shot, light.ravel(), charge)

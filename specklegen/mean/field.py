@@ -14,6 +14,7 @@ lights and far views it depends on the medium:
 import numpy as np
 from scipy.special import j1
 
+from specklegen.core.arguments import instance
 from specklegen.core.errors import reject
 from specklegen.kernels import mean_integrals
 from specklegen.mean.finite import scattered_mean
@@ -45,7 +46,7 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
         For illumination without a field of its own (an incoherent object), a sensor point on a source, particles
         that scatter nothing forward, or a mean that costs too much.
     """
-    lights = scene.illumination
+    lights = instance("mean_field scene", scene, Scene).illumination
     if isinstance(lights, IncoherentObject):
         reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", type(lights).__name__)
     if isinstance(scene.sensor, NearField) or isinstance(lights, PointSources):

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from specklegen.core.decision import Decision
+from specklegen.core.errors import counted
 from specklegen.mean.field import ballistic_fraction
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.samplers.sampler import Sampler
@@ -10,7 +11,7 @@ from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.media import Medium, Slab, VoxelGrid
 from specklegen.scene.scene import Scene
 
-_LIGHTS = {"PlaneWaves": "plane waves", "PointSources": "point sources", "IncoherentObject": "lit pixels"}
+_LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel"}
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class Plan:
 def _lit(scene: Scene) -> str:
     """A few words about the lights."""
     light = scene.illumination
-    words = f"{len(scene.lights)} {_LIGHTS.get(type(light).__name__, 'tilts')}"
+    words = counted(len(scene.lights), _LIGHTS.get(type(light).__name__, "tilt"))
     if isinstance(light, CollimatedBeams | IncoherentObject):
         words += f" through a window {light.width:.4g} wide"
     return words

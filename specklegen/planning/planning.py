@@ -7,6 +7,7 @@ scene's fingerprint. Predicted seconds may differ between machines, choices may 
 
 import numpy as np
 
+from specklegen.core.arguments import instance, real_number
 from specklegen.core.budgets import checked_budget
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
@@ -90,8 +91,9 @@ def plan(
         For an argument out of range, a grid that undersamples the speckle, a sampler that cannot serve
         the scene, or a render that would not fit into memory.
     """
+    instance("plan scene", scene, Scene)
     checked_budget("plan", paths, rel_error, None)
-    if not 0 < field_tolerance < 1:
+    if not 0 < real_number("field_tolerance", field_tolerance) < 1:
         reject("field_tolerance", "between 0 and 1", field_tolerance)
     if sampler != "auto" and sampler not in SAMPLERS:
         reject("sampler", 'one of "auto", "paths", "covariance", "stationary"', sampler)

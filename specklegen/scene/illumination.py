@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
+from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, Positive, Value, position_vectors, unit_vectors
 
@@ -25,7 +26,7 @@ def _light(field: str, directions: np.ndarray) -> np.ndarray:
 
 def _tilted(field: str, angles: ArrayLike, dimensions: int) -> np.ndarray:
     """Unit vectors of tilts float[T] in the x-z plane or float[T, 2], radians below a right angle."""
-    angles = np.asarray(angles, dtype=np.float64)
+    angles = real_array(f"{field} angles", angles)
     if dimensions not in (2, 3):
         reject(f"{field} dimensions", "2 or 3", dimensions)
     if angles.ndim == 1:
@@ -42,7 +43,7 @@ def _tilted(field: str, angles: ArrayLike, dimensions: int) -> np.ndarray:
 
 def directions_of_sines(field: str, sines: ArrayLike, sign: float = 1.0) -> np.ndarray:
     """Unit vectors float64[..., 3] from direction sines float64[..., 2] = (x, y); z has the sign given."""
-    sines = np.asarray(sines, dtype=np.float64)
+    sines = real_array(field, sines)
     square = np.square(sines).sum(-1)
     if sines.size and not square.max() <= 1:
         reject(field, "direction sines inside the unit circle", float(np.sqrt(square.max())))

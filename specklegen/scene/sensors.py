@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
+from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, Finite, Positive, PositiveInt, Value, position_vectors, unit_vectors
 from specklegen.scene.illumination import directions_of_sines
@@ -39,7 +40,7 @@ class FarField(Value):
     @classmethod
     def angles(cls, angles: ArrayLike) -> Self:
         """Views in flatland at ``angles`` from the axis, radians, any shape: directions (sin, cos)."""
-        angles = np.asarray(angles, dtype=np.float64)
+        angles = real_array("FarField.angles", angles)
         return cls(directions=np.stack([np.sin(angles), np.cos(angles)], axis=-1))
 
     @staticmethod

@@ -28,9 +28,11 @@ def succeed(*words: str) -> str:
 
 
 def refused(*words: str) -> str:
-    """The message with which a command refuses: what `main` prints, with exit status 2."""
+    """The message with which a command refuses, of its own or of the parser of options."""
     result = run(*words)
     assert result.exit_code != 0
+    if isinstance(result.exception, SystemExit):
+        return result.output
     assert isinstance(result.exception, RuleError), result.exception
     return str(result.exception)
 
@@ -132,7 +134,7 @@ def test_verify_fails_on_damage_and_succeeds_once_it_is_mended(tmp_path):
     content[100] ^= 1
     shard.write_bytes(content)
     assert run("verify", store).exit_code == 1
-    assert "1 shards rendered again" in succeed("verify", store, "--repair", "through-slab", *changes)
+    assert "1 shard rendered again" in succeed("verify", store, "--repair", "through-slab", *changes)
     succeed("verify", store)
 
 

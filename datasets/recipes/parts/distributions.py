@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BeforeValidator, model_validator
 
+from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
 from specklegen.core.values import Finite, Positive, Value
 
@@ -90,10 +91,7 @@ def _read(value: Any) -> Any:
         return value
     if isinstance(value, bool) or not isinstance(value, int | float):
         reject("a drawn number", f"a number or a table with one of {', '.join(_KINDS)}", value)
-    try:
-        number = float(value)
-    except OverflowError:
-        number = np.inf
+    number = real_number("a drawn number", value)
     if not np.isfinite(number):
         raise ValueError("finite")  # the field is named by whoever asked
     return number

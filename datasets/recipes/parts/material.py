@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import pilot_seed
-from specklegen.core.values import Positive, PositiveInt, Value
+from specklegen.core.values import Positive, Value
 from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends
 from specklegen.datasets.split import SPLITS, Split
 from specklegen.samplers.stationary.atlas import correlation_for
@@ -88,14 +88,14 @@ class Material(Value):
     optical_depth: Draw
     g: Draw
     albedo: Draw = 1.0
-    kernel_paths: PositiveInt = 100_000
+    kernel_paths: Annotated[int, Field(ge=64, le=10**9)] = 100_000
     kernel: KernelSource = "estimate"
     kernel_tolerance: Positive = 0.02
     by_split: SplitRanges | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        for name, low, high in (("thickness", 0, np.inf), ("optical_depth", 0, np.inf), ("g", -1, 1)):
+        for name, low, high in (("thickness", 1e-60, 1e60), ("optical_depth", 1e-60, 1e60), ("g", -1, 1)):
             smallest, largest = ends(getattr(self, name))
             if not low < smallest <= largest < high:
                 reject(f"Material.{name}", f"between {low} and {high}, both excluded", getattr(self, name))
@@ -192,6 +192,9 @@ def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: 
         kernel = correlation_for(slab, paths=paths, tolerance=tolerance)
     else:
         kernel = estimate_correlation(slab, paths, pilot_seed(slab.fingerprint()))
+        if not kernel.weights.any():
+            reject("Material.kernel_paths", "enough for some light to come through the slab", paths,
+                   f"None does at optical depth {slab.optical_depth:.4g} and albedo {slab.albedo:g}.")  # fmt: skip
     estimator = Estimator.ATLAS if kernel.source == "atlas" else Estimator.PATHS
     return KnownMaterial(slab, kernel, kernel.half_range(), estimator)
 

@@ -13,6 +13,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.core.arguments import instance
 from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
@@ -163,6 +164,7 @@ def covariance(
     DoubtWarning
         Where the mean free path is below the wavelength: independent scattering is then doubtful.
     """
+    instance("covariance scene", scene, Scene)
     warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
     checked_budget("covariance", paths, rel_error, seconds)
     t, v = len(scene.lights), len(scene.views)
@@ -219,6 +221,7 @@ def covariance_blocks(
     """
     if rows < 1:
         reject("covariance_blocks rows", "at least 1", rows)
+    instance("covariance_blocks scene", scene, Scene)
     warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
     checked_budget("covariance_blocks", paths, None, None)
     tracer, reversal = _prepare(scene, reverse, tolerance)

@@ -8,7 +8,7 @@ a histogram on a geometric grid, one row per independent batch. It has no end (n
 positive semidefinite for any set of tilts, and its errors are those of the batches.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -137,7 +137,7 @@ class MemoryEffectCorrelation:
 
 
 def inverse_interpolation(x, y, level):
-    """Where a falling function is at a level, by Lagrange's polynomial of x in y: arrays or tensors [..., n] -> [...]."""
+    """Where a falling function is at a level, by Lagrange's polynomial of x in y: [..., n] -> [...]."""
     total = 0.0
     for i in range(x.shape[-1]):
         weight = x[..., i]

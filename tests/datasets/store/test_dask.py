@@ -17,7 +17,7 @@ pytest.importorskip("distributed", reason="the extra dask is not installed")
 import dask
 from distributed import Client, LocalCluster
 
-from specklegen.cli import commands
+from specklegen.cli import commands, stores
 from specklegen.core.parallel import thread_count
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store.dask import RETRIES, fill
@@ -157,7 +157,7 @@ def test_a_failure_has_an_exit_code(tmp_path, client, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", words)
     for fails_at, code in ((3, 2), (-1, 0)):
         recipe = FakeRecipe(fails_at=fails_at)
-        monkeypatch.setattr(commands, "load", lambda *_, recipe=recipe: recipe)
+        monkeypatch.setattr(stores, "load", lambda *_, recipe=recipe: recipe)
         with pytest.raises(SystemExit) as stopped:
             commands.main()
         assert (stopped.value.code or 0) == code

@@ -93,7 +93,8 @@ def test_a_call_that_dies_while_growing_leaves_a_sound_store(tmp_path, monkeypat
         with pytest.raises(StopIteration):
             make(tmp_path / "a.zarr", samples=22)
         monkeypatch.undo()
-        assert info(tmp_path / "a.zarr") == good | {"bytes": info(tmp_path / "a.zarr")["bytes"]}
+        kept = {key: value for key, value in good.items() if key != "rendered"}
+        assert info(tmp_path / "a.zarr") == kept | {"bytes": info(tmp_path / "a.zarr")["bytes"]}
         assert_holds(tmp_path / "a.zarr", FakeRecipe(), 8)
         shutil.rmtree(tmp_path / "a.zarr")
         make(tmp_path / "a.zarr", samples=8)

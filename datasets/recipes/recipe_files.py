@@ -1,0 +1,122 @@
+"""Recipes as tables: the packaged ones by name, TOML files by path, and what they inherit.
+
+A table is what a recipe is made from before anything is checked. Reading one imports no engine, so that listing
+recipes and completing their names is quick. Paths in a file, those of folders and those that it inherits, are relative
+to that file, wherever the command runs.
+"""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from functools import lru_cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+from specklegen.core.errors import reject
+from specklegen.core.tables import read_text, toml_table
+
+LONGEST_CHAIN = 16
+"""Recipes that inherit one another in a row, at most."""
+
+_PATHS = (("objects", "path"),)
+"""Fields of a recipe that hold a path."""
+
+
+@lru_cache(1)
+def recipe_names() -> tuple[str, ...]:
+    """Names of the packaged recipes."""
+    return tuple(sorted(p.name.removesuffix(".toml") for p in _packaged().iterdir() if p.name.endswith(".toml")))
+
+
+def _packaged() -> Traversable:
+    return files("specklegen.datasets") / "recipes" / "packaged"
+
+
+def recipe_table(source: str | Path) -> dict[str, Any]:
+    """Table of a packaged recipe (by name) or of a TOML file (by path), what it inherits merged in.
+
+    Raises
+    ------
+    RuleError
+        If there is no such recipe, the file is not TOML, or recipes inherit one another in a circle or too long a row.
+    """
+    chain: list[str] = []
+    tables: list[dict[str, Any]] = []
+    parent: object = located(str(source), Path())
+    while parent is not None:
+        if not isinstance(parent, str):
+            reject("recipe.inherits", "the name of a recipe or the path of a TOML file", parent)
+        place = parent if not chain else located(parent, Path(chain[-1]).parent)
+        if place in chain:
+            reject("recipe.inherits", "free of circles", " -> ".join([*chain, place]))
+        if len(chain) == LONGEST_CHAIN:
+            reject("recipe.inherits", f"a row of at most {LONGEST_CHAIN} recipes", " -> ".join(chain[:3]) + " -> ...")
+        chain.append(place)
+        tables.append(_parsed(place))
+        parent = tables[-1].pop("inherits", None)
+    table: dict[str, Any] = {}
+    for each in reversed(tables):
+        table = merged(table, each)
+    return table
+
+
+def located(source: str, folder: Path) -> str:
+    """Return a packaged name as it is, and a path as the one absolute path of that file, however it is spelt."""
+    if source in recipe_names():
+        return source
+    try:
+        return str((folder / Path(source).expanduser()).resolve())
+    except (OSError, RuntimeError, ValueError) as error:  # links in a circle, no home, a zero byte
+        reject("recipe", "a name or a path", source, f"{error}.")
+
+
+def _parsed(source: str) -> dict[str, Any]:
+    if source in recipe_names():
+        return toml_table((_packaged() / f"{source}.toml").read_text(encoding="utf-8"), source)
+    file = Path(source)
+    if not _is_file(file):
+        close = get_close_matches(file.name, recipe_names(), 1, 0.6)
+        reject(
+            "recipe", f"one of {', '.join(recipe_names())}, or the path of a TOML file", _relative(file),
+            f"Did you mean {close[0]}?" if close else "`specklegen recipes` lists the packaged ones.",
+        )  # fmt: skip
+    table = toml_table(read_text(file, "recipe"), f"recipe {source}")
+    for owner, name in _PATHS:
+        inner = table.get(owner)
+        if isinstance(inner, dict) and isinstance(inner.get(name), str):
+            inner[name] = str(file.parent / Path(inner[name]).expanduser())
+    return table
+
+
+def _is_file(file: Path) -> bool:
+    try:
+        return file.is_file()
+    except (OSError, ValueError):  # a name that is too long, or holds a zero byte
+        return False
+
+
+def _relative(file: Path) -> str:
+    """Return a path as it was probably written: from the working folder on, where it lies inside."""
+    return str(file.relative_to(Path.cwd())) if file.is_relative_to(Path.cwd()) else str(file)
+
+
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge tables: tables go into tables, everything else is replaced.
+
+    A table with another ``type`` replaces the old one whole, since their fields have nothing in common; so
+    does a distribution (``{uniform = ...}``).
+    """
+    result = dict(base)
+    for key, value in changes.items():
+        old = result.get(key)
+        both = isinstance(old, Mapping) and isinstance(value, Mapping)
+        if both and value.get("type", old.get("type")) == old.get("type") and not _is_draw(old):  # type: ignore[union-attr]
+            result[key] = merged(old, value)  # type: ignore[arg-type]
+        else:
+            result[key] = value
+    return result
+
+
+def _is_draw(table: Mapping[str, Any]) -> bool:
+    return bool({"uniform", "log_uniform", "choice"} & table.keys())

@@ -1,0 +1,70 @@
+"""What stops a command, in one line: the only place where an error of the command line becomes a message.
+
+Broken rules, files that cannot be read or written, and limits of the machine are told in a line, with exit status 2.
+Any other error is a defect of specklegen and keeps its traceback.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+from specklegen.core.errors import ToldError
+
+FAILED = 2
+"""Exit status of a command that could not do what it was asked for."""
+NOT_WHOLE = 1
+"""Exit status of a check that found something missing or damaged."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as a shell has it."""
+
+_EXTRAS = {
+    "sklearn": "digits", "miepython": "mie", "distributed": "dask", "dask": "dask", "dask_jobqueue": "dask",
+    "treams": "validate",
+}  # fmt: skip
+"""Packages that come with an extra of this one."""
+
+
+def _system(error: OSError) -> str:
+    files = ": ".join(str(name) for name in (error.filename, error.filename2) if name is not None)
+    said = error.strerror or str(error) or type(error).__name__
+    return f"{said}: {files}" if files else said
+
+
+def _package(error: ImportError) -> str:
+    name = (error.name or "").partition(".")[0]
+    if name in _EXTRAS:
+        return f"this needs the package {name}: pip install 'specklegen[{_EXTRAS[name]}]'"
+    return str(error)
+
+
+_WORDS: tuple[tuple[type[BaseException], Callable[[Any], str]], ...] = (
+    (ToldError, str),
+    (OSError, _system),
+    (MemoryError, lambda error: f"there is not enough memory. {error}".strip()),
+    (RecursionError, lambda error: "something is nested too deeply to be read"),
+    (UnicodeError, lambda error: f"a text or a name is not in UTF-8: {error}"),
+    (ImportError, _package),
+)
+
+
+def told(error: BaseException) -> str | None:
+    """Return the message of an error that a user can do something about; None of a defect."""
+    return next((words(error) for kind, words in _WORDS if isinstance(error, kind)), None)
+
+
+@contextmanager
+def failures_told() -> Iterator[None]:
+    """Turn what stops a command into a line and an exit status."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("stopped", err=True)
+        raise SystemExit(INTERRUPTED) from None
+    except Exception as error:
+        message = told(error)
+        if message is None:
+            raise
+        typer.echo(f"error: {message}", err=True)
+        raise SystemExit(FAILED) from None

@@ -1,0 +1,110 @@
+"""The commands about recipes: list them, show one, print the schema of a kind, plan one."""
+
+import resource
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from specklegen.cli.output import AsJson, echo_json
+from specklegen.cli.recipe_options import Images, RecipeName, Set, load, names_starting_with
+from specklegen.core.errors import counted
+
+if TYPE_CHECKING:
+    from specklegen.planning.plan import Plan
+
+recipes = typer.Typer(help="List the packaged recipes, show one, or the schema of its kind.", rich_markup_mode=None)
+
+
+@recipes.callback(invoke_without_command=True)
+def list_recipes(context: typer.Context, as_json: AsJson = False) -> None:
+    """List the packaged recipes."""
+    from specklegen.datasets.recipes.recipe_files import recipe_names, recipe_table
+
+    if context.invoked_subcommand is not None:
+        return
+    # Tables alone: to list them, no recipe has to be made, and no engine loaded.
+    listed = [{"name": name, **_about(recipe_table(name))} for name in recipe_names()]
+    if as_json:
+        echo_json(listed)
+    else:
+        for row in listed:
+            typer.echo(f"{row['name']:24s} {row['description']}")
+
+
+def _about(table: dict[str, Any]) -> dict[str, str]:
+    return {"kind": table["kind"], "description": table["description"]}
+
+
+@recipes.command("show")
+def show_recipe(recipe: RecipeName, changes: Set = None, as_json: AsJson = False) -> None:
+    """Print a recipe as TOML, with what it inherits and what you change written out."""
+    import tomli_w
+
+    from specklegen.datasets.recipes.overrides import changes_of
+    from specklegen.datasets.recipes.recipe_files import merged, recipe_names, recipe_table
+
+    table = merged(recipe_table(recipe), changes_of(changes or []))
+    if changes or recipe not in recipe_names():  # the packaged ones are known to be right
+        from specklegen.datasets import load_recipe
+
+        load_recipe(recipe, changes_of(changes or []))
+    if as_json:
+        echo_json(table)
+    else:
+        typer.echo(tomli_w.dumps(table))
+
+
+@recipes.command("schema")
+def recipe_schema_command(
+    name: Annotated[
+        str, typer.Argument(help="A kind of recipe, or a recipe of that kind.", autocompletion=names_starting_with)
+    ],
+) -> None:
+    """Print the JSON schema of a kind of recipe."""
+    from specklegen.datasets.recipes.registry import recipe_schema
+
+    echo_json(recipe_schema(name))
+
+
+def plan(
+    recipe: RecipeName,
+    samples: Annotated[int | None, typer.Option(min=1, help="Samples to cost (default: an epoch of train).")] = None,
+    changes: Set = None,
+    images: Images = None,
+    as_json: AsJson = False,
+) -> None:
+    """Tell how a recipe's scenes are rendered, what is left out and why, and what it costs."""
+    from specklegen.datasets.store.estimate import estimate
+
+    loaded = load(recipe, changes, images)
+    plans = loaded.plans()
+    if not as_json:
+        for made in plans:
+            typer.echo(made.explain() + "\n")
+    count = samples if samples is not None else loaded.length("train")
+    cost = estimate(loaded, count)
+    # This process has just rendered and stored a few samples: what it took, any other takes too.
+    rendered = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    memory = rendered + cost["memory"]
+    if as_json:
+        echo_json({"plans": [facts(made) for made in plans], "cost": cost | {"samples": count, "memory": memory}})
+        return
+    typer.echo(
+        f"{counted(count, 'sample')}: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s on "
+        f"{counted(cost['processes'], 'core')}, at most {memory / 2**20:.0f} MiB of memory in each process."
+    )
+
+
+def facts(made: "Plan") -> dict[str, Any]:
+    """What a plan says, as plain numbers and texts."""
+    return {
+        "sampler": made.sampler,
+        "summation": made.summation,
+        "paths": made.paths,
+        "decisions": [{"part": d.part, "used": d.needed, "reason": d.reason} for d in made.decisions],
+        "expected_error": made.expected_error,
+        "seconds": made.seconds,
+        "memory_bytes": made.memory_bytes,
+        "alternatives": made.alternatives,
+        "scene": made.scene.model_dump(mode="json"),
+    }

@@ -1,0 +1,167 @@
+"""The commands about stores: fill one, look at it, describe it, check it, write it as common files."""
+
+import re
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from specklegen.cli.failures import INTERRUPTED, NOT_WHOLE
+from specklegen.cli.output import AsJson, Progress, echo_json, picture_file
+from specklegen.cli.recipe_options import Images, RecipeName, RecipeOrStore, Seed, Set, Split, is_store, load
+from specklegen.core.errors import counted, reject
+
+if TYPE_CHECKING:
+    from specklegen.datasets.store.verify import Verification
+
+Store = Annotated[Path, typer.Argument(help="Folder of a store.")]
+
+
+def generate(
+    recipe: RecipeName,
+    out: Annotated[Path, typer.Option(help="Folder of the store; filled up if it is there already.")],
+    samples: Annotated[int | None, typer.Option(min=1, help="Samples (default: an epoch of the split).")] = None,
+    split: Split = "train",
+    seed: Seed = 0,
+    changes: Set = None,
+    images: Images = None,
+    processes: Annotated[int | None, typer.Option(min=1, help="Worker processes (default: all cores).")] = None,
+    shard_range: Annotated[
+        str, typer.Option(metavar="I/N", help="Do part I of N, for N machines with one folder.")
+    ] = "0/1",
+    cluster: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Render on a Dask cluster, by its scheduler's address.")
+    ] = None,
+) -> None:
+    """Fill a zarr store with samples of a recipe; run it again to go on where it stopped."""
+    from specklegen.datasets.store.generate import generate as fill
+
+    loaded = load(recipe, changes, images)
+    count = samples if samples is not None else loaded.length(split)
+    part = _part(shard_range)
+    begin = time.perf_counter()
+    with Progress(count) as progress:
+        try:
+            said = fill(
+                loaded, seed, split, samples=count, folder=out, processes=processes, shard_range=part,
+                progress=progress, notes=loaded.split_notes(), cluster=cluster,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            progress.bar.close()
+            typer.echo(
+                f"stopped: {progress.done} of {counted(count, 'sample')} are in {out}, each of them whole; "
+                "run the same command again to go on from there",
+                err=True,
+            )
+            raise typer.Exit(INTERRUPTED) from None
+    took = time.perf_counter() - begin
+    rendered = said["rendered"]
+    typer.echo(
+        f"{said['done']} of {counted(said['total'], 'sample')} in {out} ({said['bytes'] / 2**20:.1f} MiB); "
+        f"rendered {rendered} in {took:.1f} s" + (f", {rendered / took:.0f} a second" if rendered else "")
+    )
+
+
+def _part(shard_range: str) -> tuple[int, int]:
+    """Numbers of a text I/N."""
+    found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", shard_range)
+    if found is None:
+        reject("generate --shard-range", "of the form I/N", shard_range)
+    return int(found[1]), int(found[2])
+
+
+def preview(
+    what: RecipeOrStore,
+    samples: Annotated[int, typer.Option(min=1, max=100, help="How many samples to show.")] = 6,
+    split: Split = "train",
+    seed: Seed = 0,
+    changes: Set = None,
+    images: Images = None,
+    out: Annotated[Path, typer.Option(help="PNG to write.")] = Path("preview.png"),
+) -> None:
+    """Draw samples of a recipe or of a store as a contact sheet."""
+    from specklegen.pictures import sheet
+
+    picture_file("preview --out", out)
+    if is_store(what):
+        from specklegen.datasets import SpeckleCache
+
+        cache = SpeckleCache(what)
+        shown = [cache.numpy(n) for n in range(min(samples, len(cache)))]
+    else:
+        loaded = load(what, changes, images)
+        shown = [loaded.sample(seed, split, n) for n in range(samples)]
+    typer.echo(str(sheet(shown, out)))
+
+
+def info(folder: Store) -> None:
+    """Say what a store holds, from the store alone."""
+    from specklegen.datasets.store.info import info as describe
+
+    echo_json(describe(folder))
+
+
+def verify(
+    folder: Store,
+    repair: Annotated[
+        str | None, typer.Option(metavar="RECIPE", help="Render again what is damaged or missing.")
+    ] = None,
+    changes: Set = None,
+    images: Images = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check every shard of a store against its checksum; exit status 1 if one is damaged or unfinished."""
+    from specklegen.datasets.store.verify import verify as check
+
+    result = check(folder, load(repair, changes, images) if repair else None)
+    bad = len(result.damaged) + len(result.unfinished)
+    if as_json:
+        echo_json(
+            {
+                "shards": result.shards, "damaged": result.damaged, "unfinished": result.unfinished,
+                "orphans": result.orphans, "sound": result.sound, "complete": not bad,
+                "rendered_again": bad if repair else 0,
+            }
+        )  # fmt: skip
+    else:
+        typer.echo(in_words(result))
+        if repair:
+            typer.echo(f"{counted(bad, 'shard')} rendered again")
+        elif result.damaged:
+            typer.echo(f"Mend it with `specklegen verify {folder} --repair RECIPE`.")
+        elif result.unfinished:
+            typer.echo("Run the same `specklegen generate` again to go on.")
+    if bad and not repair:
+        raise typer.Exit(NOT_WHOLE)
+
+
+def in_words(found: "Verification") -> str:
+    """What a check found."""
+    sound = found.shards - len(found.damaged) - len(found.unfinished)
+    parts = [f"{counted(found.shards, 'shard')}: {sound} sound"]
+    parts += [
+        f"{len(numbers)} {state} (number{'' if len(numbers) == 1 else 's'} {_first_few(numbers)})"
+        for state, numbers in (("damaged", found.damaged), ("unfinished", found.unfinished))
+        if numbers
+    ]
+    if found.orphans:
+        parts.append(f"{counted(found.orphans, 'temporary file')} of killed processes")
+    return ", ".join(parts)
+
+
+def _first_few(numbers: tuple[int, ...]) -> str:
+    return ", ".join(map(str, numbers[:8])) + (", ..." if len(numbers) > 8 else "")
+
+
+def export(
+    folder: Store,
+    out: Annotated[Path, typer.Option(help="Folder to write to.")],
+    format: Annotated[Literal["npy", "png"], typer.Option(help="Kind of files.")] = "npy",
+    samples: Annotated[int | None, typer.Option(min=1, help="The first so many (default: all).")] = None,
+) -> None:
+    """Write samples of a store as files that every program reads."""
+    from specklegen.datasets.loading.export import export as write
+
+    written = write(folder, out, format, None if samples is None else range(samples))
+    typer.echo(f"{counted(len(written), 'file')} in {out}")

@@ -1,0 +1,27 @@
+"""Torch devices that a user names, checked before any work starts."""
+
+from typing import TYPE_CHECKING
+
+from specklegen.core.errors import reject
+
+if TYPE_CHECKING:
+    import torch
+
+
+def checked_device(field: str, device: "str | torch.device") -> "torch.device":
+    """Return a torch device that can hold numbers here.
+
+    Raises
+    ------
+    RuleError
+        If torch knows no such device, the machine has none, or it holds no numbers ("meta").
+    """
+    import torch
+
+    try:
+        found = torch.device(device)
+        torch.zeros(1, device=found).item()
+    except (RuntimeError, AssertionError, NotImplementedError, TypeError) as error:
+        said = str(error).partition("\n")[0].partition(". ")[0].rstrip(".")
+        reject(field, 'a device that torch has here, such as "cpu"', str(device), f"{said}.")
+    return found
