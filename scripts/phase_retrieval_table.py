@@ -79,7 +79,7 @@ def another_run(kernel: MemoryEffectCorrelation):
 
 def slab():
     """The material of every cell."""
-    return load_recipe("through-slab").material.slab(1000.0, 10.0, 0.9, 1.0)
+    return load_recipe("through-slab").material.extremes()[0]
 
 
 def variants(restarts: int) -> dict[str, Variant]:

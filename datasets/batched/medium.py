@@ -81,7 +81,7 @@ def prepare(
         Uniform numbers float64[B, 4] of the purposes "material", "field" and "tilts".
     """
     names = ("thickness", "optical_depth", "g", "albedo")
-    drawn = [value_of(recipe.material._source(n, split), draws["material"][:, i]) for i, n in enumerate(names)]  # type: ignore[arg-type]
+    drawn = [value_of(recipe.material.source(n, split), draws["material"][:, i]) for i, n in enumerate(names)]  # type: ignore[arg-type]
     thickness, depth, g, albedo = drawn
     mean_free_path = thickness / depth
     depth = thickness / mean_free_path
@@ -94,7 +94,9 @@ def prepare(
         "optical_depth": depth, "g": g, "albedo": albedo, "ballistic_fraction": torch.exp(-depth),
         "single_share": found.single, "memory_effect_range": torch.arcsin(sine.clamp(max=1.0)),
         "estimator": torch.full_like(depth, 2.0),
-    }  # fmt: skip
+    }
+    rendering = recipe.rendering
+    assert rendering is not None  # fmt: skip
     camera = recipe.camera
     assert camera is not None
     tilts = torch.zeros((len(depth), tilt_count, 2), dtype=torch.float64, device=depth.device)
@@ -132,6 +134,8 @@ def prepare(
     ordered = triangle.gather(2, first[:, None].expand_as(triangle))
     ordered = ordered * (torch.arange(size_of(ordered), device=depth.device) < chosen.sum(-1)[:, None])[:, None]
     count, distance = _cells(recipe, tables, width, object_pitch, pitch, base, shape)
+    for name, value in (("sampler", rendering.sampler), ("expected_error", rendering.expected_error)):
+        more[name] = torch.full_like(depth, float(value))
     return MediumBatch(
         parameters | more, ordered, chosen.sum(-1) * (known & found.served & enough), count, distance,
         envelope(recipe, sizes, width, count, distance), tilts, base, object_pitch, pitch, found,

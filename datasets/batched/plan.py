@@ -13,6 +13,7 @@ from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
 from specklegen.datasets.recipes.parts.distributions import Choice, ends
 from specklegen.datasets.recipes.recipe import Recipe
+from specklegen.datasets.recipes.rendering import RenderedBy
 from specklegen.datasets.recipes.tilt_stack import TiltStack
 from specklegen.datasets.split import SPLITS
 from specklegen.samplers.stationary.exit_grid import GUARD, SUPPORT, cells
@@ -75,6 +76,9 @@ class Sizes:
 def way_of(recipe: Recipe) -> tuple[str, list[str]]:
     """How a recipe is rendered on a device, and what keeps it from a faster way, in words."""
     why = []
+    chosen = recipe.rendering
+    if chosen is None or chosen.sampler is RenderedBy.PATHS:
+        why.append("the planner wants path sums")
     if recipe.light.halves > 1:
         why.append("light.polarised = false draws two media a sample")
     if isinstance(recipe, DynamicSlab):
@@ -87,6 +91,8 @@ def way_of(recipe: Recipe) -> tuple[str, list[str]]:
         return KEPT, why
     if recipe.light.bandwidth or recipe.lab is not None:
         why.append("light modes or a laboratory with media that are never seen again")
+    if recipe.material.scatterer is not None:
+        why.append("material.scatterer, of which the atlas has no table,")
     if isinstance(recipe, TwoTilts):
         why.append("two-tilts with media that are never seen again")
     if recipe.material.kernel != "atlas":

@@ -76,6 +76,7 @@ class SpeckleStream(EpochBatches):
         if not isinstance(recipe, Renderable):
             reject("SpeckleStream.recipe", "a recipe", recipe, "Read one with load_recipe.")
         super().__init__(recipe.length(split), batch_size, rank, world, drop_last)
+        getattr(recipe, "rendering", None)  # planned here once, and carried to the workers
         self.recipe, self.split = _on(recipe, device), split
         self.seed = whole_number("SpeckleStream.seed", seed)
         self.device = torch.device(device)

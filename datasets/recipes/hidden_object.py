@@ -1,6 +1,6 @@
 """Recipe kind "hidden-object": an incoherent object seen through a slab, one camera image a sample."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self, cast
 
@@ -11,19 +11,17 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.values import Value
 from specklegen.datasets.objects import HiddenObjects
-from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
+from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
 from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, require_above
 from specklegen.datasets.recipes.parts.light import draw_medium
 from specklegen.datasets.recipes.parts.material import KnownMaterial
 from specklegen.datasets.recipes.parts.viewing import Viewing
 from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
+from specklegen.datasets.recipes.rendering import MediumView, realization
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, Split, generator, substream
-from specklegen.planning.planning import Plan, plan
 from specklegen.samplers.stationary.objects import ObjectSampler
-from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.media import Slab
-from specklegen.scene.scene import Scene
 
 
 class ObjectField(Value):
@@ -155,22 +153,22 @@ class HiddenObject(Recipe):
         """Whether two media may show objects of different extent."""
         return any(low < high for low, high in map(ends, (self._field_number, self._pixels)))
 
-    def plans(self) -> list[Plan]:
-        """Plans for a full object at the ends of every range of the material: as large as it can be, and, where the
-        window is fitted, behind the widest window and behind the narrowest, whose camera sees furthest from the axis.
+    def extremes(self) -> list[MediumView]:
+        """Media at the ends of every range, looked at by the largest object, where the window is fitted behind the
+        widest window and behind the narrowest, whose camera sees furthest from the axis.
         """
-        across, slabs = sorted(set(ends(self._pixels))), self.material.extremes()
-        scenes = [self.scene(slab, pixels) for pixels in across for slab in slabs]
-        return [plan(scene, paths=self.material.kernel_paths) for scene in scenes]
+        share, across = ends(self._field_number)[1], sorted(set(ends(self._pixels)))
+        pitches = [(slab, self.pitch(self.material.known(slab), share)) for slab in self.material.extremes()]
+        return [self.view(slab, pitch, pixels, self.widest_tilts) for pixels in across for slab, pitch in pitches]
 
-    def scene(self, slab: Slab, pixels: float) -> Scene:
-        """Scene of a slab with an object whose corners shine; where windows are fitted so many ``pixels`` across."""
-        brightness = np.zeros(self.objects.shape)
-        brightness[:: max(brightness.shape[0] - 1, 1), :: max(brightness.shape[1] - 1, 1)] = 1.0
-        pitch = self.pitch(self.material.known(slab), ends(self._field_number)[1])
-        seen = self.geometry_of(pitch, pixels)
-        lights = IncoherentObject(brightness=brightness, pitch=pitch, width=seen.width, profile=seen.profile)
-        return Scene(wavelength=seen.wavelength, medium=slab, illumination=lights, sensor=seen.grid)
+    @property
+    def widest_tilts(self) -> np.ndarray:
+        """The tilts that reach farthest, radians float64[T, 2]."""
+        return np.zeros((1, 2))
+
+    def view(self, slab: Slab, pitch: float, pixels: float, tilts: np.ndarray) -> MediumView:
+        """One medium with its object in front; where windows are fitted so many ``pixels`` across."""
+        return MediumView(slab, self.geometry_of(pitch, pixels), self.objects.shape, pitch, tilts)
 
     def tilts_of(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
         """Tilts float64[T, 2] of the illumination of one medium, radians, and what was drawn for them."""
@@ -178,9 +176,9 @@ class HiddenObject(Recipe):
 
     def media_frames(
         self, sampler: ObjectSampler, seed: int, split: Split, medium: int
-    ) -> tuple[list[torch.Tensor], dict[str, float]]:
-        """Fields of one medium, one a frame, and what was drawn for them."""
-        return [draw_medium(self.light, sampler, seed, split, medium)], {}
+    ) -> tuple[dict[str, float], Callable[[], list[torch.Tensor]]]:
+        """What is drawn for the frames of one medium, and how the sampler draws their fields."""
+        return {}, lambda: [draw_medium(self.light, sampler, seed, split, medium)]
 
     def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
         """Make one medium ready, with all that is drawn for it."""
@@ -189,9 +187,10 @@ class HiddenObject(Recipe):
         share, pixels = drawn(self._field_number, of_field), drawn(self._pixels, of_field)
         angles, tilted = self.tilts_of(generator(substream(seed, split, Purpose.TILTS, medium)))
         pitch = self.pitch(material, share)
-        seen = self.geometry_of(pitch, pixels)
+        view = self.view(material.slab, pitch, pixels, angles)
+        seen = view.seen
         sampler = _sampler(self, material.slab, seen, pitch, tuple(map(tuple, np.sin(angles).tolist())))
-        frames, moved = self.media_frames(sampler, seed, split, medium)
+        moved, media = self.media_frames(sampler, seed, split, medium)
         extent = pitch * max(self.objects.shape)
         parameters = material.parameters(seen.wavelength) | {
             "width": seen.width,
@@ -202,7 +201,7 @@ class HiddenObject(Recipe):
             **moved,
         }
         shared = self.media is not None or self.media_group > 1
-        return prepared(sampler, frames, parameters, halves=self.light.halves, share=shared, tilts=angles)
+        return realization(self, view, sampler, media, parameters, (seed, split, medium), share=shared)
 
     def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One image with its object and parameters; see :class:`Recipe`."""
@@ -226,4 +225,4 @@ class HiddenObject(Recipe):
 @lru_cache(maxsize=8)
 def _sampler(recipe: HiddenObject, slab: Slab, seen: Viewing, pitch: float, base: tuple) -> ObjectSampler:
     material = recipe.material.known(slab)
-    return recipe.sampler(material, seen, recipe.objects.shape, pitch, np.array(base), recipe.mode_tolerance)
+    return recipe.object_sampler(material, seen, recipe.objects.shape, pitch, np.array(base), recipe.mode_tolerance)

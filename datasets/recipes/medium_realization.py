@@ -1,25 +1,126 @@
-"""One medium made ready: its material, a sampler, and its fields in the form that its samples share.
+"""One medium made ready: its material, what images objects through it, and what was drawn for it.
 
 Samples of one medium share all of this; a few media are kept in each process.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import torch
 
+from specklegen.core.parallel import one_blas_thread
+from specklegen.core.random_streams import Seed
+from specklegen.core.values import remembered
 from specklegen.datasets.split import Split
+from specklegen.planning.plan import Plan
+from specklegen.planning.planning import plan
 from specklegen.samplers.stationary.objects import ObjectSampler
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarFieldGrid
 
 if TYPE_CHECKING:
     from specklegen.datasets.recipes.recipe import Recipe
 
 KEPT = 64
 """Media kept in a process."""
-_SPECTRA_BYTES = 4 * 2**20  # above this a medium's spectra would fill the memory with few media
+_KEPT_BYTES = 4 * 2**20  # above this what a medium is kept as would fill the memory with few media
+_POWERS_KEPT = 4  # media of path sums, which take more
+
+
+class Fields(Protocol):
+    """What a medium makes of every beam of an object, from which any object's images follow."""
+
+    def intensities(self, brightness: np.ndarray) -> np.ndarray:
+        """Images float32[frames * tilts, H, W] of an object real[h, w]."""
+        ...
+
+
+@dataclass(frozen=True)
+class StationaryFields:
+    """Fields of the stationary sampler, one a frame.
+
+    Attributes
+    ----------
+    sampler : ObjectSampler
+    media : tuple of Tensor
+        Fields or spectra.
+    """
+
+    sampler: ObjectSampler
+    media: tuple[torch.Tensor, ...]
+
+    def intensities(self, brightness: np.ndarray) -> np.ndarray:
+        """Frames one after the other."""
+        images = [self.sampler.images(medium, brightness).cpu().numpy() for medium in self.media]
+        return images[0] if len(images) == 1 else np.concatenate(images)
+
+
+def stationary_fields(sampler: ObjectSampler, media: list[torch.Tensor], *, share: bool) -> StationaryFields:
+    """Bring media into the form that their samples share: spectra where many objects look through them."""
+    if share and sampler.spectra_bytes * len(media) <= _KEPT_BYTES:
+        media = [sampler.spectra(medium) for medium in media]
+    return StationaryFields(sampler, tuple(media))
+
+
+@dataclass(frozen=True)
+class PathSumFields:
+    """Fields of path sums: the intensity of every beam at every pixel, summed when an object is looked at.
+
+    Attributes
+    ----------
+    scene : Scene
+        Its lights are the beams of all pixels of the object under every tilt, one tilt after the other.
+    paths : int
+    seeds : tuple of seeds
+        Of each polarisation.
+    tilts : int
+    divisions : int
+        Views across a camera pixel, over which its intensity is averaged.
+    """
+
+    scene: Scene
+    paths: int
+    seeds: tuple[Seed, ...]
+    tilts: int
+    divisions: int
+
+    def intensities(self, brightness: np.ndarray) -> np.ndarray:
+        """Every beam's intensity, times its brightness, added up."""
+        light = np.asarray(brightness, np.float32).reshape(-1)
+        return np.stack([np.tensordot(light, power, axes=1) for power in _powers(self)])
+
+
+def planned_sums(scene: Scene, paths: int) -> Plan:
+    """Path sums of a scene, beam by beam."""
+    return plan(scene, paths=paths, sampler="paths", streamed=True)
+
+
+@remembered(_POWERS_KEPT)
+def _powers(fields: PathSumFields) -> np.ndarray:
+    """Intensity of every beam, float32[tilts, h * w, H, W], mean over the polarisations."""
+    grid, sums = fields.scene.sensor, planned_sums(fields.scene, fields.paths).chosen
+    assert isinstance(grid, FarFieldGrid)
+    n = fields.divisions
+    rows, columns = (side // n for side in grid.shape)
+    found = np.zeros((len(fields.scene.lights), rows, columns), np.float32)
+    with one_blas_thread():
+        for seed in fields.seeds:
+            for (beams, down, across), field in sums.prepare(seed, 1).pieces(0):
+                power = np.square(field.real) + np.square(field.imag)
+                first, left = down.start // n, across.start // n
+                power = np.add.reduceat(power, _starts(down, n), axis=1)
+                power = np.add.reduceat(power, _starts(across, n), axis=2)
+                found[beams, first : first + power.shape[1], left : left + power.shape[2]] += power
+    found /= n * n * len(fields.seeds)
+    return found.reshape(fields.tilts, -1, rows, columns)
+
+
+def _starts(span: slice, n: int) -> np.ndarray:
+    """Where, within a span of views, a camera pixel of ``n`` views begins; its first may be cut."""
+    inner = np.arange(-(-span.start // n) * n, span.stop, n) - span.start
+    return inner if len(inner) and inner[0] == 0 else np.concatenate([[0], inner])
 
 
 @dataclass(frozen=True)
@@ -28,9 +129,9 @@ class MediumRealization:
 
     Attributes
     ----------
+    fields : Fields
     sampler : ObjectSampler
-    media : tuple of Tensor
-        Fields or spectra, one a frame.
+        Of the stationary model, which knows mean and contrast in advance.
     parameters : dict
         What was drawn for the medium, and what follows from it.
     tilts : float64[T, 2]
@@ -39,36 +140,26 @@ class MediumRealization:
         What polarisation leaves of the contrast.
     """
 
+    fields: Fields
     sampler: ObjectSampler
-    media: tuple[torch.Tensor, ...]
-    parameters: Mapping[str, float]
+    parameters: dict[str, float]
     tilts: np.ndarray
     contrast: float
 
+    @property
+    def media(self) -> tuple[torch.Tensor, ...]:
+        """Fields or spectra of the stationary sampler, one a frame."""
+        assert isinstance(self.fields, StationaryFields)
+        return self.fields.media
+
     def images(self, brightness: np.ndarray) -> np.ndarray:
         """Expected intensity over its mean, float32[frames * tilts, H, W]."""
-        images = [self.sampler.images(medium, brightness).cpu().numpy() for medium in self.media]
         scale = np.float32(1 / (self.sampler.mean * brightness.sum(dtype=np.float64)))
-        return (images[0] if len(images) == 1 else np.concatenate(images)) * scale
+        return self.fields.intensities(brightness) * scale
 
     def expected_contrast(self, brightness: np.ndarray) -> float:
-        """Expected contrast of the images, noise aside."""
+        """Expected contrast of the images, noise aside, as the stationary model has it."""
         return self.contrast * self.sampler.contrast(brightness)
-
-
-def prepared(
-    sampler: ObjectSampler,
-    media: list[torch.Tensor],
-    parameters: Mapping[str, float],
-    *,
-    halves: int,
-    share: bool,
-    tilts: np.ndarray,
-) -> MediumRealization:
-    """Bring a medium into the form that its samples share: spectra where many objects look through it."""
-    if share and sampler.spectra_bytes * len(media) <= _SPECTRA_BYTES:
-        media = [sampler.spectra(medium) for medium in media]
-    return MediumRealization(sampler, tuple(media), parameters, tilts, halves**-0.5)
 
 
 @lru_cache(maxsize=KEPT)

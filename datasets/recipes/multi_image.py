@@ -3,6 +3,8 @@
 Either the medium changes from image to image, or the illumination is tilted.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Literal, Self
 
 import numpy as np
@@ -60,11 +62,17 @@ class DynamicSlab(HiddenObject):
 
     def media_frames(
         self, sampler: ObjectSampler, seed: int, split: Split, medium: int
-    ) -> tuple[list[torch.Tensor], dict[str, float]]:
-        """Fields of one medium, one a frame, and what was drawn for them."""
+    ) -> tuple[dict[str, float], Callable[[], list[torch.Tensor]]]:
+        """What is drawn for the frames of one medium, and how the sampler draws their fields."""
         time = drawn(self.dynamics.correlation_time, generator(substream(seed, split, Purpose.DYNAMICS, medium)))
-        frames = draw_frames(self.light, sampler, seed, split, medium, self.dynamics.frames, float(np.exp(-1 / time)))
-        return frames, {"correlation_time": time}
+        kept = float(np.exp(-1 / time))
+        frames = partial(draw_frames, self.light, sampler, seed, split, medium, self.dynamics.frames, kept)
+        return {"correlation_time": time}, frames
+
+    @property
+    def path_sum_obstacle(self) -> str | None:
+        """Films."""
+        return "dynamics"
 
 
 class TwoTilts(HiddenObject):
@@ -92,3 +100,8 @@ class TwoTilts(HiddenObject):
     def tilts_of(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
         """Tilts float64[T, 2] of the illumination of one medium, radians, and what was drawn for them."""
         return self.tilts.drawn(rng)
+
+    @property
+    def widest_tilts(self) -> np.ndarray:
+        """The tilts that reach farthest, radians."""
+        return self.tilts.widest

@@ -10,17 +10,16 @@ from specklegen.coherence.partially_coherent import (
     COHERENT,
     effective_source_modes,
     gaussian_brightness,
-    gaussian_schell_object,
     source_lattice,
 )
 from specklegen.core.values import remembered
-from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
+from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
 from specklegen.datasets.recipes.parts.distributions import UnboundedDraw, drawn, ends
 from specklegen.datasets.recipes.parts.light import draw_medium
 from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
+from specklegen.datasets.recipes.rendering import MediumView, realization
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, Split, generator, substream
-from specklegen.planning.planning import Plan, plan
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.scene.illumination import CollimatedBeams, Profile
 from specklegen.scene.media import Slab
@@ -65,15 +64,14 @@ class PartiallyCoherent(Recipe):
         """Beams of the source along each axis and their pitch, the same for all coherence lengths."""
         return source_lattice(*self._window, *ends(self.coherence_length))
 
-    def plans(self) -> list[Plan]:
-        """Plans for the least coherent light at the ends of every range of the material."""
-        wavelength, width, profile = self._window
-        light = gaussian_schell_object(wavelength, ends(self.coherence_length)[0], width, profile)
-        scenes = [
-            Scene(wavelength=wavelength, medium=slab, illumination=light, sensor=self.geometry.grid)
-            for slab in self.material.extremes()
-        ]
-        return [plan(scene, paths=self.material.kernel_paths) for scene in scenes]
+    def view(self, slab: Slab) -> MediumView:
+        """One medium under the beams of the source."""
+        count, pitch = self.lattice
+        return MediumView(slab, self.geometry, (count, count), pitch, np.zeros((1, 2)))
+
+    def extremes(self) -> list[MediumView]:
+        """Media at the ends of every range, under the least coherent light."""
+        return [self.view(slab) for slab in self.material.extremes()]
 
     def scene(self, slab: Slab) -> Scene:
         """Scene of a slab under coherent light, for :func:`specklegen.render_partially_coherent`."""
@@ -84,15 +82,14 @@ class PartiallyCoherent(Recipe):
     def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
         """Make one medium ready, for light of every coherence length."""
         material = self.material_of(seed, split, medium)
-        count, pitch = self.lattice
-        sampler = _sampler(self, material.slab, count, pitch)
-        fields = draw_medium(self.light, sampler, seed, split, medium)
+        view = self.view(material.slab)
+        sampler = _sampler(self, material.slab, view.shape[0], view.pitch)
         parameters = material.parameters(self.geometry.wavelength) | {
             "width": self.geometry.width,
             "camera_pitch": self.geometry.grid.pitch,
         }
-        tilts = np.zeros((1, 2))
-        return prepared(sampler, [fields], parameters, halves=self.light.halves, share=True, tilts=tilts)
+        media = lambda: [draw_medium(self.light, sampler, seed, split, medium)]  # noqa: E731
+        return realization(self, view, sampler, media, parameters, (seed, split, medium), share=True)
 
     def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One image with its parameters; see :class:`Recipe`."""
@@ -118,4 +115,5 @@ class PartiallyCoherent(Recipe):
 @remembered(8)
 def _sampler(recipe: PartiallyCoherent, slab: Slab, count: int, pitch: float) -> ObjectSampler:
     material = recipe.material.known(slab)
-    return recipe.sampler(material, recipe.geometry, (count, count), pitch, np.zeros((1, 2)), recipe.mode_tolerance)
+    axis, tolerance = np.zeros((1, 2)), recipe.mode_tolerance
+    return recipe.object_sampler(material, recipe.geometry, (count, count), pitch, axis, tolerance)

@@ -9,7 +9,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, PrivateAttr, WithJsonSchema, model_validator
@@ -21,10 +21,11 @@ from specklegen.datasets.recipes.parts.distributions import ends
 from specklegen.datasets.recipes.parts.light import Light
 from specklegen.datasets.recipes.parts.material import Estimator, KnownMaterial, Material, known_light
 from specklegen.datasets.recipes.parts.viewing import CameraGrid, Lab, Viewing, Window
+from specklegen.datasets.recipes.rendering import MediumView, RenderedBy, Rendering, medium_plan, rendering_of
 from specklegen.datasets.sample_schema import ArraySpec, require_finite
 from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
 from specklegen.instrument.camera import Camera, NoiseStreams, expose
-from specklegen.planning.planning import Plan
+from specklegen.planning.plan import Plan
 from specklegen.samplers.stationary.atlas import atlas_digest
 from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
 from specklegen.scene.illumination import Profile
@@ -37,14 +38,16 @@ PARAMETERS = ArraySpec(
     dtype="float64",
     description="parameters drawn for the sample and what follows from them; lengths in the recipe's unit, angles in "
     "radians, pitches in direction sines inside the medium; expected_contrast is that of the light at one pixel, "
-    "before the camera's noise; estimator: " + ", ".join(f"{e.value} kernel from {e.name.lower()}" for e in Estimator),
+    "before the camera's noise; estimator: " + ", ".join(f"{e.value} kernel from {e.name.lower()}" for e in Estimator)
+    + "; sampler: " + ", ".join(f"{s.value} {s.name.lower()}" for s in RenderedBy)
+    + "; expected_error: relative error that its number of paths leaves, as planned",
     unbounded=("memory_effect_range", "coherence_length", "correlation_time"),
 )
 """Layout of the parameters of every kind."""
 
 NOISES = (Purpose.SHOT_NOISE, Purpose.BACKGROUND, Purpose.DARK_CURRENT, Purpose.READ_NOISE)
 
-COSMETIC = {"name", "description", "samples"}
+COSMETIC = {"name", "description", "samples", "strict"}
 """Fields that decide no pixel and so stay out of the fingerprint."""
 
 
@@ -85,6 +88,11 @@ class Recipe(Value):
         Bandwidth and polarisation.
     exposure
         Camera and its noises; where given, images are counts, and pixels average over their area.
+    sampler
+        "auto" renders with the sampler that the planner chooses: the stationary one where its error over all the
+        recipe's media is within 0.02, path sums elsewhere, which are slower. Or the name of either.
+    strict
+        Refuse, instead of warning of it, a sampler that is asked for and that the planner finds unfit.
     """
 
     name: str
@@ -98,6 +106,8 @@ class Recipe(Value):
     lab: Lab | None = None
     light: Light = Light()
     exposure: Camera | None = None
+    sampler: Literal["auto", "paths", "stationary"] = "auto"
+    strict: bool = False
     _device: str = PrivateAttr("cpu")  # not written down: a file says what is rendered, not where
 
     @model_validator(mode="after")
@@ -236,7 +246,33 @@ class Recipe(Value):
         rng = generator(substream(seed, split, Purpose.MATERIAL, medium))
         return self.material.known(self.material.draw(rng, split))
 
-    def sampler(
+    @cached_property
+    def rendering(self) -> Rendering | None:
+        """What renders all media of the recipe; None if that is for each of them to decide. Carried to the workers.
+
+        Raises
+        ------
+        RuleError
+            If no sampler serves, or, where ``strict``, the one that is asked for is unfit.
+        """
+        return rendering_of(self, self.plans())
+
+    @property
+    def rendering_note(self) -> str:
+        """What renders the samples, in a sentence."""
+        chosen = self.rendering
+        if chosen is None:
+            return "Rendered by the sampler that the planner chooses for each medium; every sample says which."
+        sampler = {RenderedBy.PATHS: "path sums", RenderedBy.STATIONARY: "the stationary sampler"}[chosen.sampler]
+        return f"Rendered by {sampler}; relative error that the paths leave, as planned: {chosen.expected_error:.2g}."
+
+    @property
+    def path_sum_obstacle(self) -> str | None:
+        """What the recipe asks for that path sums have no model of; None where they serve."""
+        band = self.light.bandwidth or (self.lab is not None and self.lab.wavenumber_bandwidth)
+        return "a bandwidth" if band else None
+
+    def object_sampler(
         self, material: KnownMaterial, seen: Viewing, shape: tuple[int, int], pitch: float, base: np.ndarray,
         tolerance: float = 0.01,
     ) -> ObjectSampler:  # fmt: skip
@@ -298,6 +334,7 @@ class Recipe(Value):
             If the split is unknown, the seed or the index is not a whole number of at least 0, or the sample would
             hold a number that is not finite.
         """
+        self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
         sample = self.rendered(seed, split, index)
         require_finite(sample, self, seed, split)
         return sample
@@ -306,9 +343,13 @@ class Recipe(Value):
         """One sample, before it is checked; what each kind says."""
         raise NotImplementedError
 
-    def plans(self) -> list[Plan]:
-        """Plans of the engine for the scene at the ends of every range of the material."""
+    def extremes(self) -> list[MediumView]:
+        """Media at the ends of every range, looked at by the widest object and the most tilted beams."""
         raise NotImplementedError
+
+    def plans(self) -> list[Plan]:
+        """Plans of the media at the ends of every range: what ``specklegen plan`` prints, and what runs."""
+        return [medium_plan(self, view) for view in self.extremes()]
 
     def batch(self, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:
         """Samples stacked along a new first axis, parameters as a dict of float64[B]; the same bits as alone."""

@@ -5,16 +5,14 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
+from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
 from specklegen.datasets.recipes.parts.light import draw_medium
 from specklegen.datasets.recipes.parts.tilts import Tilts
 from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
+from specklegen.datasets.recipes.rendering import MediumView, realization
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, Split, generator, substream
-from specklegen.planning.planning import Plan, plan
-from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.media import Slab
-from specklegen.scene.scene import Scene
 
 _BEAM = np.ones((1, 1), np.float32)  # to the sampler, a beam is an object of one pixel
 
@@ -37,30 +35,28 @@ class TiltStack(Recipe):
             "parameters": PARAMETERS,
         }
 
-    def scene(self, slab: Slab, angles: np.ndarray) -> Scene:
-        """Scene of one medium."""
+    def view(self, slab: Slab, angles: np.ndarray) -> MediumView:
+        """One medium under its tilts."""
         seen = self.geometry
-        beams = CollimatedBeams.tilts(angles, width=seen.width, profile=seen.profile)
-        return Scene(wavelength=seen.wavelength, medium=slab, illumination=beams, sensor=seen.grid)
+        return MediumView(slab, seen, (1, 1), seen.grid.pitch, angles)
 
-    def plans(self) -> list[Plan]:
-        """Plans for the widest tilts at the ends of every range of the material."""
-        scenes = [self.scene(slab, self.tilts.widest) for slab in self.material.extremes()]
-        return [plan(scene, paths=self.material.kernel_paths) for scene in scenes]
+    def extremes(self) -> list[MediumView]:
+        """Media at the ends of every range, under the widest tilts."""
+        return [self.view(slab, self.tilts.widest) for slab in self.material.extremes()]
 
     def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
         """Make one medium ready, with all that is drawn for it."""
         material = self.material_of(seed, split, medium)
         angles, tilted = self.tilts.drawn(generator(substream(seed, split, Purpose.TILTS, medium)))
-        seen = self.geometry
-        sampler = self.sampler(material, seen, (1, 1), seen.grid.pitch, np.sin(angles))
-        parameters = material.parameters(seen.wavelength) | {
-            "width": seen.width,
-            "camera_pitch": seen.grid.pitch,
+        view = self.view(material.slab, angles)
+        sampler = self.object_sampler(material, view.seen, view.shape, view.pitch, np.sin(angles))
+        parameters = material.parameters(view.seen.wavelength) | {
+            "width": view.seen.width,
+            "camera_pitch": view.seen.grid.pitch,
             **tilted,
         }
-        media = [draw_medium(self.light, sampler, seed, split, medium)]
-        return prepared(sampler, media, parameters, halves=self.light.halves, share=False, tilts=angles)
+        media = lambda: [draw_medium(self.light, sampler, seed, split, medium)]  # noqa: E731
+        return realization(self, view, sampler, media, parameters, (seed, split, medium), share=False)
 
     def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One stack with its tilts and parameters; see :class:`Recipe`."""

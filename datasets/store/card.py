@@ -28,6 +28,10 @@ Each sample carries its `index`, its `seed` and the parameters that were drawn f
 
 Train, validation and test are rendered from separate streams of random numbers, never drawn from one pool.
 {notes}
+## Rendering
+
+{rendering}
+
 ## Reading it
 
 Without specklegen, `zarr.open_group("{name}", mode="r")` or `xarray.open_zarr("{name}", consolidated=False)`.
@@ -63,6 +67,7 @@ def card(store: Store) -> str:
         names=", ".join(map(markdown_code, store.parameter_names)) or "none",
         notes=f"\n{notes}\n" if notes else "",
         name=store.folder.name,
+        rendering=markdown(store.attributes["rendering"]) or "As the recipe says.",
         shard_samples=store.shard_samples,
         recipe=json.dumps(store.attributes["recipe"], indent=2, sort_keys=True),
     )

@@ -9,16 +9,17 @@ import os
 import re
 import shutil
 import uuid
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from specklegen.core.errors import RuleError, reject
+from specklegen.core.errors import DoubtWarning, RuleError, reject
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store import metadata
 from specklegen.datasets.store.files import writing
 from specklegen.datasets.store.identity import differences, fingerprint, identity
-from specklegen.datasets.store.layout import layout_of, write_empty
+from specklegen.datasets.store.layout import layout_of, rendering_note, write_empty
 from specklegen.datasets.store.locks import claim
 from specklegen.datasets.store.store import METADATA, Store
 
@@ -50,9 +51,21 @@ def open_for(
         _create(recipe, identity(recipe, seed, split, dtype), folder, samples, shard_samples, notes)
     store = Store(folder, writable=True)
     require_same(store, identity(recipe, seed, split, dtype))
+    _require_same_rendering(store, recipe)
     if samples > store.samples:
         store = grown(store, samples)
     return store
+
+
+def _require_same_rendering(store: Store, recipe: Renderable) -> None:
+    """Say so where a store is now planned otherwise than when it was made, which another version may do."""
+    then, now = store.attributes["rendering"], rendering_note(recipe)
+    if then == now:
+        return
+    remedy = "Render all of it anew in another folder, or ask for one sampler by name."
+    if getattr(recipe, "strict", False):
+        reject("generate.folder", f'a store that is "{now}"', then, remedy)
+    warnings.warn(f'{store.folder} was "{then}", and is now "{now}". {remedy}', DoubtWarning, stacklevel=3)
 
 
 def require_same(store: Store, wanted: Mapping[str, Any]) -> None:

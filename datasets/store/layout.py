@@ -56,6 +56,11 @@ class Layout:
     tables: Mapping[str, dict[str, Any]]
 
 
+def rendering_note(recipe: Renderable) -> str:
+    """What renders the samples, in a sentence; nothing where a recipe does not say."""
+    return str(getattr(recipe, "rendering_note", ""))
+
+
 def layout_of(
     recipe: Renderable, wanted: Mapping[str, Any], samples: int, shard_samples: int | None, notes: str
 ) -> Layout:
@@ -78,6 +83,7 @@ def layout_of(
         "notes": notes,
         "epoch_samples": recipe.length(wanted["split"]),
         "libraries": library_versions(),
+        "rendering": rendering_note(recipe),
     }
     tables = _tables(samples, rows, names, parameters.description if parameters else "")
     return Layout(samples, attributes, arrays, types, tables)

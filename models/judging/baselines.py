@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from specklegen.datasets.recipes.hidden_object import HiddenObject
-from specklegen.datasets.recipes.parts.material import Material
 from specklegen.models.learning.inputs import (
     LAGS,
     resampled_lags,
@@ -70,7 +69,7 @@ def katz(retrieval: Retrieval | None = None, recipe: HiddenObject | None = None,
         made = []
         for n, grains in enumerate(grain_pixels(batch).tolist()):
             drawn = {name: float(values[n]) for name, values in batch["parameters"].items()}
-            slab = Material.slab(*(drawn[name] for name in ("thickness", "optical_depth", "g", "albedo")))
+            slab = recipe.material.slab_of(drawn)
             kernel = recipe.material.known(slab).kernel
             c_i = memory_effect_at_lags(kernel, drawn["wavelength"], drawn["object_pitch"], FRAME)
             transfer = transfer_function(FRAME, grains, recipe.profile)

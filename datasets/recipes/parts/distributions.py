@@ -4,6 +4,7 @@ In TOML: ``g = 0.9``, ``g = {uniform = [0.7, 0.95]}``, ``thickness = {log_unifor
 ``albedo = {choice = [1.0, 0.99]}``.
 """
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -99,6 +100,12 @@ def _read(value: Any) -> Any:
 
 def _read_up_to_infinity(value: Any) -> Any:
     return np.inf if isinstance(value, float) and value == np.inf else _read(value)
+
+
+def is_draw(value: Any) -> bool:
+    """Whether a value is a distribution, or the table of one."""
+    table = isinstance(value, Mapping) and bool(_KINDS.keys() & value)
+    return table or isinstance(value, Uniform | LogUniform | Choice)
 
 
 Draw = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_read)]

@@ -8,6 +8,7 @@ light that the medium depolarised one over two independent halves, contrast 1/sq
 import numpy as np
 import torch
 
+from specklegen.core.random_streams import Seed
 from specklegen.core.values import NonNegative, Positive, Value
 from specklegen.datasets.split import Purpose, Split, substream
 from specklegen.samplers.stationary.objects import ObjectSampler
@@ -44,9 +45,14 @@ class Light(Value):
 _MEDIUM = (Purpose.MEDIUM, Purpose.POLARISATION)
 
 
+def medium_seeds(light: Light, seed: int, split: Split, medium: int) -> list[Seed]:
+    """Seeds of a medium, one for each polarisation."""
+    return [substream(seed, split, purpose, medium) for purpose in _MEDIUM[: light.halves]]
+
+
 def draw_medium(light: Light, sampler: ObjectSampler, seed: int, split: Split, medium: int) -> torch.Tensor:
     """One medium for this light, complex[N, R, y, x]; each polarisation has a substream of its own."""
-    halves = [sampler.medium(substream(seed, split, purpose, medium)) for purpose in _MEDIUM[: light.halves]]
+    halves = [sampler.medium(each) for each in medium_seeds(light, seed, split, medium)]
     return _joined(halves)
 
 
@@ -60,8 +66,8 @@ def draw_frames(
     """
     fresh = float(np.sqrt(1 - correlation**2))
     halves = []
-    for number, purpose in enumerate(_MEDIUM[: light.halves]):
-        frames = [sampler.medium(substream(seed, split, purpose, medium))]
+    for number, first in enumerate(medium_seeds(light, seed, split, medium)):
+        frames = [sampler.medium(first)]
         for frame in range(1, count):
             seeds = (*substream(seed, split, Purpose.DYNAMICS, medium), number, frame)
             frames.append(correlation * frames[-1] + fresh * sampler.medium(seeds))

@@ -1,5 +1,6 @@
 """The material of a recipe: a slab whose parameters may be drawn anew for every medium."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
@@ -11,13 +12,20 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import Positive, Value
-from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends
+from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, is_draw
+from specklegen.datasets.recipes.parts.particles import (
+    Particles,
+    drawn_numbers,
+    drawn_scatterer,
+    extreme_scatterers,
+    scatterer_with,
+)
 from specklegen.datasets.split import SPLITS, Split
 from specklegen.samplers.stationary.atlas import correlation_for
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.samplers.stationary.spectrum import LightModes, Spectrum, estimate_spectral_correlation, light_modes
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers import HenyeyGreenstein
+from specklegen.scene.scatterers import HenyeyGreenstein, Scatterer
 
 KernelSource = Literal["estimate", "atlas"]
 _PARAMETERS = ("thickness", "optical_depth", "g", "albedo")
@@ -56,7 +64,7 @@ class SplitRanges(Value):
 
 
 class Material(Value):
-    """A Henyey-Greenstein slab; every number may be a constant, a range or a choice.
+    """A slab; every number may be a constant, a range or a choice.
 
     Parameters
     ----------
@@ -67,7 +75,10 @@ class Material(Value):
     optical_depth
         Thickness over mean free path.
     g
-        Anisotropy.
+        Anisotropy of Henyey-Greenstein scatterers; stands for ``scatterer = {type = "HenyeyGreenstein", g = ...}``.
+    scatterer
+        The particles, of any type, their numbers constants or drawn; where given, ``g`` is not looked at. The
+        memory-effect range of two scatterers of one g differs, by up to a factor of five.
     albedo
         Share of collisions that scatter.
     kernel_paths
@@ -86,7 +97,8 @@ class Material(Value):
     wavelength: Positive | None = None
     thickness: Draw
     optical_depth: Draw
-    g: Draw
+    g: Draw | None = None
+    scatterer: Particles | None = None
     albedo: Draw = 1.0
     kernel_paths: Annotated[int, Field(ge=64, le=10**9)] = 100_000
     kernel: KernelSource = "estimate"
@@ -95,7 +107,12 @@ class Material(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        for name, low, high in (("thickness", 1e-60, 1e60), ("optical_depth", 1e-60, 1e60), ("g", -1, 1)):
+        if self.g is None and self.scatterer is None:
+            reject("Material", "given g or scatterer", "neither")
+        if self.scatterer is not None and self.by_split is not None and self.by_split.parameter == "g":
+            reject("Material.by_split.parameter", "other than g where a scatterer is given", "g")
+        rules = [("thickness", 1e-60, 1e60), ("optical_depth", 1e-60, 1e60)]
+        for name, low, high in rules if self.scatterer is not None else [*rules, ("g", -1, 1)]:
             smallest, largest = ends(getattr(self, name))
             if not low < smallest <= largest < high:
                 reject(f"Material.{name}", f"between {low} and {high}, both excluded", getattr(self, name))
@@ -113,34 +130,58 @@ class Material(Value):
     @property
     def varies(self) -> bool:
         """Whether two media may have different parameters."""
-        return any(low < high for low, high in map(ends, (self.thickness, self.optical_depth, self.g, self.albedo)))
+        numbers = [self.thickness, self.optical_depth, self.albedo]
+        particles = self.scatterer.values() if self.scatterer is not None else [self.g]
+        return any(low < high for low, high in map(ends, [*numbers, *filter(is_draw, particles)]))
 
     def draw(self, rng: np.random.Generator, split: Split) -> Slab:
         """One slab of a split."""
-        return self.slab(*(drawn(self._source(name, split), rng) for name in _PARAMETERS))
+        numbers = {name: drawn(self.source(name, split), rng) for name in _PARAMETERS}
+        g = numbers.pop("g")
+        return self.slab(**numbers, scatterer=self._scatterer(g, rng))
 
-    def _source(self, name: str, split: Split) -> Draw:
+    def _scatterer(self, g: float, rng: np.random.Generator) -> Scatterer:
+        return HenyeyGreenstein(g=g) if self.scatterer is None else drawn_scatterer(self.scatterer, rng)
+
+    def source(self, name: str, split: Split) -> Draw:
+        """What a parameter is drawn from in a split."""
         own = self.by_split is not None and self.by_split.parameter == name
-        return getattr(self.by_split, split) if own else getattr(self, name)
+        found = getattr(self.by_split, split) if own else getattr(self, name)
+        return 0.0 if found is None else found
 
     def known(self, slab: Slab) -> "KnownMaterial":
         """Return a slab of this material with its kernel, found as the recipe says."""
         return known(slab, self.kernel_paths, self.kernel, self.kernel_tolerance)
 
+    def labels(self, slab: Slab) -> dict[str, float]:
+        """The numbers drawn for the particles of a slab, by "scatterer_" and their names."""
+        names = drawn_numbers(self.scatterer) if self.scatterer is not None else []
+        return {f"scatterer_{name}": float(getattr(slab.scatterer, name)) for name in names}
+
+    def slab_of(self, parameters: Mapping[str, float]) -> Slab:
+        """Slab of a sample, from its stored parameters."""
+        shape = [parameters[name] for name in ("thickness", "optical_depth", "albedo")]
+        if self.scatterer is None:
+            return self.slab(*shape, HenyeyGreenstein(g=parameters["g"]))
+        drawn_here = {n.removeprefix("scatterer_"): v for n, v in parameters.items() if n.startswith("scatterer_")}
+        return self.slab(*shape, scatterer_with(self.scatterer, drawn_here))
+
     def extremes(self) -> list[Slab]:
         """Slabs at the ends of every range: where a claim about all media is tested."""
-        ranges = [sorted(set(ends(n))) for n in (self.thickness, self.optical_depth, self.g)]
+        thicknesses, depths = (sorted(set(ends(n))) for n in (self.thickness, self.optical_depth))
         albedo = ends(self.albedo)[1]
-        return [self.slab(t, d, g, albedo) for t in ranges[0] for d in ranges[1] for g in ranges[2]]
+        if self.scatterer is None:
+            assert self.g is not None
+            particles: list[Scatterer] = [HenyeyGreenstein(g=g) for g in sorted(set(ends(self.g)))]
+        else:
+            particles = extreme_scatterers(self.scatterer)
+        return [self.slab(t, d, albedo, s) for t in thicknesses for d in depths for s in particles]
 
     @staticmethod
-    def slab(thickness: float, optical_depth: float, g: float, albedo: float) -> Slab:
+    def slab(thickness: float, optical_depth: float, albedo: float, scatterer: Scatterer) -> Slab:
         """Slab of the engine."""
         return Slab(
-            thickness=thickness,
-            mean_free_path=thickness / optical_depth,
-            albedo=albedo,
-            scatterer=HenyeyGreenstein(g=g),
+            thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo, scatterer=scatterer
         )
 
 

@@ -8,6 +8,7 @@ one or the other; both become a :class:`Viewing`.
 from dataclasses import dataclass
 from typing import Literal, Self
 
+import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
@@ -91,3 +92,24 @@ class Viewing:
     grid: FarFieldGrid
     bandwidth: float
     pixel_integration: bool
+
+    @property
+    def divisions(self) -> int:
+        """Views across a pixel from which its mean intensity is found: a sixth of a grain apart, or closer.
+
+        By the midpoint rule; the contrast of what it gives is within 0.5 % of that over the pixel's area. One where
+        pixels do not average.
+        """
+        grain = self.wavelength / self.width
+        return max(1, int(np.ceil(6 * self.grid.pitch / grain * (1 - 1e-9)))) if self.pixel_integration else 1
+
+    @property
+    def divided_grid(self) -> FarFieldGrid:
+        """The views of all pixels."""
+        n = self.divisions
+        return FarFieldGrid(shape=tuple(n * side for side in self.grid.shape), pitch=self.grid.pitch / n)
+
+    @property
+    def resolved_grid(self) -> FarFieldGrid:
+        """The pixels' centres, if they resolve the speckle; else their views."""
+        return self.grid if 2 * self.grid.pitch * self.width <= self.wavelength else self.divided_grid
