@@ -1,5 +1,6 @@
 """A trained network as a user holds it: camera images in, brightness out; one small file."""
 
+import io
 import json
 import os
 from collections.abc import Mapping
@@ -11,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from specklegen.core.errors import reject
+from specklegen.datasets.store.files import write_whole
 from specklegen.models.learning.inputs import network_input
 from specklegen.models.learning.networks import build
 
@@ -57,12 +59,12 @@ class Reconstructor:
         return self(inputs)
 
     def save(self, path: str | os.PathLike, compact: bool = False) -> None:
-        """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter."""
+        """Write the model, whole or not at all; ``compact`` rounds its weights to eight bits: a quarter of the file."""
         weights = self.network.state_dict()
         stated = {name: getattr(self, name) for name in ("name", "input", "width", "side")}
         stated |= {"shape": list(self.shape)}
         kept = {key: _rounded(value) if compact else value for key, value in weights.items()}
-        torch.save({"model": json.dumps(stated), "weights": kept}, Path(path))
+        write_torch(Path(path), {"model": json.dumps(stated), "weights": kept})
 
     @classmethod
     def load(cls, path: str | os.PathLike, device: torch.device | str = "cpu") -> Self:
@@ -82,6 +84,13 @@ class Reconstructor:
         network = build(stated["name"], stated["side"], stated["shape"], stated["width"], seed=0).to(device)
         network.load_state_dict({key: _restored(value) for key, value in state["weights"].items()})
         return cls(network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device)
+
+
+def write_torch(file: Path, value: Any) -> None:
+    """Write what ``torch.load`` reads, whole or not at all."""
+    buffer = io.BytesIO()
+    torch.save(value, buffer)
+    write_whole(file, buffer.getvalue())
 
 
 def _rounded(weight: Tensor) -> Tensor | tuple[Tensor, Tensor]:
