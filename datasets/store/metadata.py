@@ -151,7 +151,7 @@ def reject_strangers(folder: Path) -> None:
     if said is not None and stated != FORMAT:
         reject(
             "store.folder", f"a {FORMAT}", f"{folder}, a {stated}",
-            "Generate it again in a new folder: the recipe and the seed in its zarr.json make the same samples.",
+            "Generate it again in a new folder, from the recipe and the seed in its zarr.json.",
         )  # fmt: skip
 
 

@@ -88,7 +88,8 @@ class ShardFiles:
             shard_samples,
             compressed,
         )
-        self._open: OrderedDict[int, tuple[int, np.ndarray]] = OrderedDict()
+        self._bytes = int(np.prod(sample_shape)) * dtype.itemsize
+        self._open: OrderedDict[int, tuple[int, np.ndarray, Path]] = OrderedDict()
 
     def file(self, shard: int) -> Path:
         """Return where a shard stands."""
@@ -103,18 +104,18 @@ class ShardFiles:
             If the sample was never written, or its bytes are not those that were written.
         """
         shard, place = divmod(sample, self._shard_samples)
-        descriptor, index = self._shard(shard)
+        descriptor, index, file = self._shard(shard)
         offset, length = int(index[place, 0]), int(index[place, 1])
         if offset == _ABSENT:
-            raise MissingSample(f"{self.file(shard)} does not hold sample {sample}")
-        data = _checked(os.pread(descriptor, length, offset), self.file(shard))
+            raise MissingSample(f"{file} does not hold sample {sample}")
+        data = _checked(os.pread(descriptor, length, offset), file)
         if self._compressed:
             data = _BLOSC.decode(data)
-        if len(data) != int(np.prod(self._shape)) * self._dtype.itemsize:
-            raise ForeignShard(f"{self.file(shard)} holds samples of another size; mend the store with verify --repair")
+        if len(data) != self._bytes:
+            raise ForeignShard(f"{file} holds samples of another size; mend the store with verify --repair")
         return np.frombuffer(data, self._dtype).reshape(self._shape)
 
-    def _shard(self, shard: int) -> tuple[int, np.ndarray]:
+    def _shard(self, shard: int) -> tuple[int, np.ndarray, Path]:
         if shard in self._open:
             self._open.move_to_end(shard)
             return self._open[shard]
@@ -129,10 +130,10 @@ class ShardFiles:
         except BaseException:
             os.close(descriptor)
             raise
-        self._open[shard] = descriptor, index
+        self._open[shard] = descriptor, index, file
         if len(self._open) > _OPEN_FILES:
             os.close(self._open.popitem(last=False)[1][0])
-        return descriptor, index
+        return descriptor, index, file
 
     def close(self) -> None:
         """Close every file; the next read opens its own again."""

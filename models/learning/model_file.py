@@ -8,7 +8,6 @@ beside its place and moved into it, so that a stopped program leaves the old one
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Mapping
 from math import prod
@@ -20,6 +19,7 @@ import torch
 from torch import Tensor
 
 from specklegen.core.errors import RuleError, reject
+from specklegen.datasets.store.files import write_whole
 
 LARGEST_FILE = 2 * 2**30
 LARGEST_HEADER = 2**20
@@ -53,9 +53,7 @@ def write_model(path: Path, stated: Mapping[str, Any], tensors: Mapping[str, Ten
     content = len(header).to_bytes(8, "little") + header + b"".join(array.tobytes() for array in arrays.values())
     digest = hashlib.sha256(content).hexdigest().encode()
     content = content.replace(b'"sha256":"' + _ZEROS, b'"sha256":"' + digest, 1)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    partial.write_bytes(content)
-    os.replace(partial, path)
+    write_whole(path, content)
 
 
 def read_model(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:

@@ -4,9 +4,10 @@ Examples in memory are known by the SHA-256 of their tensors; whoever knows wher
 then a difference has a name: a recipe's field, a seed, a split.
 """
 
+import contextlib
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from specklegen.core.errors import reject
 from specklegen.datasets import SpeckleCache
 from specklegen.datasets.store.files import json_bytes, write_whole
 from specklegen.datasets.store.identity import differences
+from specklegen.datasets.store.locks import claim
 from specklegen.models.learning.examples import Examples
 
 
@@ -79,6 +81,22 @@ def require_same_run(folder: Path, there: Mapping[str, Any], here: Mapping[str, 
             "train.folder", "that of a run with these settings and data", str(folder),
             f"It differs in {'; '.join(fields)}. Choose another folder, or agree; more epochs may be asked for.",
         )  # fmt: skip
+
+
+@contextlib.contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Keep other processes from training in a folder meanwhile.
+
+    Raises
+    ------
+    RuleError
+        If one does.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with claim(folder / "lock", 0) as state:
+        if state == "busy":
+            reject("train.folder", "a folder that no other process trains in", str(folder), "Choose another, or wait.")
+        yield
 
 
 def write_record(folder: Path, here: Mapping[str, Any]) -> None:

@@ -9,8 +9,6 @@ Files in the folder of a run: ``run.json`` (settings and data; nothing else goes
 Pearson correlation on validation media), ``log.csv``.
 """
 
-import csv
-import json
 import math
 import os
 import time
@@ -21,21 +19,19 @@ from typing import Any, Literal, Self
 import numpy as np
 import torch
 from pydantic import model_validator
-from torch import Tensor, nn
+from torch import Tensor
 
 from specklegen.core.errors import reject
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
-from specklegen.models.learning.examples import Examples, mirrored
-from specklegen.models.learning.interrupts import deferred
-from specklegen.models.learning.losses import Loss, loss_named
-from specklegen.models.learning.networks import build
+from specklegen.models.learning.examples import Examples
+from specklegen.models.learning.interrupts import Interrupt, deferred
+from specklegen.models.learning.losses import loss_named
 from specklegen.models.learning.reconstructor import Reconstructor
-from specklegen.models.learning.run_record import record, require_same_run, write_record
-from specklegen.models.metrics import align, pearson
+from specklegen.models.learning.run import Run
+from specklegen.models.learning.run_record import alone, record
 
 WARM_UP = 50
 """Steps over which the learning rate rises from 0."""
-_CHUNK = 256  # samples at once where no gradient is kept
 
 
 class Training(Value):
@@ -155,7 +151,7 @@ def train(
     ------
     RuleError
         If the folder holds a run with other settings or data (more epochs are no difference), if the validation
-        examples are the training examples, or there are none.
+        examples are the training examples, or there are none; or if another process trains in the folder.
     KeyboardInterrupt
         On Ctrl-C, after the step that was being made and a checkpoint.
     """
@@ -165,160 +161,61 @@ def train(
     batches, length = data
     if not length or not len(validation.targets):
         reject("train examples", "at least one, and one for validation", (length, len(validation.targets)))
-    run = _Run(training, validation, Path(folder), device, here)
+    with alone(Path(folder)), deferred() as interrupt:
+        run = Run(training, validation, Path(folder), device, here)
+        return _trained(run, batches, length, interrupt, seconds, save_every, stop_after, progress, steps)
+
+
+def _trained(
+    run: Run,
+    batches: Batches,
+    length: int,
+    interrupt: Interrupt,
+    seconds: float | None,
+    save_every: float,
+    stop_after: int | None,
+    progress: Callable[[dict[str, float]], None] | None,
+    steps: Callable[[int, int], None] | None,
+) -> Reconstructor:
     run.finished |= seconds is not None and run.spent >= seconds
-    clock = time.process_time if torch.device(device).type == "cpu" else time.perf_counter
-    loss_of = loss_named(training.loss)
-    taken, total, saved = 0, length * training.epochs, time.monotonic()
-    with deferred() as interrupt:
-        while not run.finished:
-            try:
-                for inputs, targets in batches(run.epoch, run.step):
-                    begin = clock()
-                    done = run.epoch * length + run.step
-                    share = done / total if seconds is None else max(done / total, run.spent / seconds)
-                    run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))
-                    taken += 1
-                    run.spent += clock() - begin
-                    if steps is not None:
-                        steps(done + 1, total)
-                    if taken == stop_after:
-                        run.save()
-                        return run.reconstructor()
-                    interrupt.obey()
-                    if time.monotonic() - saved > save_every:
-                        run.save()
-                        saved = time.monotonic()
-                    if seconds is not None and run.spent >= seconds:
-                        run.finished = True
-                        break
-                interrupt.obey()
-            except Exception:
-                interrupt.obey()  # workers that heard the Ctrl-C too are gone
-                raise
-            except KeyboardInterrupt:
-                if interrupt.asked:  # between two steps
+    clock = time.process_time if run.device.type == "cpu" else time.perf_counter
+    loss_of = loss_named(run.training.loss)
+    taken, total, saved = 0, length * run.training.epochs, time.monotonic()
+    while not run.finished:
+        try:
+            for inputs, targets in batches(run.epoch, run.step):
+                begin = clock()
+                done = run.epoch * length + run.step
+                share = done / total if seconds is None else max(done / total, run.spent / seconds)
+                run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))
+                taken += 1
+                run.spent += clock() - begin
+                if steps is not None:
+                    steps(done + 1, total)
+                if taken == stop_after:
                     run.save()
-                raise
-            row = run.end_epoch()
-            saved = time.monotonic()
-            if progress is not None:
-                progress(row)
+                    return run.reconstructor()
+                interrupt.obey()
+                if time.monotonic() - saved > save_every:
+                    run.save()
+                    saved = time.monotonic()
+                if seconds is not None and run.spent >= seconds:
+                    run.finished = True
+                    break
             interrupt.obey()
+        except (Exception, KeyboardInterrupt):
+            if interrupt.asked and not run.stepping:
+                run.save()
+                raise KeyboardInterrupt from None  # whatever workers say that heard the Ctrl-C too
+            raise
+        row = run.end_epoch()
+        saved = time.monotonic()
+        if progress is not None:
+            progress(row)
+        interrupt.obey()
     return Reconstructor.load(run.folder / "best.pt")
 
 
 def cosine(share: float) -> float:
     """Fall from 1 to 0 along half a cosine."""
     return 0.5 + 0.5 * math.cos(math.pi * min(share, 1.0))
-
-
-class _Run:
-    """State of a run; all of it is in the checkpoint."""
-
-    def __init__(
-        self, training: Training, validation: Examples, folder: Path, device: str, record: dict[str, Any]
-    ) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.record = record
-        self.training, self.validation, self.folder, self.device = training, validation, folder, torch.device(device)
-        side, shape = validation.inputs.shape[-1], (validation.targets.shape[-2], validation.targets.shape[-1])
-        self.side, self.shape = side, shape
-        network = build(training.network, side, shape, training.width, training.seed)
-        self.network: nn.Module = network.to(self.device)
-        self.optimiser = torch.optim.AdamW(
-            self.network.parameters(), training.learning_rate, weight_decay=training.weight_decay
-        )
-        self.epoch = self.step = self.stale = 0
-        self.spent = self.summed = 0.0
-        self.best = -math.inf
-        self.finished = False
-        self.rows: list[dict[str, float]] = []
-        if (folder / "checkpoint.pt").exists():
-            self.restore()
-        write_record(folder, record)
-
-    def take_step(self, inputs: Tensor, targets: Tensor, loss_of: Loss, rate: float) -> None:
-        """One step of the optimiser at a share of the learning rate."""
-        training = self.training
-        for group in self.optimiser.param_groups:
-            group["lr"] = training.learning_rate * rate
-        if training.mirror:
-            rng = np.random.default_rng(np.random.SeedSequence([training.seed, self.epoch, self.step]))
-            inputs, targets = mirrored(inputs, targets, torch.from_numpy(rng.random(len(targets)) < 0.5))
-        self.network.train()
-        inputs, targets = inputs.to(self.device), targets.to(self.device)
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
-            logits = self.network(inputs)
-        loss = loss_of(logits.float(), targets)
-        self.optimiser.zero_grad()
-        loss.backward()
-        self.optimiser.step()
-        self.step += 1
-        self.summed += loss.item()
-
-    def end_epoch(self) -> dict[str, float]:
-        """Validate, log, keep the best, save."""
-        model = self.reconstructor()
-        found = validated(model, self.validation)
-        row = {
-            "epoch": self.epoch,
-            "seconds": round(self.spent, 3),
-            "train_loss": self.summed / max(self.step, 1),
-            "validation_pearson": found,
-            "learning_rate": self.optimiser.param_groups[0]["lr"],
-        }
-        self.rows.append(row)
-        self.stale = 0 if found > self.best else self.stale + 1
-        if found > self.best:
-            self.best = found
-            model.save(self.folder / "best.pt")
-        self.epoch, self.step, self.summed = self.epoch + 1, 0, 0.0
-        self.finished |= self.epoch >= self.training.epochs or self.stale >= self.training.patience
-        self.save()
-        with (self.folder / "log.csv").open("w", newline="") as file:
-            table = csv.DictWriter(file, list(row))
-            table.writeheader()
-            table.writerows(self.rows)
-        return row
-
-    def reconstructor(self) -> Reconstructor:
-        """The network as it is, ready to be used."""
-        training = self.training
-        return Reconstructor(
-            self.network, training.network, training.input, training.width, self.side, self.shape, self.device
-        )
-
-    _COUNTERS = ("epoch", "step", "stale", "spent", "summed", "best", "finished", "rows")
-
-    def save(self) -> None:
-        """Write the checkpoint whole, or not at all."""
-        state: dict[str, Any] = {name: getattr(self, name) for name in self._COUNTERS}
-        state |= {"record": json.dumps(self.record), "side": self.side, "shape": list(self.shape)}
-        state |= {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
-        partial = self.folder / "checkpoint.pt.partial"
-        torch.save(state, partial)
-        os.replace(partial, self.folder / "checkpoint.pt")
-
-    def restore(self) -> None:
-        """Take up the run of the folder."""
-        state = torch.load(self.folder / "checkpoint.pt", map_location=self.device, weights_only=True)
-        if "record" not in state:
-            reject("train.folder", "that of a run that says what it was made with", str(self.folder),
-                   "This one is of an older version. Choose another folder.")  # fmt: skip
-        require_same_run(self.folder, json.loads(state["record"]), self.record)
-        self.network.load_state_dict(state["network"])
-        self.optimiser.load_state_dict(state["optimiser"])
-        for name in self._COUNTERS:
-            setattr(self, name, state[name])
-        self.finished = self.epoch >= self.training.epochs or self.stale >= self.training.patience
-
-
-def validated(model: Reconstructor, examples: Examples) -> float:
-    """Mean Pearson correlation after alignment."""
-    found = [
-        pearson(align(made, targets), targets)
-        for inputs, targets in zip(examples.inputs.split(_CHUNK), examples.targets.split(_CHUNK), strict=True)
-        for made in [model(inputs.float()).cpu()]
-    ]
-    return float(torch.cat(found).mean())

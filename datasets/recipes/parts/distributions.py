@@ -99,7 +99,8 @@ def _read(value: Any) -> Any:
 
 
 def _read_up_to_infinity(value: Any) -> Any:
-    return np.inf if isinstance(value, float) and value == np.inf else _read(value)
+    # A store writes the word, since JSON has no such number.
+    return np.inf if value == "Infinity" or (isinstance(value, float) and value == np.inf) else _read(value)
 
 
 def is_draw(value: Any) -> bool:

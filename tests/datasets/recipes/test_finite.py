@@ -92,6 +92,9 @@ def test_infinite_coherence_length_is_coherent_light(tmp_path):
     for length in (100 * coherent.window.width, 1e12, 1e300):
         other = load_recipe("partially-coherent-slab", SMALL | {"coherence_length": length})
         np.testing.assert_array_equal(other.sample(0, "train", 1)["image"], stored["image"])
+    written = info(tmp_path / "a.zarr")["recipe"]["coherence_length"]
+    again = load_recipe("partially-coherent-slab", SMALL | {"coherence_length": written})
+    assert again == coherent, "what a store says of its recipe makes the recipe"
     nearly = load_recipe("partially-coherent-slab", SMALL | {"coherence_length": 30.0 * coherent.window.width})
     # Another lattice of beams is another draw of the medium: only what is expected can be compared.
     assert nearly.sample(0, "train", 1)["parameters"]["effective_modes"] == pytest.approx(1, abs=2e-3)

@@ -206,8 +206,8 @@ def test_a_scatterer_of_ones_own_goes_everywhere():
         assert stack.report.sampler == sampler
         assert np.isfinite(stack.field).all()
     curve = sg.memory_effect(slab, wavelength=0.5, tilts=np.array([0.0, 1e-5, 1e-3]), paths=20_000)
-    assert curve.c_i[0] == pytest.approx(1.0)
-    assert curve.c_i[2] < curve.c_i[1]
+    assert curve.intensity[0] == pytest.approx(1.0)
+    assert curve.intensity[2] < curve.intensity[1]
     own = {"material": {"scatterer": {"type": "Screened", "concentration": {"uniform": [10.0, 30.0]}}}}
     recipe = load_recipe("through-slab", changed(SMALL, own, {"media": "new"}))
     batch = next(iter(SpeckleStream(recipe, batch_size=4)))

@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import numpy as np
 import pytest
 from fake_recipe import FakeRecipe
 from small_stores import assert_holds, contents, make
@@ -12,6 +13,7 @@ from specklegen.cli import commands
 from specklegen.core.errors import RuleError
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store.info import info
+from specklegen.datasets.store.store import Store
 from specklegen.datasets.store.verify import verify
 
 
@@ -130,3 +132,24 @@ def test_a_store_without_locks_goes_on_and_is_repaired(tmp_path):
     (tmp_path / "a.zarr/image/c/1/0/0").unlink()
     assert verify(tmp_path / "a.zarr", repair=FakeRecipe()).damaged == (1,)
     assert_holds(tmp_path / "a.zarr", FakeRecipe(), 22)
+
+
+def test_no_changed_byte_of_metadata_goes_unseen(tmp_path, whole):
+    """Any byte of any of these files: the store is refused, or the file says the same (a space became a line end)."""
+    folder = shutil.copytree(whole, tmp_path / "a.zarr")
+    random = np.random.default_rng(0)
+    names = [name for name in contents(folder) if name.endswith(".json")]
+    assert len(names) == 12
+    refused = 0
+    for name in names * 12:
+        good = (folder / name).read_bytes()
+        bad = bytearray(good)
+        bad[random.integers(len(good))] ^= 1 << int(random.integers(8))
+        (folder / name).write_bytes(bad)
+        try:
+            Store(folder)
+            assert json.loads(bad) == json.loads(good), (name, bad)
+        except RuleError:
+            refused += 1
+        (folder / name).write_bytes(good)
+    assert refused > 100

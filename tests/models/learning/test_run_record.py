@@ -1,5 +1,6 @@
 """A run knows what it was made with: settings, data, validation; and is saved often enough."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -8,13 +9,16 @@ import signal
 import pytest
 import torch
 from small_runs import DATA, HELD_OUT, SETTINGS, TINY, assert_same_run, checkpoint, squares
+from small_stores import claiming
 from typer.testing import CliRunner
 
 from specklegen.cli.commands import app
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes.recipe import merged
+from specklegen.datasets.store.files import write_whole
 from specklegen.datasets.store.generate import generate
+from specklegen.models.learning import reconstructor, run, run_record
 from specklegen.models.learning.examples import examples, streamed
 from specklegen.models.learning.training import train
 
@@ -112,6 +116,8 @@ def test_checkpoints_inside_an_epoch_lose_no_step(whole, tmp_path, monkeypatch):
 
 
 def test_ctrl_c_saves_after_the_step(whole, tmp_path):
+    before = signal.getsignal(signal.SIGINT)
+
     def interrupting(done, total):
         if done == 7:
             os.kill(os.getpid(), signal.SIGINT)
@@ -119,9 +125,64 @@ def test_ctrl_c_saves_after_the_step(whole, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         train(SETTINGS, DATA, HELD_OUT, tmp_path, steps=interrupting)
     assert (checkpoint(tmp_path)["epoch"], checkpoint(tmp_path)["step"]) == (1, 2)
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is before
     train(SETTINGS, DATA, HELD_OUT, tmp_path)
     assert_same_run(checkpoint(whole), checkpoint(tmp_path))
+
+
+def test_a_second_ctrl_c_stops_inside_a_step_and_saves_nothing_of_it(whole, tmp_path, monkeypatch):
+    """Weights half updated must not become a checkpoint: the one after epoch 0 stays."""
+    step, count = torch.optim.AdamW.step, iter(range(100))
+
+    def impatient(self, *arguments, **options):
+        step(self, *arguments, **options)
+        if next(count) == 6:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(torch.optim.AdamW, "step", impatient)
+    with pytest.raises(KeyboardInterrupt):
+        train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    monkeypatch.undo()
+    assert (checkpoint(tmp_path)["epoch"], checkpoint(tmp_path)["step"]) == (1, 0)
+    train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    assert_same_run(checkpoint(whole), checkpoint(tmp_path))
+
+
+@pytest.mark.parametrize("deaths", range(1, 12))
+def test_a_run_that_dies_between_two_files_goes_on_to_the_same_bits(whole, tmp_path, monkeypatch, deaths):
+    """Three files an epoch, or four with a better model, and the record: a kill before each of them."""
+    left = iter(range(deaths))
+
+    def dying(file, data):
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        write_whole(file, data)
+
+    for module in (run_record, reconstructor, run):
+        monkeypatch.setattr(module, "write_whole", dying)
+    with contextlib.suppress(KeyboardInterrupt):
+        train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    monkeypatch.undo()
+    train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    assert_same_run(checkpoint(whole), checkpoint(tmp_path))
+    for name in ("best.pt", "checkpoint.pt"):
+        torch.load(tmp_path / name, weights_only=True)
+    lines = [(folder / "log.csv").read_text().splitlines() for folder in (whole, tmp_path)]
+    assert len(lines[0]) == len(lines[1])
+    assert (tmp_path / "best.pt").read_bytes() == (whole / "best.pt").read_bytes()
+
+
+def test_two_processes_do_not_train_in_one_folder(tmp_path):
+    (tmp_path / "lock").touch()
+    other = claiming(tmp_path / "lock", 0)
+    try:
+        with pytest.raises(RuleError, match="no other process trains in"):
+            train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    finally:
+        other.kill()
+        other.wait(120)
+    train(SETTINGS, DATA, HELD_OUT, tmp_path, stop_after=1)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,139 @@
+"""The state of a run: network, optimiser and counters, all of it in a checkpoint from which it goes on."""
+
+import csv
+import io
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from specklegen.core.errors import reject
+from specklegen.datasets.store.files import write_whole
+from specklegen.models.learning.examples import Examples, mirrored
+from specklegen.models.learning.losses import Loss
+from specklegen.models.learning.networks import build
+from specklegen.models.learning.reconstructor import Reconstructor
+from specklegen.models.learning.run_record import require_same_run, write_record
+from specklegen.models.metrics import align, pearson
+
+if TYPE_CHECKING:
+    from specklegen.models.learning.training import Training
+
+_CHUNK = 256  # samples at once where no gradient is kept
+
+
+class Run:
+    """State of a run; all of it is in the checkpoint."""
+
+    def __init__(
+        self, training: "Training", validation: Examples, folder: Path, device: str, record: dict[str, Any]
+    ) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.record = record
+        self.training, self.validation, self.folder, self.device = training, validation, folder, torch.device(device)
+        side, shape = validation.inputs.shape[-1], (validation.targets.shape[-2], validation.targets.shape[-1])
+        self.side, self.shape = side, shape
+        network = build(training.network, side, shape, training.width, training.seed)
+        self.network: nn.Module = network.to(self.device)
+        self.optimiser = torch.optim.AdamW(
+            self.network.parameters(), training.learning_rate, weight_decay=training.weight_decay
+        )
+        self.epoch = self.step = self.stale = 0
+        self.spent = self.summed = 0.0
+        self.best = -math.inf
+        self.finished = self.stepping = False
+        self.rows: list[dict[str, float]] = []
+        if (folder / "checkpoint.pt").exists():
+            self.restore()
+        write_record(folder, record)
+
+    def take_step(self, inputs: Tensor, targets: Tensor, loss_of: Loss, rate: float) -> None:
+        """One step of the optimiser at a share of the learning rate."""
+        training, self.stepping = self.training, True
+        for group in self.optimiser.param_groups:
+            group["lr"] = training.learning_rate * rate
+        if training.mirror:
+            rng = np.random.default_rng(np.random.SeedSequence([training.seed, self.epoch, self.step]))
+            inputs, targets = mirrored(inputs, targets, torch.from_numpy(rng.random(len(targets)) < 0.5))
+        self.network.train()
+        inputs, targets = inputs.to(self.device), targets.to(self.device)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
+            logits = self.network(inputs)
+        loss = loss_of(logits.float(), targets)
+        self.optimiser.zero_grad()
+        loss.backward()
+        self.optimiser.step()
+        self.step += 1
+        self.summed += loss.item()
+        self.stepping = False
+
+    def end_epoch(self) -> dict[str, float]:
+        """Validate, log, keep the best, save."""
+        model = self.reconstructor()
+        found = validated(model, self.validation)
+        row = {
+            "epoch": self.epoch,
+            "seconds": round(self.spent, 3),
+            "train_loss": self.summed / max(self.step, 1),
+            "validation_pearson": found,
+            "learning_rate": self.optimiser.param_groups[0]["lr"],
+        }
+        self.rows.append(row)
+        self.stale = 0 if found > self.best else self.stale + 1
+        if found > self.best:
+            self.best = found
+            model.save(self.folder / "best.pt")
+        self.epoch, self.step, self.summed = self.epoch + 1, 0, 0.0
+        self.finished |= self.epoch >= self.training.epochs or self.stale >= self.training.patience
+        text = io.StringIO(newline="")
+        table = csv.DictWriter(text, list(row))
+        table.writeheader()
+        table.writerows(self.rows)
+        write_whole(self.folder / "log.csv", text.getvalue().encode())
+        self.save()  # last: a run that dies before does all this again
+        return row
+
+    def reconstructor(self) -> Reconstructor:
+        """The network as it is, ready to be used."""
+        training = self.training
+        return Reconstructor(
+            self.network, training.network, training.input, training.width, self.side, self.shape, self.device
+        )
+
+    _COUNTERS = ("epoch", "step", "stale", "spent", "summed", "best", "finished", "rows")
+
+    def save(self) -> None:
+        """Write the checkpoint whole, or not at all."""
+        state: dict[str, Any] = {name: getattr(self, name) for name in self._COUNTERS}
+        state |= {"record": json.dumps(self.record), "side": self.side, "shape": list(self.shape)}
+        state |= {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
+        buffer = io.BytesIO()
+        torch.save(state, buffer)
+        write_whole(self.folder / "checkpoint.pt", buffer.getvalue())
+
+    def restore(self) -> None:
+        """Take up the run of the folder."""
+        state = torch.load(self.folder / "checkpoint.pt", map_location=self.device, weights_only=True)
+        if "record" not in state:
+            reject("train.folder", "that of a run that says what it was made with", str(self.folder),
+                   "This one is of an older version. Choose another folder.")  # fmt: skip
+        require_same_run(self.folder, json.loads(state["record"]), self.record)
+        self.network.load_state_dict(state["network"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        for name in self._COUNTERS:
+            setattr(self, name, state[name])
+        self.finished = self.epoch >= self.training.epochs or self.stale >= self.training.patience
+
+
+def validated(model: Reconstructor, examples: Examples) -> float:
+    """Mean Pearson correlation after alignment."""
+    found = [
+        pearson(align(made, targets), targets)
+        for inputs, targets in zip(examples.inputs.split(_CHUNK), examples.targets.split(_CHUNK), strict=True)
+        for made in [model(inputs.float()).cpu()]
+    ]
+    return float(torch.cat(found).mean())

@@ -1,0 +1,228 @@
+"""Kill -9 at file operations of those who create, fill, grow and repair: the short form of scripts/fuzz_stores.py."""
+
+import errno
+import os
+import random
+import threading
+
+import numpy as np
+import pytest
+import zarr
+from fake_recipe import FakeRecipe
+from small_stores import assert_holds, claiming, make
+
+from scripts.fuzz_stores import SCENES, Fuzz, child
+from specklegen.core.errors import RuleError
+from specklegen.datasets.loading.cache import SpeckleCache
+from specklegen.datasets.store import creation, metadata, store
+from specklegen.datasets.store.generate import GenerationError
+from specklegen.datasets.store.info import info
+from specklegen.datasets.store.shards import MissingSample
+from specklegen.datasets.store.store import Store
+from specklegen.datasets.store.verify import verify
+
+
+@pytest.fixture(scope="module")
+def fuzz(tmp_path_factory):
+    return Fuzz(tmp_path_factory.mktemp("fuzz"))
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_kill_at_any_file_operation_loses_nothing(fuzz, scene):
+    """Four operations spread over all of them, at places of their own each (the script takes every one)."""
+    count = fuzz.operations[scene]
+    assert count > 100, "the hook sees what is written"
+    for kill in np.linspace(1, count, 4).astype(int).tolist():
+        fuzz.trial(scene, [kill])
+
+
+def test_kills_among_several_processes_lose_nothing(fuzz):
+    draws = random.Random(4)
+    for _ in range(5):
+        fuzz.trial(*fuzz.several(draws))
+
+
+def test_eight_processes_create_one_store_at_once(fuzz):
+    """None fails, and what they make is one store; seen through the moments at which a maker is least protected."""
+    for _ in range(4):
+        fuzz.trial("create", [0] * 8)
+
+
+def test_the_power_of_the_fuzz(fuzz, monkeypatch):
+    """A store whose ledger is written before its samples must be caught."""
+    whole = store.Store.write_shard
+
+    def hasty(self, shard, columns):
+        place = slice(self.span(shard).start, self.span(shard).stop)
+        self._arrays["valid"][place] = True
+        return whole(self, shard, columns)
+
+    monkeypatch.setattr(store.Store, "write_shard", hasty)
+
+    def any_kill():
+        for kill in range(fuzz.operations["generate"] // 3, fuzz.operations["generate"]):
+            fuzz.trial("generate", [kill])
+
+    with pytest.raises((AssertionError, MissingSample)):
+        any_kill()
+
+
+def swept_once(monkeypatch, moment, folder):
+    """Let another process sweep creations once, at a moment that a function of ``creation`` marks."""
+    before, done = getattr(creation, moment), []
+
+    def then(*arguments, **options):
+        if not done:
+            done.append(True)
+            number = child(creation.sweep_creations, folder, 0, folder.with_name("log"))
+            assert os.waitpid(number, 0)[1] == 0
+        return before(*arguments, **options)
+
+    monkeypatch.setattr(creation, moment, then)
+    return done
+
+
+@pytest.mark.parametrize("moment", ["claim", "write_empty"])
+def test_a_sweep_by_another_process_while_a_store_is_made(tmp_path, monkeypatch, moment):
+    """Before the maker holds its lock its folder may be taken for dead, and it starts anew; after, it is left alone."""
+    done = swept_once(monkeypatch, moment, tmp_path / "a.zarr")
+    make(tmp_path / "a.zarr")
+    assert done
+    assert_holds(tmp_path / "a.zarr", FakeRecipe(), 22)
+    assert {file.name for file in tmp_path.iterdir()} == {"a.zarr", "a.card.md", "log"}
+
+
+def test_threads_of_one_process_create_one_store_at_once(tmp_path):
+    errors = []
+
+    def work():
+        try:
+            make(tmp_path / "a.zarr", samples=5)
+        except BaseException as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(120)
+    assert not errors
+    assert_holds(tmp_path / "a.zarr", FakeRecipe(), 5)
+
+
+def test_half_made_stores_without_locks_are_swept(tmp_path):
+    """Their makers died before they made the file; and what is not a maker's is left alone."""
+    (tmp_path / f".a.zarr.{'e' * 32}.creating").mkdir()
+    (tmp_path / ".a.zarr.backup.creating").mkdir()
+    make(tmp_path / "a.zarr")
+    assert {file.name for file in tmp_path.iterdir()} == {"a.zarr", "a.card.md", ".a.zarr.backup.creating"}
+
+
+def test_temporary_files_are_swept_exactly(tmp_path):
+    """Dead writers' files go, those of living writers and of the user stay."""
+    folder = tmp_path / "a.zarr"
+    make(folder)
+    dead = [folder / f"image/c/1/0/0.{'0' * 32}.partial", folder / f"level/c/2.{'1' * 32}.partial",
+            folder / f"image/zarr.{'2' * 32}.partial", folder / f"zarr.json.{'3' * 32}.partial",
+            folder / f"valid/record.json.{'4' * 32}.partial", tmp_path / f"a.card.md.{'5' * 32}.partial"]  # fmt: skip
+    living = folder / f"image/c/3/0/0.{'6' * 32}.partial"
+    users = [folder / "thesis.partial", folder / "image/thesis.partial", folder / "image/c/1/0/mine.partial",
+             folder / f"notes/c/1/0.{'7' * 32}.partial", tmp_path / "a.card.md.old.partial"]  # fmt: skip
+    for file in (*dead, living, *users):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(b"precious")
+    other = claiming(folder / "valid/locks", 4)
+    try:
+        assert verify(folder).orphans == 6
+        make(folder)
+    finally:
+        other.kill()
+        other.wait(120)
+    assert [file for file in dead if file.exists()] == []
+    assert all(file.exists() for file in (living, *users))
+
+
+@pytest.mark.parametrize("deaths", range(10))
+def test_a_growing_store_is_sound_after_a_kill_in_a_rewrite(tmp_path, monkeypatch, deaths):
+    """Shard 1 held 3 of its 5 samples; its rewriting dies at its first file, its second, ... the ledger."""
+    folder = tmp_path / "a.zarr"
+    make(folder, samples=8)
+    write, left = zarr.Array.__setitem__, iter(range(deaths))
+
+    def dying(array, place, value):
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        write(array, place, value)
+
+    monkeypatch.setattr(zarr.Array, "__setitem__", dying)
+    with pytest.raises(KeyboardInterrupt):
+        make(folder)
+    monkeypatch.undo()
+    found = verify(folder)
+    assert (found.damaged, found.unfinished) == ((), (1, 2, 3, 4))
+    assert_holds(folder, FakeRecipe(), 8)
+    make(folder)
+    assert_holds(folder, FakeRecipe(), 22)
+
+
+def test_damage_in_a_shard_that_is_not_full_is_found_all_the_same(tmp_path):
+    folder = tmp_path / "a.zarr"
+    make(folder, samples=8)
+    creation.grown(Store(folder, writable=True), 22)
+    file = folder / "object/c/1/0/0"
+    data = bytearray(file.read_bytes())
+    data[0] ^= 1
+    file.write_bytes(data)
+    assert verify(folder).damaged == (1,)
+
+
+def test_a_lost_file_names_the_remedy(tmp_path):
+    make(tmp_path / "a.zarr")
+    (tmp_path / "a.zarr/image/c/1/0/0").unlink()
+    with pytest.raises(MissingSample, match="though the ledger lists it: mend the store with verify --repair"):
+        SpeckleCache(tmp_path / "a.zarr").numpy(7)
+    make(tmp_path / "b.zarr", shard_range=(0, 2))
+    with pytest.raises(MissingSample, match="has not been generated yet: run generate again"):
+        SpeckleCache(tmp_path / "b.zarr").numpy(21)
+
+
+def full_after(monkeypatch, writes):
+    """Let the disk be full after some columns were written."""
+    write, left = zarr.Array.__setitem__, iter(range(writes))
+
+    def filling(array, place, value):
+        if next(left, None) is None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(array, place, value)
+
+    monkeypatch.setattr(zarr.Array, "__setitem__", filling)
+
+
+def test_a_full_disk_stops_at_once(tmp_path, monkeypatch):
+    """In shard 1: shards 2 to 4 are not rendered in vain; with room again the call goes on."""
+    log = tmp_path / "log"
+    full_after(monkeypatch, 13)
+    with pytest.raises(GenerationError, match=r"nothing more can be written.* 5 of 22 .*\n.*No space.*\nMake room"):
+        make(tmp_path / "a.zarr", FakeRecipe(log=str(log)))
+    monkeypatch.undo()
+    assert max(int(line.split()[1]) for line in log.read_text().splitlines()) == 9
+    assert info(tmp_path / "a.zarr")["done"] == 5
+    make(tmp_path / "a.zarr")
+    assert_holds(tmp_path / "a.zarr", FakeRecipe(), 22)
+
+
+@pytest.mark.parametrize("step", ["create", "grow"])
+def test_a_full_disk_is_named_when_a_store_is_made_or_grown(tmp_path, monkeypatch, step):
+    if step == "grow":
+        make(tmp_path / "a.zarr", samples=8)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(metadata, "write_whole", full)
+    with pytest.raises(RuleError, match="No space left on device.*Make room, then run the same command again"):
+        make(tmp_path / "a.zarr")
+    monkeypatch.undo()
+    make(tmp_path / "a.zarr")
+    assert_holds(tmp_path / "a.zarr", FakeRecipe(), 22)
+    assert {file.name for file in tmp_path.iterdir()} == {"a.zarr", "a.card.md"}
