@@ -1,14 +1,16 @@
 """Recipe kind "hidden-object": an incoherent object seen through a slab, one camera image a sample."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Self, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
 
 import numpy as np
-import torch
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.lazy import LazyModule
 from specklegen.core.values import Value
 from specklegen.datasets.objects import HiddenObjects
 from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
@@ -22,6 +24,11 @@ from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, Split, generator, substream
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.scene.media import Slab
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 
 class ObjectField(Value):

@@ -3,13 +3,15 @@
 Samples of one medium share all of this; a few media are kept in each process.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import torch
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed
 from specklegen.core.values import remembered
@@ -19,6 +21,11 @@ from specklegen.planning.planning import plan
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 if TYPE_CHECKING:
     from specklegen.datasets.recipes.recipe import Recipe

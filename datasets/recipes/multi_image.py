@@ -3,14 +3,16 @@
 Either the medium changes from image to image, or the illumination is tilted.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import partial
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-import torch
 from pydantic import model_validator
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.values import PositiveInt, Value
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.parts.distributions import UnboundedDraw, drawn, require_above
@@ -19,6 +21,11 @@ from specklegen.datasets.recipes.parts.tilts import Tilts
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, Split, generator, substream
 from specklegen.samplers.stationary.objects import ObjectSampler
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 
 class Dynamics(Value):

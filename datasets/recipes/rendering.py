@@ -3,6 +3,8 @@
 What ``specklegen plan RECIPE`` prints is decided here, and is what runs.
 """
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,9 +12,9 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import torch
 
 from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.lazy import LazyModule
 from specklegen.datasets.recipes.medium_realization import (
     MediumRealization,
     PathSumFields,
@@ -30,6 +32,11 @@ from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, dir
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 if TYPE_CHECKING:
     from specklegen.datasets.recipes.recipe import Recipe

@@ -13,14 +13,22 @@ range 4 modes of 28 do, as few as the exact Karhunen-Loeve expansion needs at th
 Source of the recurrence: Gautschi, *Orthogonal Polynomials* (2004), section 2.2.3, with every step orthogonalised anew.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 FIRST_DEGREE = 6
 POLYNOMIAL_SHARE = 0.5

@@ -7,13 +7,16 @@ the axis, per direction of light and view). Valid where the planner's criterion 
 of view).
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
@@ -23,6 +26,11 @@ from specklegen.samplers.stationary.oblique import ObliqueCorrelation
 from specklegen.scene.illumination import CollimatedBeams, illuminated_area
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 _SMALL_PHASE = 1e-3  # radians that nobody sees beside the field tolerance of path sums
 
@@ -121,7 +129,7 @@ def stack_sampler(
     kernel: MemoryEffectCorrelation | ObliqueCorrelation,
     *,
     device: torch.device | str = "cpu",
-    dtype: torch.dtype = torch.complex64,
+    dtype: torch.dtype | None = None,
     fft: bool | None = None,
 ) -> StackSampler:
     """Prepare the sampler of a scene with collimated beams and a far-field grid.
@@ -141,6 +149,7 @@ def stack_sampler(
     RuleError
         If the tilts reach too far for a transform of reasonable size.
     """
+    dtype = dtype or torch.complex64
     beams, grid = scene.illumination, scene.sensor
     assert isinstance(beams, CollimatedBeams)
     assert isinstance(grid, FarFieldGrid)
