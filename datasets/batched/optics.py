@@ -28,7 +28,10 @@ def _waves_on_the_cpu(along: torch.Tensor, across: torch.Tensor, gain: torch.Ten
     _waves_on_the_cpu,
 )
 def waves(along: torch.Tensor, across: torch.Tensor, gain: torch.Tensor) -> torch.Tensor:
-    """Real and imaginary part of gain e^(2 pi i along across), float32[B, n, m, 2], from float64[B, n], [B, m], [B, m]."""
+    """Real and imaginary part of gain e^(2 pi i along across), float32[B, n, m, 2].
+
+    Of along float64[B, n], across and gain float64[B, m].
+    """
     turns = along[:, :, None] * across[:, None, :]
     angle = 2 * torch.pi * (turns - torch.round(turns))
     wave = torch.stack([torch.cos(angle), torch.sin(angle)], -1) * gain[:, None, :, None]
@@ -79,7 +82,8 @@ def fields(
     second = (pair & 1) == 1
     u, v = (torch.where(second, words[n + 2], words[n]).to(torch.float64) * 2.0**-32 + 2.0**-33 for n in (0, 1))
     radius = torch.sqrt(-torch.log(u)) * envelope[:, None] * ((y < ny) & (x < nx))
-    return torch.stack([radius * torch.cos(2 * torch.pi * v), radius * torch.sin(2 * torch.pi * v)], -1).to(torch.float32)
+    angle = 2 * torch.pi * v
+    return torch.stack([radius * torch.cos(angle), radius * torch.sin(angle)], -1).to(torch.float32)
 
 
 @fused(
