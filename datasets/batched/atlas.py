@@ -48,15 +48,6 @@ def _stencil(x: torch.Tensor, nodes: torch.Tensor) -> tuple[torch.Tensor, torch.
     return below.clamp(0, len(nodes) - 2), place, ratio.masked_fill(same, 1.0).prod(-1)
 
 
-@fused(
-    "atlas_rows(Tensor table, Tensor place, Tensor weight) -> Tensor",
-    lambda t, p, w: w.new_empty((len(p), t.shape[1])),
-)
-def atlas_rows(table: torch.Tensor, place: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-    """Weighted sums float64[B, 97] of rows of the table, at places int64[B, 64] with weights float64[B, 64]."""
-    return (table[place].to(weight.dtype) * weight[:, :, None]).sum(1)
-
-
 @dataclass(frozen=True)
 class Kernels:
     """Memory-effect kernels of a batch, in the form of :class:`MemoryEffectCorrelation`.
@@ -81,23 +72,49 @@ def kernels(
     tolerance: float,
 ) -> Kernels:  # fmt: skip
     """Kernels of slabs float64[B] each."""
+    slabs = torch.stack([thickness, depth, g, albedo], -1)
+    return Kernels(*slab_kernels(slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, tolerance))
+
+
+def _shapes(
+    slabs: torch.Tensor, axes: list[torch.Tensor], shares: torch.Tensor, *_: object
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    wide = (len(slabs), len(shares) + 1)
+    single = slabs.new_empty(len(slabs))
+    return slabs.new_empty(wide), slabs.new_empty(wide), single, single.new_empty(len(slabs), dtype=torch.bool)
+
+
+@fused(
+    "slab_kernels(Tensor slabs, Tensor[] axes, Tensor shares, Tensor table, Tensor bounds, float tolerance)"
+    " -> (Tensor, Tensor, Tensor, Tensor)",
+    _shapes,
+    kernels=4,
+)
+def slab_kernels(
+    slabs: torch.Tensor, axes: list[torch.Tensor], shares: torch.Tensor, table: torch.Tensor, bounds: torch.Tensor,
+    tolerance: float,
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:  # fmt: skip
+    """Radius, share, single share and whether served (:class:`Kernels`) of slabs float64[B, 4].
+
+    A slab is its thickness, optical depth, g and albedo; the tables are those of :class:`AtlasTables`.
+    """
+    thickness, depth, g, albedo = slabs.unbind(-1)
     drop = 1 - g
     order = depth * (1 + 0.5 * depth * drop)
     coordinates = [torch.log(depth), torch.log(drop), torch.sqrt(1 - torch.log(albedo) * order) - 1]
     inside = torch.ones_like(depth, dtype=torch.bool)
-    cell = place = torch.zeros_like(depth, dtype=torch.int64)
-    weight = torch.ones_like(depth)[:, None]
-    place = place[:, None]
-    for x, nodes in zip(coordinates, tables.axes, strict=True):
+    cell = torch.zeros_like(depth, dtype=torch.int64)
+    place, weight = cell[:, None], torch.ones_like(depth)[:, None]
+    for x, nodes in zip(coordinates, axes, strict=True):
         inside = inside & (nodes[0] <= x) & (x <= nodes[-1])
-        below, four, along = _stencil(x, nodes)
+        below, four, along = _stencil(x.contiguous(), nodes)
         cell = cell * (len(nodes) - 1) + below
         place = (place[:, :, None] * len(nodes) + four[:, None, :]).flatten(1)
         weight = (weight[:, :, None] * along[:, None, :]).flatten(1)
-    row = atlas_rows(tables.table, place, weight)
+    row = (table[place].to(weight.dtype) * weight[:, :, None]).sum(1)
     single = albedo * depth * torch.exp(-depth) * (2 - drop) / (4 * torch.pi * drop.square())
     multiple = albedo.square() * torch.exp(row[:, -1])
-    weights = torch.cat([single[:, None], multiple[:, None] * tables.shares], 1)
+    weights = torch.cat([single[:, None], multiple[:, None] * shares], 1)
     radius = torch.cat([torch.zeros_like(single)[:, None], thickness[:, None] * torch.exp(row[:, :-1])], 1)
-    served = inside & (tables.bounds[cell] <= tolerance)
-    return Kernels(radius, weights / weights.sum(1, keepdim=True), single / (single + multiple), served)
+    served = inside & (bounds[cell] <= tolerance)
+    return radius, weights / weights.sum(1, keepdim=True), single / (single + multiple), served

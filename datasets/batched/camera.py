@@ -73,7 +73,7 @@ def numbers_of(camera: Camera) -> list[float]:
 
 
 def expose(camera: Camera, images: torch.Tensor, keys: torch.Tensor) -> torch.Tensor:
-    """Counts of images float32[B, ...], where the intensity is 1 at ``camera.photons``: uint16 or float32."""
+    """Counts of images float32[B, ...], 1 standing for ``camera.photons``: uint16, or float32 without bits."""
     # Rounding may leave a dark pixel a little below 0.
     light = camera.photons * images.clamp(min=0).to(torch.float64)
     counts = exposed(light, keys, numbers_of(camera))

@@ -10,12 +10,14 @@ from typing import Any
 import torch
 
 _LIBRARY = torch.library.Library("specklegen", "DEF")
-NAMES: list[str] = []
-"""Operators that are one kernel on CUDA."""
+KERNELS: dict[str, int] = {}
+"""Kernels of each operator on CUDA: one for each reduction that waits for another, and for what follows the last."""
+FORMS: dict[str, Callable[..., Any]] = {}
+"""Torch form of each operator."""
 
 
 def fused(
-    schema: str, shape: Callable[..., Any], cpu: Callable[..., Any] | None = None
+    schema: str, shape: Callable[..., Any], cpu: Callable[..., Any] | None = None, kernels: int = 1
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Register a torch function as an operator.
 
@@ -27,6 +29,8 @@ def fused(
         Function of the same arguments that returns an empty result, for "meta" and for the compiler.
     cpu
         Form for the CPU, where it is not the torch function itself.
+    kernels
+        How many it should be on CUDA.
     """
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -36,7 +40,7 @@ def fused(
         _LIBRARY.impl(name, cpu or function, "CPU")
         _LIBRARY.impl(name, _compiled(function), "CUDA")
         _LIBRARY.impl(name, shape, "Meta")
-        NAMES.append(f"specklegen.{name}")
+        KERNELS[name], FORMS[name] = kernels, function
         return getattr(torch.ops.specklegen, name)
 
     return register

@@ -7,7 +7,9 @@ A batch is prepared at once, then rendered in buckets of equal rank, in chunks o
 do not matter. The ranks are the one thing that the host waits for.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import fields
 from typing import Any, cast
 
 import numpy as np
@@ -17,6 +19,7 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Stream
 from specklegen.datasets.batched import camera, kept, medium, plan, rendering, words
+from specklegen.datasets.batched.atlas import Kernels
 from specklegen.datasets.batched.glyphs import GlyphTables, glyph_places, glyph_tables, glyphs
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.recipe import NOISES, Recipe
@@ -24,8 +27,9 @@ from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
 from specklegen.datasets.split import Purpose, Split, split_number, substream
 
 BUCKETS = (1, 2, 3, 4, 6, 8, 11, 16, 22, 28)
-CHUNK_BYTES = 2**30
-"""Memory that the largest tensors of a chunk may take on a device; on the CPU a chunk is one sample."""
+CHUNK, CHUNK_BYTES, KEPT_CHUNK = 64, 2**30, 64
+"""Samples of a chunk, and the memory that its largest tensors may take on a device; on the CPU a chunk is a sample."""
+_WITH_AUTOCAST = ("cpu", "cuda", "xpu", "mps")
 _PURPOSES = {"material": Purpose.MATERIAL, "field": Purpose.FIELD, "tilts": Purpose.TILTS}
 
 
@@ -54,8 +58,11 @@ class SpeckleGenerator:
         self.way, self.why = plan.way_of(recipe)
         self.tail = substream(seed, self.split, Purpose.MATERIAL, 0)[4:]
         self.outlines: GlyphTables | None = None
-        self._kept: dict[int, kept.KeptMedium] = {}
-        self._kept_bytes = 0
+        self.library: kept.Library | None = None
+        if self.way == plan.KEPT:
+            self.library = kept.library(cast(HiddenObject, self.recipe), seed, self.split, self.device)
+            if self.library is None:
+                self.way, self.why = plan.STEPS, [f"its media take more than {kept.MOST_BYTES >> 20} MB"]
         if self.way != plan.STEPS and plan.draws_objects(recipe):
             assert isinstance(recipe, HiddenObject)
             self.outlines = glyph_tables(recipe.objects, self.device)  # type: ignore[arg-type]
@@ -72,10 +79,10 @@ class SpeckleGenerator:
             Numbers of the samples, on the host.
         """
         numbers = [int(n) for n in indices]
-        if not numbers:
-            reject("SpeckleGenerator indices", "at least one index", numbers)
+        if not numbers or min(numbers) < 0:
+            reject("SpeckleGenerator indices", "at least one index, each a whole number of at least 0", numbers)
         # Complex products of a user who allows TF32 would be wrong by 3e-4, and half precision is no place for this.
-        with torch.no_grad(), torch.autocast(self.device.type, enabled=False), _ieee(), one_torch_thread():
+        with torch.no_grad(), _ieee(self.device.type), one_torch_thread():
             if self.way == plan.STEPS:
                 return self._by_steps(numbers)
             return self._drawn(numbers) if self.way == plan.DRAWN else self._through_kept(numbers)
@@ -84,7 +91,7 @@ class SpeckleGenerator:
         """Say how batches are made: the way, what keeps the recipe from a faster one, and what the host still does."""
         host = [] if self.way != plan.STEPS else ["everything: samples one by one on the CPU, then copied"]
         if self.way == plan.KEPT:
-            host.append("each medium once, at its first sample")
+            host.append("all media, once, when the generator is made")
         if self.way != plan.STEPS and isinstance(self.recipe, HiddenObject) and self.outlines is None:
             host.append(f"pictures of {self.recipe.objects.type}")
         return {"way": self.way, "device": str(self.device), "why": list(self.why), "host": host}
@@ -93,7 +100,8 @@ class SpeckleGenerator:
         return _tensors(self.recipe.batch(self.seed, self.split, numbers), self.device)
 
     def _words(self, numbers: Sequence[int], purposes: Sequence[int]) -> torch.Tensor:
-        return words.substreams(self.number, [int(p) for p in purposes], self._put(numbers), self.tail)
+        own = words.substreams(self.number, [int(p) for p in purposes], torch.tensor(numbers), self.tail)
+        return own.to(self.device, non_blocking=True)
 
     def _put(self, numbers: Sequence[int]) -> torch.Tensor:
         return torch.tensor(numbers, dtype=torch.int64).to(self.device, non_blocking=True)
@@ -119,7 +127,7 @@ class SpeckleGenerator:
         return medium.prepare(self.recipe, self.split, self.tables, self.sizes, draws), keys
 
     def ranks(self, made: medium.MediumBatch) -> list[int]:
-        """Ranks on the host: the one wait of a batch. On "meta" there are no numbers: the median's."""
+        """Bring the ranks to the host, for which it waits. On "meta" each is 3, for there are no numbers."""
         return [3] * len(made.rank) if made.rank.device.type == "meta" else made.rank.tolist()
 
     def _drawn(self, numbers: list[int]) -> dict[str, Any]:
@@ -127,38 +135,63 @@ class SpeckleGenerator:
         made, keys = self.prepare(media)
         light = self._objects(numbers)
         ranks = self.ranks(made)
-        tilts = made.base.shape[1]
-        images = torch.empty((len(numbers), tilts, *self.recipe.camera_shape), device=self.device)
-        buckets: dict[int, list[int]] = {}
-        for place, rank in enumerate(ranks):
-            if rank:
-                bucket = next((bucket for bucket in BUCKETS if bucket >= rank), rank)
-                buckets.setdefault(min(bucket, made.columns.shape[-1]), []).append(place)
-        for bucket, places in sorted(buckets.items()):
-            size = self.chunk(bucket, tilts)
-            for first in range(0, len(places), size):
-                some = places[first : first + size]
-                whole = self._put(some + some[:1] * (size - len(some)))  # every chunk of one shape
-                part = rendering.render(
-                    self.recipe, self.sizes, self.tables, _chosen(made, whole), keys[whole], light[whole], bucket
-                )
-                images.index_copy_(0, whole[: len(some)], part[: len(some)])
+        order, slices = self.buckets(ranks, made.columns.shape[-1], made.base.shape[1])
+        whole = self._put(order)
+        chosen, keys, light_of = _chosen(made, whole), keys[whole], light[whole]
+        waves = rendering.transforms(self.recipe, self.sizes, chosen)
+        parts = [
+            rendering.render(self.sizes, self.tables, _cut(chosen, part), keys[part], light_of[part],
+                             {name: wave[part] for name, wave in waves.items()}, bucket)
+            for bucket, part in slices
+        ]  # fmt: skip
+        places = [0] * len(numbers)
+        for position, place in enumerate(order):
+            places[place] = position  # a sample that fills up a chunk comes again: the same bits
+        images = torch.cat(parts)[self._put(places)] if parts else self._nothing(len(numbers))
         parameters = dict(made.parameters)
-        parameters["expected_contrast"] = rendering.expected_contrast(
-            self.recipe, self.sizes, self.tables, made, light
-        )
+        # On the CPU one by one: a transform of several has other last bits than that of one.
+        alone = [slice(n, n + 1) for n in range(len(numbers))] if self.device.type == "cpu" else [slice(None)]
+        contrasts = [
+            rendering.expected_contrast(self.recipe, self.sizes, self.tables, _cut(made, part), light[part])
+            for part in alone
+        ]
+        parameters["expected_contrast"] = torch.cat(contrasts)
         parameters["medium"] = self._put(media).to(torch.float64)
         batch = self._named(numbers, images, light, parameters, made.tilts)
         left = [place for place, rank in enumerate(ranks) if not rank]
         return self._mended(batch, numbers, left) if left else batch
 
+    def buckets(self, ranks: list[int], most: int, tilts: int) -> tuple[list[int], list[tuple[int, slice]]]:
+        """Order in which to render, and the slices of it that are rendered together, each with its rank.
+
+        The last chunk of a bucket is filled up with its first sample, so that every chunk has one shape.
+        """
+        members: dict[int, list[int]] = {}
+        for place, rank in enumerate(ranks):
+            if rank:
+                bucket = next((bucket for bucket in BUCKETS if bucket >= rank), most)
+                members.setdefault(min(bucket, most), []).append(place)
+        order: list[int] = []
+        slices = []
+        for bucket, places in sorted(members.items()):
+            size = self.chunk(bucket, tilts)
+            for first in range(0, len(places), size):
+                some = places[first : first + size]
+                slices.append((bucket, slice(len(order), len(order) + size)))
+                order += some + some[:1] * (size - len(some))
+        return order, slices
+
     def chunk(self, rank: int, tilts: int) -> int:
-        """Samples rendered at once."""
+        """Samples rendered at once, the same for every batch: companions do not matter. On the CPU one."""
         if self.device.type == "cpu":
             return 1
         pairs = rank * (rank + 1) // 2
         bytes_each = self.sizes.lags[0] * self.sizes.lags[1] * (8 * rank + 12 * pairs + 8 * tilts * pairs)
-        return 2 ** int(np.log2(max(1, min(256, CHUNK_BYTES // bytes_each))))
+        return 2 ** int(np.log2(max(1, min(CHUNK if rank <= 3 else CHUNK // 4, CHUNK_BYTES // bytes_each))))
+
+    def _nothing(self, count: int) -> torch.Tensor:
+        tilts = plan.beams_of(self.recipe)[1]
+        return torch.empty((count, tilts, *self.recipe.camera_shape), device=self.device)
 
     def _mended(self, batch: dict[str, Any], numbers: list[int], left: list[int]) -> dict[str, Any]:
         """Samples that the device could not prepare, made step by step."""
@@ -175,41 +208,32 @@ class SpeckleGenerator:
         return batch
 
     def _through_kept(self, numbers: list[int]) -> dict[str, Any]:
-        recipe = cast(HiddenObject, self.recipe)
+        assert self.library is not None
         light = self._objects(numbers)
-        media = [recipe.medium_number(n) for n in numbers]
-        groups: dict[int, list[int]] = {}
-        for place, number in enumerate(media):
-            groups.setdefault(number, []).append(place)
-        ready = {number: self._medium(number) for number in groups}
-        some = next(iter(ready.values()))
-        images = torch.empty((len(numbers), len(some.tilts), *recipe.camera_shape), device=self.device)
-        contrast = torch.empty(len(numbers), dtype=torch.float64, device=self.device)
-        tilts = torch.empty((len(numbers), *some.tilts.shape), dtype=torch.float64, device=self.device)
-        for number, places in groups.items():
-            size = 1 if self.device.type == "cpu" else 4
+        media = [self.recipe.medium_number(n) for n in numbers]
+        order: list[int] = []
+        seen, contrasts, rows, tilts = [], [], [], []
+        for number, group in enumerate(self.library.groups):
+            places = [place for place, m in enumerate(media) if self.library.places[m][0] == number]
+            size = 1 if self.device.type == "cpu" else KEPT_CHUNK
             for first in range(0, len(places), size):
-                part = places[first : first + size]
-                whole = self._put(part + part[:1] * (size - len(part)))
-                seen, objects = whole[: len(part)], light[whole]
-                images.index_copy_(0, seen, kept.render(ready[number], objects)[: len(part)])
-                contrast.index_copy_(0, seen, kept.expected_contrast(ready[number], objects)[: len(part)])
-                tilts.index_copy_(0, seen, ready[number].tilts.expand(len(part), -1, -1))
-        names = some.parameters
-        rows = [[ready[number].parameters[name] for name in names] for number in media]
-        table = torch.tensor(rows, dtype=torch.float64)
-        columns = dict(zip(names, table.to(self.device).unbind(1), strict=True))
+                some = places[first : first + size]
+                some += some[:1] * (size - len(some))  # every chunk of one shape
+                objects = light[self._put(some)]
+                which = self._put([self.library.places[media[place]][1] for place in some])
+                seen.append(kept.render(group, which, objects))
+                contrasts.append(kept.expected_contrast(group, which, objects))
+                rows.append(group.parameters[which])
+                tilts.append(group.tilts[which])
+                order += some
+        places = [0] * len(numbers)
+        for position, place in enumerate(order):
+            places[place] = position
+        back = self._put(places)
+        columns = dict(zip(self.library.names, torch.cat(rows)[back].unbind(1), strict=True))
+        contrast = torch.cat(contrasts)[back]
         parameters = columns | {"expected_contrast": contrast, "medium": self._put(media).to(torch.float64)}
-        return self._named(numbers, images, light, parameters, tilts)
-
-    def _medium(self, number: int) -> kept.KeptMedium:
-        if number not in self._kept:
-            made = kept.keep(cast(HiddenObject, self.recipe), self.seed, self.split, number, self.device)
-            self._kept_bytes += made.spectra.numel() * made.spectra.element_size()
-            if self._kept_bytes > kept.MOST_BYTES:
-                return made
-            self._kept[number] = made
-        return self._kept[number]
+        return self._named(numbers, torch.cat(seen)[back], light, parameters, torch.cat(tilts)[back])
 
     def _named(
         self, numbers: list[int], images: torch.Tensor, light: torch.Tensor, parameters: dict[str, torch.Tensor],
@@ -234,22 +258,32 @@ class SpeckleGenerator:
 
 def _chosen(made: medium.MediumBatch, places: torch.Tensor) -> medium.MediumBatch:
     """Some media of a batch, with all that rendering asks of them."""
-    pick = lambda value: value[places]  # noqa: E731
+    return _each(made, lambda value: value[places])
+
+
+def _cut(made: medium.MediumBatch, part: slice) -> medium.MediumBatch:
+    return _each(made, lambda value: value[part])
+
+
+def _each(made: medium.MediumBatch, pick: Callable[[torch.Tensor], torch.Tensor]) -> medium.MediumBatch:
     return medium.MediumBatch(
-        {}, pick(made.columns), pick(made.rank), pick(made.cells), pick(made.size), pick(made.envelope),
-        pick(made.tilts), pick(made.base), pick(made.object_pitch), pick(made.camera_pitch), made.kernels,
+        {"width": pick(made.parameters["width"])}, pick(made.columns), made.rank, pick(made.cells), pick(made.size),
+        pick(made.envelope), made.tilts, pick(made.base), pick(made.object_pitch), pick(made.camera_pitch),
+        Kernels(*(pick(getattr(made.kernels, field.name)) for field in fields(Kernels))),
     )  # fmt: skip
 
 
-class _ieee:  # noqa: N801
-    """Full single precision in matrix products, whatever the program allows."""
-
-    def __enter__(self) -> None:
-        self._before = torch.get_float32_matmul_precision()
-        torch.set_float32_matmul_precision("highest")
-
-    def __exit__(self, *_: object) -> None:
-        torch.set_float32_matmul_precision(self._before)
+@contextmanager
+def _ieee(kind: str) -> Iterator[None]:
+    """Full single precision in products on a kind of device, whatever the program around allows."""
+    before = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("highest")
+    plain = torch.autocast(kind, enabled=False) if kind in _WITH_AUTOCAST else nullcontext()
+    try:
+        with plain:
+            yield
+    finally:
+        torch.set_float32_matmul_precision(before)
 
 
 def _tensors(batch: Any, device: torch.device) -> Any:

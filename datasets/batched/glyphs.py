@@ -61,8 +61,10 @@ def _on_the_cpu(edges: torch.Tensor, rows: int, columns: int) -> torch.Tensor:
     return torch.from_numpy(out)
 
 
-def _ramp(z: torch.Tensor) -> torch.Tensor:
-    return 0.5 * z.clamp(min=0).square()
+def _filled(z: torch.Tensor) -> torch.Tensor:
+    """Integral of the share of a pixel that lies right of an edge."""
+    inside = z.clamp(0, 1)
+    return inside * (z.clamp(min=0) - 0.5 * inside)
 
 
 @fused(
@@ -83,9 +85,10 @@ def coverage(edges: torch.Tensor, rows: int, columns: int) -> torch.Tensor:
     one, two = x0 + slope * (upper - y0), x0 + slope * (lower - y0)
     left, right = torch.minimum(one, two), torch.maximum(one, two)
     wide = right - left > 1e-9
-    strip = _ramp(column + 1 - left) - _ramp(column + 1 - right) - _ramp(column - left) + _ramp(column - right)
+    strip = _filled(column + 1 - left) - _filled(column + 1 - right)
     upright = (column + 1 - 0.5 * (left + right)).clamp(0, 1)
     share = torch.where(wide, strip / torch.where(wide, right - left, 1.0), upright)
+    share = torch.where(column >= right, 1.0, share)  # where the difference would have lost its digits
     return (height * share).sum(1).abs().clamp(max=1)
 
 

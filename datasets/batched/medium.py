@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import torch
 
 from specklegen.datasets.batched.atlas import Kernels, kernels
+from specklegen.datasets.batched.fused import fused
 from specklegen.datasets.batched.mixtures import half_range, mixture
 from specklegen.datasets.batched.plan import Sizes, Tables, beams_of, guarded_period
 from specklegen.datasets.recipes.hidden_object import HiddenObject
@@ -171,26 +172,28 @@ def _cells(
     base: torch.Tensor, shape: tuple[int, int],
 ) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
     """Cells int64[B, 2] along y and x, and their distances float64[B, 2]: ``exit_grid.cells``."""
-    counts, distances = [], []
     grain = recipe.wavelength / width
-    for axis in (1, 0):  # y, x
-        reach = base[..., axis].amax(1) - base[..., axis].amin(1)
-        span = object_pitch * (shape[1 - axis] - 1) + pitch * (recipe.camera_shape[1 - axis] - 1) + reach
-        period = guarded_period(span / grain, tables.lengths)
-        distance = recipe.wavelength / (period * (recipe.wavelength / (2 * width)))
-        count = torch.ceil(SUPPORT[recipe.profile] * width / distance - 1e-9).to(torch.int64).clamp(min=1)
-        counts.append(count)
-        distances.append(distance)
-    return torch.stack(counts, -1), torch.stack(distances, -1)
+    spans = [object_pitch * (n - 1) + pitch * (m - 1) for n, m in zip(shape, recipe.camera_shape, strict=True)]
+    span = torch.stack(spans, -1)
+    if base.shape[1] > 1:
+        span = span + (base.amax(1) - base.amin(1)).flip(1)  # (x, y) to (y, x)
+    period = guarded_period(span / grain[:, None], tables.lengths)
+    distance = recipe.wavelength / (period * (recipe.wavelength / (2 * width))[:, None])
+    count = torch.ceil(SUPPORT[recipe.profile] * width[:, None] / distance - 1e-9).to(torch.int64).clamp(min=1)
+    return count, distance
 
 
+@fused(
+    "profile_power(Tensor width, Tensor count, Tensor distance, int most, bool gaussian) -> Tensor",
+    lambda width, count, distance, most, gaussian: width.new_empty((len(width), most)),
+)
 def profile_power(
-    recipe: Recipe, most: int, width: torch.Tensor, count: torch.Tensor, distance: torch.Tensor
+    width: torch.Tensor, count: torch.Tensor, distance: torch.Tensor, most: int, gaussian: bool
 ) -> torch.Tensor:
-    """b^2 along one axis, float64[B, most] with sum 1: ``exit_grid.profile_power``."""
+    """b^2 along one axis, float64[B, most] with sum 1, square or Gaussian: ``exit_grid.profile_power``."""
     cell = torch.arange(most, dtype=torch.float64, device=width.device)
     position = (cell - (count[:, None] - 1) / 2) * distance[:, None]
-    if recipe.profile == "gaussian":
+    if gaussian:
         power = torch.exp(-8 * (position / width[:, None]).square())
     else:
         half, side = 0.5 * distance[:, None], 0.5 * width[:, None]
@@ -204,6 +207,7 @@ def envelope(
 ) -> torch.Tensor:
     """Window b over the cells, float32[B, y, x], the sum of its squares 1."""
     along_y, along_x = (
-        profile_power(recipe, most, width, count[:, axis], distance[:, axis]) for axis, most in enumerate(sizes.cells)
+        profile_power(width, count[:, axis], distance[:, axis], most, recipe.profile == "gaussian")
+        for axis, most in enumerate(sizes.cells)
     )
     return (torch.sqrt(along_y)[:, :, None] * torch.sqrt(along_x)[:, None]).to(torch.float32)

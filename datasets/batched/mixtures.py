@@ -1,6 +1,7 @@
 """Bessel's J0 in torch, and the memory-effect kernel as the mixture of it that it is."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -9,6 +10,7 @@ from specklegen.datasets.batched.fused import fused
 from specklegen.kernels.bessel import COSINE, NEAR, SINE, SMALL, bessel_mixture
 from specklegen.samplers.stationary.correlation import ROOT_NODES, ROOT_STEP, SCAN_STEP
 
+_NODES: list[float] = ROOT_NODES.tolist()
 SCANNED = 32
 """Steps of the scan for the half range: a factor of 1000 above its least value."""
 
@@ -39,31 +41,47 @@ def _on_the_cpu(q: torch.Tensor, radius: torch.Tensor, share: torch.Tensor) -> t
     return torch.from_numpy(found)
 
 
-@fused("mixture(Tensor q, Tensor radius, Tensor share) -> Tensor", lambda q, r, s: torch.empty_like(q), _on_the_cpu)
-def mixture(q: torch.Tensor, radius: torch.Tensor, share: torch.Tensor) -> torch.Tensor:
+def plain_mixture(q: torch.Tensor, radius: torch.Tensor, share: torch.Tensor) -> torch.Tensor:
     """K float64[B, M] at q float64[B, M], from radii and shares float64[B, n]."""
     return (j0(q[:, :, None] * radius[:, None, :]) * share[:, None, :]).sum(-1)
 
 
-def half_range(radius: torch.Tensor, share: torch.Tensor, single: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Half ranges float64[B] of mixtures, as ``MemoryEffectCorrelation.half_range`` finds them; and whether found.
+mixture = fused(
+    "mixture(Tensor q, Tensor radius, Tensor share) -> Tensor", lambda q, r, s: torch.empty_like(q), _on_the_cpu
+)(plain_mixture)
 
-    Not found are those of singly scattered light and those a factor of 1000 above the bound from <r^2>.
-    """
+
+def _half_range(
+    radius: torch.Tensor, share: torch.Tensor, single: torch.Tensor, mix: Callable[..., torch.Tensor]
+) -> tuple[torch.Tensor, torch.Tensor]:
     floor = single.square()
     level = torch.sqrt(floor + 0.5 * (1 - floor))
     start = 1.999 * torch.sqrt((1 - level) / (share * radius.square()).sum(-1))
     steps = SCAN_STEP ** torch.arange(SCANNED, dtype=torch.float64, device=radius.device)
     scan = start[:, None] * steps
-    below = mixture(scan, radius, share) < level[:, None]
+    below = mix(scan, radius, share) < level[:, None]
     first = below.to(torch.int8).argmax(-1, keepdim=True)
     high = scan.gather(-1, first)
-    nodes = high * _row(ROOT_NODES.tolist(), radius.device)
-    found = _inverse(nodes, mixture(nodes, radius, share), level)
+    nodes = high * _row(_NODES, radius.device)
+    found = _inverse(nodes, mix(nodes, radius, share), level)
     beside = found[:, None] * _row([1 - ROOT_STEP, 1.0, 1 + ROOT_STEP], radius.device)
-    lower, at, upper = mixture(beside, radius, share).unbind(-1)
+    lower, at, upper = mix(beside, radius, share).unbind(-1)
     found = found * (1 + 2 * ROOT_STEP * (at - level) / (lower - upper))
     return found, below.any(-1) & (floor <= 1 - 1e-9)
+
+
+@fused(
+    "half_range(Tensor radius, Tensor share, Tensor single) -> (Tensor, Tensor)",
+    lambda radius, share, single: (torch.empty_like(single), torch.empty_like(single, dtype=torch.bool)),
+    lambda radius, share, single: _half_range(radius, share, single, mixture),
+    kernels=8,
+)
+def half_range(radius: torch.Tensor, share: torch.Tensor, single: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Half ranges float64[B] of mixtures, as ``MemoryEffectCorrelation.half_range`` finds them; and whether found.
+
+    Not found are those of singly scattered light and those a factor of 1000 above the bound from <r^2>.
+    """
+    return _half_range(radius, share, single, plain_mixture)
 
 
 def _row(values: list[float], device: torch.device) -> torch.Tensor:

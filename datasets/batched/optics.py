@@ -28,7 +28,10 @@ def _waves_on_the_cpu(along: torch.Tensor, across: torch.Tensor, gain: torch.Ten
     _waves_on_the_cpu,
 )
 def waves(along: torch.Tensor, across: torch.Tensor, gain: torch.Tensor) -> torch.Tensor:
-    """Parts of gain e^(2 pi i along across), float32[B, n, m, 2], from float64[B, n], [B, m], [B, m]."""
+    """Real and imaginary part of gain e^(2 pi i along across), float32[B, n, m, 2].
+
+    Of along float64[B, n], across and gain float64[B, m].
+    """
     turns = along[:, :, None] * across[:, None, :]
     angle = 2 * torch.pi * (turns - torch.round(turns))
     wave = torch.stack([torch.cos(angle), torch.sin(angle)], -1) * gain[:, None, :, None]

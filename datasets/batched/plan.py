@@ -18,11 +18,10 @@ from specklegen.datasets.recipes.tilt_stack import TiltStack
 from specklegen.datasets.split import SPLITS
 from specklegen.samplers.stationary.exit_grid import GUARD, SUPPORT, cells
 from specklegen.samplers.stationary.modes import (
-    FIRST_DEGREE,
     basis,
     distances,
+    first_degree,
     folded,
-    graded,
     places,
     polynomials,
 )
@@ -130,8 +129,11 @@ def sizes_of(recipe: Recipe) -> Sizes:
     for axis in (0, 1):  # x, y
         grains = (recipe.camera_shape[1 - axis] - 1) / _pixels_per_grain(recipe)
         if isinstance(recipe, TiltStack):
-            reach = np.ptp(np.sin(recipe.tilts.widest), axis=0).max()  # whatever the azimuth, at most its length
-            grains += float(np.hypot(reach, reach)) * recipe.geometry.width / recipe.wavelength
+            low, high = ends(recipe.tilts.azimuth)
+            widest = recipe.tilts.angles(max(map(abs, ends(recipe.tilts.step))), low)
+            # Where the azimuth varies they may all lie along one axis; a sine is at most its angle.
+            reach = np.ptp(np.sin(widest[:, axis])) if low == high else float(np.hypot(*widest[-1]))
+            grains += reach * recipe.geometry.width / recipe.wavelength
         else:
             assert isinstance(recipe, HiddenObject)
             grains += max(_object_grains(recipe))
@@ -173,19 +175,20 @@ def tables_of(recipe: Recipe, sizes: Sizes, device: torch.device) -> Tables:
     lengths = np.array([int(next_fast_len(max(n, 1))) for n in range(most + 1)])
     shape, tilts = beams_of(recipe)
     if tilts > 1:
-        line = polynomials(tilts, FIRST_DEGREE)
+        line = polynomials(tilts, first_degree((tilts, *shape)))
         empty = torch.zeros(0, dtype=torch.int64, device=device)
         return Tables(atlas_tables(device), put(lengths), empty, empty, empty, empty, empty, put(line))
     steps, which = distances(shape)
-    rows, columns = (folded(count, FIRST_DEGREE).to(device) for count in shape)
-    assert len(graded(shape, FIRST_DEGREE)) == basis(shape, FIRST_DEGREE).shape[1]
+    degree = first_degree(shape)
+    rows, columns = (folded(count, degree).to(device) for count in shape)
     return Tables(
         atlas_tables(device), put(lengths), put(steps), put(which), rows, columns,
-        places(shape, FIRST_DEGREE).to(device), basis(shape, FIRST_DEGREE).to(device),
+        places(shape, degree).to(device), basis(shape, degree).to(device),
     )  # fmt: skip
 
 
 def guarded_period(span_over_grain: torch.Tensor, lengths: torch.Tensor) -> torch.Tensor:
     """Period of the transform, int64[B], of views half a grain apart that span so many grains."""
     least = torch.ceil((span_over_grain + GUARD) / 0.5).to(torch.int64) + 1
-    return lengths[least.clamp(max=len(lengths) - 1)]
+    # Slabs outside the atlas have no sizes; they are made step by step, whatever is found here.
+    return lengths[least.clamp(0, len(lengths) - 1)]

@@ -3,6 +3,7 @@
 import torch
 
 from specklegen.datasets.batched import optics
+from specklegen.datasets.batched.fused import fused
 from specklegen.datasets.batched.medium import MediumBatch, profile_power
 from specklegen.datasets.batched.mixtures import mixture
 from specklegen.datasets.batched.plan import Sizes, Tables, beams_of
@@ -10,49 +11,45 @@ from specklegen.datasets.recipes.recipe import Recipe
 
 
 def render(
-    recipe: Recipe, sizes: Sizes, tables: Tables, medium: MediumBatch, keys: torch.Tensor, light: torch.Tensor,
-    rank: int,
+    sizes: Sizes, tables: Tables, medium: MediumBatch, keys: torch.Tensor, light: torch.Tensor,
+    transforms: dict[str, torch.Tensor], rank: int,
 ) -> torch.Tensor:  # fmt: skip
     """Images over their expected value, float32[B, T, H, W].
 
     Parameters
     ----------
-    recipe, sizes, tables
-        The recipe, and what goes with it.
+    sizes, tables
+        Of the recipe.
     medium
         Media of at most ``rank`` modes.
     keys : int64[B, 2]
         Keys of their fields.
     light : float32[B, h, w]
         Objects.
+    transforms
+        Of the media; see :func:`transforms`.
     rank
         Modes to render.
     """
-    shape, tilts = beams_of(recipe)
     values = tables.basis @ medium.columns[:, :, :rank]
-    values = values / torch.linalg.vector_norm(values, dim=2, keepdim=True)
-    modes = values[:, :, :, None] if tilts > 1 else values.mT[:, None]
+    values = (values / torch.linalg.vector_norm(values, dim=2, keepdim=True)).to(torch.float32)
+    modes = values[:, :, :, None] if medium.base.shape[1] > 1 else values.mT[:, None]
     drawn = optics.fields(keys, medium.cells[:, 0], medium.cells[:, 1], medium.envelope, rank)
-    seen = optics.images(
-        optics.spectra(drawn, sizes.lags), modes.to(torch.float32), light, transforms(recipe, sizes, medium, shape)
-    )
+    seen = optics.images(optics.spectra(drawn, sizes.lags), modes, light, transforms)
     return seen / light.sum((1, 2), dtype=torch.float64).to(torch.float32)[:, None, None, None]
 
 
-def transforms(
-    recipe: Recipe, sizes: Sizes, medium: MediumBatch, shape: tuple[int, int]
-) -> dict[str, torch.Tensor]:
+def transforms(recipe: Recipe, sizes: Sizes, medium: MediumBatch) -> dict[str, torch.Tensor]:
     """Transforms of object and camera at the lags of each medium; see :func:`optics.images`."""
-    device, wavelength = medium.size.device, recipe.wavelength
+    device, wavelength, (shape, _) = medium.size.device, recipe.wavelength, beams_of(recipe)
     rows, columns = sizes.lags
     number_y = torch.arange(rows, dtype=torch.float64, device=device)
     number_y = torch.where(number_y < rows // 2, number_y, number_y - rows)
     number_x = torch.arange(columns // 2 + 1, dtype=torch.float64, device=device)
     lags = [number_y * medium.size[:, 0, None], number_x * medium.size[:, 1, None]]
     gains = [torch.ones_like(number_y), torch.where(number_x == 0, 1.0, 2.0)]
-    names = ("rows", "columns")
     found = {}
-    for axis, name in enumerate(names):
+    for axis, name in enumerate(("rows", "columns")):
         lag, gain = lags[axis], gains[axis].expand_as(lags[axis])
         if recipe.exposure is not None:
             gain = gain * torch.sinc((medium.camera_pitch / wavelength)[:, None] * lag)
@@ -75,29 +72,53 @@ def _centred(count: int, pitch: torch.Tensor) -> torch.Tensor:
     return number * pitch[:, None]
 
 
+@fused(
+    "lag_transform(Tensor power, Tensor size, Tensor wavevector, Tensor pixel, int count) -> Tensor",
+    lambda power, size, wavevector, pixel, count: power.new_empty((len(power), count)),
+    kernels=2,
+)
+def lag_transform(
+    power: torch.Tensor, size: torch.Tensor, wavevector: torch.Tensor, pixel: torch.Tensor, count: int
+) -> torch.Tensor:
+    """What a window along one axis makes of differences 0, 1, ... of two object pixels: ``contrast.lag_transform``.
+
+    Parameters
+    ----------
+    power : float64[B, n]
+        b^2 over the cells.
+    size, wavevector, pixel : float64[B]
+        Distance of cells; lateral wavevector of the pitch; side of a camera pixel over the wavelength.
+    count
+        Differences wanted.
+    """
+    cells = power.shape[1]
+    number = torch.arange(cells, device=power.device)
+    other = number[:, None] + number  # [cell, lag]
+    shifted = power[:, other.clamp(max=cells - 1)] * (other < cells)
+    lag = number * size[:, None]
+    pairs = (power[:, :, None] * shifted).sum(1) * torch.sinc(pixel[:, None] * lag).square()
+    pairs = pairs * torch.where(number == 0, 1.0, 2.0)  # lags of either sign
+    step = torch.arange(count, device=power.device) * wavevector[:, None]
+    return (torch.cos(step[:, :, None] * lag[:, None]) * pairs[:, None]).sum(-1)
+
+
 def expected_contrast(
     recipe: Recipe, sizes: Sizes, tables: Tables, medium: MediumBatch, light: torch.Tensor
 ) -> torch.Tensor:
     """Expected contrast float64[B] of the images of objects float32[B, h, w]: ``ObjectSampler.contrast``."""
     shape, _ = beams_of(recipe)
     shown = []
+    pixel = medium.camera_pitch / recipe.wavelength if recipe.exposure is not None else 0 * medium.camera_pitch
+    wavevector = 2 * torch.pi / recipe.wavelength * medium.object_pitch
     for axis in (0, 1):
+        cells, size = medium.cells[:, axis], medium.size[:, axis]
         power = profile_power(
-            recipe, sizes.cells[axis], medium.parameters["width"], medium.cells[:, axis], medium.size[:, axis]
+            medium.parameters["width"], cells, size, sizes.cells[axis], recipe.profile == "gaussian"
         )
-        length = sizes.lags[axis]
-        pairs = torch.fft.irfft(torch.fft.rfft(power, length).abs().square(), length)[:, : sizes.cells[axis]]
-        lag = torch.arange(sizes.cells[axis], device=power.device) * medium.size[:, axis, None]
-        if recipe.exposure is not None:
-            pairs = pairs * torch.sinc((medium.camera_pitch / recipe.wavelength)[:, None] * lag).square()
-        pairs = torch.cat([pairs[:, :1], 2 * pairs[:, 1:]], 1)
-        step = torch.arange(shape[axis], device=power.device) * (
-            2 * torch.pi / recipe.wavelength * medium.object_pitch
-        )[:, None]
-        shown.append((torch.cos(step[:, :, None] * lag[:, None]) @ pairs[:, :, None])[..., 0])
+        shown.append(lag_transform(power, size, wavevector, pixel, shape[axis]))
     variance = shown[0][:, :, None] * shown[1][:, None]
     if shape != (1, 1):
-        q = (2 * torch.pi / recipe.wavelength * medium.object_pitch)[:, None] * tables.steps
+        q = wavevector[:, None] * tables.steps
         variance = variance * mixture(q, medium.kernels.radius, medium.kernels.share)[:, tables.which].square()
     rows, columns = shape
     grid = [2 * rows - 1, 2 * columns - 1]

@@ -1,6 +1,8 @@
 """The stream: samples rendered while a network trains on them, never stored."""
 
+import logging
 from collections.abc import Iterable, Iterator
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,12 +12,18 @@ from torch.utils.data import get_worker_info
 from specklegen.core.arguments import whole_number
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
+from specklegen.datasets.batched import plan
+from specklegen.datasets.batched.generator import SpeckleGenerator
 from specklegen.datasets.loading.epochs import EpochBatches
+from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.identity import device_kind
 
 if TYPE_CHECKING:
     from specklegen.datasets.loading.loader import EpochLoader
+
+
+_LOG = logging.getLogger(__name__)
 
 
 class SpeckleStream(EpochBatches):
@@ -43,7 +51,9 @@ class SpeckleStream(EpochBatches):
         Leave out the last, smaller batches.
     device : str or torch.device
         Where to render, and where the batches lie: "cpu", or "cuda" in the training process itself, without
-        workers. The random numbers are the same; the last bits are not.
+        workers. The random numbers are the same; the last bits are not. Elsewhere than on the CPU batches are made
+        whole where the recipe allows (:class:`~specklegen.datasets.batched.generator.SpeckleGenerator`), and sample by
+        sample, much slower, where it does not: a warning says why, and so does :meth:`report`.
 
     Raises
     ------
@@ -92,9 +102,31 @@ class SpeckleStream(EpochBatches):
         if get_worker_info() is not None:
             self._require_no_workers(get_worker_info().num_workers)  # type: ignore[union-attr]
         for number in numbers:
+            if self._generator is not None:
+                yield self._generator(self.indices(epoch, number))
+                continue
             batch = self.recipe.batch(self.seed, self.split, self.indices(epoch, number))
             require_finite(batch, self.recipe, self.seed, self.split)
             yield tensors(batch, self.device)
+
+    @cached_property
+    def _generator(self) -> SpeckleGenerator | None:
+        """What makes whole batches on another device than the CPU; None where samples are made one by one."""
+        if self.device.type == "cpu" or not isinstance(self.recipe, Recipe):
+            return None
+        generator = SpeckleGenerator(self.recipe, self.seed, self.split, self.device)
+        if generator.way != plan.STEPS:
+            return generator
+        _LOG.warning("recipe %s is rendered sample by sample on %s: %s", self.recipe.name, self.device,
+                     "; ".join(generator.why))  # fmt: skip
+        return None
+
+    def report(self) -> dict[str, Any]:
+        """Say how batches are made; see :meth:`SpeckleGenerator.report`."""
+        if self._generator is not None:
+            return self._generator.report()
+        why = list(plan.way_of(self.recipe)[1]) if isinstance(self.recipe, Recipe) else []
+        return {"way": plan.STEPS, "device": str(self.device), "why": why, "host": ["everything but sums of fields"]}
 
     def loader(self, num_workers: int = 0, **options: Any) -> "EpochLoader":
         """Return an iterable over epochs with exact resume: specklegen.datasets.loading.loader.EpochLoader.

@@ -167,7 +167,7 @@ def expose(camera: Camera, image: ArrayLike, streams: NoiseStreams) -> np.ndarra
 
 
 def counted(camera: Camera, light: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Counts of mean photons float64[..., H, W], at least 0, with the four noises' keys: see :func:`expose`."""
+    """Counts of mean detected photons float64[..., H, W], at least 0, by the keys of the four noises."""
     shot, background, dark, read = keys
     charge = np.zeros(light.size)
     quantiles.add_poisson(*shot, light.ravel(), charge)

@@ -1,8 +1,8 @@
 """Area of every pixel that a polygon covers, exactly.
 
 An edge covers, to its right, a strip of each row that it crosses; the strip of a clockwise edge counts as positive,
-that of its opposite as negative, and their sum is the area inside. Where contours overlap, what is covered twice counts
-once.
+that of its opposite as negative, and their sum is the area inside. Where contours overlap, what is covered twice
+counts once.
 """
 
 import math

@@ -137,7 +137,7 @@ class MemoryEffectCorrelation:
 
 
 def inverse_interpolation(x, y, level):
-    """Where a falling function is at a level, by Lagrange's polynomial of x in y: [..., n] -> [...]."""
+    """Where a falling function is at a level, by Lagrange's polynomial of x in y, float64[..., n]: float64[...]."""
     total = 0.0
     for i in range(x.shape[-1]):
         weight = x[..., i]

@@ -8,13 +8,15 @@ on differences alone, so that A is two small products with the correlations of t
 Cholesky factor L gives the modes phi = B L, and its strongest columns are kept, in their order. No pivot, eigenvector
 or root is chosen by rounding: neighbours in power stay together, and the order is that of the polynomials.
 
-The degree is 6, and rises where the polynomials leave out more than half of the tolerance. At half a memory-effect
-range 4 modes of 28 do, as few as the exact Karhunen-Loeve expansion needs at the same tolerance (docs/recipes.md).
+The degree is 6, that of all polynomials where there are few beams, and rises where the polynomials leave out more than
+half of the tolerance. At half a memory-effect range 4 modes of 28 do, as few as the exact Karhunen-Loeve expansion
+needs at the same tolerance (docs/recipes.md).
 Source of the recurrence: Gautschi, *Orthogonal Polynomials* (2004), section 2.2.3, with every step orthogonalised anew.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
 else:
     torch = LazyModule("torch")
 
-FIRST_DEGREE = 6
+FIRST_DEGREE, FEW = 6, 16
 POLYNOMIAL_SHARE = 0.5
 """Share of the tolerance that the polynomials may leave out."""
 _TOGETHER = 0.999  # ratio of the powers of two columns that are kept together
@@ -91,6 +93,11 @@ class Modes:
             back = torch.linalg.pinv(torch.from_numpy(self.coefficients))
             values, vectors = torch.linalg.eigh(back @ matrix @ back.T)
             return ((vectors * values.clamp(min=0).sqrt()) @ vectors.T).numpy()  # symmetric: the only one
+
+
+def first_degree(shape: tuple[int, ...]) -> int:
+    """Degree to begin with: all polynomials of few beams, else 6."""
+    return sum(shape) - len(shape) if math.prod(shape) <= FEW else FIRST_DEGREE
 
 
 @lru_cache(maxsize=64)
@@ -236,7 +243,7 @@ def karhunen_loeve(kernel: MemoryEffectCorrelation, lattice: Lattice, tolerance:
     tilts = len(lattice.base)
     shape = lattice.shape if tilts == 1 else (tilts, *lattice.shape)
     complete = sum(shape) - len(shape)
-    degree = FIRST_DEGREE
+    degree = first_degree(shape)
     with one_torch_thread():
         while True:
             triangle = factor(coefficients(kernel, lattice, degree), lattice.size)

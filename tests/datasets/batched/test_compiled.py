@@ -1,0 +1,68 @@
+"""The compiler takes each operator's torch form as one graph, without a break; Inductor's code finds the same."""
+
+import pytest
+import torch
+
+from specklegen.datasets.batched import atlas, glyphs
+from specklegen.datasets.batched.fused import FORMS
+from specklegen.datasets.objects.glyphs import Glyphs
+
+CPU = torch.device("cpu")
+
+
+def double(*shape):
+    return torch.rand(shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+
+
+def arguments():
+    """Small arguments of every operator."""
+    tables = atlas.atlas_tables(CPU)
+    outlines = glyphs.glyph_tables(Glyphs(), CPU)
+    words = torch.randint(0, 2**32, (3, 2, 7), generator=torch.Generator().manual_seed(0))
+    slabs = torch.tensor([[1000.0, 10.0, 0.9, 1.0], [500.0, 5.0, 0.8, 1.0]], dtype=torch.float64)
+    edges = glyphs.turned(outlines.edges, torch.tensor([3, 500]), double(2)) * 0.2 + 4
+    cells = torch.tensor([5, 6])
+    return {
+        "uniforms": (words,), "stream_keys": (words,),
+        "mixture": (9 * double(2, 5), double(2, 6), double(2, 6)),
+        "half_range": (double(2, 6), double(2, 6), 0.1 * double(2)),
+        "slab_kernels": (slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, 0.02),
+        "waves": (double(2, 5), 9 * double(2, 4), double(2, 4)),
+        "fields": (words[:2, 0, :2], cells, cells, torch.rand(2, 6, 6), 3),
+        "pair_products": (torch.rand(2, 3, 4, 5, 2),), "mode_maps": (torch.rand(2, 2, 3, 6), torch.rand(2, 6)),
+        "profile_power": (double(2), cells, 0.1 * double(2), 8, False),
+        "lag_transform": (double(2, 5), double(2), double(2), double(2), 4),
+        "turned": (outlines.edges, torch.tensor([3, 500]), double(2)), "coverage": (edges, 20, 20),
+        "exposed": (90 * double(2, 30), words[:2, :, :2].repeat(1, 2, 1), [5.0, 1.5, 1500.0, 2.0, 1.7, 50.0, 12.0]),
+    }  # fmt: skip
+
+
+def test_every_operator_is_tested():
+    assert set(arguments()) == set(FORMS)
+
+
+@pytest.mark.parametrize("name", sorted(FORMS))
+def test_one_graph(name):
+    """Dynamo with fullgraph refuses what would break; its graph, run as it is, gives the bits of the function."""
+    graphs = []
+
+    def backend(graph, _inputs):
+        graphs.append(graph)
+        return graph.forward
+
+    torch._dynamo.reset()
+    inputs = arguments()[name]
+    found = torch.compile(FORMS[name], fullgraph=True, dynamic=False, backend=backend)(*inputs)
+    assert len(graphs) == 1
+    torch.testing.assert_close(found, FORMS[name](*inputs), rtol=0, atol=0, equal_nan=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(FORMS))
+def test_inductor_finds_the_same(name):
+    """Integers and what is drawn from them to the bit; the rest to rounding. Needs a C++ compiler."""
+    torch._dynamo.reset()
+    inputs = arguments()[name]
+    found = torch.compile(FORMS[name], fullgraph=True, dynamic=False)(*inputs)
+    exact = name in ("uniforms", "stream_keys")
+    torch.testing.assert_close(found, FORMS[name](*inputs), rtol=0 if exact else 1e-5, atol=0 if exact else 1e-6)

@@ -1,0 +1,219 @@
+"""The generator's contract: the samples of the recipe, whatever the batch, the order and the program's switches."""
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import torch
+
+import specklegen.datasets.recipes.recipe as recipes
+from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.datasets.batched import kept, plan
+from specklegen.datasets.batched.generator import SpeckleGenerator
+from specklegen.datasets.recipes import hidden_object
+from specklegen.datasets.recipes.medium_realization import medium_realization
+from specklegen.datasets.recipes.recipe import recipe_names
+
+SAMPLES = 64
+QUICK = {"kernel_paths": 20_000}
+CHANGES = {
+    "unknown-slab": {}, "unseen-material": {}, "tilt-stack": {}, "material-regression": {},
+    "through-slab": {"material": QUICK, "media": 5}, "through-slab-lab": {"material": QUICK, "media": 5},
+    "two-tilts": {"material": QUICK, "media": 3},
+}  # fmt: skip
+SLOW = {"beyond-memory-effect", "dynamic-slab", "partially-coherent-slab"}
+SMALL = {"unknown-slab": {}, "tilt-stack": {}, "through-slab": CHANGES["through-slab"]}
+
+
+def recipe_of(name, **more):
+    return load_recipe(name, {**CHANGES[name], **more})
+
+
+@contextmanager
+def double_precision(monkeypatch):
+    """Samplers in complex128, their images float64."""
+    plain = recipes.object_sampler
+    caches = (medium_realization, hidden_object._sampler)
+    with monkeypatch.context() as patch:
+        patch.setattr(recipes, "object_sampler", lambda *a, **k: plain(*a, **k, dtype=torch.complex128))
+        for cache in caches:
+            cache.cache_clear()
+        yield
+    for cache in caches:
+        cache.cache_clear()
+
+
+def equal(one, two, pick=slice(None)):
+    """All tensors of two batches, to the bit; of the second only some samples."""
+    assert set(one) == set(two)
+    for key, value in one.items():
+        if isinstance(value, dict):
+            equal(value, two[key], pick)
+        else:
+            other = two[key]
+            assert value.dtype == other.dtype
+            assert np.array_equal(value.numpy(), other.numpy()[pick], equal_nan=True), key
+
+
+def test_every_packaged_recipe_is_either_here_or_said_to_be_slow():
+    assert set(CHANGES) | SLOW == set(recipe_names())
+    for name in ("dynamic-slab", "partially-coherent-slab"):
+        way, why = plan.way_of(load_recipe(name))
+        assert way == plan.STEPS
+        assert why
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_samples_are_those_of_the_recipe(name, monkeypatch):
+    """Images within 2e-6 of those in complex128 (relative l2); parameters within 1e-11, the rest equal.
+
+    A median error of 5e-7 is that of single precision. Parameters are to differ by rounding alone, some 1e-15 times
+    the condition of the half range and what follows from it. Counts may differ by 1, in less than 1e-3 of pixels.
+    """
+    recipe, indices = recipe_of(name), [*range(SAMPLES - 1), 2**40 + 7]
+    found = SpeckleGenerator(recipe, 11, "validation")(indices)
+    with double_precision(monkeypatch):
+        expected = recipe.batch(11, "validation", indices)
+    assert set(found) == set(expected)
+    assert set(found["parameters"]) == set(expected["parameters"])
+    for parameter, value in expected["parameters"].items():
+        np.testing.assert_allclose(found["parameters"][parameter], value, rtol=1e-11, err_msg=parameter)
+    for key in set(expected) - {"parameters"}:
+        one, two = found[key].numpy(), expected[key]
+        assert one.shape == two.shape
+        assert one.dtype == two.dtype
+        if one.dtype == np.uint16:
+            off = np.abs(one.astype(int) - two.astype(int))
+            assert off.max() <= 1
+            assert (off > 0).mean() < 1e-3
+        elif key in ("image", "stack"):
+            axes = tuple(range(1, one.ndim))
+            error = np.sqrt(np.square(one - two.astype(float)).sum(axes) / np.square(two.astype(float)).sum(axes))
+            assert error.max() < 2e-6
+            wrong = np.roll(one, 1, axis=-1) - two  # power
+            assert np.sqrt(np.square(wrong).sum(axes) / np.square(two.astype(float)).sum(axes)).min() > 1e-3
+        else:
+            np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_companions_and_order_do_not_matter(name):
+    """On the CPU to the bit: permuted, alone, in another batch."""
+    generator = SpeckleGenerator(load_recipe(name, SMALL[name]), 3)
+    whole = generator(range(12))
+    order = np.random.default_rng(0).permutation(12)
+    equal(generator(order), whole, order)
+    equal(generator([7]), whole, slice(7, 8))
+    equal(SpeckleGenerator(load_recipe(name, SMALL[name]), 3)(np.arange(4, 9)), whole, slice(4, 9))
+
+
+@pytest.mark.parametrize("name", ["unknown-slab", "through-slab-lab"])
+def test_switches_of_the_program_change_nothing(name):
+    """TF32, autocast and gradients around the generator; they are left as they were."""
+    generator = SpeckleGenerator(recipe_of(name), 1)
+    plain = generator(range(3))
+    before = torch.get_float32_matmul_precision()
+    try:
+        torch.set_float32_matmul_precision("medium")
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            equal(generator(range(3)), plain)
+            assert torch.is_autocast_enabled("cpu")
+        assert torch.get_float32_matmul_precision() == "medium"
+    finally:
+        torch.set_float32_matmul_precision(before)
+    image = plain["image"]
+    assert not image.requires_grad
+    assert not image.is_inference()
+
+
+def test_what_the_atlas_does_not_serve_is_made_step_by_step():
+    """Some slabs of this recipe leave the table: they come from the recipe, the others from the device."""
+    changes = {"material": {"g": {"uniform": [0.985, 0.9999]}, "kernel_paths": 2000}, "camera": {"shape": [16, 16]}}
+    recipe = load_recipe("tilt-stack", changes)
+    generator = SpeckleGenerator(recipe, 0)
+    ranks = generator.ranks(generator.prepare(list(range(12)))[0])
+    assert 0 in ranks
+    found, expected = generator(range(12)), recipe.batch(0, "train", range(12))
+    np.testing.assert_allclose(found["stack"], expected["stack"], rtol=0, atol=1e-5 * expected["stack"].max())
+    np.testing.assert_allclose(found["parameters"]["estimator"], expected["parameters"]["estimator"])
+    assert (found["parameters"]["estimator"] == 1).sum() == ranks.count(0)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "way", "words"),
+    [
+        ("unknown-slab", {}, plan.DRAWN, ""),
+        ("through-slab", {"media": 2, "material": QUICK}, plan.KEPT, ""),
+        ("through-slab", {"media": "new"}, plan.STEPS, "traces paths"),
+        ("unknown-slab", {"window": {"profile": "disc"}}, plan.STEPS, "disc"),
+        ("unknown-slab", {"material": {"g": {"choice": [0.8, 0.9]}}}, plan.STEPS, "choice"),
+        ("unknown-slab", {"light": {"polarised": False}}, plan.STEPS, "polarised"),
+        ("dynamic-slab", {}, plan.STEPS, "film"),
+        ("partially-coherent-slab", {}, plan.STEPS, "partially-coherent"),
+    ],
+)  # fmt: skip
+def test_the_report_says_what_keeps_a_recipe_off_the_fast_path(name, changes, way, words):
+    report = SpeckleGenerator(load_recipe(name, changes), 0).report()
+    assert report["way"] == way
+    assert words in " ".join(report["why"])
+    assert bool(report["why"]) == (way == plan.STEPS)
+
+
+def test_media_that_would_fill_the_memory_are_not_kept(monkeypatch):
+    monkeypatch.setattr(kept, "MOST_BYTES", 2**20)
+    report = SpeckleGenerator(recipe_of("through-slab"), 0).report()
+    assert (report["way"], report["why"]) == (plan.STEPS, ["its media take more than 1 MB"])
+
+
+def test_pictures_from_the_host_are_named_and_right():
+    recipe = recipe_of("through-slab", objects={"type": "Photographs", "shape": [20, 20]}, media=2)
+    generator = SpeckleGenerator(recipe, 0)
+    assert generator.report()["host"][-1] == "pictures of Photographs"
+    found, expected = generator(range(3)), recipe.batch(0, "train", range(3))
+    np.testing.assert_array_equal(found["object"], expected["object"])
+    np.testing.assert_allclose(found["image"], expected["image"], rtol=0, atol=1e-5 * expected["image"].max())
+
+
+def test_a_steps_recipe_gives_the_recipes_own_bits():
+    recipe = load_recipe("dynamic-slab", {"material": QUICK, "camera": {"shape": [16, 16]}})
+    found, expected = SpeckleGenerator(recipe, 0)(range(2)), recipe.batch(0, "train", range(2))
+    np.testing.assert_array_equal(found["frames"], expected["frames"])
+
+
+@pytest.mark.parametrize("profile", ["square", "gaussian"])
+def test_sizes_hold_for_every_medium(profile):
+    for name in ("unknown-slab", "tilt-stack"):
+        recipe = load_recipe(name, {"window": {"profile": profile}})
+        sizes = plan.sizes_of(recipe)
+        generator = SpeckleGenerator(recipe, 5)
+        cells = generator.prepare(list(range(300)))[0].cells
+        assert (cells.amax(0) <= torch.tensor(sizes.cells)).all()
+        assert (cells.amax(0) >= 0.8 * torch.tensor(sizes.cells)).all()
+
+
+@pytest.mark.parametrize(
+    ("indices", "words"), [([], "at least one index"), ([-1], "at least one index, each a whole number of at least 0")]
+)
+def test_bad_indices_are_refused(indices, words):
+    with pytest.raises(ValueError, match=words):
+        SpeckleGenerator(load_recipe("tilt-stack"), 0)(indices)
+
+
+def test_bad_recipes_and_splits_are_refused():
+    with pytest.raises(ValueError, match="a recipe of this library"):
+        SpeckleGenerator("through-slab", 0)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="split must be one of"):
+        SpeckleGenerator(load_recipe("tilt-stack"), 0, "exam")
+
+
+def test_a_stream_uses_the_generator_where_it_can(monkeypatch, caplog):
+    stream = SpeckleStream(recipe_of("through-slab"), device="meta", batch_size=4)
+    assert stream.report()["way"] == plan.KEPT
+    batch = next(iter(stream))
+    assert batch["image"].device.type == "meta"
+    assert batch["image"].shape == (4, 128, 128)
+    slow = SpeckleStream(load_recipe("dynamic-slab"), device="meta")
+    with caplog.at_level("WARNING"):
+        assert slow._generator is None
+    assert "sample by sample on meta: dynamic-slab draws a film" in caplog.text
+    assert SpeckleStream(recipe_of("through-slab")).report()["way"] == plan.STEPS
