@@ -17,6 +17,7 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, slices
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels.patterns import draw_polygon, draw_slits, draw_table, fill_alias
+from specklegen.wavetracing.angular_spectrum import quadrature
 from specklegen.wavetracing.aperture import Amplitude, aperture_transform
 from specklegen.wavetracing.envelope import edge_envelope
 from specklegen.wavetracing.opening import Opening, Rim, rim_of
@@ -124,7 +125,7 @@ def sample_pattern(
         "table": |Psi|^2 on square cells of 2 pi / (16 size) out to the wave number, bilinear within a cell. Then
         ``evanescent`` counts the corners of the square that the table covers and no more.
     amplitude
-        For the table: as in `aperture_transform`.
+        For the table: as in `aperture_transform`; a function is taken at Gauss nodes an eighth of a wavelength apart.
 
     Returns
     -------
@@ -208,10 +209,7 @@ def _table(rim: Rim, amplitude: Amplitude, longest: float) -> tuple:
         need = f"It needs {4 * half**2} cells."
         reject("sample_pattern method", "'rejection' for so large an opening", "table", need)
     step = longest / half
-    corners, middles = (
-        np.square(np.abs(aperture_transform(rim, np.stack(np.meshgrid(along, along), axis=-1), amplitude)))
-        for along in (np.arange(-half, half + 1) * step, (np.arange(2 * half) - half + 0.5) * step)
-    )
+    corners, middles = _lattice(rim, amplitude, half, step, 2 * np.pi / longest)
     # The mean over a cell to the fourth order in its width: 2/3 of the middle, 1/12 of each corner.
     power = 2 / 3 * middles + (corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]) / 12
     if not power.sum() > 0:
@@ -220,3 +218,21 @@ def _table(rim: Rim, amplitude: Amplitude, longest: float) -> tuple:
     probability, alias = np.ones(share.size), np.arange(share.size)
     fill_alias(share, np.argsort(share), probability, alias)
     return probability, alias, corners, -longest, step
+
+
+def _lattice(rim: Rim, amplitude: Amplitude, half: int, step: float, wavelength: float) -> list[np.ndarray]:
+    """|Psi|^2 at the corners float64[2 half + 1, 2 half + 1] and middles float64[2 half, 2 half] of the cells."""
+    if not callable(amplitude):
+        lattices = (np.arange(-half, half + 1) * step, (np.arange(2 * half) - half + 0.5) * step)
+        points = (np.stack(np.meshgrid(along, along), axis=-1) for along in lattices)
+        return [np.square(np.abs(aperture_transform(rim, xi, amplitude))) for xi in points]
+    from finufft import nufft2d1
+
+    nodes, weights = quadrature(rim.triangles, wavelength)
+    values = np.asarray(amplitude(nodes), dtype=np.complex128)
+    if values.shape != weights.shape or not np.isfinite(values).all():
+        reject("sample_pattern amplitude", "finite, one value a point", values)
+    x, y = np.ascontiguousarray(((nodes - rim.centre) * (step / 2)).T)
+    count = 4 * half + 1
+    psi = np.asarray(nufft2d1(y, x, weights * values, (count, count), isign=-1, eps=1e-10, nthreads=1))
+    return [np.square(np.abs(psi[first::2, first::2])) for first in (0, 1)]

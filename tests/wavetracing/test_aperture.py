@@ -59,8 +59,8 @@ def test_wavevectors_across_an_edge_are_regular():
     """Where two corners have one phase, divided differences and sinc have their limits."""
     for xi in ([0.0, 5.0], [5.0, 0.0], [2.0, 3.0]):
         exact = by_quadrature(TRIANGLE, np.ones(3), np.array(xi))
-        assert abs(aperture_transform(TRIANGLE, xi) - exact) < 1e-14
-        assert abs(triangles_transform(TRIANGLE[None], np.ones((1, 3)), xi) - exact) < 1e-14
+        assert abs(aperture_transform(TRIANGLE, xi) - exact) < 3e-14  # mostly of the quadrature: measured 1e-14
+        assert abs(triangles_transform(TRIANGLE[None], np.ones((1, 3)), xi) - exact) < 3e-14
         beside = aperture_transform(TRIANGLE, np.add(xi, 1e-9))
         assert abs(beside - exact) < 1e-7
 
