@@ -80,8 +80,7 @@ def _transform(rim: Rim, corners: np.ndarray, light: Light, plane: Plane, along:
         return origin * aperture_transform(np.split(corners, bounds), xi)
     from finufft import nufft2d1
 
-    nodes, weights = quadrature(rim.triangles, light.wavelength)
-    strengths = weights * light.field(np.column_stack([nodes, np.zeros(len(nodes))]))
+    nodes, strengths = light_strengths(rim, light)
     step = along[1] if count > 1 else 0.0
     x, y = np.ascontiguousarray(((nodes - plane.center[:2]) @ turn.T * step).T)
     return np.asarray(nufft2d1(y, x, strengths, (count, count), isign=-1, eps=1e-12, modeord=1, nthreads=1))
@@ -101,6 +100,15 @@ def _staying(
     weights[step == 1] = 0
     weights[axial == 0] = evanescent
     return weights
+
+
+def light_strengths(rim: Rim, light: Light) -> tuple[np.ndarray, np.ndarray]:
+    """Return nodes float64[P, 2] in the opening, and the light there times their weights, complex128[P]."""
+    nodes, weights = quadrature(rim.triangles, light.wavelength)
+    field = np.asarray(light.field(np.column_stack([nodes, np.zeros(len(nodes))])), dtype=np.complex128)
+    if field.shape != weights.shape or not np.isfinite(field).all():
+        reject("field_on_plane light", "finite, one value a point", field)
+    return nodes, weights * field
 
 
 def quadrature(triangles: np.ndarray, wavelength: float) -> tuple[np.ndarray, np.ndarray]:

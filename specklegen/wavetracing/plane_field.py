@@ -21,7 +21,7 @@ import numpy as np
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, slices
 from specklegen.kernels.apertures import rim_field
-from specklegen.wavetracing.angular_spectrum import quadrature, spectrum_field
+from specklegen.wavetracing.angular_spectrum import light_strengths, spectrum_field
 from specklegen.wavetracing.aperture import aperture_transform
 from specklegen.wavetracing.edge_rays import Polarisation, edge_ray_field
 from specklegen.wavetracing.light import Light, PlaneWave
@@ -134,8 +134,7 @@ def _far_field(rim: Rim, light: Light, points: np.ndarray) -> np.ndarray:
     else:
         from finufft import nufft2d3
 
-        nodes, weights = quadrature(rim.triangles, light.wavelength)
-        strengths = weights * light.field(np.column_stack([nodes, np.zeros(len(nodes))]))
+        nodes, strengths = light_strengths(rim, light)
         x, y = np.ascontiguousarray((nodes - rim.centre).T)
         psi = np.asarray(nufft2d3(x, y, strengths, *np.ascontiguousarray(xi.T), isign=-1, eps=1e-10, nthreads=1))
     return k / (2j * np.pi) * np.exp(1j * k * r) / r * (points[:, 2] / r) * psi
