@@ -1,7 +1,7 @@
 """The field behind an opening in a thin perfect screen by UTD: geometric light, and one diffracted ray of each edge.
 
-A plane wave that makes the angle beta with an edge leaves it on a cone of the same angle. The ray that reaches P, at the
-distance d from the edge's line, starts at Q, d cot(beta) back along the edge; beyond the ends of the edge there is none.
+A plane wave that makes the angle beta with an edge leaves it on a cone of the same angle. The ray that reaches P, at
+the distance d from the edge's line, starts at Q, d cot(beta) back along the edge; beyond its ends there is none.
 
     u(P) = w e^{ik d.P} + sum_e e^{ik d.Q} D_{s,h} e^{iks} / sqrt(s),   s = d / sin(beta),   n = 2
 
