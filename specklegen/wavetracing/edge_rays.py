@@ -1,4 +1,4 @@
-"""The field behind an opening in a thin perfect screen by UTD: geometric light, and one diffracted ray of each edge.
+"""The field behind an opening in a thin perfect screen by UTD: geometric light, and diffracted rays of each edge.
 
 A plane wave that makes the angle beta with an edge leaves it on a cone of the same angle. The ray that reaches P, at
 the distance d from the edge's line, starts at Q, d cot(beta) back along the edge; beyond its ends there is none.
@@ -9,9 +9,11 @@ w is the winding number of the opening about the point that P's geometric ray co
 edges that the *diffraction angles* give: a receiver on a shadow boundary, where an edge term jumps by one half up or
 down, sees the geometric light jump the other way at the very same rounded angle.
 
-Not included: rays between two edges (the largest error for a soft screen: 4e-3 of |u|^2 in l2 for a slit of 10
-wavelengths), rays from corners (steps of the size of the edge's wave where Q leaves the edge). An edge shorter than its
-Fresnel zone, 2 sqrt(lambda z), is mostly corners: there a warning says that the field is wrong.
+Light that ran from a parallel edge across the opening leaves as a second ray, by `specklegen.wavetracing.facing_edges`.
+
+Not included: rays between edges that are not parallel, rays from corners (steps of the size of the edge's wave where Q
+leaves the edge). An edge shorter than its Fresnel zone, 2 sqrt(lambda z), is mostly corners: there a warning says that
+the field is wrong.
 Source: Kouyoumjian and Pathak, Proc. IEEE 62, 1448 (1974); Keller, J. Opt. Soc. Am. 52, 116 (1962).
 """
 
@@ -21,6 +23,7 @@ from typing import Literal
 import numpy as np
 
 from specklegen.core.errors import DoubtWarning, reject
+from specklegen.wavetracing.facing_edges import facing_edges
 from specklegen.wavetracing.light import PlaneWave
 from specklegen.wavetracing.opening import Rim
 from specklegen.wavetracing.wedge import NEAREST, geometric_shares, wedge_coefficients
@@ -51,7 +54,8 @@ def edge_ray_field(rim: Rim, light: PlaneWave, points: np.ndarray, polarisation:
     height = float(np.median(points[:, 2]))
     zone, shortest = 2 * np.sqrt(light.wavelength * height / d[2]), np.inf
     covered, edge_waves = np.zeros(len(points)), np.zeros(len(points), complex)
-    for start, end in zip(rim.starts, rim.ends, strict=True):
+    facing = facing_edges(rim, light)
+    for edge, (start, end) in enumerate(zip(rim.starts, rim.ends, strict=True)):
         length = float(np.hypot(*(end - start)))
         if length == 0:
             continue
@@ -81,6 +85,15 @@ def edge_ray_field(rim: Rim, light: PlaneWave, points: np.ndarray, polarisation:
         pair = wedge_coefficients(2.0, phi[hit], incidence, s * sine**2, k, np.arctan2(sine, cosine))
         path = d[:2] @ start + origin[hit] * cosine + s
         edge_waves[hit] += pair[polarisation == "hard"] * np.exp(1j * k * path) / np.sqrt(s)
+        beta = np.arctan2(sine, cosine)
+        for wave in (w for w in facing if w.edge == edge):
+            before = origin - wave.width * (cosine / sine)  # where it left the edge opposite
+            seen = hit & (before >= wave.lower) & (before <= wave.upper)
+            s, crossed = distance[seen] / sine, wave.width / sine
+            reach = s * crossed / (s + crossed) * sine**2
+            pair = wedge_coefficients(2.0, phi[seen], np.pi, reach, k, beta)[polarisation == "hard"]
+            arriving = wave.hard if polarisation == "hard" else wave.soft
+            edge_waves[seen] += arriving * pair * np.exp(1j * k * (origin[seen] * cosine + s)) / np.sqrt(s)
     if shortest < zone:
         warnings.warn(
             f"field_on_plane: an edge is {shortest:.3g} long and its Fresnel zone {zone:.3g}, so that its corners "
