@@ -26,6 +26,7 @@ class Stream(IntEnum):
     EIGEN = 5
     CAMERA = 6
     TYPES = 7
+    DIFFRACTION = 21
 
 
 def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:

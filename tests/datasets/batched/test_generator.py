@@ -12,7 +12,7 @@ from specklegen.datasets.batched import kept, plan
 from specklegen.datasets.batched.generator import SpeckleGenerator
 from specklegen.datasets.recipes import hidden_object
 from specklegen.datasets.recipes.medium_realization import medium_realization
-from specklegen.datasets.recipes.recipe import recipe_names
+from specklegen.datasets.recipes.recipe_files import recipe_names
 
 SAMPLES = 64
 QUICK = {"kernel_paths": 20_000}
