@@ -255,9 +255,10 @@ def preview(
     out: Annotated[Path, typer.Option(help="PNG to write.")] = Path("preview.png"),
 ) -> None:
     """Draw samples of a recipe or of a store as a contact sheet."""
+    from specklegen.datasets.store.metadata import is_store
     from specklegen.pictures import sheet
 
-    if (Path(what) / "zarr.json").exists():
+    if is_store(Path(what)):
         from specklegen.datasets import SpeckleCache
 
         cache = SpeckleCache(what)

@@ -36,6 +36,7 @@ def train(
     from tqdm import tqdm
 
     from specklegen.datasets import SpeckleCache, SpeckleStream
+    from specklegen.datasets.store.metadata import is_store
     from specklegen.models.judging.charts import training_curves
     from specklegen.models.learning.examples import examples, streamed
     from specklegen.models.learning.networks import parameter_count
@@ -47,7 +48,7 @@ def train(
         input=input, network=network, width=width, loss=loss, learning_rate=learning_rate,  # type: ignore[arg-type]
         batch_size=batch_size, epochs=epochs, mirror=mirror, seed=seed,
     )  # fmt: skip
-    if (Path(what) / "zarr.json").exists():
+    if is_store(Path(what)):
         if validation is None:
             reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
         if changes:
