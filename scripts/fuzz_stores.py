@@ -57,10 +57,26 @@ def repair(folder: Path) -> None:
 def damage(folder: Path) -> None:
     """Spoil a whole store: a flipped byte, a lost file, a torn header."""
     fill(folder)
-    file = folder / "image/c/1/0/0"
-    file.write_bytes(bytes([file.read_bytes()[0] ^ 1]) + file.read_bytes()[1:])
+    _flip(folder / "image/c/1/0/0")
     (folder / "object/c/3/0/0").unlink()
     (folder / "field/zarr.json").write_bytes(b"{")
+
+
+def _flip(file: Path) -> None:
+    data = file.read_bytes()
+    file.write_bytes(bytes([data[0] ^ 1]) + data[1:])
+
+
+def wear(folder: Path) -> None:
+    """Make a small store and spoil its first shard."""
+    create(folder)
+    _flip(folder / "image/c/0/0/0")
+
+
+def tend(folder: Path) -> None:
+    """Grow and mend a store, every other process the other way round."""
+    for work in (fill, repair) if os.getpid() % 2 else (repair, fill):
+        work(folder)
 
 
 SCENES: dict[str, tuple[Callable[[Path], None] | None, Callable[[Path], None]]] = {
@@ -68,8 +84,12 @@ SCENES: dict[str, tuple[Callable[[Path], None] | None, Callable[[Path], None]]] 
     "generate": (None, fill),
     "grow": (create, fill),
     "repair": (damage, repair),
+    "tend": (wear, tend),
 }
 """Name to what is there before, and what is killed."""
+
+DAMAGED = ("repair", "tend")
+"""Scenes that begin with a store that is not sound."""
 
 
 class Dying:
@@ -140,13 +160,13 @@ def trial(scene: str, kills: list[int], reference: dict[str, bytes], start: Path
     logs = room.with_name(room.name + ".logs")
     said = run(work, folder, kills, logs)
     before = _ledger(folder)
-    if scene != "repair" and (folder / "zarr.json").exists():
+    if scene not in DAMAGED and (folder / "zarr.json").exists():
         found = verify(folder)
         assert not found.damaged, found
         assert _read(folder) == before, "what the ledger lists can be read, and nothing else"
     if scene == "grow":
         assert set(range(FEW)) <= before, "samples that were there before are there"
-    kept = _finished(before) if scene != "repair" else set()
+    kept = _finished(before) if scene not in DAMAGED else set()
     stamps = _stamps(folder, kept)
     run(work, folder, [0], logs)
     assert contents(folder) == reference, _difference(contents(folder), reference)
@@ -206,7 +226,7 @@ class Fuzz:
         logs = folder / "logs"
         for scene, (prepare, work) in SCENES.items():
             whole = folder / f"{scene}-whole" / "a.zarr"
-            run(work if scene != "repair" else fill, whole, [0], logs)
+            run(fill if scene in DAMAGED else work, whole, [0], logs)
             self.reference[scene] = contents(whole)
             self.start[scene] = None
             if prepare is not None:

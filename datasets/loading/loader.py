@@ -80,7 +80,6 @@ class EpochLoader:
         self.batches = batches
         self._source = _FromBatch(batches)
         self.repeat = batches.repeats if repeat is None else repeat
-        self.sampler = EpochSampler(self)
         self._upcoming = batches.epoch, 0
         self._position: tuple[int, int] | None = None
         self._choices = batches.choices
@@ -97,6 +96,11 @@ class EpochLoader:
             }
         pinned = torch.cuda.is_available() if pin_memory is None else pin_memory
         self._loader = DataLoader(self._source, batch_size=None, pin_memory=pinned, **workers)
+
+    @property
+    def sampler(self) -> EpochSampler:
+        """What frameworks tell the epoch to."""
+        return EpochSampler(self)  # not kept: in a circle the workers would outlive the loader
 
     @property
     def dataset(self) -> EpochBatches:

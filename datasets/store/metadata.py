@@ -81,6 +81,11 @@ def _record(folder: Path) -> Path:
     return folder / "valid" / "record.json"
 
 
+def is_store(folder: Path) -> bool:
+    """Whether a folder is meant as a store, be it a damaged one."""
+    return (folder / "zarr.json").is_file() or _record(folder).is_file()
+
+
 def record_of(folder: Path, samples: int) -> Metadata:
     """Take the metadata of a store that was just made, as its files state them."""
     names = ["zarr.json", *sorted(f"{file.parent.name}/zarr.json" for file in folder.glob("*/zarr.json"))]

@@ -75,7 +75,9 @@ def load_hidden(recipe: str, changes: list[str] | None, images: Path | None = No
 
 def is_store(what: str) -> bool:
     """Whether a name is the folder of a store."""
+    from specklegen.datasets.store.metadata import is_store as meant
+
     try:
-        return (Path(what) / "zarr.json").is_file()
+        return meant(Path(what))
     except (OSError, ValueError):  # a name that is too long
         return False

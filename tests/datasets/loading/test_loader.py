@@ -1,6 +1,8 @@
 """The loader: epochs that go on by themselves, one iteration at a time, positions that are checked, frameworks."""
 
+import gc
 import itertools
+import weakref
 
 import pytest
 import torch
@@ -29,6 +31,20 @@ def test_every_iteration_is_the_next_epoch(workers):
     next(iter(loader))  # given up in the middle: the next one is new all the same
     assert indices(loader) == list(range(48, 60))
     assert loader.state_dict()["epoch"] == 4
+
+
+def test_workers_end_with_their_loader():
+    """By counting references, not when the garbage collector comes by: no reference goes round in a circle."""
+    gc.disable()
+    try:
+        loader = stream().loader(num_workers=1, timeout=TIMEOUT)
+        next(iter(loader))
+        loader.sampler.set_epoch(1)
+        seen = weakref.ref(loader)
+        del loader
+        assert seen() is None
+    finally:
+        gc.enable()
 
 
 def test_two_loaders_of_one_stream_count_for_themselves():

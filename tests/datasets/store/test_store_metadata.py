@@ -74,9 +74,10 @@ def test_changed_metadata_are_named_on_opening_and_mended_from_the_recipe(tmp_pa
     assert verify(folder).sound
 
 
-def test_every_command_names_truncated_metadata(tmp_path, whole):
+@pytest.mark.parametrize("change", [lambda data: data[:300], None], ids=["truncated", "gone"])
+def test_every_command_names_damaged_metadata(tmp_path, whole, change):
     folder = shutil.copytree(whole, tmp_path / "a.zarr")
-    damage(folder, "zarr.json", lambda data: data[:300])
+    damage(folder, "zarr.json", change)
     a, out = str(folder), str(tmp_path / "out")
     for words in (["info", a], ["verify", a], ["preview", a, "--out", f"{out}/a.png"], ["export", a, "--out", out],
                   ["generate", "through-slab", "--out", a], ["train", a, "--out", out, "--validation", a]):  # fmt: skip
