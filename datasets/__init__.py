@@ -6,4 +6,10 @@ recipe.
 
 import lazy_loader
 
+if __name__ == "datasets":
+    raise ImportError(
+        "`import datasets` found the folder of specklegen's clone, where Python was started: write "
+        "`import specklegen.datasets`, or start Python in another folder to import another package of that name"
+    )
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
