@@ -28,4 +28,4 @@ bench: .venv/installed  ## the ratios of the performance page, one core
 	$(BIN)/python scripts/benchmark.py
 
 clean:
-	rm -rf .venv demo build *.egg-info
+	rm -rf .venv .editable demo build *.egg-info

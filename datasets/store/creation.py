@@ -16,6 +16,7 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 from specklegen.core.errors import reject
+from specklegen.core.libraries import library_versions
 from specklegen.datasets.sample_schema import ArraySpec, Renderable, stored_arrays
 from specklegen.datasets.store.identity import differences, fingerprint, identity
 from specklegen.datasets.store.locks import claim
@@ -175,6 +176,7 @@ def _create(
         "shard_samples": rows,
         "notes": notes,
         "epoch_samples": recipe.length(wanted["split"]),
+        "libraries": library_versions(),
     }
     with _temporary(folder) as temporary:
         group = zarr.create_group(store=temporary, zarr_format=3, attributes=attributes)

@@ -37,6 +37,7 @@ def info(folder: str | os.PathLike) -> dict[str, Any]:
         "bytes": stored_bytes(store.folder),
         "parameters": store.parameter_names,
         "arrays": store.describe(),
+        "libraries": store.attributes.get("libraries", {}),
         "recipe": store.attributes["recipe"],
     }
 

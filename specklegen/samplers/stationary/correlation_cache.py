@@ -8,14 +8,13 @@ that is damaged, costs an estimate and nothing else.
 
 import hashlib
 import io
-import os
 import tempfile
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 
+from specklegen.kernels.cache import cache_root, say_once
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.scene.media import Slab
 
@@ -27,7 +26,7 @@ _SOURCES = ("kernels/*.py", "paths/*.py", "core/random_streams.py", "samplers/st
 
 def folder() -> Path:
     """Where kernels are kept: under SPECKLEGEN_CACHE, by default the user's cache directory."""
-    return Path(os.environ.get("SPECKLEGEN_CACHE") or platformdirs.user_cache_dir("specklegen")) / "memory-kernels"
+    return cache_root() / "memory-kernels"
 
 
 def path_of(slab: Slab, paths: int) -> Path:
@@ -44,6 +43,7 @@ def load(file: Path) -> MemoryEffectCorrelation | None:
         return None
     digest, payload = content[:_DIGEST], content[_DIGEST:]
     if hashlib.sha256(payload).digest() != digest:
+        say_once(f"{file} is damaged, so its memory-effect kernel is estimated anew")
         return None
     with np.load(io.BytesIO(payload), allow_pickle=False) as data:
         return MemoryEffectCorrelation(
@@ -66,7 +66,8 @@ def store(kernel: MemoryEffectCorrelation, file: Path) -> None:
             out.write(hashlib.sha256(payload).digest() + payload)
         draft.replace(file)
         _make_room(file.parent)
-    except OSError:
+    except OSError as error:
+        say_once(f"memory-effect kernels cannot be kept in {file.parent}, so each process estimates them anew: {error}")
         if draft is not None:
             _remove(draft)
 

@@ -1,9 +1,10 @@
 """The build backend: that of setuptools, with an editable install that every tool can follow.
 
 The folders ``datasets/`` and ``models/`` stand beside ``specklegen/`` and are parts of it. setuptools maps them in an
-editable install by an import hook, which type checkers cannot see. The clone holds links that make ``specklegen/`` whole,
-so a path entry to a folder with nothing in it but a link to ``specklegen/`` does the same, without a hook, and leaves
-``datasets``, ``models`` and ``tests`` out of everyone's way. Where a checkout has no links, setuptools' way is taken.
+editable install by an import hook, which type checkers cannot see. The clone holds links that make ``specklegen/``
+whole, so a path entry to a folder with nothing in it but a link to ``specklegen/`` does the same, without a hook, and
+leaves ``datasets``, ``models`` and ``tests`` out of everyone's way. Where a checkout has no links, setuptools' way is
+taken.
 """
 
 import base64

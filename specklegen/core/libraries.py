@@ -1,0 +1,17 @@
+"""The libraries that decide the last bits of a result, with their versions."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+DECIDING = ("specklegen", "numpy", "scipy", "torch", "numba", "llvmlite", "finufft", "pillow", "matplotlib")
+"""Arithmetic, transforms and compilers; Pillow and Matplotlib draw and resample the hidden objects."""
+
+
+def library_versions() -> dict[str, str]:
+    """Version of each library that is installed: kept with what was made, to explain a last bit that differs."""
+    found = {}
+    for name in DECIDING:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # specklegen itself, in a clone that is not installed
+            continue
+    return found

@@ -1,0 +1,128 @@
+"""The cache of compiled kernels: each test runs processes of its own, as the cache is chosen once in a process."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from scenes import ROOT
+
+from specklegen.kernels import cache
+
+PROGRAM = """
+import sys, numba, numpy as np
+before = numba.config.CACHE_DIR
+import specklegen.kernels.cache as cache
+{first}
+from specklegen.kernels import rng
+for _ in range(2):
+    out = np.empty((1, 4), np.uint32)
+    rng.philox_words(0, 0, np.zeros((1, 4), np.uint32), out)
+assert numba.config.CACHE_DIR == before
+stats = rng.philox_words.stats
+print(hex(out[0, 0]), "hits", sum(stats.cache_hits.values()), "misses", sum(stats.cache_misses.values()))
+"""
+RIGHT = "0x6627e8d5"
+
+
+def run(folder: Path, first: str = "") -> tuple[str, str]:
+    """What the program prints with its cache in a folder: (output, warnings)."""
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM.format(first=first)], env=os.environ | {"SPECKLEGEN_CACHE": str(folder)},
+        capture_output=True, text=True, timeout=120, cwd=ROOT,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip(), done.stderr
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("filled")
+    said, warned = run(folder)
+    assert said.startswith(f"{RIGHT} hits 0")
+    assert warned == ""
+    return folder
+
+
+def test_digest_follows_every_source(tmp_path, monkeypatch):
+    before = cache.source_digest()
+    copy = shutil.copytree(Path(cache.__file__).parent, tmp_path / "kernels")
+    monkeypatch.setattr(cache, "__file__", str(copy / "cache.py"))
+    assert cache.source_digest() == before
+    for name in sorted(p.name for p in copy.glob("*.py")):
+        with (copy / name).open("a") as source:
+            source.write("# changed\n")
+        assert cache.source_digest() != before, name
+        before = cache.source_digest()
+
+
+def test_a_whole_cache_is_used_in_silence(filled):
+    assert run(filled) == (f"{RIGHT} hits 1 misses 0", "")
+
+
+def test_a_place_that_is_no_folder_is_said_and_left_alone(tmp_path):
+    blocked = tmp_path / "a file, not a folder"
+    blocked.write_text("")
+    said, warned = run(blocked)
+    assert said == f"{RIGHT} hits 0 misses 1"
+    assert warned.count("no compiled-kernel cache") == 1
+    assert "SPECKLEGEN_CACHE" in warned
+    assert blocked.read_text() == ""
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", ["half", "empty", "flipped"])
+def test_a_damaged_file_is_compiled_anew_and_said_once(filled, tmp_path, suffix, damage):
+    folder = shutil.copytree(filled, tmp_path / "cache")
+    for file in folder.rglob("*" + suffix):
+        content = bytearray(file.read_bytes())
+        content[len(content) // 2] ^= 1
+        file.write_bytes({"half": content[: len(content) // 2], "empty": b"", "flipped": content}[damage])
+    said, warned = run(folder)
+    assert said == f"{RIGHT} hits 0 misses 1"
+    assert warned.count("cannot be read, so they compile anew") == 1
+    assert run(folder) == (f"{RIGHT} hits 1 misses 0", "")  # and it is whole again
+
+
+def test_a_folder_that_others_can_write_is_left_alone(filled, tmp_path):
+    folder = shutil.copytree(filled, tmp_path / "cache")
+    inner = next((folder / "kernels").iterdir())
+    inner.chmod(0o777)
+    said, warned = run(folder)
+    assert said == f"{RIGHT} hits 0 misses 1"
+    assert warned.count("can be written by other users") == 1
+
+
+def test_a_new_folder_is_its_users_alone(filled):
+    assert next((filled / "kernels").iterdir()).stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize(
+    ("owner", "mode", "reason"),
+    [
+        (7, 0o700, None), (7, 0o755, None), (0, 0o755, None),  # the administrator is trusted
+        (8, 0o755, "belongs to another user"), (7, 0o775, "can be written by other users"),
+        (0, 0o777, "can be written by other users"),
+    ],
+)  # fmt: skip
+def test_only_what_the_user_or_the_administrator_wrote_is_run(tmp_path, monkeypatch, owner, mode, reason):
+    monkeypatch.setattr(os, "getuid", lambda: 7)
+    monkeypatch.setattr(Path, "stat", lambda self: SimpleNamespace(st_uid=owner, st_mode=mode))
+    assert cache.distrust(tmp_path) == reason
+
+
+def test_a_readable_folder_that_cannot_be_written_is_used_in_silence(filled):
+    before = {file: file.stat().st_mtime_ns for file in filled.rglob("*")}
+    assert run(filled, "cache.can_write = lambda folder: False") == (f"{RIGHT} hits 1 misses 0", "")
+    assert {file: file.stat().st_mtime_ns for file in filled.rglob("*")} == before
+
+
+def test_a_full_disk_is_said_once(tmp_path):
+    """The kernel works, and one line says why the next start is slow."""
+    first = "def full(*_): raise OSError(28, 'No space left on device')\ncache._CheckedFiles.save = full"
+    said, warned = run(tmp_path, first)
+    assert said == f"{RIGHT} hits 0 misses 1"
+    assert warned.count("No space left on device") == 1
