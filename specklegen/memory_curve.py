@@ -16,6 +16,7 @@ from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.paths import slab_optics
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
@@ -69,6 +70,9 @@ class MemoryEffect:
     single_share: float
     paths: int
     reverse: bool
+
+    def __repr__(self) -> str:
+        return summary(self, tilts=self.tilts, intensity=self.intensity, paths=self.paths, reverse=self.reverse)
 
 
 def memory_effect(

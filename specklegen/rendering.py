@@ -22,6 +22,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads, in_turn, one_blas_thread, thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.core.showing import summary
 from specklegen.mean.field import mean_field
 from specklegen.paths.bank import PathBank
 from specklegen.paths.gaussianity import Gaussianity
@@ -89,6 +90,10 @@ class SpeckleStack:
 
     def __init__(self, field: np.ndarray | None, intensity: np.ndarray | None, report: Report) -> None:
         self._field, self._intensity, self.report = field, intensity, report
+
+    def __repr__(self) -> str:
+        held = {"intensity": self._intensity} if self._field is None else {"field": self._field}
+        return summary(self, **held, sampler=self.report.sampler, paths=self.report.paths)
 
     @property
     def field(self) -> np.ndarray:

@@ -13,11 +13,13 @@ from dataclasses import replace
 from functools import partial, reduce
 from itertools import chain, islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from specklegen.core.arguments import instance
 from specklegen.core.errors import reject
+from specklegen.core.libraries import library_versions
 from specklegen.core.parallel import Threads, in_turn, one_blas_thread, slices, thread_count
 from specklegen.core.random_streams import Seed
 from specklegen.mean.field import mean_field
@@ -95,21 +97,26 @@ def render_tiles(
 
 
 def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **arguments):
-    """Render a stack into a new zarr array at ``out``, complex64[T, H, W], by :func:`render_tiles`.
+    """Render a stack into a new zarr group at ``out``, which xarray opens, by :func:`render_tiles`; return its field.
+
+    The group holds ``field`` complex64[tilt, y, x] in the square root of the scene's unit of area a steradian, the
+    direction sines ``x``, ``y`` of the views, and ``tilt_x``, ``tilt_y`` of the illumination. Its attributes hold the
+    scene as JSON (``Scene.from_json`` reads it), the arguments, and the versions of the libraries.
 
     Parameters
     ----------
     scene, arguments
         See :func:`render_tiles`.
     out
-        Folder of the array; its chunks are one tilt of the stack's pieces. It gets its name when it is complete:
-        until then it lies beside it as ``.NAME.unfinished``, which the next call for the same folder replaces.
+        Folder of the group; chunks of the field are one tilt of the stack's pieces. It gets its name when it is
+        complete: until then it lies beside it as ``.NAME.unfinished``, which the next call for that folder replaces.
     progress
         Show a bar.
 
     Returns
     -------
     zarr.Array
+        The field.
 
     Raises
     ------
@@ -129,13 +136,48 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     unfinished = out.with_name(f".{out.name}.unfinished")
     first = list(islice(pieces, 1))  # the largest: those at the far edges are cut off
     chunks = (1, *first[0][1].shape[1:]) if first else shape
-    array = zarr.create_array(str(unfinished), shape=shape, chunks=chunks, dtype=np.complex64, overwrite=True)
+    group = zarr.create_group(str(unfinished), overwrite=True, attributes=_attributes(scene, arguments))
+    for name, dims, values, said in _axes(scene):
+        told: dict[str, Any] = {"long_name": said, "units": "1"}
+        axis = group.create_array(name, shape=values.shape, dtype="float64", dimension_names=dims, attributes=told)
+        axis[...] = values
+    about: dict[str, Any] = {
+        "long_name": "field; |field|^2 is a differential scattering cross-section for unit irradiance",
+        "units": "unit of length",
+        "coordinates": "x y tilt_x tilt_y",
+    }
+    array = group.create_array(
+        "field", shape=shape, chunks=chunks, dtype="complex64", dimension_names=("tilt", "y", "x"), attributes=about
+    )
     with tqdm(total=int(np.prod(shape)), unit="view", unit_scale=True, disable=not progress) as bar:
         for where, field in chain(first, pieces):
             array[where] = field
             bar.update(field.size)
     unfinished.rename(out)
-    return zarr.open_array(str(out), mode="r+")
+    return zarr.open_group(str(out), mode="r+")["field"]
+
+
+def _attributes(scene: Scene, arguments: dict[str, Any]) -> dict[str, Any]:
+    """What a group says of itself; JSON types."""
+    return {
+        "title": "speckle stack of specklegen",
+        "scene": scene.model_dump_json(by_alias=True),
+        "arguments": {name: repr(value) for name, value in arguments.items()},
+        "libraries": library_versions(),
+    }
+
+
+def _axes(scene: Scene) -> list[tuple[str, tuple[str, ...], np.ndarray, str]]:
+    """Name, dimensions, values and meaning of each axis of a stack."""
+    grid = scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    (x, y), light = grid.sines, scene.beams.directions
+    return [
+        ("x", ("x",), x, "direction sine of the view in x, inside the medium"),
+        ("y", ("y",), y, "direction sine of the view in y, inside the medium"),
+        ("tilt_x", ("tilt",), light[:, 0], "direction sine of the illumination in x, inside the medium"),
+        ("tilt_y", ("tilt",), light[:, 1], "direction sine of the illumination in y, inside the medium"),
+    ]
 
 
 def _with_mean(pieces: Iterator[tuple[Where, np.ndarray]], scene: Scene | None) -> Iterator[tuple[Where, np.ndarray]]:

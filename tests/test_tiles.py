@@ -85,6 +85,26 @@ def test_a_stack_goes_to_zarr(tmp_path):
 
 
 @pytest.mark.usefixtures("small_pieces")
+def test_a_stack_in_zarr_explains_itself(tmp_path):
+    """xarray opens it, its axes have values and meanings, and its scene renders to the same bits."""
+    xarray = pytest.importorskip("xarray")
+    this, options = CASES["nufft"]
+    sg.render_to_zarr(this, tmp_path / "stack.zarr", seed=3, **options)
+    data = xarray.open_zarr(tmp_path / "stack.zarr", consolidated=False)
+    assert data.field.dims == ("tilt", "y", "x")
+    x, y = this.sensor.sines
+    assert np.array_equal(data.x, x)
+    assert np.array_equal(data.y, y)
+    assert np.array_equal(data.tilt_x, this.illumination.directions[:, 0])
+    assert {"x", "y", "tilt_x", "tilt_y"} <= set(data.field.coords)
+    assert all(data[name].attrs["units"] and data[name].attrs["long_name"] for name in ("field", "x", "tilt_y"))
+    assert data.attrs["arguments"]["seed"] == "3"
+    again = sg.Scene.from_json(data.attrs["scene"])
+    assert again == this
+    assert data.field.values.tobytes() == sg.render(again, seed=3, **options).field.tobytes()
+
+
+@pytest.mark.usefixtures("small_pieces")
 def test_an_interrupted_stack_has_no_name_and_is_made_anew(tmp_path, monkeypatch):
     this, options = CASES["nufft"]
     real = tiles._chunk

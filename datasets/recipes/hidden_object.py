@@ -1,14 +1,16 @@
 """Recipe kind "hidden-object": an incoherent object seen through a slab, one camera image a sample."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Self, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
 
 import numpy as np
-import torch
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.lazy import LazyModule
 from specklegen.core.values import Value
 from specklegen.datasets.objects import HiddenObjects
 from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization, prepared
@@ -24,6 +26,11 @@ from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 
 class ObjectField(Value):

@@ -3,16 +3,23 @@
 Samples of one medium share all of this; a few media are kept in each process.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
+from specklegen.core.lazy import LazyModule
 from specklegen.datasets.split import Split
 from specklegen.samplers.stationary.objects import ObjectSampler
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 if TYPE_CHECKING:
     from specklegen.datasets.recipes.recipe import Recipe
@@ -72,6 +79,6 @@ def prepared(
 
 
 @lru_cache(maxsize=KEPT)
-def medium_realization(recipe: "Recipe", seed: int, split: Split, medium: int) -> MediumRealization:
+def medium_realization(recipe: Recipe, seed: int, split: Split, medium: int) -> MediumRealization:
     """Prepare a medium of a recipe, or take the one that is there."""
     return recipe.prepare(seed, split, medium)

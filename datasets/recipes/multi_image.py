@@ -3,12 +3,14 @@
 Either the medium changes from image to image, or the illumination is tilted.
 """
 
-from typing import Literal, Self
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-import torch
 from pydantic import model_validator
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.values import PositiveInt, Value
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.parts.distributions import Draw, drawn, require_above
@@ -17,6 +19,11 @@ from specklegen.datasets.recipes.parts.tilts import Tilts
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, Split, generator, substream
 from specklegen.samplers.stationary.objects import ObjectSampler
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 
 class Dynamics(Value):

@@ -6,6 +6,7 @@ import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import counted
+from specklegen.core.showing import summary
 from specklegen.mean.field import ballistic_fraction
 from specklegen.paths.chunks import Chunks
 from specklegen.paths.gaussianity import Gaussianity
@@ -78,6 +79,12 @@ class Plan:
     seconds: float
     memory_bytes: int
     alternatives: dict[str, float]
+
+    def __repr__(self) -> str:
+        return summary(
+            self, sampler=self.sampler, summation=self.summation, paths=self.paths, expected_error=self.expected_error,
+            seconds=self.seconds, memory_bytes=self.memory_bytes,
+        )  # fmt: skip
 
     @property
     def field_dtype(self) -> type:

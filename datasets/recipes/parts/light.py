@@ -5,13 +5,22 @@ incoherent sum over the modes of the light behind that medium (:mod:`specklegen.
 light that the medium depolarised one over two independent halves, contrast 1/sqrt(2).
 """
 
-import numpy as np
-import torch
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from specklegen.core.lazy import LazyModule
 from specklegen.core.values import NonNegative, Positive, Value
 from specklegen.datasets.split import Purpose, Split, substream
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.samplers.stationary.spectrum import Spectrum
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 
 class Light(Value):

@@ -20,6 +20,7 @@ from specklegen.core.errors import reject
 from specklegen.core.memory import available_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, map_blocks, one_blas_thread, thread_count
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
+from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES
 from specklegen.kernels.rng import fill_normals
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
@@ -71,6 +72,9 @@ class Covariance:
     rel_error: float
     unfinished: int
     decisions: tuple[Decision, ...] = ()
+
+    def __repr__(self) -> str:
+        return summary(self, value=self.value, paths=self.paths, reverse=self.reverse, rel_error=self.rel_error)
 
     @property
     def intensity(self) -> np.ndarray:

@@ -6,9 +6,13 @@ As :func:`specklegen.samplers.path_sums.direct.direct_field`, whose illumination
 few). Phases are found in float64 turns and reduced there; what follows may be single precision.
 """
 
-import numpy as np
-import torch
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import slices
 from specklegen.paths.bank import PathBank
 from specklegen.paths.slab_optics import (
@@ -18,6 +22,11 @@ from specklegen.paths.slab_optics import (
     reversal_phases,
     single_amplitudes,
 )
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 _CONNECTIONS, _PAIRS = 4096, 2**22  # connections in a block; pairs of a connection and a view at a time
 
@@ -29,7 +38,7 @@ def device_field(
     views: np.ndarray,
     *,
     device: torch.device | str,
-    dtype: torch.dtype = torch.complex128,
+    dtype: torch.dtype | None = None,
     reverse: bool = False,
 ) -> torch.Tensor:
     """Sum over the connections of a bank on ``device``, complex[T, V], divided by the root of the number of paths.
@@ -39,10 +48,10 @@ def device_field(
     bank, optics, phases, views, reverse
         See :func:`specklegen.samplers.path_sums.direct.direct_field`, with which it agrees within rounding.
     device, dtype
-        Where to sum, and complex64 or complex128.
+        Where to sum, and complex64 or complex128 (by default).
     """
     one = bank.orders == 1
-    place = {"device": device, "dtype": dtype}
+    place = {"device": device, "dtype": dtype or torch.complex128}
     field = _sum(bank.select(one), optics, phases[one], views, single=True, **place)
     field *= torch.as_tensor(single_amplitudes(optics, views)).to(field.device, field.real.dtype)
     field += _sum(bank.select(~one), optics, phases[~one], views, single=False, **place)

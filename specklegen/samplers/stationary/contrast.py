@@ -10,12 +10,21 @@ of the light. A finite window makes different beams independent from one speckle
 memory effect says.
 """
 
-import numpy as np
-import torch
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.samplers.stationary.modes import tabulated
 from specklegen.samplers.stationary.spectrum import LightModes
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 
 def speckle_variance(

@@ -8,15 +8,23 @@ at last brought to the one triangular form at the pivots, and are the same on ev
 once: a cubic spline, whose error falls with the fourth power of its step.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from scipy.interpolate import CubicSpline
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 Correlation = Callable[[np.ndarray], np.ndarray]
 

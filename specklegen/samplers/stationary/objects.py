@@ -15,15 +15,17 @@ all beams i_j + b_t. A stack of tilted beams is an object of one pixel. Light of
 (:mod:`spectrum`) adds up over independent fields, in a medium's spectra already.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike
 from scipy.fft import next_fast_len
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.samplers.stationary.contrast import speckle_variance
@@ -35,6 +37,11 @@ from specklegen.samplers.stationary.spectrum import LightModes, monochromatic
 from specklegen.samplers.stationary.stacks import mean_intensity
 from specklegen.scene.illumination import Profile, illuminated_area, object_sines
 from specklegen.scene.sensors import FarFieldGrid, require_resolved
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 Form = Literal["pairs", "points"]
 _CHUNK = 32  # bright pixels transformed at once
@@ -237,7 +244,7 @@ def object_sampler(
     pixel_integration: bool = False,
     tolerance: float = 0.01,
     device: torch.device | str = "cpu",
-    dtype: torch.dtype = torch.complex64,
+    dtype: torch.dtype | None = None,
 ) -> ObjectSampler:
     """Prepare a sampler for objects of one shape behind one material in front of one camera.
 
@@ -259,7 +266,7 @@ def object_sampler(
     tolerance
         Share of the intensity that the modes may leave out (it is put back evenly).
     device, dtype
-        Where and in what precision; complex64 or complex128.
+        Where and in what precision; complex64 (by default) or complex128.
 
     Raises
     ------
@@ -268,6 +275,7 @@ def object_sampler(
     """
     if not pixel_integration:
         require_resolved("object_sampler grid pitch", wavelength, width, grid.pitch)
+    dtype = dtype or torch.complex64
     light = light or monochromatic(kernel)
     k = 2 * np.pi / wavelength
     base = np.atleast_2d(np.asarray(base, np.float64))

@@ -20,19 +20,26 @@ understate |K|^2 by a quarter at half range (OD 10, g = 0.9). The gates add up t
 neglected is the interference of different modes between different tilts: 1 % of |K|^2 at half range.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import torch
 
 from specklegen.core.errors import reject
+from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.paths.slab_optics import AXIS, contributions, plane_optics
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, axial_bank, lateral_distance
 from specklegen.scene.media import Slab
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 Spectrum = Literal["gaussian", "flat"]
 

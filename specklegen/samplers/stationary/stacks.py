@@ -7,13 +7,16 @@ the axis, per direction of light and view). Valid where the planner's criterion 
 of view).
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
@@ -23,6 +26,11 @@ from specklegen.samplers.stationary.oblique import ObliqueCorrelation
 from specklegen.scene.illumination import CollimatedBeams, illuminated_area
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 _SMALL_PHASE = 1e-3  # radians that nobody sees beside the field tolerance of path sums
 
@@ -121,7 +129,7 @@ def stack_sampler(
     kernel: MemoryEffectCorrelation | ObliqueCorrelation,
     *,
     device: torch.device | str = "cpu",
-    dtype: torch.dtype = torch.complex64,
+    dtype: torch.dtype | None = None,
     fft: bool | None = None,
 ) -> StackSampler:
     """Prepare the sampler of a scene with collimated beams and a far-field grid.
@@ -131,7 +139,7 @@ def stack_sampler(
     scene, kernel
         The scene, and K of its medium: that of the axis, or one about the middle of its beams and views.
     device, dtype
-        Where and in what precision to draw; the random numbers are the same everywhere.
+        Where and in what precision to draw (by default complex64); the random numbers are the same everywhere.
     fft
         Choose the form; by default the one with fewer operations. Windows wider than a period of the
         transform need the matrix form and get it.
@@ -158,7 +166,7 @@ def stack_sampler(
         fft = fft_flops(x, y) < matrix_flops(x, y, grid.shape)
     # A Gaussian window reaches 2.5 widths; the transform of a coarse grid spans 2 and would cut it off.
     fft = fft and x.count <= x.period and y.count <= y.period
-    tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype)  # noqa: E731
+    tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype or torch.complex64)  # noqa: E731
     turned = _face_phase(scene.slab.thickness if grid.side == "transmission" else 0.0, k, grid)
     face = None if np.abs(turned).max() < _SMALL_PHASE else tensor(np.exp(1j * turned))
     shifts = k * (sines - first)
