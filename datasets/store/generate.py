@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 BATCH = 32
 """Samples rendered at once: enough to share work, few enough that memory stays flat."""
 
+FEW = 64
+"""Samples that are rendered here unless processes are asked for: their start takes longer."""
+
 _POOL_RESTARTS = 2
 
 
@@ -89,7 +92,8 @@ def generate(
     progress : callable, optional
         Called with (samples done, samples asked for) after every shard.
     processes : int, optional
-        Worker processes; by default the cores that this process may use. 1 renders in this process.
+        Worker processes; by default the cores that this process may use, or none where at most 64 samples are missing.
+        1 renders in this process.
     shard_range : (i, n)
         Do part i of n equal parts, 0 <= i < n: for n machines with a shared folder.
     cluster : str, Client or Cluster, optional
@@ -126,7 +130,8 @@ def generate(
     report(done, total)
     failures, rendered = [], 0
     if cluster is None:
-        run = partial(_run, store, recipe, processes=thread_count(processes))
+        few = processes is None and total - done <= FEW
+        run = partial(_run, store, recipe, processes=1 if few else thread_count(processes))
     else:
         from specklegen.datasets.store.dask import run as run_on
 
