@@ -11,6 +11,7 @@ import base64
 import hashlib
 import os
 import tempfile
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,9 @@ def build_editable(
     """Make the wheel of an editable install: metadata, and a path entry."""
     root = Path.cwd()
     if not _linked(root):
-        return build_meta.build_editable(wheel_directory, config_settings, metadata_directory)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a page about import hooks
+            return build_meta.build_editable(wheel_directory, config_settings, metadata_directory)
     with tempfile.TemporaryDirectory() as folder:
         info = build_meta.prepare_metadata_for_build_editable(folder, config_settings)
         files = {

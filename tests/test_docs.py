@@ -4,7 +4,6 @@ import re
 import shlex
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -150,12 +149,3 @@ def test_every_link_leads_somewhere(page):
 def test_what_makes_blocks_shorter_still_stands_in_one():
     text = "".join(block.text for block in PYTHON)
     assert [long for long, _ in SHORTER if long not in text] == []
-
-
-def test_packages_that_are_imported_are_declared():
-    """Pillow and tifffile came by accident, through another package."""
-    names = {re.split(r"[<>=\[]", line)[0].lower() for line in PROJECT["dependencies"]}
-    assert {"pillow", "tifffile", "numpy", "torch", "scipy", "pydantic"} <= names
-
-
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -1,26 +1,60 @@
-"""The package as a user gets it: complete, light to import, its lists true."""
+"""The package as a user gets it: complete, quiet to build, light to import, its lists true."""
 
+import ast
+import os
+import re
+import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
+from pathlib import Path
 
 import pytest
 from scenes import ROOT
 
 TREES = {"specklegen": "specklegen", "datasets": "specklegen.datasets", "models": "specklegen.models"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+IMPORT_NAMES = {"pillow": "PIL", "scikit-image": "skimage", "scikit-learn": "sklearn"}
+"""Names that packages are imported by, where these are not their own with underscores."""
+FEW_TYPES = """
+import numpy as np
+import specklegen as sg
+from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.models import load_pretrained
+
+slab = sg.Slab(thickness=1.0, mean_free_path=0.1, scatterer=sg.HenyeyGreenstein(g=0.9))
+curve: sg.MemoryEffect = sg.memory_effect(slab, wavelength=0.5, tilts=np.zeros(2))
+wrong: int = load_pretrained()
+also_wrong: str = SpeckleStream(load_recipe("through-slab"))
+"""
+
+
+def _modules(top: str) -> list[Path]:
+    """Python files of a tree, without what its links show."""
+    links = [ROOT / "specklegen" / name for name in ("datasets", "models")]
+    return [file for file in (ROOT / top).rglob("*.py") if not any(file.is_relative_to(link) for link in links)]
 
 
 def _folders() -> set[str]:
     """Every package in the tree, under the name that it is imported by."""
     found = set()
     for top, name in TREES.items():
-        for init in (ROOT / top).rglob("__init__.py"):
-            parts = init.parent.relative_to(ROOT / top).parts
-            if top == "specklegen" and parts[:1] in (("datasets",), ("models",)):
-                continue  # the two links
-            found.add(".".join([name, *parts]))
+        for init in (file for file in _modules(top) if file.name == "__init__.py"):
+            found.add(".".join([name, *init.parent.relative_to(ROOT / top).parts]))
+    return found
+
+
+def _wanted() -> set[str]:
+    """Every file of code and data, under the path that it has in a wheel."""
+    found = {"specklegen/py.typed"}
+    for top, name in TREES.items():
+        for pattern in ("*.py", "*.pyi", "packaged/*.toml", "data/*.npz", "data/*.pt", "data/*.md"):
+            for file in (ROOT / top).rglob(pattern):
+                parts = file.relative_to(ROOT / top).parts
+                if top != "specklegen" or parts[0] not in ("datasets", "models"):
+                    found.add("/".join([name.replace(".", "/"), *parts]))
     return found
 
 
@@ -28,43 +62,169 @@ def test_every_package_is_listed():
     assert set(PROJECT["tool"]["setuptools"]["packages"]) == _folders()
 
 
+def test_every_package_that_is_imported_is_declared():
+    """Pillow and tifffile came by accident once, through a package that may drop them."""
+    project = PROJECT["project"]
+    extras = [line for name, lines in project["optional-dependencies"].items() if name != "dev" for line in lines]
+    names = [re.split(r"[<>=\[; ]", line)[0].lower() for line in [*project["dependencies"], *extras]]
+    declared = {IMPORT_NAMES.get(name, name.replace("-", "_")) for name in names} | {"specklegen", "dask"}
+    imported: dict[str, Path] = {}
+    for top in TREES:
+        for file in _modules(top):
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.Import):
+                    imported |= {alias.name.partition(".")[0]: file for alias in node.names}
+                elif isinstance(node, ast.ImportFrom) and not node.level:
+                    imported[str(node.module).partition(".")[0]] = file
+    strangers = {name: file for name, file in imported.items() if name not in sys.stdlib_module_names}
+    assert {name: str(file) for name, file in strangers.items() if name not in declared} == {}
+
+
+# ---- Building ------------------------------------------------------------------------------------------
+
+
+def _checkout(folder: Path, *, links: bool = True) -> Path:
+    """A copy of what git tracks, in which building may write."""
+    tracked = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in filter(None, tracked.split("\0")):
+        file = ROOT / name
+        if name.startswith(("docs/", "tests/")) or not (file.exists() or file.is_symlink()):
+            continue
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        if not file.is_symlink():
+            shutil.copyfile(file, folder / name)
+        elif links:
+            (folder / name).symlink_to(os.readlink(file))
+        else:  # as git writes a link where the file system has none
+            (folder / name).write_text(os.readlink(file))
+    return folder
+
+
+def _built(checkout: Path, hook: str) -> Path:
+    """Build by a hook of the backend, as pip calls it, in silence."""
+    out = checkout.parent / "out"
+    out.mkdir(exist_ok=True)
+    code = (
+        "import sys, io, contextlib; sys.path.insert(0, 'build_backend'); import specklegen_build\n"
+        "with contextlib.redirect_stdout(io.StringIO()):\n"
+        f"    name = specklegen_build.{hook}(sys.argv[1])\n"
+        "print(name)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(out)], cwd=checkout, capture_output=True, text=True, timeout=300
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert not re.search(r"!!|[A-Z]\w*Warning", done.stderr), done.stderr  # newer versions of pip print it all
+    return out / done.stdout.strip()
+
+
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory) -> zipfile.ZipFile:
-    out = tmp_path_factory.mktemp("wheel")
-    options = ["--quiet", "--no-deps", "--no-build-isolation", "-w", str(out)]
-    command = [sys.executable, "-m", "pip", "wheel", *options, str(ROOT)]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
-    return zipfile.ZipFile(next(out.glob("*.whl")))
+def checkout(tmp_path_factory) -> Path:
+    return _checkout(tmp_path_factory.mktemp("checkout") / "specklegen")
 
 
-def test_wheel_holds_code_and_data(wheel):
-    names = set(wheel.namelist())
-    wanted = {"specklegen/py.typed"}
-    for top, name in TREES.items():
-        for pattern in ("*.py", "recipes/*.toml", "data/*.npz", "data/*.pt", "data/*.md"):
-            for file in (ROOT / top).rglob(pattern):
-                parts = file.relative_to(ROOT / top).parts
-                if top == "specklegen" and parts[0] in ("datasets", "models"):
-                    continue
-                wanted.add("/".join([name.replace(".", "/"), *parts]))
-    assert wanted - names == set()
-    assert not [n for n in names if n.startswith(("datasets/", "models/", "tests/"))]
+def test_wheel_holds_code_and_data(checkout):
+    names = set(zipfile.ZipFile(_built(checkout, "build_wheel")).namelist())
+    assert _wanted() - names == set()
+    assert {name.partition("/")[0] for name in names if not name.startswith("specklegen-")} == {"specklegen"}
+
+
+def test_source_distribution_builds_the_same_wheel(checkout, tmp_path):
+    """From its files alone: the backend, and no links."""
+    with tarfile.open(_built(checkout, "build_sdist")) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (folder,) = tmp_path.iterdir()
+    there = {path.name for path in folder.iterdir()}
+    assert {"README.md", "LICENSE", "SECURITY.md", "CHANGELOG.md", "pyproject.toml"} <= there
+    names = set(zipfile.ZipFile(_built(folder, "build_wheel")).namelist())
+    assert _wanted() - names == set()
+
+
+def test_an_editable_install_is_a_path_that_every_tool_can_follow(checkout, tmp_path):
+    wheel = zipfile.ZipFile(_built(checkout, "build_editable"))
+    (entry,) = [name for name in wheel.namelist() if name.endswith(".pth")]
+    path = Path(wheel.read(entry).decode().strip())
+    assert [inner.name for inner in path.iterdir()] == ["specklegen"]  # and not datasets, models, tests
+    assert not [name for name in wheel.namelist() if name.endswith(".py")]  # no import hook
+    assert "specklegen = specklegen.cli.commands:main" in "".join(
+        wheel.read(name).decode() for name in wheel.namelist() if name.endswith("entry_points.txt")
+    )
+    program = "import specklegen.datasets as d, specklegen.models.metrics; print(d.__file__)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(path)}, text=True,
+        capture_output=True, check=True, timeout=120,
+    )  # fmt: skip
+    assert done.stdout.strip() == str(path / "specklegen" / "datasets" / "__init__.py")
+
+
+def test_a_checkout_without_links_installs_too(tmp_path):
+    wheel = zipfile.ZipFile(_built(_checkout(tmp_path / "specklegen", links=False), "build_editable"))
+    assert [name for name in wheel.namelist() if name.endswith("_finder.py")]
+
+
+def test_type_checkers_see_the_package_from_another_folder(checkout, tmp_path):
+    """pyright follows the path entry, through both links: it sees two wrong types, and nothing unknown."""
+    _built(checkout, "build_editable")
+    (tmp_path / "user.py").write_text(FEW_TYPES)
+    paths = f'{{"include": ["user.py"], "extraPaths": ["{checkout / ".editable"}"], "venvPath": "{sys.prefix}/..", '
+    (tmp_path / "pyrightconfig.json").write_text(paths + f'"venv": "{Path(sys.prefix).name}"}}')
+    done = subprocess.run(
+        [sys.executable, "-m", "pyright"], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
+    assert '"Reconstructor" is not assignable to "int"' in done.stdout, done.stdout
+    assert '"SpeckleStream" is not assignable to "str"' in done.stdout
+    assert "2 errors" in done.stdout
+
+
+# ---- Importing -----------------------------------------------------------------------------------------
+
+
+def _loaded(program: str, names: tuple[str, ...]) -> list[str]:
+    """Which of some modules a program has loaded at its end."""
+    code = f"import sys\n{program}\nprint([m for m in {names!r} if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True, timeout=120
+    )
+    return ast.literal_eval(done.stdout.strip().splitlines()[-1])
 
 
 def test_import_stays_light():
-    code = (
-        "import sys, specklegen as sg\n"
-        "sg.Scene, sg.plan, sg.render, sg.memory_effect\n"
-        "print([m for m in ('torch', 'matplotlib', 'zarr', 'skimage', 'typer') if m in sys.modules])"
+    program = "import specklegen as sg\nsg.Scene, sg.plan, sg.render, sg.memory_effect"
+    assert _loaded(program, ("torch", "matplotlib", "zarr", "skimage", "typer")) == []
+
+
+def test_recipes_are_read_without_torch():
+    program = "from specklegen.datasets import load_recipe, recipe_names as names\n[load_recipe(n) for n in names()]"
+    assert _loaded(program, ("torch", "zarr", "matplotlib", "skimage")) == []
+
+
+@pytest.mark.parametrize("words", [["recipes"], ["recipes", "show", "through-slab"], ["--version"], ["plan", "--help"]])
+def test_commands_about_recipes_load_no_engine(words):
+    program = (
+        "from specklegen.cli.commands import main\n"
+        f"try:\n    main({words!r})\nexcept SystemExit as end:\n    assert not end.code"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
-    assert done.stdout.strip() == "[]"
+    assert _loaded(program, ("torch", "zarr", "numba", "scipy", "finufft", "matplotlib")) == []
+
+
+@pytest.mark.parametrize("name", ["datasets", "models"])
+def test_a_folder_of_the_clone_does_not_pass_for_another_package(name):
+    """Hugging Face's `datasets`, say, imported where Python was started in the clone."""
+    command = [sys.executable, "-c", f"import {name}"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith(f"ImportError: `import {name}` found the folder of specklegen's clone")
+    assert f"`import specklegen.{name}`" in last
 
 
 def test_every_public_name_loads_and_is_documented():
     import specklegen as sg
+    from specklegen import datasets, models
 
-    for name in sg.__all__:
-        assert getattr(sg, name).__doc__, name
-    with pytest.raises(AttributeError):
-        sg.no_such_name  # noqa: B018
+    for package in (sg, datasets, models):
+        assert set(package.__all__) <= set(dir(package))
+        for name in package.__all__:
+            assert getattr(package, name).__doc__, name
+        with pytest.raises(AttributeError):
+            package.no_such_name  # noqa: B018

@@ -58,7 +58,7 @@ _RULES = {
 def _house_message(owner: str, error: ValidationError) -> str:
     lines = []
     for item in error.errors():
-        context = item.get("ctx", {})
+        context = {name: _bound(value) for name, value in item.get("ctx", {}).items()}
         if isinstance(context.get("error"), RuleError):
             lines.append(str(context["error"]))
             continue
@@ -67,6 +67,11 @@ def _house_message(owner: str, error: ValidationError) -> str:
         rule = rule.format(**context) if rule else _bare(item["msg"])
         lines.append(f"{where} must be {rule}; got {shown(item['input'])}.")
     return "\n".join(lines)
+
+
+def _bound(value: object) -> object:
+    """A bound as people write it: 1e+15 and not 1000000000000000.0."""
+    return f"{value:g}" if isinstance(value, float) and abs(value) >= 1e6 else value
 
 
 def _bare(message: str) -> str:

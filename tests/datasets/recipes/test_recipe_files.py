@@ -1,0 +1,118 @@
+"""Recipes as tables: whose paths they are, what they inherit, and what is wrong with a file."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from specklegen.core.errors import RuleError
+from specklegen.datasets import load_recipe
+from specklegen.datasets.recipes.recipe_files import LONGEST_CHAIN, recipe_table
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch) -> Path:
+    """A folder with pictures and a recipe for them, and a working folder that is another."""
+    (tmp_path / "bench" / "pictures").mkdir(parents=True)
+    for n in range(10):
+        Image.fromarray(np.full((9, 9 + n), 20 * n + 9, np.uint8)).save(tmp_path / "bench" / "pictures" / f"{n}.png")
+    write(tmp_path / "bench" / "own.toml", 'inherits = "through-slab"\n[objects]\ntype = "Folder"\npath = "pictures"\n')
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    return tmp_path / "bench"
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def pictures(recipe) -> int:
+    return len(recipe.objects.files)
+
+
+def test_a_path_in_a_file_is_relative_to_the_file(bench):
+    assert pictures(load_recipe(bench / "own.toml")) == 10
+    assert pictures(load_recipe(os.path.relpath(bench / "own.toml"))) == 10
+
+
+def test_an_heir_keeps_the_paths_of_what_it_inherits(bench):
+    heir = write(bench.parent / "heir.toml", 'inherits = "bench/own.toml"\nname = "heir"\n')
+    assert pictures(load_recipe(heir)) == 10
+    moved = write(bench.parent / "moved.toml", 'inherits = "bench/own.toml"\n[objects]\npath = "bench/pictures"\n')
+    assert pictures(load_recipe(moved)) == 10
+
+
+def test_a_path_from_the_caller_is_relative_to_the_working_folder(bench):
+    changes = {"objects": {"type": "Folder", "path": "../bench/pictures"}}
+    assert pictures(load_recipe("through-slab", changes)) == 10
+    with pytest.raises(RuleError, match=r"Folder\.path must be a folder that exists; got 'pictures'"):
+        pictures(load_recipe(bench / "own.toml", {"objects": {"path": "pictures"}}))
+
+
+def test_a_file_may_bear_the_name_of_a_packaged_recipe(bench):
+    """Inside a file a packaged name is the packaged recipe; its path, written as one, is the file."""
+    write(bench / "through-slab", 'inherits = "tilt-stack"\n')
+    assert recipe_table(bench / "own.toml")["kind"] == "hidden-object"
+    heir = write(bench / "heir.toml", 'inherits = "./through-slab"\n')
+    assert recipe_table(heir)["kind"] == "tilt-stack"
+
+
+@pytest.mark.parametrize(
+    ("files", "says"),
+    [
+        ({"a": 'inherits = "a.toml"'}, "recipe.inherits must be free of circles"),
+        ({"a": 'inherits = "../bench/./a.toml"'}, "recipe.inherits must be free of circles"),
+        ({"a": 'inherits = "b.toml"', "b": 'inherits = "link.toml"'}, "recipe.inherits must be free of circles"),
+        ({"a": "inherits = 7"}, "recipe.inherits must be the name of a recipe or the path of a TOML file; got 7"),
+        ({"a": "[inherits]\nx = 1"}, "recipe.inherits must be the name of a recipe or the path of a TOML file"),
+        ({"a": 'inherits = "nothing"'}, "recipe must be one of .*nothing"),
+        ({"a": 'inherits = "tilt-stak"'}, "Did you mean tilt-stack?"),
+        ({"a": 'inherits = "\\u0000"'}, "recipe must be "),
+        ({"a": "a = " + "[" * 5000}, "nested at most 64 levels deep"),
+        ({"a": "a" + ".a" * 5000 + " = 1"}, "nested at most 64 levels deep"),
+        ({"a": "a = " + "9" * 5000}, "must be valid TOML"),
+        ({"a": "a = é".encode("latin-1")}, "recipe must be a text in UTF-8"),
+        ({"a": "kind = []"}, "recipe.kind must be one of"),
+        ({"a": ""}, "recipe.kind must be one of"),
+    ],
+)
+def test_a_file_that_cannot_serve_is_refused_with_the_reason(bench, files, says):
+    (bench / "link.toml").symlink_to("a.toml")
+    for name, text in files.items():
+        (bench / f"{name}.toml").write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(RuleError, match=says):
+        load_recipe(bench / "a.toml")
+
+
+def test_a_row_of_heirs_has_an_end(bench):
+    """As long as is allowed, and one longer."""
+    for n in range(LONGEST_CHAIN):
+        parent = f"{n + 1}.toml" if n + 2 < LONGEST_CHAIN else "through-slab"
+        write(bench / f"{n}.toml", f'inherits = "{parent}"\n')
+    assert recipe_table(bench / "0.toml")["kind"] == "hidden-object"
+    write(bench / "first.toml", 'inherits = "0.toml"\n')
+    with pytest.raises(RuleError, match=f"a row of at most {LONGEST_CHAIN} recipes"):
+        recipe_table(bench / "first.toml")
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"material": {"kernel_paths": 1}}, "Material.kernel_paths must be at least 64"),
+        ({"material": {"thickness": 1e300}}, "Material.thickness must be between"),
+        ({"material": {"g": 10**400}}, "a drawn number must be a number"),
+        ({"mode_tolerance": 1e4}, "HiddenObject.mode_tolerance must be less than 0.5"),
+        ({"exposure": {"photons": 1e300}}, r"Camera.photons must be at most 1e\+15"),
+        ({"exposure": {"photons": 1e-12}}, "Camera.photons must be at least 6.1e-05, one photon in an image"),
+        ({"exposure": {"photons": 1.0, "gain": 1000.0}}, "Camera.photons must be enough for a count"),
+        ({"objects": "x"}, "HiddenObject.objects must be a table of fields; got 'x'"),
+        ({"samples": 3}, "HiddenObject.samples must be a table of the fields of Samples; got 3"),
+        ("x", "load_recipe changes must be a table"),
+    ],
+)
+def test_a_field_that_cannot_serve_is_named(changes, says):
+    with pytest.raises(RuleError, match=says):
+        load_recipe("through-slab", changes)
