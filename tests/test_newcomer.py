@@ -94,7 +94,7 @@ def test_a_corrupt_picture_is_named_and_others_serve(fresh, bench):
 
 def test_a_training_goes_on_where_it_was_stopped(fresh, bench):
     words = [command(fresh), "train", "bench.toml", "--out", "run", "--epochs", "4", "--validation-samples", "8",
-             "--width", "2", "--batch-size", "16", *TINY]  # fmt: skip
+             "--width", "4", "--batch-size", "16", *TINY]  # fmt: skip
     first = subprocess.Popen([str(w) for w in words], cwd=bench, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     for _ in range(3000):
         if (bench / "run" / "checkpoint.pt").exists() or first.poll() is not None:

@@ -131,10 +131,10 @@ class SpeckleStream(EpochBatches):
 
 
 def _on(recipe: Renderable, device: str | torch.device) -> Renderable:
+    if str(device) != "cpu" and not hasattr(recipe, "on"):
+        reject("SpeckleStream.device", f'"cpu" for {type(recipe).__name__}, which has no method `on`', str(device))
     if checked_device("SpeckleStream.device", device).type == "cpu":
         return recipe
-    if not hasattr(recipe, "on"):
-        reject("SpeckleStream.device", f'"cpu" for {type(recipe).__name__}, which has no method `on`', str(device))
     return recipe.on(str(device))  # type: ignore[attr-defined]
 
 

@@ -23,5 +23,5 @@ def checked_device(field: str, device: "str | torch.device") -> "torch.device":
         torch.zeros(1, device=found).item()
     except (RuntimeError, AssertionError, NotImplementedError, TypeError) as error:
         said = str(error).partition("\n")[0].partition(". ")[0].rstrip(".")
-        reject(field, 'a device that torch has here, such as "cpu"', str(device), f"{said}.")
+        reject(field, "a device that torch has here", str(device), f"{said}.")
     return found

@@ -16,6 +16,7 @@ from torch.utils._pytree import tree_flatten
 from torch.utils.data import DataLoader
 
 from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.datasets.loading import stream as streams
 from specklegen.datasets.recipes.parts.material import known
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.identity import device_kind, fingerprint, identity
@@ -98,6 +99,13 @@ def test_the_kind_of_device_is_part_of_the_identity_of_a_store(tmp_path):
         generate(recipe.on("cuda:0"), samples=3, folder=tmp_path / "a.zarr", processes=1)
 
 
+@pytest.fixture
+def meta_is_a_device(monkeypatch):
+    """Let "meta", which holds no numbers and is refused, stand for a device."""
+    monkeypatch.setattr(streams, "checked_device", lambda field, device: torch.device(device))
+
+
+@pytest.mark.usefixtures("meta_is_a_device")
 def test_batches_lie_on_the_device():
     stream = SpeckleStream(Movable(samples=6), batch_size=4, device="meta")
     assert stream.recipe.device == "meta"
@@ -110,12 +118,14 @@ def test_batches_lie_on_the_device():
     assert batches[0]["image"].dtype == torch.uint16
 
 
+@pytest.mark.usefixtures("meta_is_a_device")
 def test_resuming_on_another_kind_of_device_is_refused():
     state = SpeckleStream(Movable()).loader().state_dict()
     with pytest.raises(ValueError, match=r"device \('cpu' there, 'meta' here\)"):
         SpeckleStream(Movable(), device="meta").loader().load_state_dict(state)
 
 
+@pytest.mark.usefixtures("meta_is_a_device")
 def test_workers_and_a_device_are_refused():
     stream = SpeckleStream(Movable(), device="meta")
     with pytest.raises(ValueError, match=r'loader.num_workers must be 0 for a stream with device="meta"; got 2.'):
@@ -128,6 +138,7 @@ def test_workers_and_a_device_are_refused():
 @pytest.mark.parametrize(
     ("recipe", "device", "words"),
     [
+        (Movable(), "meta", "SpeckleStream.device must be a device that torch has here; got 'meta'"),
         (Movable(), "abacus", "SpeckleStream.device must be a device that torch has here; got 'abacus'"),
         (FakeRecipe(), "meta", r"SpeckleStream.device must be \"cpu\" for FakeRecipe, which has no method `on`"),
         pytest.param(
