@@ -1,0 +1,89 @@
+"""Arguments of the stream and the store that are of a wrong type or out of range: a broken rule that names them."""
+
+import numpy as np
+import pytest
+from fake_recipe import FakeRecipe
+
+from specklegen.core.errors import RuleError
+from specklegen.datasets import SpeckleCache, SpeckleStream
+from specklegen.datasets.loading.export import export
+from specklegen.datasets.store.card import card
+from specklegen.datasets.store.generate import generate
+from specklegen.datasets.store.store import Store
+
+
+class EvilNames(FakeRecipe):
+    """A recipe whose names would leave their places in a card or a table."""
+
+    def sample(self, seed, split, index):
+        sample = super().sample(seed, split, index)
+        return sample | {"parameters": sample["parameters"] | {"=1+1": 0.0, "a|b`c\n# x": 0.0}}
+
+    def batch(self, seed, split, indices):
+        samples = [self.sample(seed, split, index) for index in indices]
+        batch = {key: np.stack([s[key] for s in samples]) for key in samples[0] if key != "parameters"}
+        names = samples[0]["parameters"]
+        return batch | {"parameters": {n: np.array([s["parameters"][n] for s in samples]) for n in names}}
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory) -> SpeckleCache:
+    folder = tmp_path_factory.mktemp("store") / "a.zarr"
+    generate(FakeRecipe(), samples=4, folder=folder, processes=1)
+    return SpeckleCache(folder)
+
+
+def test_the_last_sample_has_a_name_of_its_own(cache):
+    assert cache.numpy(-1)["index"] == cache[-1]["index"] == 3
+
+
+@pytest.mark.parametrize("index", [1.5, "x", None, True])
+def test_an_index_is_a_whole_number(cache, index):
+    for read in (cache.numpy, cache.__getitem__):
+        with pytest.raises(RuleError, match="SpeckleCache index must be a whole number"):
+            read(index)
+
+
+@pytest.mark.parametrize("index", [4, -5, 2**70, -(2**63)])
+def test_a_sample_that_cannot_be_is_an_index_error(cache, index):
+    for read in (cache.numpy, cache.__getitem__):
+        with pytest.raises((IndexError, RuleError)):
+            read(index)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda folder: generate(FakeRecipe(), samples=2.5, folder=folder), "generate.samples must be a whole number"),
+        (lambda folder: generate(FakeRecipe(), samples="x", folder=folder), "generate.samples must be a whole number"),
+        (lambda folder: SpeckleStream(FakeRecipe(), seed=[1, 2]), "SpeckleStream.seed must be a whole number"),
+        (lambda folder: SpeckleStream(FakeRecipe(), batch_size=2.5), "SpeckleStream.batch_size must be a whole number"),
+        (lambda folder: SpeckleStream(FakeRecipe()).set_epoch(2**63), "SpeckleStream.epoch must be at least 0 and at"),
+        (lambda folder: SpeckleStream(FakeRecipe()).set_epoch(1.5), "SpeckleStream.epoch must be a whole number"),
+        (lambda folder: SpeckleStream("through-slab"), "SpeckleStream.recipe must be a recipe"),
+    ],
+)
+def test_a_wrong_argument_is_named(tmp_path, call, says):
+    with pytest.raises(RuleError, match=says):
+        call(tmp_path / "a.zarr")
+    assert not (tmp_path / "a.zarr").exists()
+
+
+def test_only_what_is_there_is_exported(cache, tmp_path):
+    with pytest.raises(RuleError, match=r"export.samples must be at least 0 and at most 3; got 4. The store has 4."):
+        export(cache.folder, tmp_path, samples=range(10**18))
+
+
+def test_names_stay_in_their_places(tmp_path):
+    """A formula in a table, a bar, a backquote and a new line in a card."""
+    folder = tmp_path / "a.zarr"
+    generate(EvilNames(), samples=2, folder=folder, processes=1)
+    written = card(Store(folder))
+    assert "\n# x" not in written
+    assert "a|b`c" not in written
+    export(folder, tmp_path / "npy")
+    assert "'=1+1" in (tmp_path / "npy" / "samples.csv").read_text().splitlines()[0]
+
+
+def test_a_store_names_the_libraries_that_it_was_begun_with(cache):
+    assert {"numpy", "torch", "numba"} <= Store(cache.folder).attributes["libraries"].keys()
