@@ -71,7 +71,7 @@ def _house_message(owner: str, error: ValidationError) -> str:
 
 def _bound(value: object) -> object:
     """A bound as people write it: 1e+15 and not 1000000000000000.0."""
-    return f"{value:g}" if isinstance(value, float) and abs(value) >= 1e6 else value
+    return f"{value:g}" if isinstance(value, float) and abs(value) >= 1e12 else value
 
 
 def _bare(message: str) -> str:
