@@ -1,7 +1,8 @@
-"""Images a second of the torch samplers and of the direct sum on one device, beside what the device can do.
+"""Images a second of streams, of the torch samplers and of the direct sum on one device, beside what it can do.
 
     python scripts/gpu_benchmark.py --device cuda      about two minutes; writes nothing unless --json is given
     python scripts/gpu_benchmark.py --device cpu       the same on the CPU, for comparison
+    python scripts/gpu_benchmark.py --only streams     batches of recipes (docs/devices.md), and what else users have
 
 Limits are measured in the same run: bytes a second of a large copy (read and written), and floating-point operations
 a second of a large complex64 matrix product. Beside each rate stand the bytes and operations that one image cannot do
@@ -21,6 +22,10 @@ from specklegen.paths.slab_optics import Optics, random_phases
 from specklegen.samplers.path_sums.device import device_field
 
 import specklegen as sg
+from specklegen.datasets import load_recipe
+from specklegen.datasets.batched import plan
+from specklegen.datasets.batched.generator import SpeckleGenerator
+from specklegen.paths.slab_optics import Optics, random_phases
 from specklegen.paths.slab_tracer import beam_proposal, trace
 from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
@@ -138,11 +143,82 @@ def direct(device: torch.device, repeats: int) -> dict[str, float]:
     }  # fmt: skip
 
 
+STREAMS = ("unknown-slab", "through-slab", "through-slab-lab", "tilt-stack", "material-regression", "two-tilts")
+
+
+def needs(generator: SpeckleGenerator, numbers: list[int]) -> tuple[float, float]:
+    """Bytes and operations that one image cannot do without, on average: every array written once and read once."""
+    (h, w), tilts = plan.beams_of(generator.recipe)
+    height, width = generator.recipe.camera_shape
+    if generator.way == plan.DRAWN:
+        ranks = generator.ranks(generator.prepare(numbers)[0])
+        (rows, columns), cells = generator.sizes.lags, np.prod(generator.sizes.cells)
+    else:
+        assert generator.library is not None
+        groups = generator.library.groups
+        ranks = [groups[group].modes.shape[2] for group, _ in generator.library.places]
+        rows, columns, cells = groups[0].spectra.shape[2], 2 * groups[0].spectra.shape[3] - 2, 0
+        tilts = groups[0].tilts.shape[1]
+    half, found = columns // 2 + 1, []
+    for rank in ranks:
+        pairs = rank * (rank + 1) / 2
+        noise = 16 * rank * cells + 16 * rank * rows * columns + 8 * pairs * rows * columns if cells else 0
+        sums = 16 * pairs * rows * half + 16 * tilts * pairs * rows * half
+        camera = 8 * tilts * (height * rows + half * width) + 8 * tilts * rows * half + 4 * tilts * height * width
+        transforms = 5 * rows * columns * np.log2(rows * columns) * (rank + pairs / 2) if cells else 0
+        objects = 8 * tilts * pairs * (rows * h * w + rows * w * half) * (h * w > 1) + 8 * tilts * pairs * rows * half
+        images = 8 * tilts * height * half * (rows + width)
+        found.append((noise + sums + camera, transforms + objects + images))
+    mean_bytes, operations = np.mean(found, axis=0)
+    return float(mean_bytes), float(operations)
+
+
+def stream(name: str, device: torch.device, repeats: int) -> dict[str, float]:
+    """Batches of a packaged recipe."""
+    batch = 256 if device.type == "cuda" else 16
+    generator = SpeckleGenerator(load_recipe(name), 0, device=device)
+    plain = SpeckleGenerator(load_recipe(name), 0)
+    key = "image" if "image" in generator.recipe.layout() else "stack"
+    error = agreement(generator(range(16))[key].double(), plain(range(16))[key].double(), 1e-4)
+    first = iter(range(0, 10**9, batch))
+
+    def one() -> object:
+        start = next(first)
+        return generator(range(start, start + batch))
+
+    took = seconds(one, device, repeats) / batch
+    least, operations = needs(generator, list(range(batch)))
+    return {"rate": 1 / took, "error": error, "bytes": least, "operations": operations}
+
+
+def peers(device: torch.device, repeats: int) -> dict[str, dict[str, float]]:
+    """What else one might stream, 128 x 128 images of 28 x 28 objects; the memory effect is missing in both."""
+    batch, n = (256, 256) if device.type == "cuda" else (16, 256)
+    light = torch.rand(batch, 28, 28, device=device)
+    pattern = torch.rand(1, n, n, device=device)
+
+    def convolved(patterns: torch.Tensor) -> torch.Tensor:
+        product = torch.fft.rfft2(light, s=(n, n)) * torch.fft.rfft2(patterns)
+        return torch.fft.irfft2(product, s=(n, n))[:, 64:192, 64:192]
+
+    def screen() -> torch.Tensor:
+        field = torch.polar(torch.ones(batch, 72, 72, device=device), 6.2832 * torch.rand(batch, 72, 72, device=device))
+        return convolved(torch.fft.fft2(field, s=(n, n)).abs().square())
+
+    found = {}
+    ways = {"one pattern for all, convolved": lambda: convolved(pattern), "thin phase screen": screen}
+    least = {"error": float("nan"), "bytes": 8.0 * n * n * 4, "operations": 15.0 * n * n * 16}
+    for what, function in ways.items():
+        found[what] = {"rate": batch / seconds(function, device, repeats), **least}
+    return found
+
+
 def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--only", choices=["streams", "sums"], help="half of the rows")
     parser.add_argument("--json", type=Path, metavar="PATH", help="write the figures there, too")
     options = parser.parse_args()
     device = torch.device(options.device)
@@ -151,12 +227,17 @@ def main() -> None:
     name = torch.cuda.get_device_name(device) if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     able = limits(device, options.repeats)
     print(f"{name}: copy {able['bytes'] / 1e9:.4g} GB/s, complex64 product {able['operations'] / 1e12:.4g} Tflop/s")
-    kernel = estimate_correlation(MEDIUM, 20_000, 0)
-    found = {
-        "stationary, 5 x 101 x 101 stacks": stationary(kernel, device, options.repeats),
-        "hidden object, 128 x 128 images": hidden_objects(kernel, device, options.repeats),
-        "direct sum, 5 x 128 x 128 of 4096 connections": direct(device, options.repeats),
-    }
+    found = {}
+    if options.only != "sums":
+        found |= {f"stream {name}": stream(name, device, options.repeats) for name in STREAMS}
+        found |= peers(device, options.repeats)
+    if options.only != "streams":
+        kernel = estimate_correlation(MEDIUM, 20_000, 0)
+        found |= {
+            "stationary, 5 x 101 x 101 stacks": stationary(kernel, device, options.repeats),
+            "hidden object, 128 x 128 images": hidden_objects(kernel, device, options.repeats),
+            "direct sum, 5 x 128 x 128 of 4096 connections": direct(device, options.repeats),
+        }
     print(f"{'':<48}{'a second':>10}{'of copy':>10}{'of arithmetic':>15}{'error':>10}")
     for what, row in found.items():
         shares = [row["rate"] * row[limit] / able[limit] for limit in ("bytes", "operations")]

@@ -100,8 +100,15 @@ class SpeckleGenerator:
         return _tensors(self.recipe.batch(self.seed, self.split, numbers), self.device)
 
     def _words(self, numbers: Sequence[int], purposes: Sequence[int]) -> torch.Tensor:
-        own = words.substreams(self.number, [int(p) for p in purposes], torch.tensor(numbers), self.tail)
-        return own.to(self.device, non_blocking=True)
+        return words.substreams(self.number, [int(p) for p in purposes], torch.tensor(numbers), self.tail)
+
+    def _uniforms(self, numbers: Sequence[int], purposes: Sequence[int]) -> torch.Tensor:
+        """Uniform numbers float64[B, purposes, 4]."""
+        return words.uniforms(self._words(numbers, purposes)).to(self.device, non_blocking=True)
+
+    def _keys(self, numbers: Sequence[int], purposes: Sequence[int], stream: Stream) -> torch.Tensor:
+        """Keys int64[B, purposes, 2]."""
+        return words.stream_keys(words.keyed(stream, self._words(numbers, purposes))).to(self.device, non_blocking=True)
 
     def _put(self, numbers: Sequence[int]) -> torch.Tensor:
         return torch.tensor(numbers, dtype=torch.int64).to(self.device, non_blocking=True)
@@ -116,14 +123,14 @@ class SpeckleGenerator:
             made = np.stack([recipe.objects.image(self.seed, self.split, n) for n in numbers])
             return torch.from_numpy(made).to(self.device)
         places = self._put(glyph_places(self.outlines.family, self.seed, self.split, numbers))
-        drawn = words.uniforms(self._words(numbers, [Purpose.OBJECT]))[:, 0]
+        drawn = self._uniforms(numbers, [Purpose.OBJECT])[:, 0]
         return glyphs(self.outlines, places, drawn)
 
     def prepare(self, media: list[int]) -> tuple[medium.MediumBatch, torch.Tensor]:
         """Media of drawn materials made ready, and the keys int64[B, 2] of their fields."""
-        drawn = words.uniforms(self._words(media, list(_PURPOSES.values())))
+        drawn = self._uniforms(media, list(_PURPOSES.values()))
         draws = {name: drawn[:, n] for n, name in enumerate(_PURPOSES)}
-        keys = words.stream_keys(words.keyed(Stream.STATIONARY, self._words(media, [Purpose.MEDIUM])))[:, 0]
+        keys = self._keys(media, [Purpose.MEDIUM], Stream.STATIONARY)[:, 0]
         return medium.prepare(self.recipe, self.split, self.tables, self.sizes, draws), keys
 
     def ranks(self, made: medium.MediumBatch) -> list[int]:
@@ -242,7 +249,7 @@ class SpeckleGenerator:
         """Batch in the names of the recipe, exposed where it has a camera."""
         recipe = self.recipe
         if recipe.exposure is not None:
-            keys = words.stream_keys(words.keyed(Stream.CAMERA, self._words(numbers, NOISES)))
+            keys = self._keys(numbers, NOISES, Stream.CAMERA)
             images = camera.expose(recipe.exposure, images, keys)
         index = {"index": self._put(numbers)}
         stack = {"stack": images, "tilts": tilts}

@@ -1,14 +1,15 @@
 """NumPy's SeedSequence and Philox and the engine's Philox in 64-bit integers of torch: the same words to the bit.
 
-A product of two 32-bit numbers wraps in two's complement, whose halves are the right ones after masking.
+A product of two 32-bit numbers wraps in two's complement, whose halves are the right ones after masking. Numbers of
+samples are known on the host, so :func:`uniforms` and :func:`stream_keys` run there, for a batch at once, and what they
+find is copied; :func:`philox`, for noise, runs on the device. :func:`uniforms` must not be compiled: Inductor (torch
+2.13, on the CPU) makes other numbers of it, while its parts come out right one by one.
 Sources: O'Neill, *Developing a seed_seq alternative* (2015), as NumPy's SeedSequence has it; Salmon et al. (SC11).
 """
 
 from functools import lru_cache
 
 import torch
-
-from specklegen.datasets.batched.fused import fused
 
 _LOW = 0xFFFFFFFF
 _INIT_A, _MULT_A, _INIT_B, _MULT_B = 0x43B0D7E5, 0x931E8875, 0x8B51F9DD, 0x58F38DED
@@ -70,6 +71,11 @@ def seed_state(entropy: torch.Tensor, count: int) -> list[torch.Tensor]:
     return [_hashed(pool[n], out, n) for n in range(count)]
 
 
+def _joined(low: torch.Tensor, high: torch.Tensor) -> torch.Tensor:
+    """64 bits of two words, without a shift past the sign."""
+    return low | (torch.where(high >= 2**31, high - 2**32, high) * 2**32)
+
+
 def _high(a: torch.Tensor, factor: int) -> torch.Tensor:
     """High 64 bits of a product of two unsigned numbers of 64 bits."""
     upper, lower = (a >> 32) & _LOW, a & _LOW
@@ -79,22 +85,20 @@ def _high(a: torch.Tensor, factor: int) -> torch.Tensor:
     return upper * high + ((middle >> 32) & _LOW) + ((other >> 32) & _LOW)
 
 
-@fused("uniforms(Tensor entropy) -> Tensor", lambda e: e.new_empty((*e.shape[:-1], 4), dtype=torch.float64))
 def uniforms(entropy: torch.Tensor) -> torch.Tensor:
     """First four of ``Generator(Philox(SeedSequence(words))).random()``, float64[..., 4], from int64[..., n]."""
     a, b, c, d = seed_state(entropy, 4)
-    k0, k1 = a | (b << 32), c | (d << 32)
-    zero = torch.zeros_like(k0)
-    x = [zero + 1, zero, zero, zero]
-    for _ in range(10):
+    k0, k1 = _joined(a, b), _joined(c, d)
+    # The first round by hand, of the counter (1, 0, 0, 0).
+    x = [k0, torch.zeros_like(k0), k1, torch.full_like(k0, _signed(_LONG_M[0]))]
+    for _ in range(9):
+        k0, k1 = k0 + _signed(_LONG_W[0]), k1 + _signed(_LONG_W[1])
         products = [(_high(x[2 * n], _LONG_M[n]), x[2 * n] * _signed(_LONG_M[n])) for n in (0, 1)]
         (high0, low0), (high1, low1) = products
         x = [high1 ^ x[1] ^ k0, low1, high0 ^ x[3] ^ k1, low0]
-        k0, k1 = k0 + _signed(_LONG_W[0]), k1 + _signed(_LONG_W[1])
     return torch.stack([((word >> 11) & (2**53 - 1)).to(torch.float64) * 2.0**-53 for word in x], -1)
 
 
-@fused("stream_keys(Tensor entropy) -> Tensor", lambda e: e.new_empty((*e.shape[:-1], 2)))
 def stream_keys(entropy: torch.Tensor) -> torch.Tensor:
     """Key int64[..., 2] of two 32-bit words, as ``specklegen.core.random_streams.stream_key`` makes it."""
     return torch.stack(seed_state(entropy, 2), -1)

@@ -8,9 +8,9 @@ on differences alone, so that A is two small products with the correlations of t
 Cholesky factor L gives the modes phi = B L, and its strongest columns are kept, in their order. No pivot, eigenvector
 or root is chosen by rounding: neighbours in power stay together, and the order is that of the polynomials.
 
-The degree is 6, that of all polynomials where there are few beams, and rises where the polynomials leave out more than
-half of the tolerance. At half a memory-effect range 4 modes of 28 do, as few as the exact Karhunen-Loeve expansion
-needs at the same tolerance (docs/recipes.md).
+The degree is 6, that of all polynomials where there are few beams, and rises where the polynomials leave out more
+than half of the tolerance. At a quarter to one memory-effect range that takes at most a quarter more modes than the
+exact expansion needs at the same tolerance (tests/samplers/stationary/test_modes.py).
 Source of the recurrence: Gautschi, *Orthogonal Polynomials* (2004), section 2.2.3, with every step orthogonalised anew.
 """
 

@@ -1,4 +1,4 @@
-"""The generator's contract: the samples of the recipe, whatever the batch, the order and the program's switches."""
+"""The contract of the generator: the recipe's samples, whatever the batch, the order and the program's switches."""
 
 from contextlib import contextmanager
 
