@@ -1,0 +1,208 @@
+"""Elliptic cones against triangles and boxes.
+
+A cone of frame (x, y, d) is { |(x, e y)| <= a + t z, a + t z >= 0 } in the coordinates of its origin: circular once y
+is multiplied by e = a / b. All helpers here work in these *scaled local* coordinates. The cone is convex, so what a
+triangle has in it is convex too, and its depths are one interval [least, most]. The ends of that interval are found
+among the ends of what each edge has in the cone, and the two points of the triangle's plane where the plane's conic
+has its least and greatest depth. A slab [near, far] then needs no clipping: the part meets it if
+least <= far and most >= near, and begins at max(near, least).
+
+Source: S. Steinberg, M. Pharr, *Wave Tracing*, section on elliptic cones; the interval argument is our own.
+"""
+
+import math
+
+from specklegen.kernels import inlined
+
+# What a kernel knows of a cone, float64[CONE]: origin, three rows (x, e y, d), half-width a, slope t.
+ORIGIN, AXIS_X, AXIS_Y, AXIS_Z, WIDTH, SLOPE, CONE = 0, 3, 6, 9, 12, 13, 14
+_FLAT = 1e-24  # of the squared area over the fourth power of the length, below which a triangle is a line
+
+
+@inlined
+def local(cone, x, y, z):
+    """Coordinates of a point in the frame of a cone, y scaled."""
+    x, y, z = x - cone[0], y - cone[1], z - cone[2]
+    return (
+        cone[3] * x + cone[4] * y + cone[5] * z,
+        cone[6] * x + cone[7] * y + cone[8] * z,
+        cone[9] * x + cone[10] * y + cone[11] * z,
+    )
+
+
+@inlined
+def edge_interval(a, t, x0, y0, z0, x1, y1, z1):
+    """Least and greatest depth of a segment's part in the cone; (inf, -inf) where there is none.
+
+    With w = a + t z and the form x^2 + y^2 - w^2, the discriminant is written by cross products (Lagrange's identity),
+    which keep their digits where B^2 - A C cancels.
+    """
+    w0, w1 = a + t * z0, a + t * z1
+    r0, r1 = math.sqrt(x0 * x0 + y0 * y0), math.sqrt(x1 * x1 + y1 * y1)
+    in0, in1 = r0 <= w0, r1 <= w1
+    if in0 and in1:
+        return min(z0, z1), max(z0, z1)
+    if w0 < 0.0 and w1 < 0.0:
+        return math.inf, -math.inf
+    dx, dy, dz, dw = x1 - x0, y1 - y0, z1 - z0, t * (z1 - z0)
+    square = dx * dx + dy * dy - dw * dw
+    half = x0 * dx + y0 * dy - w0 * dw
+    rest = (r0 - w0) * (r0 + w0)
+    u, v, k = x0 * dw - w0 * dx, y0 * dw - w0 * dy, x0 * dy - y0 * dx
+    disc = u * u + v * v - k * k
+    if not in0 and not in1:
+        # Both ends outside: the part in between is bounded, so the line is not steeper than the cone.
+        if square <= 0.0 or disc < 0.0 or half >= 0.0 or half <= -square:
+            return math.inf, -math.inf
+        if w0 - dw * half / square < 0.0:  # the other nappe
+            return math.inf, -math.inf
+        root = math.sqrt(disc)
+        q = -half + root  # half < 0
+        s0 = min(max(rest / q, 0.0), 1.0)
+        s1 = min(max(q / square, 0.0), 1.0)
+        return min(z0 + s0 * dz, z0 + s1 * dz), max(z0 + s0 * dz, z0 + s1 * dz)
+    # One end inside: one crossing in [0, 1], where w >= 0.
+    root = math.sqrt(max(disc, 0.0))
+    q = -half - root if half > 0.0 else -half + root
+    far = q / square  # infinite where the direction is a generator of the cone
+    near = rest / q
+    fits_far = -1e-9 <= far <= 1.0 + 1e-9 and w0 + far * dw >= 0.0
+    fits_near = -1e-9 <= near <= 1.0 + 1e-9 and w0 + near * dw >= 0.0
+    if fits_far and fits_near:
+        # Rounding put a root of the outer end next to it, or on the other nappe: the true one changes the sign here.
+        s = max(far, near) if in0 else min(far, near)
+    elif fits_near:
+        s = near
+    elif fits_far:
+        s = far
+    else:
+        s = 0.0 if in0 else 1.0  # the inner end touches the surface
+    s = min(max(s, 0.0), 1.0)
+    z = z0 + s * dz
+    end = z0 if in0 else z1
+    return min(z, end), max(z, end)
+
+
+@inlined
+def _inside(px, py, pz, x0, y0, z0, x1, y1, z1, x2, y2, z2, nx, ny, nz):
+    """Whether a point of the triangle's plane lies in the triangle, by the axis along which it is seen largest."""
+    ax, ay, az = abs(nx), abs(ny), abs(nz)
+    if az >= ax and az >= ay:
+        u, v, u0, v0, u1, v1, u2, v2, n = px, py, x0, y0, x1, y1, x2, y2, nz
+    elif ax >= ay:
+        u, v, u0, v0, u1, v1, u2, v2, n = py, pz, y0, z0, y1, z1, y2, z2, nx
+    else:
+        u, v, u0, v0, u1, v1, u2, v2, n = pz, px, z0, x0, z1, x1, z2, x2, ny
+    c0 = (u1 - u0) * (v - v0) - (v1 - v0) * (u - u0)
+    c1 = (u2 - u1) * (v - v1) - (v2 - v1) * (u - u1)
+    c2 = (u0 - u2) * (v - v2) - (v0 - v2) * (u - u2)
+    if n > 0.0:
+        return c0 >= 0.0 and c1 >= 0.0 and c2 >= 0.0
+    return c0 <= 0.0 and c1 <= 0.0 and c2 <= 0.0
+
+
+@inlined
+def triangle_interval(a, t, x0, y0, z0, x1, y1, z1, x2, y2, z2):
+    """Least and greatest depth of a triangle's part in the cone; (inf, -inf) where there is none. Touching counts."""
+    low, high = edge_interval(a, t, x0, y0, z0, x1, y1, z1)
+    other_low, other_high = edge_interval(a, t, x1, y1, z1, x2, y2, z2)
+    low, high = min(low, other_low), max(high, other_high)
+    other_low, other_high = edge_interval(a, t, x2, y2, z2, x0, y0, z0)
+    low, high = min(low, other_low), max(high, other_high)
+    ux, uy, uz, vx, vy, vz = x1 - x0, y1 - y0, z1 - z0, x2 - x0, y2 - y0, z2 - z0
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    square = nx * nx + ny * ny + nz * nz
+    length = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
+    if square <= _FLAT * length * length:
+        return low, high
+    d = nx * x0 + ny * y0 + nz * z0
+    h = math.sqrt(nx * nx + ny * ny)
+    # The point on the axis: all there is in a plane across it. NaN and infinity fail every comparison.
+    z = d / nz
+    if a + t * z >= 0.0 and abs(z) < math.inf and _inside(
+        0.0, 0.0, z, x0, y0, z0, x1, y1, z1, x2, y2, z2, nx, ny, nz
+    ):
+        low, high = min(low, z), max(high, z)
+    for side in range(2):
+        sign = 1.0 if side == 0 else -1.0
+        z = (d - sign * h * a) / (nz + sign * t * h)
+        w = a + t * z
+        if w >= 0.0 and w < math.inf:
+            px, py = sign * w * nx / h, sign * w * ny / h
+            if _inside(px, py, z, x0, y0, z0, x1, y1, z1, x2, y2, z2, nx, ny, nz):
+                low, high = min(low, z), max(high, z)
+    return low, high
+
+
+@inlined
+def misses(a, t, near, far, x0, y0, z0, x1, y1, z1, x2, y2, z2):
+    """Whether a triangle is easily seen to miss the cone between two depths; False proves nothing."""
+    top = max(z0, z1, z2)
+    if min(z0, z1, z2) > far or top < near:
+        return True
+    r = a + t * min(top, far)
+    return (
+        r < 0.0
+        or min(x0, x1, x2) > r
+        or max(x0, x1, x2) < -r
+        or min(y0, y1, y2) > r
+        or max(y0, y1, y2) < -r
+    )
+
+
+@inlined
+def box_depth(cone, near, far, boxes, node):
+    """Least depth at which a box may meet the cone; inf where it surely does not. Conservative.
+
+    boxes : float64[m, 6], centre and half extents
+    """
+    x, y, z = local(cone, boxes[node, 0], boxes[node, 1], boxes[node, 2])
+    hx, hy, hz = boxes[node, 3], boxes[node, 4], boxes[node, 5]
+    rz = abs(cone[9]) * hx + abs(cone[10]) * hy + abs(cone[11]) * hz
+    # Rounding of the change of frame, relative to the numbers that went in.
+    slack = 1e-15 * (
+        abs(boxes[node, 0]) + abs(boxes[node, 1]) + abs(boxes[node, 2]) + abs(cone[0]) + abs(cone[1]) + abs(cone[2])
+    )
+    if z - rz - slack > far or z + rz + slack < near:
+        return math.inf
+    rx = abs(cone[3]) * hx + abs(cone[4]) * hy + abs(cone[5]) * hz
+    ry = abs(cone[6]) * hx + abs(cone[7]) * hy + abs(cone[8]) * hz
+    # y is scaled by e, and so is its rounding
+    e = abs(cone[6]) + abs(cone[7]) + abs(cone[8])
+    gap_x = max(0.0, abs(x) - rx - slack)
+    gap_y = max(0.0, abs(y) - ry - slack * e)
+    r = cone[WIDTH] + cone[SLOPE] * (min(z + rz, far) + slack)
+    if r < 0.0 or gap_x * gap_x + gap_y * gap_y > r * r * (1.0 + 1e-14):
+        return math.inf
+    return max(near, z - rz - slack)
+
+
+@inlined
+def triangle_in_cone(cone, near, far, corners, f):
+    """Least and greatest depth of triangle ``f`` in the cone; (inf, -inf) where it misses the slab [near, far].
+
+    corners : float64[n, 9]
+    """
+    x0, y0, z0 = local(cone, corners[f, 0], corners[f, 1], corners[f, 2])
+    x1, y1, z1 = local(cone, corners[f, 3], corners[f, 4], corners[f, 5])
+    x2, y2, z2 = local(cone, corners[f, 6], corners[f, 7], corners[f, 8])
+    a, t = cone[WIDTH], cone[SLOPE]
+    if misses(a, t, near, far, x0, y0, z0, x1, y1, z1, x2, y2, z2):
+        return math.inf, -math.inf
+    low, high = triangle_interval(a, t, x0, y0, z0, x1, y1, z1, x2, y2, z2)
+    if low > far or high < near:
+        return math.inf, -math.inf
+    return max(low, near), min(high, far)
+
+
+@inlined
+def silhouette(m00, m01, m11):
+    """Semi-axes (larger first) and unit vector of the larger one, of the ellipse of the symmetric matrix m."""
+    mean, half = 0.5 * (m00 + m11), 0.5 * (m00 - m11)
+    root = math.sqrt(half * half + m01 * m01)
+    large = mean + root
+    small = (m00 * m11 - m01 * m01) / large if large > 0.0 else 0.0
+    angle = 0.5 * math.atan2(m01, half)
+    return math.sqrt(large), math.sqrt(max(small, 0.0)), math.cos(angle), math.sin(angle)
+
+

@@ -1,0 +1,8 @@
+"""Wave tracing: light as Gaussian beams among meshes, apertures and edges.
+
+Public names stand in ``__init__.pyi``.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

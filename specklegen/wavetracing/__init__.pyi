@@ -1,0 +1,13 @@
+from .beams import GaussianBeam as GaussianBeam
+from .cones import Cone as Cone
+from .edges import Edges as Edges
+from .geometry import Geometry as Geometry
+from .materials import Absorber as Absorber
+from .materials import Building as Building
+from .materials import Conductor as Conductor
+from .materials import Diffuse as Diffuse
+from .materials import Smooth as Smooth
+from .materials import itu_permittivity as itu_permittivity
+from .meshes import Mesh as Mesh
+from .meshes import load_mesh as load_mesh
+from .meshes import perforated_screen as perforated_screen
