@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from specklegen.kernels import kernel
-from specklegen.kernels.cones import box_depth, triangle_in_cone
+from specklegen.kernels import inlined, kernel
+from specklegen.kernels.cones import box_depth, rounding, triangle_in_cone
 
 LEAF = 4
 DEPTH = 64
@@ -137,9 +137,32 @@ def lay_out(vertices, faces, order, corners):
                 corners[place, 3 * v + c] = vertices[faces[order[place], v], c]
 
 
+@inlined
+def _box(cone, slack, slack_y, near, far, boxes, node):
+    ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t = cone
+    return box_depth(ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, slack, slack_y, near, far, boxes, node)
+
+
+@inlined
+def _triangle(cone, near, far, corners, f):
+    ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t = cone
+    return triangle_in_cone(ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, near, far, corners, f)
+
+
+@inlined
+def _unpacked(cone):
+    """Components of a cone float64[CONE] as a tuple, which stays in registers where an array does not."""
+    return (
+        cone[0], cone[1], cone[2], cone[3], cone[4], cone[5], cone[6], cone[7], cone[8], cone[9], cone[10], cone[11],
+        cone[12], cone[13],
+    )  # fmt: skip
+
+
 @kernel
-def closest(cone, near, far, boxes, link, corners):
+def closest(packed, near, far, boxes, link, corners):
     """Least depth in [near, far] at which the cone meets a triangle, and the triangle's place; (inf, -1) for none.
+
+    packed : float64[CONE]
 
     Return also the number of nodes visited.
     """
@@ -147,9 +170,11 @@ def closest(cone, near, far, boxes, link, corners):
     best, place, visited = math.inf, -1, 0
     if link.shape[0] == 0:
         return best, place, visited
+    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    slack_y = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8]))
     stack = np.empty(DEPTH, np.int32)
     depths = np.empty(DEPTH)
-    start = box_depth(cone, near, far, boxes, 0)
+    start = _box(cone, slack, slack_y, near, far, boxes, 0)
     if start == math.inf:
         return best, place, 1
     stack[0], depths[0], height = 0, start, 1
@@ -162,35 +187,41 @@ def closest(cone, near, far, boxes, link, corners):
         if link[node] < 0:
             first = -1 - link[node]
             for f in range(first, min(first + LEAF, n)):
-                low, _ = triangle_in_cone(cone, near, far, corners, f)
+                low, _ = _triangle(cone, near, far, corners, f)
                 if low < best:
-                    best, place = low, f
-                    far = low
+                    best, place, far = low, f, low
             if best <= near:
                 break  # nothing comes before the beginning
             continue
         left, right = node + 1, link[node]
-        a = box_depth(cone, near, far, boxes, left)
-        b = box_depth(cone, near, far, boxes, right)
-        if a > b:
-            left, right, a, b = right, left, b, a
-        if b < math.inf:
-            stack[height], depths[height] = right, b
+        one = _box(cone, slack, slack_y, near, far, boxes, left)
+        two = _box(cone, slack, slack_y, near, far, boxes, right)
+        if one > two:
+            left, right, one, two = right, left, two, one
+        if two < math.inf:
+            stack[height], depths[height] = right, two
             height += 1
-        if a < math.inf:
-            stack[height], depths[height] = left, a
+        if one < math.inf:
+            stack[height], depths[height] = left, one
             height += 1
     return best, place, visited
 
 
 @kernel
-def collect(cone, near, far, boxes, link, corners, out):
+def collect(packed, near, far, boxes, link, corners, out):
     """Places of all triangles that the cone meets in [near, far]: their number, and as many in ``out`` as it holds.
+
+    packed : float64[CONE]
+    out    : int64[room]
 
     Return also the number of nodes visited.
     """
     n, found, visited = corners.shape[0], 0, 0
-    if link.shape[0] == 0 or box_depth(cone, near, far, boxes, 0) == math.inf:
+    if link.shape[0] == 0:
+        return found, visited
+    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    slack_y = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8]))
+    if _box(cone, slack, slack_y, near, far, boxes, 0) == math.inf:
         return found, visited
     stack = np.empty(DEPTH, np.int32)
     stack[0], height = 0, 1
@@ -201,17 +232,17 @@ def collect(cone, near, far, boxes, link, corners, out):
         if link[node] < 0:
             first = -1 - link[node]
             for f in range(first, min(first + LEAF, n)):
-                low, _ = triangle_in_cone(cone, near, far, corners, f)
+                low, _ = _triangle(cone, near, far, corners, f)
                 if low < math.inf:
                     if found < out.shape[0]:
                         out[found] = f
                     found += 1
             continue
         left, right = node + 1, link[node]
-        if box_depth(cone, near, far, boxes, right) < math.inf:
+        if _box(cone, slack, slack_y, near, far, boxes, right) < math.inf:
             stack[height] = right
             height += 1
-        if box_depth(cone, near, far, boxes, left) < math.inf:
+        if _box(cone, slack, slack_y, near, far, boxes, left) < math.inf:
             stack[height] = left
             height += 1
     return found, visited
@@ -224,13 +255,16 @@ def triangles_in_cones(cones, near, far, corners, low, high):
     cones : float64[n, CONE];  near, far : float64[n];  corners : float64[n, 9];  low, high : float64[n], out
     """
     for n in range(cones.shape[0]):
-        low[n], high[n] = triangle_in_cone(cones[n], near[n], far[n], corners, n)
+        low[n], high[n] = _triangle(_unpacked(cones[n]), near[n], far[n], corners, n)
 
 
 @kernel
 def boxes_in_cones(cones, near, far, boxes, low):
     """Depth of box n in cone n, for all n; inf for a miss."""
     for n in range(cones.shape[0]):
-        low[n] = box_depth(cones[n], near[n], far[n], boxes, n)
+        cone, box = _unpacked(cones[n]), boxes[n : n + 1]
+        slack = rounding(cones[n], box)
+        slack_y = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8]))
+        low[n] = _box(cone, slack, slack_y, near[n], far[n], box, 0)
 
 

@@ -17,28 +17,16 @@ from specklegen.kernels import inlined
 # What a kernel knows of a cone, float64[CONE]: origin, three rows (x, e y, d), half-width a, slope t.
 ORIGIN, AXIS_X, AXIS_Y, AXIS_Z, WIDTH, SLOPE, CONE = 0, 3, 6, 9, 12, 13, 14
 _FLAT = 1e-24  # of the squared area over the fourth power of the length, below which a triangle is a line
+_ACROSS = 1e-24  # of the squared slope of a plane, below which its section lies at one depth: 1e-12 of the width
 
 
 @inlined
-def local(cone, x, y, z):
-    """Coordinates of a point in the frame of a cone, y scaled."""
-    x, y, z = x - cone[0], y - cone[1], z - cone[2]
-    return (
-        cone[3] * x + cone[4] * y + cone[5] * z,
-        cone[6] * x + cone[7] * y + cone[8] * z,
-        cone[9] * x + cone[10] * y + cone[11] * z,
-    )
-
-
-@inlined
-def edge_interval(a, t, x0, y0, z0, x1, y1, z1):
+def edge_interval(t, x0, y0, z0, w0, r0, x1, y1, z1, w1, r1):
     """Least and greatest depth of a segment's part in the cone; (inf, -inf) where there is none.
 
-    With w = a + t z and the form x^2 + y^2 - w^2, the discriminant is written by cross products (Lagrange's identity),
-    which keep their digits where B^2 - A C cancels.
+    w = a + t z and r = hypot(x, y) belong to each end. With the form x^2 + y^2 - w^2, the discriminant is written by
+    cross products (Lagrange's identity), which keep their digits where B^2 - A C cancels.
     """
-    w0, w1 = a + t * z0, a + t * z1
-    r0, r1 = math.sqrt(x0 * x0 + y0 * y0), math.sqrt(x1 * x1 + y1 * y1)
     in0, in1 = r0 <= w0, r1 <= w1
     if in0 and in1:
         return min(z0, z1), max(z0, z1)
@@ -104,10 +92,14 @@ def _inside(px, py, pz, x0, y0, z0, x1, y1, z1, x2, y2, z2, nx, ny, nz):
 @inlined
 def triangle_interval(a, t, x0, y0, z0, x1, y1, z1, x2, y2, z2):
     """Least and greatest depth of a triangle's part in the cone; (inf, -inf) where there is none. Touching counts."""
-    low, high = edge_interval(a, t, x0, y0, z0, x1, y1, z1)
-    other_low, other_high = edge_interval(a, t, x1, y1, z1, x2, y2, z2)
+    w0, w1, w2 = a + t * z0, a + t * z1, a + t * z2
+    r0, r1, r2 = math.sqrt(x0 * x0 + y0 * y0), math.sqrt(x1 * x1 + y1 * y1), math.sqrt(x2 * x2 + y2 * y2)
+    if r0 <= w0 and r1 <= w1 and r2 <= w2:
+        return min(z0, z1, z2), max(z0, z1, z2)
+    low, high = edge_interval(t, x0, y0, z0, w0, r0, x1, y1, z1, w1, r1)
+    other_low, other_high = edge_interval(t, x1, y1, z1, w1, r1, x2, y2, z2, w2, r2)
     low, high = min(low, other_low), max(high, other_high)
-    other_low, other_high = edge_interval(a, t, x2, y2, z2, x0, y0, z0)
+    other_low, other_high = edge_interval(t, x2, y2, z2, w2, r2, x0, y0, z0, w0, r0)
     low, high = min(low, other_low), max(high, other_high)
     ux, uy, uz, vx, vy, vz = x1 - x0, y1 - y0, z1 - z0, x2 - x0, y2 - y0, z2 - z0
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -116,13 +108,14 @@ def triangle_interval(a, t, x0, y0, z0, x1, y1, z1, x2, y2, z2):
     if square <= _FLAT * length * length:
         return low, high
     d = nx * x0 + ny * y0 + nz * z0
-    h = math.sqrt(nx * nx + ny * ny)
-    # The point on the axis: all there is in a plane across it. NaN and infinity fail every comparison.
-    z = d / nz
-    if a + t * z >= 0.0 and abs(z) < math.inf and _inside(
-        0.0, 0.0, z, x0, y0, z0, x1, y1, z1, x2, y2, z2, nx, ny, nz
-    ):
-        low, high = min(low, z), max(high, z)
+    across = nx * nx + ny * ny
+    if across <= _ACROSS * square:
+        # A plane across the axis, whose section is all at one depth. NaN and infinity fail every comparison.
+        z = d / nz
+        if a + t * z >= 0.0 and _inside(0.0, 0.0, z, x0, y0, z0, x1, y1, z1, x2, y2, z2, nx, ny, nz):
+            low, high = min(low, z), max(high, z)
+        return low, high
+    h = math.sqrt(across)
     for side in range(2):
         sign = 1.0 if side == 0 else -1.0
         z = (d - sign * h * a) / (nz + sign * t * h)
@@ -135,59 +128,59 @@ def triangle_interval(a, t, x0, y0, z0, x1, y1, z1, x2, y2, z2):
 
 
 @inlined
-def misses(a, t, near, far, x0, y0, z0, x1, y1, z1, x2, y2, z2):
-    """Whether a triangle is easily seen to miss the cone between two depths; False proves nothing."""
-    top = max(z0, z1, z2)
-    if min(z0, z1, z2) > far or top < near:
-        return True
-    r = a + t * min(top, far)
-    return (
-        r < 0.0
-        or min(x0, x1, x2) > r
-        or max(x0, x1, x2) < -r
-        or min(y0, y1, y2) > r
-        or max(y0, y1, y2) < -r
-    )
+def rounding(cone, boxes):
+    """Bound of the rounding of a change to the frame of a cone, for points in the box of the root."""
+    size = abs(cone[0]) + abs(cone[1]) + abs(cone[2])
+    for c in range(3):
+        size += abs(boxes[0, c]) + boxes[0, 3 + c]
+    return 1e-15 * size
 
 
 @inlined
-def box_depth(cone, near, far, boxes, node):
+def box_depth(
+    ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, slack, slack_y, near, far, boxes, node
+):
     """Least depth at which a box may meet the cone; inf where it surely does not. Conservative.
 
-    boxes : float64[m, 6], centre and half extents
+    The first 14 arguments are the components of a cone, single, so that they stay in registers.
+
+    slack, slack_y : rounding of x and z, and of the scaled y
+    boxes          : float64[m, 6], centre and half extents
     """
-    x, y, z = local(cone, boxes[node, 0], boxes[node, 1], boxes[node, 2])
+    x, y, z = boxes[node, 0] - ox, boxes[node, 1] - oy, boxes[node, 2] - oz
     hx, hy, hz = boxes[node, 3], boxes[node, 4], boxes[node, 5]
-    rz = abs(cone[9]) * hx + abs(cone[10]) * hy + abs(cone[11]) * hz
-    # Rounding of the change of frame, relative to the numbers that went in.
-    slack = 1e-15 * (
-        abs(boxes[node, 0]) + abs(boxes[node, 1]) + abs(boxes[node, 2]) + abs(cone[0]) + abs(cone[1]) + abs(cone[2])
-    )
-    if z - rz - slack > far or z + rz + slack < near:
+    depth = zx * x + zy * y + zz * z
+    half = abs(zx) * hx + abs(zy) * hy + abs(zz) * hz + slack
+    if depth - half > far or depth + half < near:
         return math.inf
-    rx = abs(cone[3]) * hx + abs(cone[4]) * hy + abs(cone[5]) * hz
-    ry = abs(cone[6]) * hx + abs(cone[7]) * hy + abs(cone[8]) * hz
-    # y is scaled by e, and so is its rounding
-    e = abs(cone[6]) + abs(cone[7]) + abs(cone[8])
-    gap_x = max(0.0, abs(x) - rx - slack)
-    gap_y = max(0.0, abs(y) - ry - slack * e)
-    r = cone[WIDTH] + cone[SLOPE] * (min(z + rz, far) + slack)
+    gap_x = abs(xx * x + xy * y + xz * z) - (abs(xx) * hx + abs(xy) * hy + abs(xz) * hz + slack)
+    gap_y = abs(yx * x + yy * y + yz * z) - (abs(yx) * hx + abs(yy) * hy + abs(yz) * hz + slack_y)
+    gap_x, gap_y = max(0.0, gap_x), max(0.0, gap_y)
+    r = a + t * min(depth + half, far)
     if r < 0.0 or gap_x * gap_x + gap_y * gap_y > r * r * (1.0 + 1e-14):
         return math.inf
-    return max(near, z - rz - slack)
+    return max(near, depth - half)
 
 
 @inlined
-def triangle_in_cone(cone, near, far, corners, f):
+def triangle_in_cone(ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, near, far, corners, f):
     """Least and greatest depth of triangle ``f`` in the cone; (inf, -inf) where it misses the slab [near, far].
 
     corners : float64[n, 9]
     """
-    x0, y0, z0 = local(cone, corners[f, 0], corners[f, 1], corners[f, 2])
-    x1, y1, z1 = local(cone, corners[f, 3], corners[f, 4], corners[f, 5])
-    x2, y2, z2 = local(cone, corners[f, 6], corners[f, 7], corners[f, 8])
-    a, t = cone[WIDTH], cone[SLOPE]
-    if misses(a, t, near, far, x0, y0, z0, x1, y1, z1, x2, y2, z2):
+    px, py, pz = corners[f, 0] - ox, corners[f, 1] - oy, corners[f, 2] - oz
+    qx, qy, qz = corners[f, 3] - ox, corners[f, 4] - oy, corners[f, 5] - oz
+    rx, ry, rz = corners[f, 6] - ox, corners[f, 7] - oy, corners[f, 8] - oz
+    z0, z1, z2 = zx * px + zy * py + zz * pz, zx * qx + zy * qy + zz * qz, zx * rx + zy * ry + zz * rz
+    top = max(z0, z1, z2)
+    if min(z0, z1, z2) > far or top < near:
+        return math.inf, -math.inf
+    x0, x1, x2 = xx * px + xy * py + xz * pz, xx * qx + xy * qy + xz * qz, xx * rx + xy * ry + xz * rz
+    r = a + t * min(top, far)
+    if r < 0.0 or min(x0, x1, x2) > r or max(x0, x1, x2) < -r:
+        return math.inf, -math.inf
+    y0, y1, y2 = yx * px + yy * py + yz * pz, yx * qx + yy * qy + yz * qz, yx * rx + yy * ry + yz * rz
+    if min(y0, y1, y2) > r or max(y0, y1, y2) < -r:
         return math.inf, -math.inf
     low, high = triangle_interval(a, t, x0, y0, z0, x1, y1, z1, x2, y2, z2)
     if low > far or high < near:

@@ -103,8 +103,9 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, facet, boxes, link, corners
             first = -1 - link[node]
             for f in range(first, min(first + LEAF, n)):
                 t = ray_triangle(px, py, pz, dx, dy, dz, axis, corners, f)
-                if t > near and (t < best or (t == best and place < 0)) and (skip < 0 or facet[f] != skip):
-                    best, place = t, f
+                if t > near and t < math.inf and (skip < 0 or facet[f] != skip):
+                    if t < best or (t == best and place < 0):
+                        best, place = t, f
             continue
         left, right = node + 1, link[node]
         a = box_entry(px, py, pz, ix, iy, iz, near, best, boxes, left)

@@ -26,9 +26,8 @@ def transverse_frame(direction: np.ndarray, across: np.ndarray | None = None) ->
     """
     d = np.asarray(direction, float)
     d = d / np.linalg.norm(d)
-    if across is None:
-        across = np.eye(3)[np.abs(d).argmin()]
-    x = across - (across @ d) * d
+    given = np.eye(3)[np.abs(d).argmin()] if across is None else np.asarray(across, float)
+    x = given - (given @ d) * d
     x = x / np.linalg.norm(x)
     return np.array([x, np.cross(d, x), d])
 
@@ -85,14 +84,14 @@ class Cone(Value):
 
     @property
     def ratio(self) -> float:
-        """e = a / b; of a point, tan_a / tan_b."""
+        """Stretch e = a / b; of a point, tan_a / tan_b."""
         if self.b > 0:
             return self.a / self.b
         return self.tan_a / self.tan_b if self.tan_b > 0 and self.tan_a > 0 else 1.0
 
     @property
     def slope(self) -> float:
-        """t = max(tan_a, e tan_b), by which the scaled cone widens along its axis."""
+        """Slope t = max(tan_a, e tan_b), by which the scaled cone widens along its axis."""
         return max(self.tan_a, self.ratio * self.tan_b)
 
     def packed(self) -> np.ndarray:
