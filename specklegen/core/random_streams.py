@@ -24,6 +24,7 @@ class Stream(IntEnum):
     PILOT = 3
     STATIONARY = 4
     EIGEN = 5
+    BEAMS = 22
 
 
 def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:

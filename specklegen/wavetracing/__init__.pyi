@@ -1,6 +1,8 @@
 from .beams import GaussianBeam as GaussianBeam
 from .cones import Cone as Cone
 from .edges import Edges as Edges
+from .emitters import CollimatedEmitter as CollimatedEmitter
+from .emitters import PointEmitter as PointEmitter
 from .geometry import Geometry as Geometry
 from .materials import Absorber as Absorber
 from .materials import Building as Building
@@ -11,3 +13,8 @@ from .materials import itu_permittivity as itu_permittivity
 from .meshes import Mesh as Mesh
 from .meshes import load_mesh as load_mesh
 from .meshes import perforated_screen as perforated_screen
+from .plane import Plane as Plane
+from .trace import Ledger as Ledger
+from .trace import Statistics as Statistics
+from .trace import WaveTrace as WaveTrace
+from .trace import trace as trace

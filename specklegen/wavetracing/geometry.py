@@ -57,16 +57,16 @@ class Geometry:
             [mesh.faces + np.int32(start) for mesh, start in zip(self.meshes, starts, strict=False)], dtype=np.int32
         )
         mesh = np.repeat(np.arange(len(self.meshes), dtype=np.int32), [len(m.faces) for m in self.meshes])
-        self._welded = weld(self.vertices)
-        kept = _without_duplicates(self._welded, faces)
+        self.welded = weld(self.vertices)
+        kept = _without_duplicates(self.welded, faces)
         self.faces, self.number, self.mesh = faces[kept], kept.astype(np.int32), mesh[kept]
         self._warn_of_slivers()
         nodes = cone_bvh.node_count(len(self.faces))
-        self._boxes, self._link = np.empty((nodes, 6)), np.empty(nodes, np.int32)
-        self._order = np.empty(len(self.faces), np.int32)
-        cone_bvh.build(self.vertices, self.faces, self._boxes, self._link, self._order)
-        self._corners = np.empty((len(self.faces), 9))
-        cone_bvh.lay_out(self.vertices, self.faces, self._order, self._corners)
+        self.boxes, self.link = np.empty((nodes, 6)), np.empty(nodes, np.int32)
+        self.order = np.empty(len(self.faces), np.int32)
+        cone_bvh.build(self.vertices, self.faces, self.boxes, self.link, self.order)
+        self.corners = np.empty((len(self.faces), 9))
+        cone_bvh.lay_out(self.vertices, self.faces, self.order, self.corners)
 
     def __len__(self) -> int:
         return len(self.faces)
@@ -82,14 +82,14 @@ class Geometry:
     @property
     def memory(self) -> int:
         """Bytes of the arrays that queries need, those of the meshes included."""
-        own = (self.vertices, self.faces, self.number, self.mesh, self._welded)
-        tree = (self._boxes, self._link, self._order, self._corners)
+        own = (self.vertices, self.faces, self.number, self.mesh, self.welded)
+        tree = (self.boxes, self.link, self.order, self.corners)
         return sum(array.nbytes for array in own + tree)
 
     @cached_property
     def topology(self) -> Topology:
         """Which faces meet at which sides; `DoubtWarning` where more than two do, or two meshes share an edge."""
-        found = topology(self.vertices, self.faces, self._welded)
+        found = topology(self.vertices, self.faces, self.welded)
         if found.crowded:
             warnings.warn(
                 f"more than two faces meet at {found.crowded} edges: each ends there as a boundary of its own",
@@ -129,17 +129,17 @@ class Geometry:
     def closest(self, cone: Cone, near: float = 0.0, far: float = np.inf) -> tuple[float, int]:
         """Least depth in [near, far] at which the cone meets a triangle, and the triangle; (inf, -1) for none."""
         _check_depths(near, far)
-        depth, place, _ = cone_bvh.closest(cone.packed(), near, far, self._boxes, self._link, self._corners)
-        return float(depth), int(self.number[self._order[place]]) if place >= 0 else -1
+        depth, place, _ = cone_bvh.closest(cone.packed(), near, far, self.boxes, self.link, self.corners)
+        return float(depth), int(self.number[self.order[place]]) if place >= 0 else -1
 
     def collect(self, cone: Cone, near: float = 0.0, far: float = np.inf) -> np.ndarray:
         """Return the numbers int64[m] of all triangles that the cone meets in [near, far], in rising order."""
         _check_depths(near, far)
         out = np.empty(64, np.int64)
         while True:
-            found, _ = cone_bvh.collect(cone.packed(), near, far, self._boxes, self._link, self._corners, out)
+            found, _ = cone_bvh.collect(cone.packed(), near, far, self.boxes, self.link, self.corners, out)
             if found <= len(out):
-                return np.sort(self.number[self._order[out[:found]]].astype(np.int64))
+                return np.sort(self.number[self.order[out[:found]]].astype(np.int64))
             out = np.empty(found, np.int64)
 
     def ray(
@@ -179,12 +179,12 @@ class Geometry:
 
         def block(part: slice) -> None:
             ray_bvh.nearest_of(
-                origins[part], directions[part], near, everywhere, self._boxes, self._link, self._corners,
+                origins[part], directions[part], near, everywhere, self.boxes, self.link, self.corners,
                 distance[part], place[part],
             )  # fmt: skip
 
         map_blocks(block, slices(len(origins), _RAYS), threads)
-        face = np.where(place >= 0, self.number[self._order[place]] if len(self) else -1, -1).astype(np.int64)
+        face = np.where(place >= 0, self.number[self.order[place]] if len(self) else -1, -1).astype(np.int64)
         return distance.reshape(shape), face.reshape(shape)
 
 

@@ -1,0 +1,102 @@
+"""Planes with a grid: receivers, maps, and the grids of fields; and a field on one."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Array, Positive, PositiveInt, Value
+
+
+class Plane(Value):
+    """A rectangular grid of square pixels on a plane.
+
+    Parameters
+    ----------
+    center
+        float64[3], the middle of the grid.
+    normal
+        float64[3], of any length; light that travels along it is seen with x to the right.
+    up
+        float64[3], of any length and not along the normal: its part in the plane is the direction y of the rows.
+    shape
+        (rows, columns) = (y, x); row 0 and column 0 hold the smallest y and x.
+    pitch
+        Side of a pixel.
+    """
+
+    type: Literal["Plane"] = "Plane"
+    center: Array = np.zeros(3)
+    normal: Array = np.array([0.0, 0.0, 1.0])
+    up: Array = np.array([0.0, 1.0, 0.0])
+    shape: tuple[PositiveInt, PositiveInt]
+    pitch: Positive
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("center", "normal", "up"):
+            if np.shape(getattr(self, name)) != (3,):
+                reject(f"Plane.{name}", "of shape (3,)", getattr(self, name))
+        length = np.linalg.norm(self.normal)
+        if not length > 0:
+            reject("Plane.normal", "longer than 0", self.normal)
+        across = np.linalg.norm(np.cross(self.up, self.normal))
+        if not across > 1e-9 * length * np.linalg.norm(self.up):
+            reject("Plane.up", "a direction other than the normal's", self.up)
+        return self
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """float64[3, 3]: rows are the unit vectors x, y and normal, right-handed."""
+        normal = self.normal / np.linalg.norm(self.normal)
+        x = np.cross(self.up, normal)
+        x = x / np.linalg.norm(x)
+        return np.stack([x, np.cross(normal, x), normal])
+
+    @cached_property
+    def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions of the columns along x and of the rows along y, float64[W] and float64[H], 0 in the middle."""
+        rows, columns = self.shape
+        return (np.arange(columns) - (columns - 1) / 2) * self.pitch, (np.arange(rows) - (rows - 1) / 2) * self.pitch
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Middles of the pixels, float64[H, W, 3]."""
+        x, y = self.coordinates
+        return self.center + x[None, :, None] * self.axes[0] + y[:, None, None] * self.axes[1]
+
+
+@dataclass(frozen=True)
+class PlaneField:
+    """A complex field on the grid of a plane.
+
+    Attributes
+    ----------
+    values : complex128[H, W]
+        At the middles of the pixels; rows y, columns x, from the smallest.
+    pitch : float
+    wavelength : float
+        In the medium on this side of the screen.
+    """
+
+    values: np.ndarray
+    pitch: float
+    wavelength: float
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.values, dtype=np.complex128)
+        if values.ndim != 2 or not values.size or not np.isfinite(values).all():
+            reject("PlaneField.values", "finite, of shape (H, W)", values)
+        for name in ("pitch", "wavelength"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                reject(f"PlaneField.{name}", "finite and greater than 0", value)
+        object.__setattr__(self, "values", values)
+
+    @property
+    def power(self) -> float:
+        """Integral of |u|^2 over the grid, an area times the irradiance of u = 1."""
+        return float(np.square(np.abs(self.values)).sum() * self.pitch**2)
