@@ -24,6 +24,7 @@ class Stream(IntEnum):
     PILOT = 3
     STATIONARY = 4
     EIGEN = 5
+    DIFFRACTION = 21
     BEAMS = 22
 
 

@@ -1,6 +1,6 @@
-"""Wave tracing: light as Gaussian beams among meshes, apertures and edges.
+"""Wave tracing: light through openings and past edges, as fields and as sampled beams [Steinberg].
 
-Public names stand in ``__init__.pyi``.
+Public names stand in ``__init__.pyi``; when to believe what, in docs/wavetracing.md. Only `coupling` knows the engine.
 """
 
 import lazy_loader

@@ -21,8 +21,8 @@ from specklegen.core.parallel import Threads, in_turn, thread_count
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import beam_walk
 from specklegen.wavetracing.emitters import CollimatedEmitter, Emitter, PointEmitter
+from specklegen.wavetracing.facets import Facets, facets_of
 from specklegen.wavetracing.geometry import Geometry
-from specklegen.wavetracing.openings import Openings, openings_of
 from specklegen.wavetracing.plane import Plane
 
 Mode = Literal["wave", "ballistic", "ray"]
@@ -185,9 +185,9 @@ def trace(
         reject("trace diffraction", "'fraunhofer'", diffraction)
     if isinstance(max_events, bool) or not isinstance(max_events, int | np.integer) or max_events < 0:
         reject("trace max_events", "a whole number of at least 0", max_events)
-    openings = openings_of(geometry)
+    facets = facets_of(geometry)
     if mode != "ray":
-        _doubt_short_edges(openings, emitter.wavelength)
+        _doubt_short_edges(facets, emitter.wavelength)
 
     key = stream_key(seed, Stream.BEAMS)
     materials = np.array([mesh.material.row(emitter.wavelength) for mesh in geometry.meshes])
@@ -202,8 +202,8 @@ def trace(
         ends, statistics = np.zeros(beam_walk.ENDS, np.int64), np.zeros(beam_walk.STATISTICS, np.int64)
         beam_walk.walk_beams(
             *key, part[0], part[1], _MODES[mode], _AMPLITUDES[amplitude], max_events, source, emitter.wavelength,
-            geometry.boxes, geometry.link, geometry.corners, *openings[:10], openings.most_edges,
-            openings.material, materials, packed, first_cell, counts, fluence, squares, ends, statistics,
+            geometry.boxes, geometry.link, geometry.corners, *facets[:10], facets.most_edges,
+            facets.material, materials, packed, first_cell, counts, fluence, squares, ends, statistics,
         )  # fmt: skip
         return counts, fluence, squares, ends, statistics
 
@@ -236,8 +236,8 @@ def _packed(plane: Plane) -> np.ndarray:
     return np.concatenate([plane.center, plane.axes.ravel(), [plane.pitch, *plane.shape]])
 
 
-def _doubt_short_edges(openings: Openings, wavelength: float) -> None:
-    length = np.linalg.norm(openings.rim_ends[:, 3:] - openings.rim_ends[:, :3], axis=1)
+def _doubt_short_edges(facets: Facets, wavelength: float) -> None:
+    length = np.linalg.norm(facets.rim_ends[:, 3:] - facets.rim_ends[:, :3], axis=1)
     short = int((length < wavelength).sum())
     if short:
         warnings.warn(

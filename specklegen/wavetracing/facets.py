@@ -16,7 +16,7 @@ from specklegen.wavetracing.geometry import Geometry
 _PLANE = 1e-7  # radians between triangles of one facet
 
 
-class Openings(NamedTuple):
+class Facets(NamedTuple):
     """Arrays of `specklegen.kernels.regions`, by place in the leaves, and materials."""
 
     facet: np.ndarray
@@ -37,7 +37,7 @@ class Openings(NamedTuple):
         return max(1, int(np.diff(self.rims).max(initial=0)))
 
 
-def openings_of(scene: Geometry) -> Openings:
+def facets_of(scene: Geometry) -> Facets:
     """Find facets, borders and holes of a scene."""
     found, faces = scene.topology, scene.faces
     count = len(faces)
@@ -91,7 +91,7 @@ def openings_of(scene: Geometry) -> Openings:
     across = np.where(neighbour >= 0, back[neighbour] if count else 0, -1)
     across = np.where(found.diffracts, across, -2).astype(np.int32)
     whole = np.bincount(of, ~edge, facets) == 0
-    return Openings(
+    return Facets(
         facet=facet[places].astype(np.int32),
         across=across.reshape(-1, 3)[places],
         loop=loop.reshape(-1, 3)[places],

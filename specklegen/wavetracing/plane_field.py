@@ -1,0 +1,140 @@
+"""The field behind an opening in an opaque screen at z = 0, on a plane.
+
+Four methods. The first two are the same integral, the first of Rayleigh and Sommerfeld (the field in the opening is
+that of the light, the rest of the plane z = 0 is dark); the third knows how light bends at real edges; the fourth is
+its far field.
+
+* ``boundary``: by the rim, exact to 1e-13 at any distance; uniform light at right angles (`specklegen.kernels.apertures`).
+* ``spectrum``: by plane waves, u = (1/4 pi^2) int Psi(xi) e^{i xi.r + iz sqrt(k^2 - xi^2)} d^2xi, any light, on planes
+  parallel to the screen; periodic, so that what leaves the padded window comes back (`.angular_spectrum`).
+* ``utd``: geometric light plus one diffracted ray of each edge; soft or hard screens (`.edge_rays`).
+* ``fraunhofer``: (k/2 pi i)(e^{ikr}/r) cos(theta) Psi, right beyond some size^2 / wavelength.
+
+When to believe which: docs/wavetracing.md.
+"""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from specklegen.core.errors import reject
+from specklegen.core.parallel import map_blocks, slices
+from specklegen.kernels.apertures import rim_field
+from specklegen.wavetracing.angular_spectrum import light_strengths, spectrum_field
+from specklegen.wavetracing.aperture import aperture_transform
+from specklegen.wavetracing.edge_rays import Polarisation, edge_ray_field
+from specklegen.wavetracing.light import Light, PlaneWave
+from specklegen.wavetracing.opening import Opening, Rim, rim_of
+from specklegen.wavetracing.plane import Plane, PlaneField
+
+FieldMethod = Literal["boundary", "spectrum", "utd", "fraunhofer"]
+
+BLOCK = 1 << 12
+"""Points that a thread takes at once."""
+
+
+def field_on_plane(
+    opening: Opening | None,
+    light: Light,
+    plane: Plane,
+    method: FieldMethod = "boundary",
+    *,
+    polarisation: Polarisation = "soft",
+    padding: float = 2.0,
+    threads: int | None = None,
+) -> PlaneField:
+    """Return the field of ``light`` behind an opening.
+
+    Parameters
+    ----------
+    opening
+        Loops in the plane z = 0, outer ones counter-clockwise, holes clockwise; None: there is no screen. An opening
+        of no area lets nothing through.
+    light
+        A `PlaneWave`, or anything with ``wavelength`` and ``field(points)``, from z < 0.
+    plane
+        Where the field is wanted; every pixel at z > 0 (no screen, or ``spectrum``: z >= 0).
+    method
+        "boundary", "spectrum", "utd" or "fraunhofer"; see above.
+    polarisation
+        For "utd": "soft" (u = 0 on the screen) or "hard" (du/dn = 0).
+    padding
+        For "spectrum": the period over the size of the plane and the opening together, at least 1.
+    threads
+        Of "boundary"; results do not depend on it.
+
+    Returns
+    -------
+    PlaneField
+        Not normalised: u = 1 in the opening for a `PlaneWave` of amplitude 1.
+
+    Raises
+    ------
+    RuleError
+        If the opening is not made of loops, a pixel lies at z <= 0, or the method does not know this light or plane.
+    """
+    if method not in ("boundary", "spectrum", "utd", "fraunhofer"):
+        reject("field_on_plane method", "'boundary', 'spectrum', 'utd' or 'fraunhofer'", method)
+    points = plane.points.reshape(-1, 3)
+    lowest = float(points[:, 2].min())
+    if lowest < 0 or (lowest == 0 and opening is not None and method != "spectrum"):
+        reject("field_on_plane plane", "behind the screen, at z > 0", lowest)
+    if opening is None:
+        values = np.asarray(light.field(points), np.complex128)
+    else:
+        rim = rim_of("field_on_plane opening", opening)
+        if rim.area <= 0:
+            values = np.zeros(len(points), np.complex128)
+        elif method == "spectrum":
+            values = spectrum_field(rim, light, plane, padding)
+        elif method == "utd":
+            values = edge_ray_field(rim, _plane_wave(light, method), points, polarisation)
+        elif method == "fraunhofer":
+            values = _far_field(rim, light, points)
+        else:
+            values = _rim_field(rim, _plane_wave(light, method), points, threads)
+    return PlaneField(values.reshape(plane.shape), plane.pitch, light.wavelength)
+
+
+def _plane_wave(light: Light, method: str) -> PlaneWave:
+    if not isinstance(light, PlaneWave):
+        reject("field_on_plane light", f"a PlaneWave for method {method!r}", type(light).__name__, 'Use "spectrum".')
+    return light
+
+
+def _rim_field(rim: Rim, light: PlaneWave, points: np.ndarray, threads: int | None) -> np.ndarray:
+    if not light.normal:
+        reject(
+            "field_on_plane light", "at right angles to the screen for method 'boundary'", light.direction,
+            'Use "spectrum".',
+        )  # fmt: skip
+    edges = np.hstack([rim.starts, rim.ends])
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    values = np.empty(len(points), np.complex128)
+
+    def fill(block: slice) -> None:
+        rim_field(edges, light.wavenumber, points[block], nodes, weights, values[block])
+
+    map_blocks(fill, slices(len(points), BLOCK), threads)
+    return light.amplitude * values
+
+
+def _far_field(rim: Rim, light: Light, points: np.ndarray) -> np.ndarray:
+    """By Psi about the middle of the opening, so that r is the distance from there."""
+    k = 2 * np.pi / light.wavelength
+    middle = np.append(rim.centre, 0.0)
+    rays = points - middle
+    r = np.linalg.norm(rays, axis=1)
+    xi = k * rays[:, :2] / r[:, None]
+    transform: Callable[[np.ndarray], np.ndarray]
+    if isinstance(light, PlaneWave):
+        loops = [loop - rim.centre for loop in rim.loops]
+        psi = aperture_transform(loops, xi - k * light.direction[:2]) * light.field(middle)
+    else:
+        from finufft import nufft2d3
+
+        nodes, strengths = light_strengths(rim, light)
+        x, y = np.ascontiguousarray((nodes - rim.centre).T)
+        psi = np.asarray(nufft2d3(x, y, strengths, *np.ascontiguousarray(xi.T), isign=-1, eps=1e-10, nthreads=1))
+    return k / (2j * np.pi) * np.exp(1j * k * r) / r * (points[:, 2] / r) * psi

@@ -1,0 +1,30 @@
+"""The surface integral against closed forms and itself."""
+
+import numpy as np
+import pytest
+
+from specklegen.core.errors import RuleError
+from specklegen.oracles.rayleigh_sommerfeld import disc_axis, surface_field
+
+
+def test_on_the_axis_of_a_disc():
+    """A polygon of 720 sides and the area of the disc: O(1/720^2) of the phase beside the rim's wave."""
+    turn, z = np.linspace(0, 2 * np.pi, 721), 6.0
+    radius = 3.0 * np.sqrt((turn[1]) / np.sin(turn[1]))
+    rim = radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    wedges = np.stack([np.zeros((720, 2)), rim[:-1], rim[1:]], axis=1)
+    found = surface_field(wedges, [[0, 0, z]], order=24)[0]
+    assert found == pytest.approx(disc_axis(3.0, z), abs=1e-4)
+    assert abs(found - disc_axis(3.01, z)) > 1e-2
+
+
+def test_orders_agree():
+    triangle = np.array([[[0.0, 0.0], [5.0, 1.0], [2.0, 6.0]]])
+    at = [[2.0, 2.0, 3.0], [8.0, -3.0, 20.0]]
+    assert np.abs(surface_field(triangle, at, order=50) - surface_field(triangle, at, order=70)).max() < 1e-11
+    assert np.abs(surface_field(triangle, at, order=8) - surface_field(triangle, at, order=70)).max() > 1e-3
+
+
+def test_points_in_front_are_refused():
+    with pytest.raises(RuleError, match="z > 0"):
+        surface_field(np.zeros((1, 3, 2)), [[0, 0, -1.0]])

@@ -1,0 +1,241 @@
+"""Fields behind openings: by the rim against the surface integral, the other methods against it and exact slits."""
+
+import numpy as np
+import pytest
+
+from specklegen.core.errors import RuleError
+from specklegen.oracles.rayleigh_sommerfeld import disc_axis, surface_field
+from specklegen.oracles.slit_screen import slit_screen
+from specklegen.wavetracing import Plane, PlaneField, PlaneWave, field_on_plane
+from specklegen.wavetracing.opening import rim_of
+
+LIGHT = PlaneWave(wavelength=1.0)
+TILTED = PlaneWave(wavelength=1.0, direction=[0.3, 0.1, np.sqrt(0.9)], amplitude=2j)
+
+
+def box(width, height, at=(0.0, 0.0)):
+    return np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2 + at
+
+
+def hexagram():
+    angle, radius = np.arange(12) * np.pi / 6, np.tile([6.0, 12**0.5], 6)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def at(point, opening, **options):
+    plane = Plane(center=point, shape=(1, 1), pitch=1.0)
+    return field_on_plane(opening, options.pop("light", LIGHT), plane, **options).values[0, 0]
+
+
+def distance(a, b):
+    return np.linalg.norm(a - b) / np.linalg.norm(b)
+
+
+class Given:
+    """Any light, by its field alone."""
+
+    def __init__(self, field, wavelength=1.0):
+        self.field, self.wavelength = field, wavelength
+
+
+class TestBoundary:
+    @pytest.mark.parametrize(("point", "intensity"), [((0, 0), 2.538887), ((3, 2), 0.509031), ((8, 1), 0.170115)])
+    def test_square(self, point, intensity):
+        assert abs(at([*point, 50.0], box(10, 10))) ** 2 == pytest.approx(intensity, abs=6e-7)
+
+    def test_hexagram(self):
+        assert abs(at([2, 1, 100.0], hexagram())) ** 2 == pytest.approx(0.329221, abs=6e-7)
+
+    def test_discs(self):
+        """A polygon of 20 000 sides and the disc's area; the stop is a hole in a screen so wide that it is not seen."""
+        turn = np.arange(20_000) * 2 * np.pi / 20_000
+        disc = 20 * np.sqrt(turn[1] / np.sin(turn[1])) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        found = at([0, 0, 400.0], disc)
+        assert found == pytest.approx(disc_axis(20.0, 400.0), abs=1e-8)
+        assert abs(found) ** 2 == pytest.approx(3.995007, abs=6e-7)
+        # Babinet: light without the disc is light less the disc's; its modulus on the axis is z/R.
+        stopped = LIGHT.field(np.array([0, 0, 400.0])) - found
+        assert abs(stopped) ** 2 == pytest.approx((400 / np.hypot(20, 400)) ** 2, abs=1e-8)
+
+    def test_against_the_surface_integral(self):
+        """Near, far, over the rim, on it and beside: 1e-11 is what the surface integral is good for."""
+        opening = [hexagram(), box(3, 2, (0.5, 0))[::-1]]
+        points = np.array([[0, 0, 3.0], [6, 0, 3], [0.5, 1.0, 4], [0.5, 1 + 1e-9, 4], [9, -4, 5], [2, 0.3, 30], [60, 5, 90]])
+        exact = surface_field(rim_of("opening", opening).triangles, points, order=70)
+        found = np.array([at(point, opening) for point in points])
+        assert np.abs(found - exact).max() < 1e-10
+
+    def test_nothing_jumps_over_the_rim(self):
+        """A wavelength behind it: steps of 1e-9 to both sides of an edge and of a corner move u by its slope only."""
+        for x, y in ((5.0, 0.3), (5.0, 5.0)):
+            values = [at([x + step, y, 1.0], box(10, 10)) for step in (-1e-9, 0.0, 1e-9)]
+            assert np.ptp(np.real(values)) + np.ptp(np.imag(values)) < 1e-8
+
+    def test_near_the_opening_light_is_light_and_dark_is_dark(self):
+        assert at([1.0, 1.0, 1e-6], box(10, 10)) == pytest.approx(1, abs=1e-5)
+        assert abs(at([7.0, 1.0, 1e-6], box(10, 10))) < 1e-5
+
+    def test_threads_and_place_do_not_matter(self):
+        plane = Plane(center=[1, 2, 30.0], shape=(70, 80), pitch=0.5)
+        one = field_on_plane(box(10, 6), LIGHT, plane, threads=1).values
+        assert np.array_equal(one, field_on_plane(box(10, 6), LIGHT, plane, threads=2).values)
+        moved = field_on_plane(box(10, 6, (100, 50)), LIGHT, plane.replace(center=[101, 52, 30.0]), threads=1).values
+        assert np.abs(one - moved).max() < 1e-11
+
+    def test_other_units(self):
+        """All lengths times 0.5, the field stays."""
+        small = at([1.5, 1, 25.0], box(5, 5), light=PlaneWave(wavelength=0.5))
+        assert small == pytest.approx(at([3, 2, 50.0], box(10, 10)), abs=1e-13)
+
+
+class TestSpectrum:
+    PLANE = Plane(center=[0.3, 0.2, 50.0], shape=(48, 64), pitch=0.5)
+
+    def test_against_the_rim(self):
+        """What is left is the light that moves sideways by more than the window, which the smooth step ends."""
+        exact = field_on_plane(box(10, 10), LIGHT, self.PLANE).values
+        for padding, bound in ((2.0, 1e-3), (4.0, 2e-4)):  # measured 1.8e-4 and 4.5e-5
+            found = field_on_plane(box(10, 10), LIGHT, self.PLANE, "spectrum", padding=padding).values
+            assert distance(found, exact) < bound
+        shifted = field_on_plane(box(10, 10, (0.02, 0)), LIGHT, self.PLANE, "spectrum").values
+        assert distance(shifted, exact) > 2e-3  # a fiftieth of a wavelength is seen
+
+    def test_coarse_pixels_fold(self):
+        """A pitch of three wavelengths samples the same field."""
+        coarse = self.PLANE.replace(shape=(20, 20), pitch=3.0, center=[0, 0, 80.0])
+        exact = field_on_plane(box(10, 10), LIGHT, coarse).values
+        assert distance(field_on_plane(box(10, 10), LIGHT, coarse, "spectrum").values, exact) < 1e-3
+
+    def test_any_light_is_the_plane_wave(self):
+        """By quadrature and NUFFT on one hand, by the edges on the other; a tilted, turned, shifted plane."""
+        turned = Plane(center=[15.0, 5, 50], up=[0.3, 0.8, 0], shape=(40, 48), pitch=0.7)
+        edges = field_on_plane([box(9, 9), box(3, 3)[::-1]], TILTED, turned, "spectrum").values
+        nodes = field_on_plane([box(9, 9), box(3, 3)[::-1]], Given(TILTED.field), turned, "spectrum").values
+        assert distance(nodes, edges) < 1e-10  # measured 1e-14; NUFFT to 1e-12
+        assert np.abs(edges).max() > 2
+
+    def test_a_gaussian_beam(self):
+        """A waist well inside the opening: the paraxial beam, whose error is (1/kw)^2 = 3e-4 in the field at most."""
+        waist, z = 9.0, 150.0
+        beam = Given(lambda p: np.exp(-np.square(p[..., :2]).sum(axis=-1) / waist**2))
+        plane = Plane(center=[0, 0, z], shape=(64, 64), pitch=0.6)
+        found = field_on_plane(box(60, 60), beam, plane, "spectrum").values
+        q = 1 + 1j * z / (np.pi * waist**2)
+        exact = np.exp(2j * np.pi * z - np.square(plane.points[..., :2]).sum(axis=-1) / (waist**2 * q)) / q
+        assert distance(found, exact) < 2e-3
+
+    def test_at_the_screen(self):
+        """At z = 0 the lattice holds the opening's spectrum up to its Nyquist frequency: the mean over it is exact."""
+        plane = Plane(shape=(64, 64), pitch=0.25)
+        found = field_on_plane(box(8, 8), LIGHT, plane, "spectrum")
+        assert found.power == pytest.approx(64, rel=0.02)
+        inside = np.abs(plane.points[..., :2]).max(axis=-1) < 3
+        assert np.abs(found.values[inside] - 1).max() < 0.1
+
+
+class TestEdgeRays:
+    @pytest.mark.parametrize(("polarisation", "z", "figure"), [
+        ("hard", 50.0, 1.4e-5), ("hard", 500.0, 1.6e-5), ("soft", 50.0, 5.3e-3), ("soft", 500.0, 4.0e-3),
+    ])  # fmt: skip
+    def test_a_long_slit(self, polarisation, z, figure):
+        """Against the exact slit, l2 of |u|^2; the ends are 4e9 wavelengths away. Soft lacks double diffraction."""
+        long = box(10, 8e9)
+        plane = Plane(center=[0.0137, 0, z], shape=(1, 241), pitch=0.3 if z < 100 else 2.5)
+        found = np.abs(field_on_plane(long, LIGHT, plane, "utd", polarisation=polarisation).values[0]) ** 2
+        exact = slit_screen([(-5, 5)], boundary=polarisation).field(plane.points[0][:, [0, 2]])
+        error = distance(found, np.abs(exact) ** 2)
+        assert figure / 1.5 < error < figure * 1.5
+
+    def test_a_shadow_boundary_is_no_place(self):
+        """Straight behind an edge, and 1e-12 beside, the field is one and the same: no light is lost to rounding.
+
+        (The ends of the slit are 5e21 away: rays from them end at corners, with steps that the theory has.)
+        """
+        for light in (LIGHT, PlaneWave(wavelength=1.0, direction=[0.28, 0, 0.96])):
+            edge = 5 + 30 * light.direction[0] / light.direction[2]
+            values = [
+                at([edge + step, 0.3, 30.0], box(10, 1e22), light=light, method="utd")
+                for step in (-1e-12, -1e-15, 0, 1e-15, 1e-12)
+            ]
+            assert np.ptp(np.real(values)) + np.ptp(np.imag(values)) < 1e-9
+
+    def test_oblique_to_the_edges(self):
+        """A wave with a part along the slit: k across it, and e^{i k_y y} along it, as the half plane has."""
+        cosine = 0.4
+        light = PlaneWave(wavelength=1.0, direction=[0, cosine, np.sqrt(1 - cosine**2)])
+        plane = Plane(center=[0.01, 3.0, 50.0], shape=(1, 101), pitch=0.5)
+        found = field_on_plane(box(10, 8e9), light, plane, "utd", polarisation="hard").values[0]
+        across = slit_screen([(-5, 5)], wavelength=1 / light.direction[2], boundary="hard")
+        exact = across.field(plane.points[0][:, [0, 2]]) * np.exp(2j * np.pi * cosine * 3.0)
+        assert distance(found, exact) < 1e-4
+
+    def test_nearer_than_the_theory(self):
+        """A square at 3 of its sizes: edge rays and Kirchhoff's rim describe different screens, 10 % apart at most."""
+        plane = Plane(center=[0.01, 0.02, 30.0], shape=(9, 9), pitch=0.4)
+        soft, hard = (field_on_plane(box(10, 10), LIGHT, plane, "utd", polarisation=p).values for p in ("soft", "hard"))
+        assert distance((soft + hard) / 2, field_on_plane(box(10, 10), LIGHT, plane).values) < 0.1
+
+
+class TestFraunhofer:
+    FAR = Plane(center=[1e3, 300, 5e4], shape=(20, 20), pitch=300.0)
+
+    def test_is_the_far_field(self):
+        exact = field_on_plane(box(10, 10), LIGHT, self.FAR).values
+        assert distance(field_on_plane(box(10, 10), LIGHT, self.FAR, "fraunhofer").values, exact) < 2e-3  # k a^2 / 2z
+        nearer = self.FAR.replace(center=[0, 0, 50.0], pitch=1.0)
+        near = field_on_plane(box(10, 10), LIGHT, nearer).values
+        assert distance(field_on_plane(box(10, 10), LIGHT, nearer, "fraunhofer").values, near) > 0.3
+
+    def test_any_light_and_place(self):
+        shifted = box(10, 10, (40.0, -20.0))
+        edges = field_on_plane(shifted, TILTED, self.FAR, "fraunhofer").values
+        nodes = field_on_plane(shifted, Given(TILTED.field), self.FAR, "fraunhofer").values
+        assert distance(nodes, edges) < 1e-8
+
+
+def test_no_screen_and_a_closed_one():
+    plane = Plane(center=[0, 0, 5.0], shape=(3, 4), pitch=1.0)
+    assert np.array_equal(field_on_plane(None, TILTED, plane).values, TILTED.field(plane.points))
+    assert not field_on_plane([[0, 0], [1, 1], [2, 2]], LIGHT, plane).values.any()
+
+
+def test_planes():
+    plane = Plane(center=[1, 2, 3], normal=[0, 0, 2], up=[0, 5, 1], shape=(3, 5), pitch=0.5)
+    assert np.allclose(plane.axes, np.eye(3), atol=1e-15)
+    assert np.allclose(plane.points[0, 0], [0, 1.5, 3], atol=1e-15)
+    assert np.allclose(plane.points[2, 4], [2, 2.5, 3], atol=1e-15)
+    tilted = Plane(normal=[1, 0, 0], up=[0, 0, 1], shape=(1, 1), pitch=1.0)
+    assert np.allclose(tilted.axes, [[0, 1, 0], [0, 0, 1], [1, 0, 0]], atol=1e-15)
+    assert plane == Plane.from_json(plane.canonical_json())
+
+
+@pytest.mark.parametrize(
+    ("call", "match"),
+    [
+        (lambda: at([0, 0, -1.0], box(1, 1)), "behind the screen"),
+        (lambda: at([0, 0, 0.0], box(1, 1)), "behind the screen"),
+        (lambda: at([0, 0, 1.0], box(1, 1), light=TILTED), "right angles to the screen"),
+        (lambda: at([0, 0, 1.0], box(1, 1), light=Given(LIGHT.field)), "a PlaneWave for method 'boundary'"),
+        (lambda: at([0, 0, 1.0], box(1, 1), method="rays"), "'boundary', 'spectrum'"),
+        (lambda: at([0.5, 0, 0.1], box(1, 1), method="utd"), "away from every edge"),
+        (lambda: at([0, 0, 1.0], box(1, 1), method="utd", polarisation="te"), "'soft' or 'hard'"),
+        (lambda: at([0, 0, 1.0], box(1e4, 1), method="spectrum"), "8192 waves"),
+        (lambda: at([0, 0, 1.0], box(1, 1), method="spectrum", padding=0.5), "padding must be at least 1"),
+        (lambda: Plane(normal=[0, 0, 0], shape=(1, 1), pitch=1.0), "longer than 0"),
+        (lambda: Plane(up=[0, 0, 1], shape=(1, 1), pitch=1.0), "other than the normal's"),
+        (lambda: Plane(shape=(0, 1), pitch=1.0), "at least 1"),
+        (lambda: PlaneWave(wavelength=1.0, direction=[0, 0, -1]), r"towards \+z"),
+        (lambda: PlaneField(np.array([[np.nan]]), 1.0, 1.0), "finite"),
+        (lambda: PlaneField(np.ones((2, 2)), 0.0, 1.0), "greater than 0"),
+    ],
+)
+def test_bad_input_is_refused(call, match):
+    with pytest.raises(RuleError, match=match):
+        call()
+
+
+def test_tilted_planes_have_no_spectrum():
+    plane = Plane(center=[0, 0, 9.0], normal=[0.1, 0, 1], shape=(2, 2), pitch=0.5)
+    with pytest.raises(RuleError, match="parallel to the screen"):
+        field_on_plane(box(1, 1), LIGHT, plane, "spectrum")
+    assert field_on_plane(box(1, 1), LIGHT, plane).values.shape == (2, 2)
