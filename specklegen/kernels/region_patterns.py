@@ -8,15 +8,17 @@ down starts over from the choice of the component. The draws are as exact; the t
 
 *Gaussian light*, `draw_raster`: the beam's own field on GRID x GRID cells over four half-widths, times the open
 share of each (of 4 x 4 points in it), transformed on twice as many; a cell of wavevectors is drawn by its power, and a
-place in it evenly. What this costs: structure below 1/16 of the half-width is smoothed, wavevectors end at 16 pi over
-the half-width, and variances grow by 2 % of those of the beam.
+place in it evenly. Beyond the grid's last wavevector Q the pattern is that of its rims alone: a rim of normal n carries
+|u|^2 / (pi q^2) a length and dq along n, so the share |u|^2 / (pi Q) a length of rim is drawn there, q = Q / uniform.
+What this costs: structure below 1/16 of the half-width is smoothed, variances grow by 2 % of those of the beam, and
+corners send no more than their rims.
 """
 
 import math
 
 import numpy as np
 
-from specklegen.kernels import kernel
+from specklegen.kernels import inlined, kernel
 from specklegen.kernels.apertures import polygon_transform, sinc
 from specklegen.kernels.patterns import draw_sinc
 from specklegen.kernels.rng import uniforms
@@ -170,6 +172,48 @@ def shares(fine, mask):
             mask[row, column] = total / (each * each)
 
 
+@inlined
+def _rim(mask, half_x, half_y, row, column):
+    """Power beyond the grid of the rim in a cell, over that of a cell of intensity 1, and its normal."""
+    left, right = mask[row, max(column - 1, 0)], mask[row, min(column + 1, GRID - 1)]
+    low, high = mask[max(row - 1, 0), column], mask[min(row + 1, GRID - 1), column]
+    pitch_x, pitch_y = 2.0 * half_x / GRID, 2.0 * half_y / GRID
+    nx, ny = 0.5 * (right - left) / pitch_x, 0.5 * (high - low) / pitch_y
+    steep = math.sqrt(nx * nx + ny * ny)
+    if steep == 0.0:
+        return 0.0, 0.0, 0.0, 1.0
+    nx, ny = nx / steep, ny / steep
+    last = math.pi / max(abs(nx) * pitch_x, abs(ny) * pitch_y)
+    x, y = (column + 0.5) * pitch_x - half_x, (row + 0.5) * pitch_y - half_y
+    intensity = math.exp(-18.0 * ((x / half_x) ** 2 + (y / half_y) ** 2))
+    return intensity * steep / (math.pi * last), nx, ny, last
+
+
+@kernel
+def _rim_power(mask, half_x, half_y):
+    total = 0.0
+    for row in range(GRID):
+        for column in range(GRID):
+            total += _rim(mask, half_x, half_y, row, column)[0]
+    return total
+
+
+@kernel
+def _beyond(mask, half_x, half_y, target, v, w):
+    """Wavevector beyond the grid, across the rim in the cell at which the running power passes ``target``."""
+    x = y = 0.0
+    for row in range(GRID):
+        for column in range(GRID):
+            power, nx, ny, last = _rim(mask, half_x, half_y, row, column)
+            if power > 0.0:
+                q = last / v if w < 0.5 else -last / v
+                x, y = q * nx, q * ny
+                target -= power
+                if target <= 0.0:
+                    return x, y
+    return x, y
+
+
 @kernel
 def draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp, padded, power, twiddles, line):
     """One xi of the pattern of a Gaussian beam through a mask: (x, y, counter, found or not).
@@ -204,7 +248,12 @@ def draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp, padded, 
     counter += _ONE
     if not total > 0.0:
         return 0.0, 0.0, counter, False
-    target = u * total
+    # Parseval: the grid's power is that of its cells, times their number.
+    rims, inner = _rim_power(mask, half_x, half_y), total / (_PADDED * _PADDED)
+    if u * (rims + inner) >= inner:
+        x, y = _beyond(mask, half_x, half_y, u * (rims + inner) - inner, v, w)
+        return x, y, counter, True
+    target = u * (rims + inner) / inner * total
     for row in range(_PADDED):
         for column in range(_PADDED):
             target -= power[row, column]

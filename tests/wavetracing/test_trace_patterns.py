@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from wavetracing.screens import HEXAGRAM, HEXAGRAM_AREA, rim_intensity, screen, slit
+from wavetracing.screens import FAR, HEXAGRAM, HEXAGRAM_AREA, rim_intensity, screen, slit
 from zscore import FALSE_ALARM, assert_z
 
 from specklegen.kernels.region_patterns import draw_polygons
-from specklegen.wavetracing import CollimatedEmitter, Plane, trace
+from specklegen.wavetracing import CollimatedEmitter, Geometry, Mesh, Plane, trace
 
 K = 2 * np.pi
 
@@ -111,6 +111,36 @@ def test_the_pattern_test_has_power():
     for assumed in (98 * 0.8, 98 / 2):
         value, degrees = excess(98, 100_000, "uniform", assumed)
         assert value > chi2.isf(FALSE_ALARM, degrees)
+
+
+def bent(beams, seed=3):
+    """Shares of beams that a half plane, x < 0, bends into its shadow by sines above 0.05 and above 0.35."""
+    corners = np.array([[-FAR, -FAR, 0], [0, -FAR, 0], [0, FAR, 0], [-FAR, FAR, 0]])
+    edge = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    source = CollimatedEmitter([-40, -40, -10], [40, 40, -10], [0, 0, 1.0], 24.0, 1.0)
+    z = 1e6
+    rows = []
+    for lower, upper in ((0.05, 0.35), (0.35, 0.999)):
+        near, far = (z * np.tan(np.arcsin(sine)) for sine in (lower, upper))
+        middle, half = -(near + far) / 2, (far - near) / 2
+        rows.append(Plane(center=np.array([middle, 0, z]), shape=(1, 1), pitch=2 * half))
+    found = trace(Geometry(edge), source, rows, beams, seed)
+    assert found.statistics.gaussian > beams // 10
+    return [image.sum() * plane.pitch**2 for image, plane in zip(found.irradiance, rows, strict=True)]
+
+
+def test_light_in_the_shadow_of_a_half_plane():
+    """An edge bends I dq / 2 pi q^2 a length into the shadow, whatever the width of the beams.
+
+    The second share lies beyond the last wavevector of the grid, at a sine of 0.33, and is drawn from the rim. The
+    beams' own spread, 0.01 in sine, adds (0.01 / 0.05)^2 = 4 % to the first at most.
+    """
+    beams = 30_000
+    for got, (lower, upper) in zip(bent(beams), ((0.05, 0.35), (0.35, 0.999)), strict=True):
+        share = (1 / lower - 1 / upper) / (2 * np.pi * K) / 80
+        assert_z(got, share, np.sqrt(share / beams), slack=0.04 * share)
+        with pytest.raises(AssertionError, match="z ="):
+            assert_z(got, share / 3, np.sqrt(share / 3 / beams))
 
 
 def test_power_of_a_square_within_circles():
