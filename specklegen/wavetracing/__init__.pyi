@@ -29,6 +29,7 @@ from .pattern import Pattern as Pattern
 from .pattern import expected_trials as expected_trials
 from .pattern import sample_pattern as sample_pattern
 from .pattern import sample_slits as sample_slits
+from .phased_rays import phase_rays as phase_rays
 from .plane import Plane as Plane
 from .plane import PlaneField as PlaneField
 from .plane_field import field_on_plane as field_on_plane

@@ -20,6 +20,7 @@ from specklegen.core.values import Array, Positive, Value
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.materials import LIGHT_SPEED
+from specklegen.wavetracing.phased_rays import phase_rays
 from specklegen.wavetracing.plane import Plane
 from specklegen.wavetracing.tracing import Ledger, Statistics, trace
 
@@ -62,13 +63,13 @@ class Coverage:
     error : masked float64[h, w]
         Standard error in dB, to first order; masked alike.
     ledger, statistics
-        Of the trace.
+        Of the trace; None for "phase", which traces no beams.
     """
 
     rss_dBm: np.ma.MaskedArray
     error: np.ma.MaskedArray
-    ledger: Ledger
-    statistics: Statistics
+    ledger: Ledger | None
+    statistics: Statistics | None
 
 
 def coverage(
@@ -76,7 +77,7 @@ def coverage(
     transmitter: Transmitter,
     plane: Plane,
     frequency: float,
-    method: Literal["wave", "ray"] = "wave",
+    method: Literal["wave", "ray", "phase"] = "wave",
     *,
     gain: float = 1.0,
     beams: int = 200_000,
@@ -93,11 +94,12 @@ def coverage(
     transmitter
         Where the waves come from.
     plane
-        The map: one value a pixel, the mean over it.
+        The map: one value a pixel, the mean over it; for "phase" at its middle.
     frequency
         Hertz.
     method
-        "wave" (with diffraction) or "ray".
+        "wave" (with diffraction), "ray", or "phase": all paths of one reflection and two edges at most, with their
+        phases, without chance (`phase_rays`; soft, every surface perfect).
     gain
         G_r of the receiving antenna, as a factor.
     beams, seed, max_events, threads
@@ -112,12 +114,18 @@ def coverage(
         reject("coverage frequency", "positive and finite (Hz)", frequency)
     if not 0 < gain < np.inf:
         reject("coverage gain", "positive and finite", gain)
-    if method not in ("wave", "ray"):
-        reject("coverage method", "'wave' or 'ray'", method)
+    if method not in ("wave", "ray", "phase"):
+        reject("coverage method", "'wave', 'ray' or 'phase'", method)
     if not isinstance(transmitter, Transmitter):
         reject("coverage transmitter", "a Transmitter", transmitter)
     wavelength = LIGHT_SPEED / frequency
     source = PointEmitter(transmitter.position, wavelength, transmitter.power, transmitter.beam_angle)
+    if method == "phase":
+        power = received_power(np.abs(phase_rays(geometry, source, plane.points)) ** 2, wavelength, gain)
+        none = power == 0
+        return Coverage(
+            np.ma.array(decibel_milliwatt(power), mask=none), np.ma.array(np.zeros_like(power), mask=none), None, None
+        )
     found = trace(geometry, source, plane, beams, seed, mode=method, max_events=max_events, threads=threads)
     power = received_power(found.fluence[0], wavelength, gain)
     none = power == 0

@@ -55,6 +55,15 @@ def test_cells_of_a_map_in_free_space(method):
         assert_z(power * 1.12, expected, error)  # half a decibel
 
 
+def test_phases_in_free_space_are_friis_at_the_middles():
+    plane, source = street(), np.array([7.0, -11.0, 60.0])
+    found = coverage(AIR, Transmitter(source), plane, 1e9, "phase")
+    square = ((plane.points - source) ** 2).sum(axis=-1)
+    expected = 20 * np.log10(WAVELENGTH / (4 * np.pi)) - 10 * np.log10(square)
+    assert found.rss_dBm.data == pytest.approx(expected, abs=1e-9)
+    assert found.ledger is None
+
+
 def test_ground_that_mirrors_adds_its_image():
     plane, source = street(z=30.0), np.array([0, 0, 60.0])
     scene = Geometry(sheet(1e5, 0.0, Conductor()))
@@ -74,6 +83,7 @@ def test_waves_reach_where_rays_do_not():
     assert ray.rss_dBm.mask.all()
     assert (ray.rss_dBm.data == -np.inf).all()
     wave = coverage(scene, source, behind, 1e9, beams=20_000)
+    assert wave.ledger is not None
     assert wave.ledger.total == 20_000
     assert not wave.rss_dBm.mask.any()
     free = coverage(AIR, source, behind, 1e9, beams=20_000)

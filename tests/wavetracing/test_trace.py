@@ -86,6 +86,28 @@ def test_mirrors_keep_a_beam_until_it_is_stopped():
     assert found.statistics.surface + found.statistics.matter + found.statistics.open == 9 * 200
 
 
+def test_a_tight_guide_counts_its_plain_rays():
+    """Between mirrors a wavelength apart every cone touches at once: lengthened 16 times, then a plain ray, counted."""
+    plates = [wall(1e7, z, material=Conductor()).placed(rotation=np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]]))
+              for z in (-0.5, 0.5)]  # fmt: skip
+    source = CollimatedEmitter([-0.4, -5, -10], [0.4, 5, -10], AHEAD, 2.0, 1.0)
+    found = trace(Geometry(plates), source, RECEIVER, 500, 0, max_events=20)
+    assert found.ledger.total == 500
+    assert found.statistics.restarts >= 16 * found.statistics.plain_rays
+    assert found.statistics.restarts > 0
+
+
+def test_no_region_where_a_ray_grazes():
+    """A sheet seen edge on to 1e-9 rad: no number that is not finite, every beam ends."""
+    for tilt in (0.0, 1e-9, 1e-3):
+        turn = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+        upright = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])
+        sheet = wall(50.0, 0, material=Conductor()).placed([0, 0, 60.0], turn @ upright)
+        found = trace(Geometry(sheet), window(8), RECEIVER, 600, 1)
+        assert found.ledger.total == 600
+        assert np.isfinite(found.fluence[0]).all()
+
+
 def test_a_tilted_mirror_sends_light_aside():
     """A conductor at 45 degrees, wider than the beams: everything arrives on a receiver at its side."""
     turn = np.array([[np.cos(np.pi / 4), 0, -np.sin(np.pi / 4)], [0, 1, 0], [np.sin(np.pi / 4), 0, np.cos(np.pi / 4)]])
