@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel
+from specklegen.kernels import inlined, kernel, spliced
 from specklegen.kernels.cones import box_depth, rounding, triangle_in_cone
 
 LEAF = 4
@@ -137,7 +137,7 @@ def lay_out(vertices, faces, order, corners):
                 corners[place, 3 * v + c] = vertices[faces[order[place], v], c]
 
 
-@inlined
+@spliced
 def _box(cone, slack, slack_y, near, far, boxes, node):
     ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t = cone
     return box_depth(ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, slack, slack_y, near, far, boxes, node)

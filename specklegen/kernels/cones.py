@@ -12,7 +12,7 @@ Source: S. Steinberg, M. Pharr, *Wave Tracing*, section on elliptic cones; the i
 
 import math
 
-from specklegen.kernels import inlined
+from specklegen.kernels import inlined, spliced
 
 # What a kernel knows of a cone, float64[CONE]: origin, three rows (x, e y, d), half-width a, slope t.
 ORIGIN, AXIS_X, AXIS_Y, AXIS_Z, WIDTH, SLOPE, CONE = 0, 3, 6, 9, 12, 13, 14
@@ -136,7 +136,7 @@ def rounding(cone, boxes):
     return 1e-15 * size
 
 
-@inlined
+@spliced
 def box_depth(
     ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, slack, slack_y, near, far, boxes, node
 ):
