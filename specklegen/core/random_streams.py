@@ -27,6 +27,7 @@ class Stream(IntEnum):
     CAMERA = 6
     TYPES = 7
     DIFFRACTION = 21
+    BEAMS = 22
 
 
 def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:

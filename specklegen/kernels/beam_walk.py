@@ -1,0 +1,327 @@
+"""Beams through a scene: from the source to the surfaces, the openings and the receivers.
+
+One call walks the beams ``first`` ... ``first + count - 1``. Beam n draws at the address (key; sample 0, path n, a
+running counter), so blocks and threads change nothing. Each beam carries one ray of its Wigner ensemble; the cone about
+the mean is the envelope of that ensemble. Where the cone meets triangles, [d, d + 2a) is a region: there the ray hits a
+facet (matter event) or passes (open event), and a wavevector of the pattern of that facet, or of what is open, is
+added.
+So every beam ends exactly once, and power closes in integers.
+
+Modes: WAVE as above. BALLISTIC: the mean ray alone decides; where it hits, a point of the beam's cross-section decides
+between matter and opening, where it does not, nothing happens. RAY: plain rays.
+
+Source: S. Steinberg, M. Pharr, *Wave Tracing*, sections on traversal and on Fraunhofer diffraction.
+"""
+
+import math
+
+import numpy as np
+
+from specklegen.kernels import inlined, kernel
+from specklegen.kernels.beam_events import diffract, scatter_diffusely
+from specklegen.kernels.beam_sources import emit
+from specklegen.kernels.beam_state import (
+    CONE_AT,
+    CX,
+    CY,
+    CZ,
+    DX,
+    DY,
+    DZ,
+    MX,
+    MY,
+    MZ,
+    PX,
+    PY,
+    PZ,
+    SLOPE,
+    SPREAD,
+    STATE,
+    STRETCH,
+    WIDTH,
+    XX,
+    YX,
+    hold_ray,
+    leave_region,
+    mirror,
+)
+from specklegen.kernels.cone_bvh import closest, collect
+from specklegen.kernels.cones import CONE
+from specklegen.kernels.ray_bvh import nearest
+from specklegen.kernels.region_patterns import FINE, GRID
+from specklegen.kernels.regions import FOUND, census
+from specklegen.kernels.rng import normal_pair, uniforms
+from specklegen.kernels.surfaces import ABSORBED, REFLECTED, SCATTERED, TRANSMITTED, outcome
+
+WAVE, BALLISTIC, RAY = 0, 1, 2
+# Ends of beams.
+RECEIVED, ABSORBED_END, ESCAPED, STOPPED, FAILED, ENDS = 0, 1, 2, 3, 4, 5
+# Statistics.
+(
+    SURFACE_EVENTS, OPEN_EVENTS, MATTER_EVENTS, NULL_EVENTS, RESTARTS, PLAIN_RAYS, UNIFORM, GAUSSIAN, TRIES, EVANESCENT,
+    REGION_TRIANGLES, REGIONS, CROSSINGS, LOCAL_CHIRP, STATISTICS,
+) = range(15)  # fmt: skip
+_FIRST, _GROWTH, _LONGEST, _RESTARTS = 2.0, 4.0, 65536.0, 16  # the ballistic length, in wavelengths
+_NULLS = 4096
+_ONE = np.uint64(1)
+
+
+@inlined
+def cross_planes(state, reach, planes, first_cell, counts, fluence, squares):
+    """Count the crossings of receivers on the next ``reach`` of a ray; return how many.
+
+    planes : float64[R, 15], see `walk_beams`
+    """
+    found = 0
+    for r in range(planes.shape[0]):
+        along = state[DX] * planes[r, 9] + state[DY] * planes[r, 10] + state[DZ] * planes[r, 11]
+        x, y, z = planes[r, 0] - state[PX], planes[r, 1] - state[PY], planes[r, 2] - state[PZ]
+        t = (x * planes[r, 9] + y * planes[r, 10] + z * planes[r, 11]) / along
+        if not (t > 0.0 and t <= reach and t < math.inf):
+            continue
+        x, y, z = t * state[DX] - x, t * state[DY] - y, t * state[DZ] - z
+        u = (x * planes[r, 3] + y * planes[r, 4] + z * planes[r, 5]) / planes[r, 12] + 0.5 * planes[r, 14]
+        v = (x * planes[r, 6] + y * planes[r, 7] + z * planes[r, 8]) / planes[r, 12] + 0.5 * planes[r, 13]
+        if u >= 0.0 and u < planes[r, 14] and v >= 0.0 and v < planes[r, 13]:
+            cell = first_cell[r] + int(v) * int(planes[r, 14]) + int(u)
+            steep = 1.0 / abs(along)
+            counts[cell] += 1
+            fluence[cell] += steep
+            squares[cell] += steep * steep
+            found += 1
+    return found
+
+
+@kernel
+def find_region(state, packed, wavelength, z_ray, hit, z_hit, near, fresh, boxes, link, corners, statistics):
+    """Next region on a beam's way: (depth, whether the ray goes on as a plain ray).
+
+    Depth inf: no region before the cone has left the scene. ``near``: depth from which to search; behind an interaction
+    (``fresh``) the first stretch is the ray's alone, and grows while the cone touches at once.
+    """
+    length, tries = _FIRST * wavelength, 0
+    while True:
+        start = max(near, z_ray + length) if fresh else near
+        if fresh and hit <= length:
+            return math.inf, True
+        depth, _, _ = closest(packed, start, math.inf, boxes, link, corners)
+        if not fresh or depth == math.inf or depth > start:
+            return depth, False
+        tries += 1
+        statistics[RESTARTS] += 1
+        if tries > _RESTARTS:
+            statistics[PLAIN_RAYS] += 1
+            return math.inf, True
+        length = min(_GROWTH * length, _LONGEST * wavelength)
+
+
+@kernel
+def walk_beams(
+    key0, key1, first, count, mode, amplitude, max_events, source, wavelength,
+    boxes, link, corners, facet, across, loop, normals, whole, rims, rim_ends, holes, loops, loop_ends, most_edges,
+    material, materials, planes, first_cell, counts, fluence, squares, ends, statistics,
+):  # fmt: skip
+    """Walk beams; fill what receivers and the ledger count.
+
+    source           : float64[SOURCE]                see `specklegen.kernels.beam_sources`
+    boxes .. corners : the hierarchy;  facet .. loop_ends : see `specklegen.kernels.regions`
+    material         : int32[n], row of ``materials`` float64[M, 4] of each place
+    planes           : float64[R, 15]                 centre, axes x, y, normal, pitch, rows, columns
+    counts, fluence, squares : int64, float64, float64[cells], added to: crossings, sum of 1 / |cos| and of its square
+    ends             : int64[ENDS];  statistics : int64[STATISTICS], added to
+    """
+    k0, k1 = np.uint64(key0), np.uint64(key1)
+    k = 2.0 * math.pi / wavelength
+    least = 81.0 / (4.0 * k * k)
+    state, found = np.empty(STATE), np.empty(FOUND)
+    packed = state[CONE_AT : CONE_AT + CONE]
+    hole_count = loops.shape[0] - 1
+    seen, touched = np.zeros(hole_count, np.int32), np.empty(hole_count, np.int32)
+    places, wide = np.empty(256, np.int64), np.empty(CONE)
+    flat = np.empty((max(most_edges, loop_ends.shape[0]), 4))
+    fine, mask = np.empty((FINE, FINE), np.uint8), np.empty((GRID, GRID))
+    padded, power = np.empty((2 * GRID, 2 * GRID), np.complex128), np.empty((2 * GRID, 2 * GRID))
+    line, twiddles = np.empty(2 * GRID, np.complex128), np.empty(GRID, np.complex128)
+    for m in range(GRID):
+        twiddles[m] = complex(math.cos(math.pi * m / GRID), -math.sin(math.pi * m / GRID))
+
+    for n in range(count):
+        path = np.uint64(first + n)
+        counter = emit(k0, k1, path, source, mode, k, state)
+        events, skip, end, crossed = 0, -1, -1, False
+        while end < 0:
+            hold_ray(state)
+            hit, place, _ = nearest(
+                state[PX], state[PY], state[PZ], state[DX], state[DY], state[DZ], 0.0, math.inf, skip,
+                facet, boxes, link, corners,
+            )  # fmt: skip
+            # Depths along the axis of the ray's start, and what a step of the ray adds.
+            z_ray = (
+                (state[PX] - state[CX]) * state[MX]
+                + (state[PY] - state[CY]) * state[MY]
+                + (state[PZ] - state[CZ]) * state[MZ]
+            )
+            rate = state[DX] * state[MX] + state[DY] * state[MY] + state[DZ] * state[MZ]
+            z_hit = z_ray + hit * rate if place >= 0 else math.inf
+            depth, far, open_event, edges, hole_number, region = math.inf, math.inf, False, 0, 0, 0
+            own = facet[place] if place >= 0 else -1
+            if mode == WAVE and rate > 0.0:
+                near, fresh, nulls = z_ray, True, 0
+                while True:
+                    depth, plain = find_region(
+                        state, packed, wavelength, z_ray, hit, z_hit, near, fresh, boxes, link, corners, statistics
+                    )
+                    if plain or depth == math.inf or z_hit < depth:
+                        depth = math.inf
+                        break
+                    far = depth + 2.0 * (state[WIDTH] + depth * state[SLOPE])
+                    region, _ = collect(packed, depth, far, boxes, link, corners, places)
+                    if region > places.shape[0]:
+                        places = np.empty(2 * region, np.int64)
+                        region, _ = collect(packed, depth, far, boxes, link, corners, places)
+                    statistics[REGIONS] += 1
+                    statistics[REGION_TRIANGLES] += region
+                    hole_number = census(
+                        packed, depth, far, state[PX], state[PY], state[PZ], state[DX], state[DY], state[DZ],
+                        own if z_hit <= far else -1, places, region, corners, facet, across, loop, loops, rims,
+                        seen, touched, found,
+                    )  # fmt: skip
+                    edges = int(found[0])
+                    if z_hit <= far:
+                        break
+                    if edges > 0:
+                        open_event = True
+                        break
+                    statistics[NULL_EVENTS] += 1
+                    nulls += 1
+                    near, fresh = far, False
+                    if nulls > _NULLS:
+                        statistics[PLAIN_RAYS] += 1
+                        depth = math.inf
+                        break
+            elif mode == BALLISTIC and place >= 0:
+                a = state[WIDTH] + z_hit * state[SLOPE]
+                depth, far = max(z_hit - a, z_ray), z_hit + a
+                region, _ = collect(packed, depth, far, boxes, link, corners, places)
+                if region > places.shape[0]:
+                    places = np.empty(2 * region, np.int64)
+                    region, _ = collect(packed, depth, far, boxes, link, corners, places)
+                statistics[REGIONS] += 1
+                statistics[REGION_TRIANGLES] += region
+                hole_number = census(
+                    packed, depth, far, state[PX], state[PY], state[PZ], state[DX], state[DY], state[DZ], own,
+                    places, region, corners, facet, across, loop, loops, rims, seen, touched, found,
+                )  # fmt: skip
+                edges = int(found[0])
+                if edges > 0:
+                    # A point of the cross-section, of the beam's own deviation there; a ray along the mean through it.
+                    u, v, _, _ = uniforms(k0, k1, np.uint64(0), path, counter)
+                    counter += _ONE
+                    gx, gy = normal_pair(u, v)
+                    s = math.sqrt(state[WIDTH] ** 2 + (z_hit * state[SPREAD]) ** 2) / 3.0
+                    gx, gy = gx * s, gy * s / (state[STRETCH] * state[STRETCH])
+                    qx = state[CX] + depth * state[MX] + gx * state[XX] + gy * state[YX]
+                    qy = state[CY] + depth * state[MY] + gx * state[XX + 1] + gy * state[YX + 1]
+                    qz = state[CZ] + depth * state[MZ] + gx * state[XX + 2] + gy * state[YX + 2]
+                    _, other, _ = nearest(
+                        qx, qy, qz, state[MX], state[MY], state[MZ], 0.0, far - depth, skip,
+                        facet, boxes, link, corners,
+                    )  # fmt: skip
+                    if other < 0:
+                        open_event = True
+                        statistics[CROSSINGS] += cross_planes(
+                            state, hit, planes, first_cell, counts, fluence, squares
+                        )
+                        state[PX], state[PY], state[PZ] = qx, qy, qz
+                        z_ray, hit = depth, math.inf
+            if not open_event and place < 0:
+                passed = cross_planes(state, math.inf, planes, first_cell, counts, fluence, squares)
+                statistics[CROSSINGS] += passed
+                end = RECEIVED if crossed or passed > 0 else ESCAPED
+                break
+            if events >= max_events:
+                end = STOPPED
+                break
+            events += 1
+
+            # Where along the ray it happens: at the facet, in the plane of the openings, or beside the nearest edge.
+            forced = amplitude == 1
+            if open_event:
+                statistics[OPEN_EVENTS] += 1
+                which = int(found[1])
+                if forced and which < 0:
+                    for m in range(region):
+                        f = facet[places[m]]
+                        if holes[f + 1] > holes[f]:
+                            which = f
+                            break
+                step = math.inf
+                if which >= 0 and amplitude != 2:
+                    across_facet = (
+                        state[DX] * normals[which, 0] + state[DY] * normals[which, 1] + state[DZ] * normals[which, 2]
+                    )
+                    at = rim_ends[rims[which]]
+                    step = (
+                        (at[0] - state[PX]) * normals[which, 0]
+                        + (at[1] - state[PY]) * normals[which, 1]
+                        + (at[2] - state[PZ]) * normals[which, 2]
+                    ) / across_facet
+                if not (step > 0.0 and step < hit and step < math.inf):
+                    step = (
+                        (found[2] - state[PX]) * state[DX]
+                        + (found[3] - state[PY]) * state[DY]
+                        + (found[4] - state[PZ]) * state[DZ]
+                    )
+                step = min(max(step, 0.0), hit)
+            else:
+                which = own
+                step = hit
+            passed = cross_planes(state, step, planes, first_cell, counts, fluence, squares)
+            statistics[CROSSINGS] += passed
+            crossed = crossed or passed > 0
+            state[PX] += step * state[DX]
+            state[PY] += step * state[DY]
+            state[PZ] += step * state[DZ]
+            z = z_ray + step * (rate if mode == WAVE else 1.0)
+
+            fate = TRANSMITTED
+            nx = ny = nz = 0.0
+            if not open_event:
+                statistics[SURFACE_EVENTS if depth == math.inf else MATTER_EVENTS] += 1
+                nx, ny, nz = normals[own, 0], normals[own, 1], normals[own, 2]
+                cosine = min(1.0, abs(state[DX] * nx + state[DY] * ny + state[DZ] * nz))
+                u, _, _, _ = uniforms(k0, k1, np.uint64(0), path, counter)
+                counter += _ONE
+                fate = outcome(materials, material[place], cosine, u)
+                skip = own
+                if fate == ABSORBED:
+                    end = ABSORBED_END
+                    break
+                if fate == SCATTERED:
+                    counter = scatter_diffusely(k0, k1, path, counter, state, z, least, nx, ny, nz)
+                    continue
+            else:
+                skip = -1
+            bordered = mode != RAY and depth < math.inf and (open_event or found[5] != 0.0)
+            if bordered:
+                if open_event:
+                    uniform = which >= 0 and amplitude != 2
+                    whole_border = uniform
+                else:
+                    whole_border = (found[5] > 0.0 and whole[own]) or forced
+                    uniform = whole_border and amplitude != 2
+                counter, good = diffract(
+                    k0, k1, path, counter, state, wide, z, depth, far, k, least, open_event, uniform, forced, which,
+                    hole_number, touched, boxes, link, corners, facet, normals, rims, rim_ends, holes, loops, loop_ends,
+                    flat, fine, mask, padded, power, twiddles, line, statistics,
+                )  # fmt: skip
+                if not good:
+                    end = FAILED
+                    break
+            else:
+                leave_region(state, z, least, state[MX], state[MY], state[MZ])
+            if fate == REFLECTED:
+                mirror(state, state[PX], state[PY], state[PZ], nx, ny, nz)
+        ends[end] += 1
+
+

@@ -1,0 +1,270 @@
+"""Bounding-volume hierarchy over triangles, and its cone queries.
+
+Median split along the longest side of the centroids' box, leaves of LEAF triangles, nodes in depth-first order: the
+left child of node i is i + 1. ``link[i]`` is the right child, or -1 - (first triangle) of a leaf; triangles stand in
+the order of the leaves. Sizes of the left parts are multiples of LEAF, so that all leaves but the last are full.
+
+`closest` visits the nearer child first and shrinks its far depth; `collect` counts first and fills when asked again
+with a list large enough, so that nothing is cut off silently.
+"""
+
+import math
+
+import numpy as np
+
+from specklegen.kernels import inlined, kernel, spliced
+from specklegen.kernels.cones import box_depth, rounding, triangle_in_cone
+
+LEAF = 4
+DEPTH = 64
+"""Nodes that wait at most: the depth of a median split of 2^31 triangles, twice over."""
+
+
+@kernel
+def _select(rows, first, last, middle, axis):
+    """Put the rows [first, last) in such an order that those before ``middle`` are no larger along ``axis``."""
+    low, high = first, last - 1
+    while low < high:
+        pivot = rows[(low + high) // 2, axis]
+        i, j = low, high
+        while i <= j:
+            while rows[i, axis] < pivot:
+                i += 1
+            while rows[j, axis] > pivot:
+                j -= 1
+            if i <= j:
+                for c in range(4):
+                    rows[i, c], rows[j, c] = rows[j, c], rows[i, c]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            return
+
+
+@kernel
+def node_count(triangles):
+    """Nodes of a tree over so many triangles."""
+    leaves = (triangles + LEAF - 1) // LEAF
+    return 2 * leaves - 1 if leaves > 0 else 0
+
+
+@kernel
+def build(vertices, faces, boxes, link, order):
+    """Build the tree.
+
+    vertices : float64[V, 3]
+    faces    : int32[n, 3]
+    boxes    : float64[m, 6]   out, centre and half extents of each node, m = node_count(n)
+    link     : int32[m]        out
+    order    : int32[n]        out, the face that stands at each place of the leaves
+    """
+    n = faces.shape[0]
+    rows = np.empty((n, 4))  # centroid and number, side by side, so that selecting reads memory in order
+    for f in range(n):
+        for c in range(3):
+            rows[f, c] = (vertices[faces[f, 0], c] + vertices[faces[f, 1], c] + vertices[faces[f, 2], c]) / 3.0
+        rows[f, 3] = f
+    waiting = np.empty((DEPTH, 3), np.int64)  # first, last, the node whose right child this is
+    depth, nodes = 0, 0
+    if n > 0:
+        waiting[0, 0], waiting[0, 1], waiting[0, 2] = 0, n, -1
+        depth = 1
+    while depth > 0:
+        depth -= 1
+        first, last, parent = waiting[depth, 0], waiting[depth, 1], waiting[depth, 2]
+        node = nodes
+        nodes += 1
+        if parent >= 0:
+            link[parent] = node
+        count = last - first
+        if count <= LEAF:
+            link[node] = -1 - first
+            continue
+        axis, longest = 0, -1.0
+        for c in range(3):
+            lower, upper = math.inf, -math.inf
+            for r in range(first, last):
+                lower, upper = min(lower, rows[r, c]), max(upper, rows[r, c])
+            if upper - lower > longest:
+                axis, longest = c, upper - lower
+        middle = first + LEAF * ((count // 2 + LEAF - 1) // LEAF)
+        _select(rows, first, last, middle, axis)
+        waiting[depth, 0], waiting[depth, 1], waiting[depth, 2] = middle, last, node
+        waiting[depth + 1, 0], waiting[depth + 1, 1], waiting[depth + 1, 2] = first, middle, -1
+        depth += 2
+    for place in range(n):
+        order[place] = np.int32(rows[place, 3])
+    _bound(vertices, faces, boxes, link, order)
+
+
+@kernel
+def _bound(vertices, faces, boxes, link, order):
+    """Boxes of all nodes, children before their parents."""
+    n, m = faces.shape[0], link.shape[0]
+    corners = np.empty((m, 6))
+    for node in range(m - 1, -1, -1):
+        if link[node] < 0:
+            first = -1 - link[node]
+            for c in range(3):
+                lower, upper = math.inf, -math.inf
+                for place in range(first, min(first + LEAF, n)):
+                    for v in range(3):
+                        value = vertices[faces[order[place], v], c]
+                        lower, upper = min(lower, value), max(upper, value)
+                corners[node, c], corners[node, 3 + c] = lower, upper
+        else:
+            for c in range(3):
+                corners[node, c] = min(corners[node + 1, c], corners[link[node], c])
+                corners[node, 3 + c] = max(corners[node + 1, 3 + c], corners[link[node], 3 + c])
+        for c in range(3):
+            centre = 0.5 * corners[node, c] + 0.5 * corners[node, 3 + c]
+            boxes[node, c] = centre
+            half = max(corners[node, 3 + c] - centre, centre - corners[node, c])
+            # The centre and the difference are rounded: three units in the last place keep the box around its corners.
+            boxes[node, 3 + c] = half * (1.0 + 1e-15) + 4e-16 * abs(centre)
+
+
+@kernel
+def lay_out(vertices, faces, order, corners):
+    """Fill ``corners`` float64[n, 9] with the corners of the triangles in the order of the leaves."""
+    for place in range(order.shape[0]):
+        for v in range(3):
+            for c in range(3):
+                corners[place, 3 * v + c] = vertices[faces[order[place], v], c]
+
+
+@spliced
+def _box(cone, slack, slack_y, near, far, boxes, node):
+    ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t = cone
+    return box_depth(ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, slack, slack_y, near, far, boxes, node)
+
+
+@inlined
+def _triangle(cone, near, far, corners, f):
+    ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t = cone
+    return triangle_in_cone(ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, near, far, corners, f)
+
+
+@inlined
+def _unpacked(cone):
+    """Components of a cone float64[CONE] as a tuple, which stays in registers where an array does not."""
+    return (
+        cone[0], cone[1], cone[2], cone[3], cone[4], cone[5], cone[6], cone[7], cone[8], cone[9], cone[10], cone[11],
+        cone[12], cone[13],
+    )  # fmt: skip
+
+
+@kernel
+def closest(packed, near, far, boxes, link, corners):
+    """Least depth in [near, far] at which the cone meets a triangle, and the triangle's place; (inf, -1) for none.
+
+    packed : float64[CONE]
+
+    Return also the number of nodes visited.
+    """
+    n = corners.shape[0]
+    best, place, visited = math.inf, -1, 0
+    if link.shape[0] == 0:
+        return best, place, visited
+    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    slack_y = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8]))
+    stack = np.empty(DEPTH, np.int32)
+    depths = np.empty(DEPTH)
+    start = _box(cone, slack, slack_y, near, far, boxes, 0)
+    if start == math.inf:
+        return best, place, 1
+    stack[0], depths[0], height = 0, start, 1
+    while height > 0:
+        height -= 1
+        if depths[height] >= best:
+            continue
+        node = stack[height]
+        visited += 1
+        if link[node] < 0:
+            first = -1 - link[node]
+            for f in range(first, min(first + LEAF, n)):
+                low, _ = _triangle(cone, near, far, corners, f)
+                if low < best:
+                    best, place, far = low, f, low
+            if best <= near:
+                break  # nothing comes before the beginning
+            continue
+        left, right = node + 1, link[node]
+        one = _box(cone, slack, slack_y, near, far, boxes, left)
+        two = _box(cone, slack, slack_y, near, far, boxes, right)
+        if one > two:
+            left, right, one, two = right, left, two, one
+        if two < math.inf:
+            stack[height], depths[height] = right, two
+            height += 1
+        if one < math.inf:
+            stack[height], depths[height] = left, one
+            height += 1
+    return best, place, visited
+
+
+@kernel
+def collect(packed, near, far, boxes, link, corners, out):
+    """Places of all triangles that the cone meets in [near, far]: their number, and as many in ``out`` as it holds.
+
+    packed : float64[CONE]
+    out    : int64[room]
+
+    Return also the number of nodes visited.
+    """
+    n, found, visited = corners.shape[0], 0, 0
+    if link.shape[0] == 0:
+        return found, visited
+    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    slack_y = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8]))
+    if _box(cone, slack, slack_y, near, far, boxes, 0) == math.inf:
+        return found, visited
+    stack = np.empty(DEPTH, np.int32)
+    stack[0], height = 0, 1
+    while height > 0:
+        height -= 1
+        node = stack[height]
+        visited += 1
+        if link[node] < 0:
+            first = -1 - link[node]
+            for f in range(first, min(first + LEAF, n)):
+                low, _ = _triangle(cone, near, far, corners, f)
+                if low < math.inf:
+                    if found < out.shape[0]:
+                        out[found] = f
+                    found += 1
+            continue
+        left, right = node + 1, link[node]
+        if _box(cone, slack, slack_y, near, far, boxes, right) < math.inf:
+            stack[height] = right
+            height += 1
+        if _box(cone, slack, slack_y, near, far, boxes, left) < math.inf:
+            stack[height] = left
+            height += 1
+    return found, visited
+
+
+@kernel
+def triangles_in_cones(cones, near, far, corners, low, high):
+    """Depths of triangle n in cone n, for all n; (inf, -inf) for a miss.
+
+    cones : float64[n, CONE];  near, far : float64[n];  corners : float64[n, 9];  low, high : float64[n], out
+    """
+    for n in range(cones.shape[0]):
+        low[n], high[n] = _triangle(_unpacked(cones[n]), near[n], far[n], corners, n)
+
+
+@kernel
+def boxes_in_cones(cones, near, far, boxes, low):
+    """Depth of box n in cone n, for all n; inf for a miss."""
+    for n in range(cones.shape[0]):
+        cone, box = _unpacked(cones[n]), boxes[n : n + 1]
+        slack = rounding(cones[n], box)
+        slack_y = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8]))
+        low[n] = _box(cone, slack, slack_y, near[n], far[n], box, 0)
+
+

@@ -1,0 +1,149 @@
+"""Radio coverage: received power over a map, in dB over 1 mW.
+
+A beam of power w that crosses a cell of area A at the angle theta adds w / (A |cos theta|) to the power flux E there;
+an antenna of gain G_r then receives P = E wavelength^2 G_r / 4 pi. Lengths in metres, frequencies in hertz, power in
+watts. In free space this is Friis' formula, (wavelength / 4 pi R)^2 G_t G_r.
+
+Source: S. Steinberg, M. Pharr, *Wave Tracing*, section on coverage; H. T. Friis, Proc. IRE 34, 254 (1946).
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.parallel import Threads
+from specklegen.core.random_streams import Seed
+from specklegen.core.values import Array, Positive, Value
+from specklegen.wavetracing.emitters import PointEmitter
+from specklegen.wavetracing.geometry import Geometry
+from specklegen.wavetracing.materials import LIGHT_SPEED
+from specklegen.wavetracing.phased_rays import phase_rays
+from specklegen.wavetracing.plane import Plane
+from specklegen.wavetracing.tracing import Ledger, Statistics, trace
+
+
+class Transmitter(Value):
+    """An antenna that radiates evenly.
+
+    Attributes
+    ----------
+    position : float64[3]
+        Metres.
+    power : float
+        Watts; 1 mW by default, so that maps show the gain of the path in dB.
+    beam_angle : float
+        Half opening angle of beams, radians.
+    """
+
+    position: Array
+    power: Positive = 1e-3
+    beam_angle: float = Field(0.02, gt=0, lt=np.pi / 4, allow_inf_nan=False)
+
+    def __init__(self, position, power=1e-3, beam_angle=0.02):
+        super().__init__(position=position, power=power, beam_angle=beam_angle)
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if self.position.shape != (3,):
+            reject("Transmitter.position", "a point float64[3]", self.position.shape)
+        return self
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Received power over a map.
+
+    Attributes
+    ----------
+    rss_dBm : masked float64[h, w]
+        dB over 1 mW; -inf and masked where no beam came by.
+    error : masked float64[h, w]
+        Standard error in dB, to first order; masked alike.
+    ledger, statistics
+        Of the trace; None for "phase", which traces no beams.
+    """
+
+    rss_dBm: np.ma.MaskedArray
+    error: np.ma.MaskedArray
+    ledger: Ledger | None
+    statistics: Statistics | None
+
+
+def coverage(
+    geometry: Geometry,
+    transmitter: Transmitter,
+    plane: Plane,
+    frequency: float,
+    method: Literal["wave", "ray", "phase"] = "wave",
+    *,
+    gain: float = 1.0,
+    beams: int = 200_000,
+    seed: Seed = 0,
+    max_events: int = 16,
+    threads: Threads = None,
+) -> Coverage:
+    """Map the power that an antenna would receive.
+
+    Parameters
+    ----------
+    geometry
+        The scene, in metres; building materials take their properties at ``frequency``.
+    transmitter
+        Where the waves come from.
+    plane
+        The map: one value a pixel, the mean over it; for "phase" at its middle.
+    frequency
+        Hertz.
+    method
+        "wave" (with diffraction), "ray", or "phase": all paths of one reflection and two edges at most, with their
+        phases, without chance (`phase_rays`; soft, every surface perfect).
+    gain
+        G_r of the receiving antenna, as a factor.
+    beams, seed, max_events, threads
+        As in `trace`.
+
+    Raises
+    ------
+    RuleError
+        For an argument out of range.
+    """
+    if not 0 < frequency < np.inf:
+        reject("coverage frequency", "positive and finite (Hz)", frequency)
+    if not 0 < gain < np.inf:
+        reject("coverage gain", "positive and finite", gain)
+    if method not in ("wave", "ray", "phase"):
+        reject("coverage method", "'wave', 'ray' or 'phase'", method)
+    if not isinstance(transmitter, Transmitter):
+        reject("coverage transmitter", "a Transmitter", transmitter)
+    wavelength = LIGHT_SPEED / frequency
+    source = PointEmitter(transmitter.position, wavelength, transmitter.power, transmitter.beam_angle)
+    if method == "phase":
+        power = received_power(np.abs(phase_rays(geometry, source, plane.points)) ** 2, wavelength, gain)
+        none = power == 0
+        return Coverage(
+            np.ma.array(decibel_milliwatt(power), mask=none), np.ma.array(np.zeros_like(power), mask=none), None, None
+        )
+    found = trace(geometry, source, plane, beams, seed, mode=method, max_events=max_events, threads=threads)
+    power = received_power(found.fluence[0], wavelength, gain)
+    none = power == 0
+    relative = np.divide(found.fluence_error[0], found.fluence[0], out=np.zeros_like(power), where=~none)
+    return Coverage(
+        rss_dBm=np.ma.array(decibel_milliwatt(power), mask=none),
+        error=np.ma.array(10 / np.log(10) * relative, mask=none),
+        ledger=found.ledger,
+        statistics=found.statistics,
+    )
+
+
+def received_power(flux: np.ndarray, wavelength: float, gain: float = 1.0) -> np.ndarray:
+    """Return E wavelength^2 G_r / 4 pi in watts, of power fluxes in W/m^2."""
+    return np.asarray(flux) * wavelength**2 * gain / (4 * np.pi)
+
+
+def decibel_milliwatt(power: np.ndarray) -> np.ndarray:
+    """Return powers in watts as dB over 1 mW; -inf for none."""
+    power = np.asarray(power, float)
+    return 10 * np.log10(1e3 * power, out=np.full(power.shape, -np.inf), where=power > 0)

@@ -1,0 +1,127 @@
+"""Sources of beams."""
+
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Array, Positive, Value, unit_vectors
+from specklegen.kernels.beam_sources import COLLIMATED, POINT, SOURCE
+
+
+class CollimatedEmitter(Value):
+    """Parallel light over a rectangle, as an ensemble of Gaussian beams of evenly spread centres.
+
+    The ensemble is a Gaussian Schell-model source of coherence width sigma_g = sqrt(2 Sigma) = 2 beam_radius / 3: two
+    points d apart have the degree of coherence exp(-d^2 / 4 Sigma). A wide beam is coherent light, a narrow one is not.
+
+    Attributes
+    ----------
+    lower, upper : float64[3]
+        Two opposite corners of a rectangle across one coordinate axis, along which they agree.
+    direction : float64[3]
+        Unit vector of travel, not in the rectangle's plane.
+    beam_radius : float
+        Half-width a of a beam's envelope, three standard deviations of its intensity: Sigma = 2 (a / 3)^2.
+    wavelength : float
+    power : float
+        Of the whole rectangle.
+
+    Raises
+    ------
+    RuleError
+        For corners that do not span a rectangle, a direction within it, or a beam that is not paraxial.
+    """
+
+    lower: Array
+    upper: Array
+    direction: Array
+    beam_radius: Positive
+    wavelength: Positive
+    power: Positive = 1.0
+
+    def __init__(self, lower, upper, direction, beam_radius, wavelength, power=1.0):
+        super().__init__(
+            lower=lower, upper=upper, direction=direction, beam_radius=beam_radius, wavelength=wavelength, power=power
+        )
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        for name in ("lower", "upper", "direction"):
+            if getattr(self, name).shape != (3,):
+                reject(f"CollimatedEmitter.{name}", "float64[3]", getattr(self, name).shape)
+        unit_vectors("CollimatedEmitter.direction", self.direction)
+        size = self.upper - self.lower
+        if (size < 0).any() or (size > 0).sum() != 2:
+            reject("CollimatedEmitter.upper", "above lower along two axes, and equal to it along the third", self.upper)
+        if abs(self.direction[size.argmin()]) < 1e-9:
+            reject("CollimatedEmitter.direction", "out of the rectangle's plane", self.direction)
+        if self.tangent >= 1:
+            reject("CollimatedEmitter.beam_radius", "above 0.72 wavelengths", self.beam_radius)
+        return self
+
+    @property
+    def sigma(self) -> float:
+        """Transverse parameter Sigma of each beam (an area)."""
+        return 2 * (self.beam_radius / 3) ** 2
+
+    @property
+    def tangent(self) -> float:
+        """Tangent 9 / (2 k a) of the half opening angle of each beam."""
+        return 9 * self.wavelength / (4 * np.pi * self.beam_radius)
+
+    def packed(self) -> np.ndarray:
+        """Return what kernels know, float64[SOURCE]."""
+        out = np.empty(SOURCE)
+        out[0], out[1:4], out[4:7], out[7:10] = COLLIMATED, self.lower, self.upper, self.direction
+        out[10], out[11] = self.beam_radius, self.tangent
+        return out
+
+
+class PointEmitter(Value):
+    """A point that radiates evenly in all directions, as beams of mean directions spread evenly.
+
+    Attributes
+    ----------
+    position : float64[3]
+    wavelength : float
+    power : float
+        Into the whole sphere.
+    beam_angle : float
+        Half opening angle of a beam's envelope, radians, below pi / 4; the half-width is 9 / (2 k tan(beam_angle)).
+    """
+
+    position: Array
+    wavelength: Positive
+    power: Positive = 1.0
+    beam_angle: float = Field(0.02, gt=0, lt=np.pi / 4, allow_inf_nan=False)
+
+    def __init__(self, position, wavelength, power=1.0, beam_angle=0.02):
+        super().__init__(position=position, wavelength=wavelength, power=power, beam_angle=beam_angle)
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if self.position.shape != (3,):
+            reject("PointEmitter.position", "a point float64[3]", self.position.shape)
+        return self
+
+    @property
+    def tangent(self) -> float:
+        """Tangent of the beam angle."""
+        return float(np.tan(self.beam_angle))
+
+    @property
+    def beam_radius(self) -> float:
+        """Half-width a of a beam at the source."""
+        return 9 * self.wavelength / (4 * np.pi * self.tangent)
+
+    def packed(self) -> np.ndarray:
+        """Return what kernels know, float64[SOURCE]."""
+        out = np.zeros(SOURCE)
+        out[0], out[1:4], out[4:7] = POINT, self.position, self.position
+        out[10], out[11] = self.beam_radius, self.tangent
+        return out
+
+
+Emitter = CollimatedEmitter | PointEmitter

@@ -1,0 +1,207 @@
+"""Meshes joined into one scene that cones and rays query.
+
+Faces are numbered through all meshes in their order. Queries are exact: `closest` is the least depth at which any
+point of any triangle lies in the cone, `collect` finds every triangle that does, and rays pass between no two welded
+triangles. See `specklegen.kernels.cones`, `cone_bvh` and `ray_bvh` for how.
+"""
+
+import warnings
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.parallel import Threads, map_blocks, slices
+from specklegen.kernels import cone_bvh, ray_bvh
+from specklegen.wavetracing.cones import Cone
+from specklegen.wavetracing.edges import Edges, Topology, edges_of, topology, weld
+from specklegen.wavetracing.meshes import Mesh
+
+_RAYS = 16384  # in a block
+_NEEDLE = 1e-12  # of doubled area over squared length, below which a triangle is treated as its edges
+
+
+class Geometry:
+    """Triangles of one or more meshes, welded, in a hierarchy.
+
+    Parameters
+    ----------
+    meshes
+        One mesh or several.
+
+    Attributes
+    ----------
+    vertices : float64[V, 3]
+        Of all meshes.
+    faces : int32[F, 3]
+        Without duplicates.
+    number : int32[F]
+        Number of each face through all meshes, duplicates counted; what queries return.
+    mesh : int32[F]
+        The mesh of each face.
+
+    Raises
+    ------
+    RuleError
+        If there is no mesh, or something else is given.
+    """
+
+    def __init__(self, meshes: Mesh | Sequence[Mesh]) -> None:
+        self.meshes = (meshes,) if isinstance(meshes, Mesh) else tuple(meshes)
+        if not self.meshes or not all(isinstance(mesh, Mesh) for mesh in self.meshes):
+            reject("Geometry.meshes", "one mesh or several", [type(mesh).__name__ for mesh in self.meshes])
+        starts = np.cumsum([0, *(len(mesh.vertices) for mesh in self.meshes)])
+        self.vertices = np.concatenate([mesh.vertices for mesh in self.meshes])
+        faces = np.concatenate(
+            [mesh.faces + np.int32(start) for mesh, start in zip(self.meshes, starts, strict=False)], dtype=np.int32
+        )
+        mesh = np.repeat(np.arange(len(self.meshes), dtype=np.int32), [len(m.faces) for m in self.meshes])
+        self.welded = weld(self.vertices)
+        kept = _without_duplicates(self.welded, faces)
+        self.faces, self.number, self.mesh = faces[kept], kept.astype(np.int32), mesh[kept]
+        self._warn_of_slivers()
+        nodes = cone_bvh.node_count(len(self.faces))
+        self.boxes, self.link = np.empty((nodes, 6)), np.empty(nodes, np.int32)
+        self.order = np.empty(len(self.faces), np.int32)
+        cone_bvh.build(self.vertices, self.faces, self.boxes, self.link, self.order)
+        self.corners = np.empty((len(self.faces), 9))
+        cone_bvh.lay_out(self.vertices, self.faces, self.order, self.corners)
+
+    def __len__(self) -> int:
+        return len(self.faces)
+
+    def _warn_of_slivers(self) -> None:
+        a, b, c = (self.vertices[self.faces[:, n]] for n in range(3))
+        double = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        longest = np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))])
+        flat = int((double <= _NEEDLE * longest).sum())
+        if flat:
+            warnings.warn(f"{flat} triangles have no area: they count as their edges", DoubtWarning, stacklevel=3)
+
+    @property
+    def memory(self) -> int:
+        """Bytes of the arrays that queries need, those of the meshes included."""
+        own = (self.vertices, self.faces, self.number, self.mesh, self.welded)
+        tree = (self.boxes, self.link, self.order, self.corners)
+        return sum(array.nbytes for array in own + tree)
+
+    @cached_property
+    def topology(self) -> Topology:
+        """Which faces meet at which sides; `DoubtWarning` where more than two do, or two meshes share an edge."""
+        found = topology(self.vertices, self.faces, self.welded)
+        if found.crowded:
+            warnings.warn(
+                f"more than two faces meet at {found.crowded} edges: each ends there as a boundary of its own",
+                DoubtWarning,
+                stacklevel=2,
+            )
+        across = self.mesh[found.neighbour] != np.repeat(self.mesh, 3)
+        shared = int((across & (found.neighbour >= 0)).sum()) // 2
+        if shared:
+            warnings.warn(
+                f"{shared} edges of two meshes coincide: they are welded, and diffract as one",
+                DoubtWarning,
+                stacklevel=2,
+            )
+        return found
+
+    @cached_property
+    def edges(self) -> Edges:
+        """Edges that diffract: boundaries, and wedges below 175 degrees; their faces are rows of ``faces``."""
+        return edges_of(self.vertices, self.faces, self.topology)
+
+    def silhouettes(self, direction: np.ndarray) -> np.ndarray:
+        """Numbers int64[m] of the edges that border what is seen along ``direction`` float64[3].
+
+        Those between a face that is lit, d . n < 0, and one that is not, and every boundary. A face seen edge on,
+        d . n = 0, is not lit; so a box met squarely has the four edges of its front, where (d . n1)(d . n2) < 0
+        would find none.
+        """
+        d = np.asarray(direction, float)
+        if d.shape != (3,) or not np.isfinite(d).all() or not d.any():
+            reject("Geometry.silhouettes direction", "a direction float64[3]", direction)
+        a, b, c = (self.vertices[self.faces[:, n]] for n in range(3))
+        lit = np.cross(b - a, c - a) @ d < 0
+        one, two = self.edges.faces.T
+        return np.flatnonzero((two < 0) | (lit[one] != lit[two]))
+
+    def closest(self, cone: Cone, near: float = 0.0, far: float = np.inf) -> tuple[float, int]:
+        """Least depth in [near, far] at which the cone meets a triangle, and the triangle; (inf, -1) for none."""
+        _check_depths(near, far)
+        depth, place, _ = cone_bvh.closest(cone.packed(), near, far, self.boxes, self.link, self.corners)
+        return float(depth), int(self.number[self.order[place]]) if place >= 0 else -1
+
+    def collect(self, cone: Cone, near: float = 0.0, far: float = np.inf) -> np.ndarray:
+        """Return the numbers int64[m] of all triangles that the cone meets in [near, far], in rising order."""
+        _check_depths(near, far)
+        out = np.empty(64, np.int64)
+        while True:
+            found, _ = cone_bvh.collect(cone.packed(), near, far, self.boxes, self.link, self.corners, out)
+            if found <= len(out):
+                return np.sort(self.number[self.order[out[:found]]].astype(np.int64))
+            out = np.empty(found, np.int64)
+
+    def ray(
+        self, origins: np.ndarray, directions: np.ndarray, near: float = 0.0, threads: Threads = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Nearest triangle on each ray, beyond ``near``.
+
+        Parameters
+        ----------
+        origins, directions : float64[..., 3]
+            Broadcast against each other; directions of any length but 0.
+
+        Returns
+        -------
+        distance : float64[...]
+            In units of each direction's length; inf where nothing is met.
+        face : int64[...]
+            -1 where nothing is met.
+
+        Raises
+        ------
+        RuleError
+            For values that are not finite, or a direction of no length.
+        """
+        origins, directions = np.broadcast_arrays(np.asarray(origins, float), np.asarray(directions, float))
+        if origins.ndim < 1 or origins.shape[-1] != 3:
+            reject("Geometry.ray origins", "points float64[..., 3]", origins.shape)
+        if not np.isfinite(origins).all() or not np.isfinite(directions).all():
+            reject("Geometry.ray", "called with finite origins and directions", "a value that is not")
+        if not directions.any(axis=-1).all():
+            reject("Geometry.ray directions", "of positive length", np.zeros(3))
+        shape = origins.shape[:-1]
+        origins = np.ascontiguousarray(origins.reshape(-1, 3))
+        directions = np.ascontiguousarray(directions.reshape(-1, 3))
+        distance, place = np.empty(len(origins)), np.empty(len(origins), np.int64)
+        everywhere = np.empty(0, np.int32)  # no facet is skipped
+
+        def block(part: slice) -> None:
+            ray_bvh.nearest_of(
+                origins[part], directions[part], near, everywhere, self.boxes, self.link, self.corners,
+                distance[part], place[part],
+            )  # fmt: skip
+
+        map_blocks(block, slices(len(origins), _RAYS), threads)
+        face = np.where(place >= 0, self.number[self.order[place]] if len(self) else -1, -1).astype(np.int64)
+        return distance.reshape(shape), face.reshape(shape)
+
+
+def _check_depths(near: float, far: float) -> None:
+    if np.isnan(near) or np.isnan(far) or not -np.inf < near:
+        reject("cone depths near, far", "numbers, near finite", (near, far))
+
+
+def _without_duplicates(welded: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Rows of ``faces`` of which no earlier one has the same three vertices; warns of the others."""
+    if not len(faces):
+        return np.empty(0, np.int64)
+    corners = np.sort(welded[faces], axis=1)
+    order = np.lexsort(corners.T)  # stable: the first of its kind stays
+    same = np.zeros(len(faces), bool)
+    same[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
+    dropped = int(same.sum())
+    if dropped:
+        warnings.warn(f"{dropped} duplicate triangles were dropped", DoubtWarning, stacklevel=4)
+    return np.flatnonzero(~same)

@@ -1,0 +1,163 @@
+"""What a surface does with the light that meets it.
+
+Field reflection of a half space of relative permittivity eta, with time e^{-i omega t}, c = cos(theta) and
+q = sqrt(eta - sin(theta)^2), Im q >= 0:
+
+    r_TE = (c - q) / (c + q),   r_TM = (eta c - q) / (eta c + q),
+
+and of a wall of thickness D between air and air, with x = exp(i 2 pi D q / wavelength):
+
+    R = r (1 - x^2) / (1 - r^2 x^2),   T = (1 - r^2) x / (1 - r^2 x^2).
+
+Building materials follow Recommendation ITU-R P.2040-3: eta = a f^b + i 17.975 c f^(d - 1), f in GHz. Power is
+unpolarised in wave tracing: the mean of TE and TM.
+"""
+
+import warnings
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.values import ComplexNumber, Positive, UnitInterval, Value
+
+# Kinds as the kernels know them.
+ABSORBER, CONDUCTOR, HALF_SPACE, WALL, DIFFUSE = 0, 1, 2, 3, 4
+LIGHT_SPEED = 299_792_458.0
+
+# a, b, c, d and the band in GHz for which they are stated.
+ITU: dict[str, tuple[float, float, float, float, float, float]] = {
+    "concrete": (5.24, 0.0, 0.0462, 0.7822, 1, 100),
+    "brick": (3.91, 0.0, 0.0238, 0.16, 1, 40),
+    "plasterboard": (2.73, 0.0, 0.0085, 0.9395, 1, 100),
+    "wood": (1.99, 0.0, 0.0047, 1.0718, 1, 100),
+    "glass": (6.31, 0.0, 0.0036, 1.3394, 1, 100),
+    "ceiling board": (1.48, 0.0, 0.0011, 1.075, 1, 100),
+    "chipboard": (2.58, 0.0, 0.0217, 0.78, 1, 100),
+    "plywood": (2.71, 0.0, 0.33, 0.0, 1, 40),
+    "marble": (7.074, 0.0, 0.0055, 0.9262, 1, 60),
+    "floorboard": (3.66, 0.0, 0.0044, 1.3515, 50, 100),
+    "metal": (1.0, 0.0, 1e7, 0.0, 1, 100),
+    "very dry ground": (3.0, 0.0, 0.00015, 2.52, 1, 10),
+    "medium dry ground": (15.0, -0.1, 0.035, 1.63, 1, 10),
+    "wet ground": (30.0, -0.4, 0.15, 1.3, 1, 10),
+}
+
+
+def itu_permittivity(name: str, frequency: float) -> complex:
+    """Return the relative permittivity of a building material at a frequency in hertz (ITU-R P.2040-3).
+
+    Outside the band for which the formula is stated it warns with a `DoubtWarning`.
+
+    Raises
+    ------
+    RuleError
+        For an unknown name, or a frequency that is not positive and finite.
+    """
+    if name not in ITU:
+        reject("material name", f"one of {', '.join(ITU)}", name)
+    if not 0 < frequency < np.inf:
+        reject("frequency", "positive and finite (Hz)", frequency)
+    a, b, c, d, lowest, highest = ITU[name]
+    gigahertz = frequency / 1e9
+    if not lowest <= gigahertz <= highest:
+        warnings.warn(
+            f"the permittivity of {name} is stated for {lowest:g} to {highest:g} GHz, not {gigahertz:.4g} GHz",
+            DoubtWarning,
+            stacklevel=2,
+        )
+    # sigma = c f^d over (omega eps_0) is 17.975 c f^(d - 1)
+    return complex(a * gigahertz**b, 17.975 * c * gigahertz ** (d - 1))
+
+
+def fresnel(permittivity: complex, cosine: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the field reflection coefficients (r_TE, r_TM) of a half space at cos(theta) in [0, 1]."""
+    c = np.asarray(cosine, float)
+    q = np.sqrt(np.asarray(permittivity - (1 - c * c), complex))
+    q = np.where(q.imag < 0, -q, q)
+    return (c - q) / (c + q), (permittivity * c - q) / (permittivity * c + q)
+
+
+def wall_coefficients(
+    permittivity: complex, thickness: float, wavelength: float, cosine: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return (R_TE, T_TE, R_TM, T_TM) of a wall in air; T includes the phase through the wall."""
+    c = np.asarray(cosine, float)
+    q = np.sqrt(np.asarray(permittivity - (1 - c * c), complex))
+    q = np.where(q.imag < 0, -q, q)
+    x = np.exp(2j * np.pi * thickness / wavelength * q)
+    found = []
+    for r in fresnel(permittivity, c):
+        below = 1 - r * r * x * x
+        found += [r * (1 - x * x) / below, (1 - r * r) * x / below]
+    return found[0], found[1], found[2], found[3]
+
+
+class Absorber(Value):
+    """A black surface: takes all light in."""
+
+    kind: Literal["absorber"] = "absorber"
+
+    def row(self, wavelength: float) -> np.ndarray:
+        """Return what the kernels know of it: kind, Re and Im of the permittivity, thickness in wavelengths."""
+        return np.array([ABSORBER, 0.0, 0.0, 0.0])
+
+
+class Conductor(Value):
+    """A perfect electric conductor: reflects all light, as a mirror."""
+
+    kind: Literal["conductor"] = "conductor"
+
+    def row(self, wavelength: float) -> np.ndarray:
+        """Return what the kernels know of it; see `Absorber.row`."""
+        return np.array([CONDUCTOR, 0.0, 0.0, 0.0])
+
+
+class Diffuse(Value):
+    """A Lambert surface: reflects the share ``albedo`` of power over its hemisphere, on the side that is lit."""
+
+    kind: Literal["diffuse"] = "diffuse"
+    albedo: UnitInterval
+
+    def row(self, wavelength: float) -> np.ndarray:
+        """Return what the kernels know of it; the albedo stands for Re of the permittivity."""
+        return np.array([DIFFUSE, self.albedo, 0.0, 0.0])
+
+
+class Smooth(Value):
+    """A smooth dielectric: a half space, or a wall of a thickness in air, which also transmits.
+
+    ``permittivity`` is relative, with Im >= 0; ``thickness`` in the unit of lengths.
+    """
+
+    kind: Literal["smooth"] = "smooth"
+    permittivity: ComplexNumber
+    thickness: Positive | None = None
+
+    def model_post_init(self, context) -> None:
+        """Refuse gain."""
+        if self.permittivity.imag < 0 or self.permittivity == 0:
+            reject("Smooth.permittivity", "not 0, with Im >= 0 (time e^{-i omega t})", self.permittivity)
+
+    def row(self, wavelength: float) -> np.ndarray:
+        """Return what the kernels know of it; see `Absorber.row`."""
+        kind = HALF_SPACE if self.thickness is None else WALL
+        return np.array([kind, self.permittivity.real, self.permittivity.imag, (self.thickness or 0.0) / wavelength])
+
+
+class Building(Value):
+    """A building material of ITU-R P.2040-3, by name; lengths in metres. With a thickness it is a wall."""
+
+    kind: Literal["building"] = "building"
+    name: str
+    thickness: Positive | None = None
+
+    def row(self, wavelength: float) -> np.ndarray:
+        """Return what the kernels know of it at a wavelength in metres."""
+        eta = itu_permittivity(self.name, LIGHT_SPEED / wavelength)
+        return Smooth(permittivity=eta, thickness=self.thickness).row(wavelength)
+
+
+Material = Annotated[Absorber | Conductor | Diffuse | Smooth | Building, Field(discriminator="kind")]
+"""Any of the materials."""

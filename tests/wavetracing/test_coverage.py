@@ -1,0 +1,102 @@
+"""Coverage maps against Friis' formula, images in the ground, and shadow."""
+
+import numpy as np
+import pytest
+from wavetracing.solids import box
+from zscore import assert_z
+
+from specklegen.core.errors import RuleError
+from specklegen.wavetracing import Absorber, Conductor, Geometry, Mesh, Plane, Transmitter, coverage
+from specklegen.wavetracing.coverage_map import decibel_milliwatt, received_power
+from specklegen.wavetracing.materials import LIGHT_SPEED
+
+AIR = Geometry(Mesh(np.empty((0, 3)), np.empty((0, 3), int)))
+WAVELENGTH = LIGHT_SPEED / 1e9
+
+
+def sheet(half, z, material):
+    corners = half * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]]) + [0, 0, z]
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), material)
+
+
+def street(z=0.0, shape=(5, 5), pitch=40.0, center=(0, 0)):
+    return Plane(center=np.array([*center, z]), shape=shape, pitch=pitch)
+
+
+def mean_inverse_square(plane, source, order=12):
+    """Mean over each cell of 1 / R^2."""
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    x, y = plane.coordinates
+    u = x[:, None] + plane.pitch / 2 * nodes
+    v = y[:, None] + plane.pitch / 2 * nodes
+    dx, dy, dz = u + plane.center[0] - source[0], v + plane.center[1] - source[1], plane.center[2] - source[2]
+    inverse = 1 / (dx[None, None] ** 2 + dy[:, :, None, None] ** 2 + dz**2)
+    return np.einsum("iajb,a,b->ij", inverse, weights, weights) / 4
+
+
+def test_friis():
+    """1 mW at 1 GHz over 100 m; exact."""
+    flux = 1e-3 / (4 * np.pi * 100**2)
+    assert decibel_milliwatt(received_power(flux, WAVELENGTH)) == pytest.approx(-72.448, abs=5e-4)
+    assert decibel_milliwatt(np.array([0.0]))[0] == -np.inf
+
+
+@pytest.mark.parametrize("method", ["wave", "ray"])
+def test_cells_of_a_map_in_free_space(method):
+    """The mean over each cell, against Friis; a map edge on to none of the beams."""
+    plane, source = street(), [7.0, -11.0, 60.0]
+    found = coverage(AIR, Transmitter(source), plane, 1e9, method, beams=150_000, seed=3)
+    power = 1e-3 * 10 ** (found.rss_dBm.data / 10)
+    expected = 1e-3 * (WAVELENGTH / (4 * np.pi)) ** 2 * mean_inverse_square(plane, source)
+    error = power * found.error.data * np.log(10) / 10
+    assert_z(power, expected, error)
+    assert not found.rss_dBm.mask.any()
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(power * 1.12, expected, error)  # half a decibel
+
+
+def test_phases_in_free_space_are_friis_at_the_middles():
+    plane, source = street(), np.array([7.0, -11.0, 60.0])
+    found = coverage(AIR, Transmitter(source), plane, 1e9, "phase")
+    square = ((plane.points - source) ** 2).sum(axis=-1)
+    expected = 20 * np.log10(WAVELENGTH / (4 * np.pi)) - 10 * np.log10(square)
+    assert found.rss_dBm.data == pytest.approx(expected, abs=1e-9)
+    assert found.ledger is None
+
+
+def test_ground_that_mirrors_adds_its_image():
+    plane, source = street(z=30.0), np.array([0, 0, 60.0])
+    scene = Geometry(sheet(1e5, 0.0, Conductor()))
+    found = coverage(scene, Transmitter(source), plane, 1e9, beams=100_000, seed=4)
+    power = 1e-3 * 10 ** (found.rss_dBm.data / 10)
+    both = mean_inverse_square(plane, source) + mean_inverse_square(plane, -source)
+    expected = 1e-3 * (WAVELENGTH / (4 * np.pi)) ** 2 * both
+    assert_z(power, expected, power * found.error.data * np.log(10) / 10)
+
+
+def test_waves_reach_where_rays_do_not():
+    """Behind a screen rays leave the map empty and masked; waves bend in."""
+    scene = Geometry(box((0.5, 6.0, 6.0), (0, 0, 0), material=Absorber()))
+    behind = Plane(center=np.array([12.0, 0, 0]), normal=np.array([1.0, 0, 0]), shape=(1, 1), pitch=8.0)
+    source = Transmitter([-12.0, 0, 0], beam_angle=0.2)
+    ray = coverage(scene, source, behind, 1e9, "ray", beams=20_000)
+    assert ray.rss_dBm.mask.all()
+    assert (ray.rss_dBm.data == -np.inf).all()
+    wave = coverage(scene, source, behind, 1e9, beams=20_000)
+    assert wave.ledger is not None
+    assert wave.ledger.total == 20_000
+    assert not wave.rss_dBm.mask.any()
+    free = coverage(AIR, source, behind, 1e9, beams=20_000)
+    assert -40 < wave.rss_dBm[0, 0] - free.rss_dBm[0, 0] < -5
+
+
+def test_refused():
+    for changed, message in (
+        ({"frequency": 0.0}, "frequency"),
+        ({"method": "best"}, "method"),
+        ({"gain": -1.0}, "gain"),
+        ({"transmitter": [0, 0, 0]}, "a Transmitter"),
+    ):
+        arguments = {"transmitter": Transmitter([0, 0, 0]), "frequency": 1e9} | changed
+        with pytest.raises(RuleError, match=message):
+            coverage(AIR, plane=street(), **arguments)
