@@ -1,4 +1,4 @@
-"""Images a second of streams, of the torch samplers and of the direct sum on one device, beside what it can do.
+"""Images a second of streams and of the torch samplers on one device, beside what it can do.
 
     python scripts/gpu_benchmark.py --device cuda      about two minutes; writes nothing unless --json is given
     python scripts/gpu_benchmark.py --device cpu       the same on the CPU, for comparison
@@ -18,16 +18,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from specklegen.paths.slab_optics import Optics, random_phases
-from specklegen.samplers.path_sums.device import device_field
 
 import specklegen as sg
 from specklegen.datasets import load_recipe
 from specklegen.datasets.batched import plan
 from specklegen.datasets.batched.generator import SpeckleGenerator
-from specklegen.paths.slab_optics import Optics, random_phases
-from specklegen.paths.slab_tracer import beam_proposal, trace
-from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.stacks import stack_sampler
@@ -118,28 +113,6 @@ def hidden_objects(kernel: MemoryEffectCorrelation, device: torch.device, repeat
         "rate": 1 / took, "error": error,
         "bytes": 8.0 * 128**2 * 4 * transforms,
         "operations": float(transforms * 5 * (256**2) * np.log2(256**2)),
-    }  # fmt: skip
-
-
-def direct(device: torch.device, repeats: int) -> dict[str, float]:
-    """Direct sums of 4096 connections at 128 x 128 views ten degrees across, five tilts, single precision."""
-    views = sg.FarField.grid((128, 128), pitch=float(np.sin(np.deg2rad(5))) / 64).directions.reshape(-1, 3)
-    beams = sg.CollimatedBeams.tilts(1e-4 * np.arange(5), width=250.0)
-    optics = Optics.of(1.0, MEDIUM, beams)
-    bank = trace(MEDIUM, beam_proposal(MEDIUM, beams, views[:1]), 0, 2000)
-    bank = bank.select(slice(0, 4096))
-    phases = random_phases(bank, 0)
-    single = {"device": device, "dtype": torch.complex64}
-    few = np.random.default_rng(0).choice(len(views), 64, replace=False)
-    exact = direct_field(bank, optics, phases, views[few])
-    error = agreement(device_field(bank, optics, phases, views[few], **single), exact, 1e-4)
-    took = seconds(lambda: device_field(bank, optics, phases, views, **single), device, repeats)
-    pairs = float(len(bank) * len(views))
-    return {
-        "rate": 1 / took, "error": error, "pairs": pairs / took,
-        # Ends of every pair are written and read once; a sine, a cosine, an exponential and a power count ten each.
-        "bytes": 2 * 8 * pairs,
-        "operations": pairs * (8 * 5 + 50),
     }  # fmt: skip
 
 
@@ -236,7 +209,6 @@ def main() -> None:
         found |= {
             "stationary, 5 x 101 x 101 stacks": stationary(kernel, device, options.repeats),
             "hidden object, 128 x 128 images": hidden_objects(kernel, device, options.repeats),
-            "direct sum, 5 x 128 x 128 of 4096 connections": direct(device, options.repeats),
         }
     print(f"{'':<48}{'a second':>10}{'of copy':>10}{'of arithmetic':>15}{'error':>10}")
     for what, row in found.items():

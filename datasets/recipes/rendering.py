@@ -184,5 +184,6 @@ def realization(
         fields = PathSumFields(
             view.full, recipe.material.kernel_paths, seeds, len(view.tilts), view.seen.divisions
         )  # fmt: skip
-    told = parameters | {"sampler": float(chosen.sampler), "expected_error": chosen.expected_error}
+    told = parameters | recipe.material.labels(view.slab)
+    told |= {"sampler": float(chosen.sampler), "expected_error": chosen.expected_error}
     return MediumRealization(fields, sampler, told, view.tilts, recipe.light.halves**-0.5)

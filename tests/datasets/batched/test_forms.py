@@ -14,6 +14,7 @@ from specklegen.instrument.camera import Camera
 from specklegen.samplers.stationary.atlas import atlas_correlation, load
 from specklegen.samplers.stationary.contrast import lag_transform
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+from specklegen.scene.scatterers import HenyeyGreenstein
 
 RNG = np.random.default_rng(0)
 
@@ -32,6 +33,10 @@ def test_mixtures():
     np.testing.assert_allclose(FORMS["mixture"](q, radius, share), mixtures.mixture(q, radius, share), atol=1e-13)
 
 
+def slab_of(thickness, depth, g, albedo):
+    return Material.slab(thickness, depth, albedo, HenyeyGreenstein(g=g))
+
+
 def slabs():
     """Ends and inside of the atlas, and slabs outside it."""
     made = [
@@ -48,12 +53,12 @@ def test_kernels_and_half_ranges_are_those_of_the_atlas(tolerance):
     found = atlas.kernels(tables, *tensor.unbind(-1), tolerance)
     half, known = mixtures.half_range(found.radius, found.share, found.single)
     by_form, _ = FORMS["half_range"](found.radius, found.share, found.single)
-    inside = torch.tensor([load().place(Material.slab(*numbers)) is not None for numbers in made])
+    inside = torch.tensor([load().place(slab_of(*numbers)) is not None for numbers in made])
     assert 3 < inside.sum() < len(made)
     np.testing.assert_allclose(half[inside], by_form[inside], rtol=1e-12)
     assert known[inside].all()
     for n, numbers in enumerate(made):
-        slab = Material.slab(*numbers)
+        slab = slab_of(*numbers)
         kernel = atlas_correlation(slab, tolerance)
         assert (kernel is not None) == bool(found.served[n])
         if kernel is None:
@@ -64,9 +69,9 @@ def test_kernels_and_half_ranges_are_those_of_the_atlas(tolerance):
         assert float(half[n]) == pytest.approx(kernel.half_range(), rel=1e-11)
         # The interpolation is off by some 1e-6, the step of Newton by the square of that.
         assert kernel(kernel.half_range()) ** 2 == pytest.approx(0.5 + 0.5 * kernel.single_share**2, rel=1e-11)
-    assert found.served.tolist() == [tolerance > 0 and atlas_correlation(Material.slab(*m), tolerance) is not None
+    assert found.served.tolist() == [tolerance > 0 and atlas_correlation(slab_of(*m), tolerance) is not None
                                      for m in made]  # fmt: skip
-    assert load().place(Material.slab(*made[-1])) is None
+    assert load().place(slab_of(*made[-1])) is None
 
 
 def test_singly_scattered_light_has_no_half_range():

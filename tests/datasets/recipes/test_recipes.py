@@ -222,6 +222,9 @@ def test_lab_terms_and_engine_terms_make_the_same_images():
     one, two = lab.sample(0, "train", 1), engine.sample(0, "train", 1)
     np.testing.assert_array_equal(one["object"], two["object"])
     assert np.mean(one["image"] != two["image"]) < 1e-3  # rounding decides hardly a photon
+    # The two wavelengths differ in their last bit, and so do the pilots that the error is planned from.
+    errors = [sample["parameters"].pop("expected_error") for sample in (one, two)]
+    assert errors[0] == pytest.approx(errors[1], rel=0.1)
     assert one["parameters"] == pytest.approx(two["parameters"], rel=1e-9)
 
 
