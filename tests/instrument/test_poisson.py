@@ -60,8 +60,7 @@ def test_numbers_are_poisson(mean):
 
 @pytest.mark.parametrize("decade", range(-1, 6))
 def test_counted_photons_of_a_camera_are_poisson_over_six_decades(decade):
-    """Mean 0.3 to 3e5, each on a flat field of 2e5 pixels; a mean that is 1.5 standard errors of one pixel in a
-    hundred off, 2 % at the least, must be caught."""
+    """Mean 0.3 to 3e5, each on a flat field of 2e5 pixels; a mean 0.03 of the standard deviation off must be caught."""
     mean = 3.0 * 10.0**decade
     counts = expose(Camera(photons=mean, bit_depth=None), np.ones((400, 500)), NoiseStreams.of((9, decade + 1))).ravel()
     assert_poisson(counts.astype(np.float64), mean)

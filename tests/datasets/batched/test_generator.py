@@ -193,11 +193,9 @@ def test_sizes_hold_for_every_medium(profile):
         assert (cells.amax(0) >= 0.8 * torch.tensor(sizes.cells)).all()
 
 
-@pytest.mark.parametrize(
-    ("indices", "words"), [([], "at least one index"), ([-1], "at least one index, each a whole number of at least 0")]
-)
-def test_bad_indices_are_refused(indices, words):
-    with pytest.raises(ValueError, match=words):
+@pytest.mark.parametrize("indices", [[], [-1], [3, -2**40]])
+def test_bad_indices_are_refused(indices):
+    with pytest.raises(ValueError, match="at least one index, each a whole number of at least 0"):
         SpeckleGenerator(load_recipe("tilt-stack"), 0)(indices)
 
 
