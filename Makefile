@@ -10,7 +10,7 @@ BIN = .venv/bin
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet "$(TORCH)"
-	$(BIN)/pip install --quiet --editable ".[dev,digits,mie,dask,validate]"
+	$(BIN)/pip install --quiet --editable ".[dev,digits,mie,dask,mesh,validate]"
 	touch $@
 
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/

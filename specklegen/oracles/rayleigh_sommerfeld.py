@@ -13,7 +13,7 @@ from specklegen.core.errors import reject
 
 
 def surface_field(triangles: np.ndarray, points: np.ndarray, wavelength: float = 1.0, order: int = 60) -> np.ndarray:
-    """Field complex128[P] at ``points`` float64[P, 3], z > 0, behind ``triangles`` float64[T, 3, 2] that do not overlap.
+    """Field complex128[P] at ``points`` float64[P, 3], z > 0, behind disjoint ``triangles`` float64[T, 3, 2].
 
     ``order`` nodes along each side of a triangle: 60 give 1e-12 for sides of 10 wavelengths, at z of a wavelength or
     more.

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.errors import reject
 from specklegen.kernels.apertures import edge_transform, triangle_transform
-from specklegen.wavetracing.opening import Opening, rim_of
+from specklegen.wavetracing.opening import Opening, Rim, rim_of
 
 Amplitude = complex | Callable[[np.ndarray], np.ndarray]
 """A number, or a function of points float64[P, 2] that returns complex128[P]."""
@@ -26,7 +26,7 @@ MOST_TRIANGLES = 1 << 18
 
 
 def aperture_transform(
-    opening: Opening, xi: ArrayLike, amplitude: Amplitude = 1.0, *, tolerance: float = 1e-3
+    opening: Opening | Rim, xi: ArrayLike, amplitude: Amplitude = 1.0, *, tolerance: float = 1e-3
 ) -> np.ndarray:
     """Return Psi(xi) of an opening.
 

@@ -40,8 +40,8 @@ class WindowLosses:
     rim : float
         In the outermost pixels. Small: the field ends within the window.
     seam : float
-        |u - u'|^2 of neighbours across opposite sides, which the series joins, against the power. 0 for uniform light,
-        whose rim is not.
+        |u - u'|^2 of neighbours across opposite sides, which the series joins, above that of neighbours inside, against
+        the power. 0 for uniform light, whose rim is not.
     evanescent : float
         At direction sines of 1 and more. No beam carries it.
     unresolved : float
@@ -67,13 +67,14 @@ def window_losses(fields: PlaneField | Sequence[PlaneField]) -> WindowLosses:
     stack, first = _window(fields)
     power = np.square(np.abs(stack)).sum()
     inner = np.square(np.abs(stack[:, 1:-1, 1:-1])).sum()
-    seam = np.square(np.abs(stack[:, 0] - stack[:, -1])).sum() + np.square(np.abs(stack[..., 0] - stack[..., -1])).sum()
+    seam = _seam(stack) + _seam(stack.swapaxes(1, 2))
     amplitudes, sines = _series(stack, first)
     each = np.square(np.abs(amplitudes)).sum(axis=1)
     travels = _travels(sines)
     upper = np.abs(sines).max(axis=1) > 0.75 * first.wavelength / (2 * first.pitch)
     shares = (power - inner) / power, seam / power, each[~travels].sum() / each.sum()
-    return WindowLosses(*map(float, shares), float(each[travels & upper].sum() / each.sum()))
+    rim, joined, evanescent = map(float, shares)
+    return WindowLosses(rim, joined, evanescent, float(each[travels & upper].sum() / each.sum()))
 
 
 def illumination_of(
@@ -155,6 +156,12 @@ def _series(stack: np.ndarray, first: PlaneField) -> tuple[np.ndarray, np.ndarra
     along = np.fft.fftfreq(count, 1 / count) * first.wavelength / (count * first.pitch)
     sines = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
     return face_modes(stack.reshape(len(stack), -1).T), sines
+
+
+def _seam(stack: np.ndarray) -> float:
+    """Power of the step from the last row to the first, above that of the mean step from row to row."""
+    inside = np.square(np.abs(np.diff(stack, axis=1))).sum() / max(stack.shape[1] - 1, 1)
+    return float(max(0.0, np.square(np.abs(stack[:, 0] - stack[:, -1])).sum() - inside))
 
 
 def _travels(sines: np.ndarray) -> np.ndarray:

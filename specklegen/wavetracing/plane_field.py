@@ -4,7 +4,8 @@ Four methods. The first two are the same integral, the first of Rayleigh and Som
 that of the light, the rest of the plane z = 0 is dark); the third knows how light bends at real edges; the fourth is
 its far field.
 
-* ``boundary``: by the rim, exact to 1e-13 at any distance; uniform light at right angles (`specklegen.kernels.apertures`).
+* ``boundary``: by the rim, exact to 1e-13 at any distance, for uniform light at right angles
+  (`specklegen.kernels.apertures`).
 * ``spectrum``: by plane waves, u = (1/4 pi^2) int Psi(xi) e^{i xi.r + iz sqrt(k^2 - xi^2)} d^2xi, any light, on planes
   parallel to the screen; periodic, so that what leaves the padded window comes back (`.angular_spectrum`).
 * ``utd``: geometric light plus one diffracted ray of each edge; soft or hard screens (`.edge_rays`).
@@ -13,7 +14,6 @@ its far field.
 When to believe which: docs/wavetracing.md.
 """
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -127,7 +127,6 @@ def _far_field(rim: Rim, light: Light, points: np.ndarray) -> np.ndarray:
     rays = points - middle
     r = np.linalg.norm(rays, axis=1)
     xi = k * rays[:, :2] / r[:, None]
-    transform: Callable[[np.ndarray], np.ndarray]
     if isinstance(light, PlaneWave):
         loops = [loop - rim.centre for loop in rim.loops]
         psi = aperture_transform(loops, xi - k * light.direction[:2]) * light.field(middle)

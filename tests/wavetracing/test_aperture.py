@@ -1,4 +1,4 @@
-"""The aperture operator by edges and by triangles, Gaussian masses: against quadrature, each other and frozen figures."""
+"""The aperture operator by edges and triangles, Gaussian masses: against quadrature, each other, frozen figures."""
 
 import numpy as np
 import pytest

@@ -166,7 +166,7 @@ def test_trials_of_slits(count):
 
 
 def test_trials_of_opposite_slits():
-    """Opposite phase, .05 of the width apart: 40 trials, the sum of powers over the power of the sum, 2 w / (2 x .05 w)."""
+    """Opposite phase, .05 of the width apart: N sum of powers / power of the sum = 2 (2 w) / (2 x .05 w) = 40."""
     drawn = sample_slits([1.0, 1.0], [0.0, 0.05], [0.0, np.pi], 20_000, 9, wavelength=None)
     assert_z(drawn.trials / 20_000, 40.0, np.sqrt(40 * 39 / 20_000))
 
