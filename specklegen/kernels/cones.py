@@ -54,8 +54,9 @@ def edge_interval(t, x0, y0, z0, w0, r0, x1, y1, z1, w1, r1):
     q = -half - root if half > 0.0 else -half + root
     far = q / square  # infinite where the direction is a generator of the cone
     near = rest / q
-    fits_far = -1e-9 <= far <= 1.0 + 1e-9 and w0 + far * dw >= 0.0
-    fits_near = -1e-9 <= near <= 1.0 + 1e-9 and w0 + near * dw >= 0.0
+    least = -1e-9 * max(abs(w0), abs(w1))  # an end at the apex may lie beyond it by its rounding
+    fits_far = -1e-9 <= far <= 1.0 + 1e-9 and w0 + far * dw >= least
+    fits_near = -1e-9 <= near <= 1.0 + 1e-9 and w0 + near * dw >= least
     if fits_far and fits_near:
         # Rounding put a root of the outer end next to it, or on the other nappe: the true one changes the sign here.
         s = max(far, near) if in0 else min(far, near)

@@ -100,6 +100,17 @@ def test_minimiser_agrees_a_million_times(count, seed, decades):
     assert left_out < 0.005
 
 
+def test_an_end_at_the_apex_to_the_last_bit():
+    """A corner that rounding puts just beyond the apex: the edge from it into the cone still begins there."""
+    for spot in (-6.477319666973191, np.nextafter(-6.477319666973191, -10), np.nextafter(-6.477319666973191, 0)):
+        corners = np.array([[0, 0, spot, 0.30250229, 2.16678343, 0.58914555, -0.32151812, 1.01791088, 1.00498398]])
+        cone = np.zeros((1, CONE))
+        cone[0, [3, 7, 11, 12, 13]] = 1, 1, 1, 1.7226989064958431, 0.2659586055756376
+        low, high = np.empty((2, 1))
+        triangles_in_cones(cone, np.array([-100.0]), np.array([50.0]), corners, low, high)
+        assert low[0] == pytest.approx(spot, abs=1e-9)
+
+
 def test_touching_is_a_hit():
     """A triangle that touches the cone's surface with a corner, an edge, or the end of the slab."""
     assert depth_of(1, 1, 0, [(1, 0, 5), (2, 1, 5), (2, -1, 5)]) == 5
