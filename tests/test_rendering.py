@@ -255,12 +255,12 @@ def test_mean_field_is_the_diffraction_pattern_of_the_window(profile):
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
 def test_mean_field_carries_the_ballistic_power(profile):
     """The integral of |m|^2 over views is e^-OD times the power of the window, in area."""
-    from specklegen.scene.illumination import illuminated_area
+    from specklegen.scene.window import Window
 
     this = scene(tilts=[0.0], shape=(801, 801), pitch=0.45, profile=profile)
     total = np.square(np.abs(sg.mean_field(this))).sum() * (0.45 * GRAIN) ** 2
     # The tails beyond 180 grains hold 2/(pi^2 180) of a square's power along each axis, and less of the others'.
-    assert total == pytest.approx(illuminated_area(WIDTH, profile) * np.exp(-2.0), rel=3e-3)
+    assert total == pytest.approx(Window(profile, WIDTH).area * np.exp(-2.0), rel=3e-3)
 
 
 def test_mean_field_follows_the_tilt_and_is_dark_in_reflection():

@@ -10,13 +10,14 @@ from specklegen.core.statistics import jackknife
 from specklegen.paths.endpoints import AXIS
 from specklegen.planning.planning import STATIONARY_TOLERANCE, plan
 from specklegen.samplers.stationary.correlation import estimate_correlation
-from specklegen.samplers.stationary.exit_grid import cells, window
+from specklegen.samplers.stationary.exit_grid import cells, sampled_amplitude
 from specklegen.samplers.stationary.gaussian_noise import complex_normals
 from specklegen.samplers.stationary.modes import Lattice, karhunen_loeve
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.stacks import mean_intensity, stack_sampler
 from specklegen.samplers.stationary.stationarity import pilot_error
 from specklegen.scene.illumination import directions_of_sines, object_sines
+from specklegen.scene.window import Window
 
 THICKNESS, WAVELENGTH = 1000.0, 0.5
 K = 2 * np.pi / WAVELENGTH
@@ -109,7 +110,7 @@ def test_stationary_contrast_and_correlation_are_those_of_its_kernel():
     axis = sampler.x
 
     def speckle(lag):
-        cut = window(axis, axis, scene.beams.width, "square")[axis.count // 2]
+        cut = sampled_amplitude(axis, axis, Window("square", scene.beams.width))[axis.count // 2]
         power = cut**2 / (cut**2).sum()
         return abs((power * np.exp(1j * K * lag * scene.sensor.pitch * axis.positions)).sum()) ** 2
 
@@ -129,7 +130,7 @@ def test_round_windows_have_round_speckle(profile):
     scene = stack_scene(pixels=(0,), profile=profile, shape=(24, 24))
     sampler = stack_sampler(scene, estimate_correlation(scene.medium, 2000, 3))
     x, y = sampler.x, sampler.y
-    power = window(x, y, scene.beams.width, profile) ** 2
+    power = sampled_amplitude(x, y, scene.beams.window) ** 2
     lags = np.array([1.0, 1.5, 2.0]) * scene.sensor.pitch
     model = [abs((power * np.exp(1j * K * lag * x.positions)).sum()) ** 2 for lag in lags]
     t = np.pi * scene.beams.width * lags / WAVELENGTH
@@ -153,7 +154,7 @@ def literal_stack(scene, sampler, kernel, seed, realization=0) -> np.ndarray:
     sines = scene.beams.directions[:, :2]
     view_x, view_y = scene.sensor.sines
     area = {"square": 1, "disc": np.pi / 4, "gaussian": np.pi / 8}[scene.beams.profile] * scene.beams.width**2
-    b = window(x, y, scene.beams.width, scene.beams.profile) * np.sqrt(mean_intensity(kernel, area))
+    b = sampled_amplitude(x, y, scene.beams.window) * np.sqrt(mean_intensity(kernel, area))
     stack = []
     for mix, (sx, sy) in zip(sampler.mixing.numpy(), sines, strict=True):
         g = (mix @ white).reshape(y.count, x.count) * b
@@ -201,7 +202,7 @@ def test_cells_hold_every_view_and_the_window():
             assert axis.period * 1e-5 >= span + 8 * WAVELENGTH / 2e4
             assert axis.count * axis.size >= support * 2e4 * (1 - 1e-9)
             assert axis.count <= axis.period
-            power = window(axis, axis, 2e4, profile) ** 2
+            power = sampled_amplitude(axis, axis, Window(profile, 2e4)) ** 2
             assert power.sum() == pytest.approx(1)
 
 
