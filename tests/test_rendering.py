@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import slab
 from scipy.special import j1
 from scipy.stats import kstest
 from slab_sums import direct
@@ -27,17 +28,11 @@ WAVELENGTH, WIDTH = 0.5, 4000.0
 GRAIN = WAVELENGTH / WIDTH
 
 
-def slab(optical_depth=2.0, g=0.0, thickness=100.0, **changes) -> sg.Slab:
-    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
-    fields = {"thickness": thickness, "mean_free_path": thickness / optical_depth, "scatterer": scatterer}
-    return sg.Slab(**(fields | changes))
-
-
 def scene(*, tilts=(0.0, 2.0), shape=(8, 9), pitch=0.5, medium=None, profile="square", side="transmission", **where):
     """Tilts and pitch in speckle grains."""
     return sg.Scene(
         wavelength=WAVELENGTH,
-        medium=medium or slab(),
+        medium=medium or slab(2.0),
         illumination=sg.CollimatedBeams.tilts(np.arcsin(np.array(tilts) * GRAIN), width=WIDTH, profile=profile),
         sensor=sg.FarField.grid(shape=shape, pitch=pitch * GRAIN, side=side, **where),
     )
@@ -348,7 +343,7 @@ def test_paths_ended_early_are_reported(monkeypatch):
     assert 50 < report.unfinished <= 500
 
 
-@pytest.mark.parametrize("medium", [slab(albedo=0.0), slab().replace(thickness=0.0)])
+@pytest.mark.parametrize("medium", [slab(2.0, albedo=0.0), slab(2.0).replace(thickness=0.0)])
 def test_where_nothing_scatters_the_field_is_the_mean(medium):
     this = scene(medium=medium)
     stack = sg.render(this, paths=1000, realizations=2)

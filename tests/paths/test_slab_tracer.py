@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 from paths_by_hand import connection_weights, entrance_power, phase_function, way_out
+from scenes import slab
 from scipy.special import expn
 from scipy.stats import chi2
 from slab_sums import beam_layout, wave_layout
@@ -22,15 +23,6 @@ from specklegen.theory.slab import double_to_single, slab_transmission
 
 AXIS = np.array([0.0, 0.0, 1.0])
 BATCHES = 64
-
-
-def slab(optical_depth: float, g: float = 0.0, albedo: float = 1.0, thickness: float = 100.0) -> sg.Slab:
-    return sg.Slab(
-        thickness=thickness,
-        mean_free_path=thickness / optical_depth,
-        albedo=albedo,
-        scatterer=sg.HenyeyGreenstein(g=g) if g else sg.Isotropic(),
-    )
 
 
 def batch_means(bank, values: np.ndarray) -> np.ndarray:

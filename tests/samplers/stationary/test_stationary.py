@@ -1,8 +1,11 @@
 """The stationary sampler: against the path sampler, against literal sums, and when it may be used."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
+from scenes import slab as slab_of_depth
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
@@ -23,9 +26,7 @@ THICKNESS, WAVELENGTH = 1000.0, 0.5
 K = 2 * np.pi / WAVELENGTH
 
 
-def slab(g=0.9, optical_depth=10.0) -> sg.Slab:
-    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
-    return sg.Slab(thickness=THICKNESS, mean_free_path=THICKNESS / optical_depth, scatterer=scatterer)
+slab = partial(slab_of_depth, g=0.9, thickness=THICKNESS)
 
 
 def stack_scene(*, pixels=(0, 8, 16), shape=(24, 24), width=25 * THICKNESS, profile="square", medium=None) -> sg.Scene:
@@ -231,7 +232,7 @@ def test_tilts_beyond_the_transform_are_refused():
 
 @pytest.mark.parametrize("g", [0.0, 0.9])
 def test_kernel_is_positive_semidefinite_for_any_tilts(g):
-    kernel = estimate_correlation(slab(g), 2000, 1)
+    kernel = estimate_correlation(slab(g=g), 2000, 1)
     sines = np.random.default_rng(0).normal(size=(60, 2)) * 3 / (K * THICKNESS)
     sines[30:40] = sines[:10]
     matrix = kernel.correlation(sines, K)
@@ -245,7 +246,7 @@ def test_kernel_is_positive_semidefinite_for_any_tilts(g):
 
 def criterion_scene(g, width, *, center=0.0) -> sg.Scene:
     """Optical depth 10, tilts to a half range and a whole one, a small grid ``center`` radians off the axis."""
-    medium = slab(g)
+    medium = slab(g=g)
     half = {0.0: 1.5, 0.9: 3.93}[g] / (K * THICKNESS)
     return sg.Scene(
         wavelength=WAVELENGTH,
