@@ -12,6 +12,16 @@ DATA = ROOT / "tests" / "data"
 ISOTROPIC = sg.Isotropic()
 
 
+def slab(optical_depth=10.0, g=0.0, albedo=1.0, thickness=100.0):
+    """A slab of Henyey and Greenstein's particles, or isotropic ones."""
+    return sg.Slab(
+        thickness=thickness,
+        mean_free_path=thickness / optical_depth,
+        albedo=albedo,
+        scatterer=sg.HenyeyGreenstein(g=g) if g else ISOTROPIC,
+    )
+
+
 def flat_box(lights, sensor, *, half=10.0, mean_free_path=10.0, scatterer=ISOTROPIC, **medium):
     """Lights at angles in degrees on a square box in flatland, wavelength 1."""
     return sg.Scene(

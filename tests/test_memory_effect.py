@@ -1,8 +1,11 @@
 """The memory effect of a slab against two independent programs and closed forms."""
 
 
+from functools import partial
+
 import numpy as np
 import pytest
+from scenes import slab as slab_of_depth
 from scipy.special import j0
 from scipy.stats import chi2
 from slab_sums import wave_layout
@@ -21,13 +24,7 @@ THICKNESS, WAVELENGTH = 1000.0, 0.5
 DEGREES = BATCHES - 1
 
 
-def slab(optical_depth: float, g: float = 0.0, albedo: float = 1.0) -> sg.Slab:
-    return sg.Slab(
-        thickness=THICKNESS,
-        mean_free_path=THICKNESS / optical_depth,
-        albedo=albedo,
-        scatterer=sg.HenyeyGreenstein(g=g) if g else sg.Isotropic(),
-    )
+slab = partial(slab_of_depth, thickness=THICKNESS)
 
 
 def tilts(q) -> np.ndarray:

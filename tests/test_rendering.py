@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import slab
 from scipy.special import j1
 from scipy.stats import kstest
 from slab_sums import direct
@@ -27,17 +28,11 @@ WAVELENGTH, WIDTH = 0.5, 4000.0
 GRAIN = WAVELENGTH / WIDTH
 
 
-def slab(optical_depth=2.0, g=0.0, thickness=100.0, **changes) -> sg.Slab:
-    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
-    fields = {"thickness": thickness, "mean_free_path": thickness / optical_depth, "scatterer": scatterer}
-    return sg.Slab(**(fields | changes))
-
-
 def scene(*, tilts=(0.0, 2.0), shape=(8, 9), pitch=0.5, medium=None, profile="square", side="transmission", **where):
     """Tilts and pitch in speckle grains."""
     return sg.Scene(
         wavelength=WAVELENGTH,
-        medium=medium or slab(),
+        medium=medium or slab(2.0),
         illumination=sg.CollimatedBeams.tilts(np.arcsin(np.array(tilts) * GRAIN), width=WIDTH, profile=profile),
         sensor=sg.FarField.grid(shape=shape, pitch=pitch * GRAIN, side=side, **where),
     )
@@ -255,12 +250,12 @@ def test_mean_field_is_the_diffraction_pattern_of_the_window(profile):
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
 def test_mean_field_carries_the_ballistic_power(profile):
     """The integral of |m|^2 over views is e^-OD times the power of the window, in area."""
-    from specklegen.scene.illumination import illuminated_area
+    from specklegen.scene.window import Window
 
     this = scene(tilts=[0.0], shape=(801, 801), pitch=0.45, profile=profile)
     total = np.square(np.abs(sg.mean_field(this))).sum() * (0.45 * GRAIN) ** 2
     # The tails beyond 180 grains hold 2/(pi^2 180) of a square's power along each axis, and less of the others'.
-    assert total == pytest.approx(illuminated_area(WIDTH, profile) * np.exp(-2.0), rel=3e-3)
+    assert total == pytest.approx(Window(profile, WIDTH).area * np.exp(-2.0), rel=3e-3)
 
 
 def test_mean_field_follows_the_tilt_and_is_dark_in_reflection():
@@ -348,7 +343,7 @@ def test_paths_ended_early_are_reported(monkeypatch):
     assert 50 < report.unfinished <= 500
 
 
-@pytest.mark.parametrize("medium", [slab(albedo=0.0), slab().replace(thickness=0.0)])
+@pytest.mark.parametrize("medium", [slab(2.0, albedo=0.0), slab(2.0).replace(thickness=0.0)])
 def test_where_nothing_scatters_the_field_is_the_mean(medium):
     this = scene(medium=medium)
     stack = sg.render(this, paths=1000, realizations=2)

@@ -20,7 +20,7 @@ from specklegen.core.escaping import cell, csv_cell
 from specklegen.models.judging.baselines import FRAME, Batch, Method, grain_pixels
 from specklegen.models.metrics import SCORES, Interval, align, bootstrap
 from specklegen.models.retrieval.apodisation import diffraction_limited, framed, transfer_function
-from specklegen.scene.illumination import Profile
+from specklegen.scene.window import Profile
 
 TARGETS = ("sharp", "diffraction-limited")
 

@@ -27,7 +27,7 @@ from specklegen.core.errors import reject
 from specklegen.core.values import Array, NonNegative, Positive, UnitInterval, Value
 from specklegen.models.retrieval.apodisation import transfer_function
 from specklegen.models.retrieval.autocorrelation import FLOOR, distances, lags, ring, taper
-from specklegen.scene.illumination import Profile
+from specklegen.scene.window import Profile
 
 GRID = 3
 """Points a grain."""

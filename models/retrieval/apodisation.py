@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from specklegen.core.errors import reject
-from specklegen.scene.illumination import Profile
+from specklegen.scene.window import Profile, Window
 
 
 def transfer_function(window: int, pixels_per_grain: float, profile: Profile = "square") -> Tensor:
@@ -29,14 +29,7 @@ def transfer_function(window: int, pixels_per_grain: float, profile: Profile = "
     if not pixels_per_grain > 0:
         reject("transfer_function pixels_per_grain", "above 0", pixels_per_grain)
     shift = np.fft.fftfreq(window) * pixels_per_grain  # of the window against itself, in widths
-    if profile == "square":
-        one = np.clip(1 - np.abs(shift), 0, None)
-        return torch.from_numpy(one[:, None] * one)
-    distance = np.hypot(shift[:, None], shift)
-    if profile == "gaussian":
-        return torch.from_numpy(np.exp(-4 * distance**2))
-    s = np.clip(distance, 0, 1)
-    return torch.from_numpy(2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s**2)))
+    return torch.from_numpy(Window(profile, 1.0).overlap(shift, shift[:, None]))
 
 
 def framed(objects: Tensor, window: int) -> Tensor:

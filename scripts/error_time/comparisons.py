@@ -12,7 +12,7 @@ import numpy as np
 import specklegen as sg
 from specklegen.benchmarking import Estimate, Probes, Sampler
 from specklegen.core.statistics import BATCHES
-from specklegen.oracles import algorithms, box_algorithms
+from specklegen.oracles import box_algorithms
 from specklegen.oracles.electric_field import electric_field
 from specklegen.oracles.naive_numba import naive_field
 from specklegen.oracles.wave_ensemble import CylinderGas, ensemble
@@ -54,11 +54,7 @@ def naive(scene: sg.Scene, probes: Probes, count: int, seed: int) -> np.ndarray:
 
 def electric(scene: sg.Scene, probes: Probes, count: int, seed: int) -> np.ndarray:
     """Fields of electric-field Monte Carlo: a phase of its own for every photon at every point, forward paths."""
-    if isinstance(scene.medium, sg.Slab):
-        lights, views = scene.lights[probes.points[:, 0]], scene.views[probes.points[:, 1]]
-        setup = algorithms.Pairs(scene.slab, scene.wavelength, scene.beams.width, lights, views)
-    else:
-        setup = literal_setup(scene, probes)
+    setup = literal_setup(scene, probes)
     return _in_parts(lambda rng, fields: electric_field(setup, PATHS_A_FIELD, fields, rng), count, seed)
 
 

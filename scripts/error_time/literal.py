@@ -1,4 +1,4 @@
-"""A scene of boxes as the literal oracle takes it."""
+"""A scene as the literal oracle takes it."""
 
 import numpy as np
 
@@ -12,6 +12,10 @@ from .scenes import CYLINDER
 def literal_setup(scene: sg.Scene, probes: Probes) -> box_algorithms.Setup:
     """The points of the probes, pair by pair, in the same medium made of the oracle's own boxes and particles."""
     lights, views = scene.lights[probes.points[:, 0]], scene.views[probes.points[:, 1]]
+    if isinstance(scene.medium, sg.Slab):
+        return box_algorithms.slab_setup(
+            scene.medium, wavelength=scene.wavelength, width=scene.beams.width, lights=lights, views=views, matched=True
+        )
     seen = box_algorithms.Near(views) if isinstance(scene.sensor, sg.NearField) else box_algorithms.Far(views)
     return box_algorithms.Setup(_medium(scene), scene.wavelength, box_algorithms.Far(lights), seen, matched=True)
 

@@ -28,7 +28,7 @@ from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.oblique import ObliqueCorrelation
 from specklegen.samplers.stationary.sampler import StationaryDraws
 from specklegen.samplers.stationary.stacks import mean_intensity, stack_sampler
-from specklegen.scene.illumination import IncoherentObject, illuminated_area
+from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
@@ -132,7 +132,7 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
     kernel = draws.correlation
     lights = scene.lights[probes.points[:, 0]]
     q = -scene.wavenumber * np.diff(lights[probes.ends, :2], axis=1)[:, 0]
-    area = illuminated_area(scene.beams.width, scene.beams.profile)
+    area = scene.beams.window.area
     found = Estimate.of_batches(area * _batch_sums(kernel, q), kernel.paths)
     if isinstance(scene.illumination, IncoherentObject):
         assert isinstance(kernel, MemoryEffectCorrelation)

@@ -20,7 +20,6 @@ from .partially_coherent import gaussian_brightness as gaussian_brightness
 from .partially_coherent import gaussian_schell_object as gaussian_schell_object
 from .partially_coherent import render_partially_coherent as render_partially_coherent
 from .partially_coherent import source_lattice as source_lattice
-from .partially_coherent import window_coherence as window_coherence
 from .transmission import face_beams as face_beams
 from .transmission import face_modes as face_modes
 from .transmission import source_modes as source_modes

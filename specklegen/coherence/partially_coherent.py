@@ -33,7 +33,6 @@ from scipy.signal import correlate
 
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
-from specklegen.mean.field import window_transform
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.reversal import Reverse
@@ -43,16 +42,15 @@ from specklegen.samplers.sampler import SamplerName
 from specklegen.scene.illumination import (
     CollimatedBeams,
     IncoherentObject,
-    Profile,
     directions_of_sines,
-    illuminated_area,
     object_sines,
 )
 from specklegen.scene.scene import Scene
+from specklegen.scene.window import Profile, Window
 
 REACH = 4.0
 """Standard deviations kept of the angular spectrum, and of the coherence beyond the window: exp(-8) = 0.03 %."""
-_SUPPORT = {"square": 1.0, "disc": 1.0, "gaussian": 2.0}  # largest distance of lit points over the width
+_LIT = 8.0  # decay of the intensity up to which a point of the window counts as lit: 2 widths of a Gaussian
 COHERENT = 100.0
 """Widths of coherence length from which light counts as coherent: 1 - abs(mu) <= 1e-4."""
 _FINEST = 800.0  # coherence lengths a width may hold
@@ -87,7 +85,7 @@ def source_lattice(
         reject("coherence_length", f"at least {least:.4g} (wavelength, and width / {_FINEST:g})", shortest, remedy)
     if not longest >= shortest:
         reject("coherence_length", f"at least {shortest:.4g}, the shortest of the range", longest)
-    pitch = wavelength / (_SUPPORT[profile] * width + REACH * min(longest, COHERENT * width))
+    pitch = wavelength / (Window(profile, width).support(_LIT) + REACH * min(longest, COHERENT * width))
     spread = _angular_spread(wavelength, min(shortest, COHERENT * width))
     return 1 + 2 * math.ceil(REACH * spread / pitch), pitch
 
@@ -134,13 +132,6 @@ def gaussian_schell_object(
     return IncoherentObject(brightness=brightness, pitch=pitch, width=width, profile=profile)
 
 
-def window_coherence(profile: Profile, width: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return W^, the correlation at one view of beams whose sines over the wavelength differ by x, y (any shape)."""
-    # The square of the Gaussian amplitude is a Gaussian narrower by the root of 2; the others are their square.
-    intensity_width = width / math.sqrt(2) if profile == "gaussian" else width
-    return window_transform(profile, intensity_width, x, y) / illuminated_area(width, profile)
-
-
 def effective_source_modes(
     brightness: np.ndarray, pitch: float, wavelength: float, width: float, profile: Profile = "square"
 ) -> float:
@@ -159,7 +150,7 @@ def effective_source_modes(
     brightness = np.asarray(brightness, dtype=np.float64)
     lags = np.maximum(correlate(brightness, brightness, method="fft"), 0)
     y, x = ((np.arange(n) - n // 2) * pitch / wavelength for n in lags.shape)
-    shared = window_coherence(profile, width, *np.meshgrid(x, y))
+    shared = Window(profile, width).coherence(*np.meshgrid(x, y))
     return float(brightness.sum() ** 2 / (lags * shared**2).sum())
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from specklegen.coherence.cross_spectral_density import coherent_modes
 from specklegen.coherence.cylindrical_focus import GreensMatrix
-from specklegen.coherence.partially_coherent import window_coherence
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.paths.reversal import Reverse
@@ -87,7 +86,7 @@ def source_modes(
     """Return the coherent modes of a source of mutually incoherent beams, as amplitudes over its beams.
 
     The beams p_j overlap under the window, so fewer modes than beams carry the light. With the overlaps
-    W^ of `specklegen.coherence.partially_coherent.window_coherence`, the matrix sqrt(p_j p_l) W^(s_j - s_l) has the
+    W^ of `specklegen.scene.window.Window.coherence`, the matrix sqrt(p_j p_l) W^(s_j - s_l) has the
     eigenvalues of W0, and an eigenvector v gives the mode of amplitudes sqrt(p_j / lambda) v_j.
 
     Parameters
@@ -115,7 +114,7 @@ def source_modes(
     """
     power = source.brightness[source.brightness > 0]
     x, y = source.beams.directions[:, :2].T / wavelength
-    overlap = window_coherence(source.profile, source.width, x[:, None] - x, y[:, None] - y)
+    overlap = source.window.coherence(x[:, None] - x, y[:, None] - y)
     eigenvalues, vectors = coherent_modes(np.sqrt(power[:, None] * power) * overlap, n_modes, energy)
     kept = eigenvalues > _NULL * power.sum()
     return eigenvalues[kept], np.sqrt(power)[:, None] * vectors[:, kept] / np.sqrt(eigenvalues[kept])

@@ -33,10 +33,11 @@ from pydantic import model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
-from specklegen.scene.illumination import IncoherentObject, Profile
+from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.media import Medium
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
+from specklegen.scene.window import Profile
 
 PHASE_LIMIT = 0.3
 _ROUNDING = 1e-12  # a limit that was computed and handed back must pass

@@ -104,15 +104,6 @@ def power(table, t, cos):
 
 
 @spliced
-def material_power(table, material, cos):
-    """Phase function of a material: the sum of |s|^2 of its types, by their shares."""
-    total = 0.0
-    for t in range(table.material_starts[material], table.material_starts[material + 1]):
-        total += table.shares[t] * power(table, t, cos)
-    return total
-
-
-@spliced
 def sample(table, t, u, v):
     """1 - cos of a scattering angle of type t, from independent u, v in (0, 1).
 

@@ -12,7 +12,6 @@ lights and far views it depends on the medium:
 """
 
 import numpy as np
-from scipy.special import j1
 
 from specklegen.core.arguments import instance
 from specklegen.core.errors import reject
@@ -20,7 +19,7 @@ from specklegen.kernels import mean_integrals
 from specklegen.mean.finite import scattered_mean
 from specklegen.paths.endpoints import light_endpoints, view_endpoints
 from specklegen.paths.volumes import volume_of
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources, Profile
+from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import NearField
@@ -82,30 +81,12 @@ def _slab(slab: Slab, beams: CollimatedBeams, views: np.ndarray, wavelength: flo
         difference = (direction - views) / wavelength
         # On the exit face the beam has walked off by its slope times the thickness.
         turns = difference @ (direction / direction[-1] * slab.thickness)
-        pattern = window_transform(beams.profile, beams.width, *difference[:, :-1].T)
+        pattern = beams.window.transform(*difference[:, :-1].T)
         attenuation = np.exp(-0.5 * slab.optical_depth / direction[-1])
         obliquity = np.sqrt(direction[-1])  # face area to cross section
         scale = obliquity * attenuation / wavelength ** (difference.shape[-1] / 2 - 0.5)
         tilt[...] = np.where(views[:, -1] > 0, scale * pattern * np.exp(2j * np.pi * turns), 0)
     return field
-
-
-def window_transform(profile: Profile, width: float, x: np.ndarray, y: np.ndarray | None = None) -> np.ndarray:
-    """Fourier transform of an amplitude profile b, an area, at lateral frequencies in cycles per length.
-
-    In flatland, where there is no y, a length.
-    """
-    if profile == "gaussian":
-        # b = exp(-4 r^2 / width^2), whose square falls to 1/e^2 at half the width.
-        if y is None:
-            return np.sqrt(np.pi) / 2 * width * np.exp(-((np.pi * width * x / 2) ** 2))
-        return np.pi / 4 * width**2 * np.exp(-((np.pi * width * np.hypot(x, y) / 2) ** 2))
-    if y is None:
-        return width * np.sinc(width * x)
-    if profile == "square":
-        return width**2 * np.sinc(width * x) * np.sinc(width * y)
-    t = np.pi * width * np.hypot(x, y)
-    return np.pi / 4 * width**2 * np.where(t < 1e-8, 1.0, 2 * j1(t) / np.where(t < 1e-8, 1.0, t))
 
 
 def ballistic_fraction(scene: Scene) -> float:

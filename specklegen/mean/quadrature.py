@@ -13,12 +13,13 @@ from specklegen.paths.volumes import spatial
 from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.media import Box, Slab, VoxelGrid
 from specklegen.scene.scene import Scene
+from specklegen.scene.window import Window
 
 _X, _W = np.polynomial.legendre.leggauss(4)
 _X, _W = (_X + 1) / 2, _W / 2
 _RADIANS = 8.0  # a panel at level 0; half of it at level 1, where four nodes are good to 4e-5
 _MOST_HELD = 4_000_000  # nodes held at a time, 40 bytes each
-_FAINT = 6.0  # radii at which a Gaussian window is cut: e^-36
+_FAINT = 72.0  # decay of the intensity at which a Gaussian window is cut: 6 radii, an amplitude of e^-36
 
 
 class Nodes(NamedTuple):
@@ -91,12 +92,11 @@ def _window(
     beams: CollimatedBeams | None, axes: list[_Axis], fineness: float, most: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Positions float64[R, d - 1] on the entrance plane and their weights with the beam's profile."""
-    radius = beams.width / 2 if beams else np.inf
-    profile = beams.profile if beams else "square"
-    reach = radius
-    if profile == "gaussian":
-        axes, reach = [_Axis(breaks, rates + 2 / radius) for breaks, rates in axes], _FAINT * radius
-    if profile == "disc" and len(axes) == 2:  # x = r sin(angle): smooth where the chord across shrinks to nothing
+    window = beams.window if beams else Window("square", np.inf)
+    radius, reach = window.width / 2, window.support(_FAINT) / 2
+    if not window.sharp:  # b bends within its radius
+        axes = [_Axis(breaks, rates + 2 / radius) for breaks, rates in axes]
+    if not window.separable and len(axes) == 2:  # x = r sin(angle): smooth where the chord across shrinks to nothing
         angles = np.arcsin(np.clip(axes[0].breaks / radius, -1, 1))
         angle, weight = _panels(_Axis(angles, axes[0].rates * radius), np.inf, fineness)
         reaches = radius * np.cos(angle)
@@ -117,8 +117,8 @@ def _window(
         if not rows:
             return np.empty((0, 2)), np.empty(0)
         positions, weights = (np.concatenate(part) for part in zip(*rows, strict=True))
-    if profile == "gaussian":
-        weights = weights * np.exp(-np.square(positions / radius).sum(axis=1))
+    if not window.sharp:
+        weights = weights * window.amplitude(*positions.T)
     return (positions, weights) if len(weights) <= most else None
 
 

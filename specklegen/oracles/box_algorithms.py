@@ -20,7 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.oracles.box_media import SOLID_ANGLE, Medium, draw_kinds, subpaths
+from specklegen.oracles.box_media import SOLID_ANGLE, Medium, box, draw_kinds, henyey_greenstein, subpaths
+from specklegen.scene.media import Slab
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,31 @@ class Setup:
     def pairs(self) -> int:
         """P."""
         return self.lights.count if self.matched else self.lights.count * self.views.count
+
+
+def slab_setup(
+    slab: Slab, *, wavelength: float, width: float, lights: np.ndarray, views: np.ndarray, matched: bool = False
+) -> Setup:
+    """Return a Henyey-Greenstein slab under square beams: a box without sides.
+
+    Paths start in the square column that holds the footprints of all beams at every depth.
+
+    Parameters
+    ----------
+    slab, wavelength
+        The wavelength is that inside the medium.
+    width
+        Full side of the beams on the face z = 0.
+    lights, views, matched
+        Directions of travel float64[T, 3] and float64[V, 3]; as in ``Setup``.
+    """
+    medium = box(
+        (-np.inf, -np.inf, 0), (np.inf, np.inf, slab.thickness), extinction=slab.extinction, albedo=slab.albedo,
+        particles=(henyey_greenstein(slab.scatterer.g, 3),),
+    )  # fmt: skip
+    half = width / 2 + slab.thickness * float(np.abs(lights[:, :2] / lights[:, 2:]).max())
+    region = np.array([-half, -half, 0]), np.array([half, half, slab.thickness])
+    return Setup(medium, wavelength, Beams(lights, width), Far(views), matched, region)
 
 
 class Contributions(NamedTuple):

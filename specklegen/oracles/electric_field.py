@@ -6,21 +6,13 @@ pixel. Intensities come out right; pixels, tilts and everything else are uncorre
 
 import numpy as np
 
-from specklegen.oracles import algorithms, box_algorithms
+from specklegen.oracles.box_algorithms import Setup, add_up, contributions
 
 
-def electric_field(
-    pairs: algorithms.Pairs | box_algorithms.Setup, paths: int, realizations: int, rng: np.random.Generator
-) -> np.ndarray:
+def electric_field(setup: Setup, paths: int, realizations: int, rng: np.random.Generator) -> np.ndarray:
     """Fields complex128[realizations, P] with E|u_p|^2 = C_pp and E[u_p u_q*] = 0 for p != q."""
-    if isinstance(pairs, box_algorithms.Setup):
-        parts = box_algorithms.contributions(pairs, paths * realizations, rng, reverse=False, drawn=True)
-        parts = ((part.path, part.weight, part.amplitude) for part in parts)
-        field = np.zeros((realizations, pairs.pairs), np.complex128)
-    else:
-        parts = algorithms.contributions(pairs, paths * realizations, rng, reverse=False)
-        field = np.zeros((realizations, len(pairs.lights)), np.complex128)
-    for path, weight, amplitude in parts:
-        phases = np.exp(2j * np.pi * rng.random(amplitude.shape))  # one for every pair
-        field += box_algorithms.add_up(path, phases * np.sqrt(weight) * amplitude, paths, realizations)
+    field = np.zeros((realizations, setup.pairs), np.complex128)
+    for part in contributions(setup, paths * realizations, rng, reverse=False, drawn=True):
+        phases = np.exp(2j * np.pi * rng.random(part.amplitude.shape))  # one for every pair
+        field += add_up(part.path, phases * np.sqrt(part.weight) * part.amplitude, paths, realizations)
     return field / np.sqrt(paths)

@@ -100,13 +100,6 @@ class PathBank:
         records[:, walk.WEIGHT :] = bank.records[:, walk.WEIGHT :]
         return replace(bank, records=records, types=bank.types[:, ::-1])
 
-    def translated(self, shift: np.ndarray) -> Self:
-        """Return the bank with every vertex moved by ``shift`` float64[3]."""
-        records = self.records.copy()
-        records[:, walk.ENTRY : walk.ENTRY + 3] += shift
-        records[:, walk.EXIT : walk.EXIT + 3] += shift
-        return replace(self, records=records)
-
 
 def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
     """Join banks in the order given."""

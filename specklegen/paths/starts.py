@@ -7,7 +7,7 @@ import numpy as np
 from specklegen.kernels import sources as kernel
 from specklegen.kernels.sources import Sources
 from specklegen.kernels.volume import Volume
-from specklegen.kernels.walk import GAUSSIAN, SQUARE, UNLIMITED
+from specklegen.kernels.walk import GAUSSIAN, SQUARE
 from specklegen.paths.volumes import footprint_code, materials, spatial, volume_of
 from specklegen.scene.illumination import PlaneWaves, PointSources
 from specklegen.scene.media import Medium, Slab
@@ -38,12 +38,6 @@ def scene_sources(scene: Scene) -> Sources:
         rows = [(weight * (1 - evenly), row) for weight, row in rows]
         rows.append((evenly, {"kind": kernel.UNIFORM}))
     return _laid_out(rows, lobe)
-
-
-def plane_sources(medium: Slab) -> Sources:
-    """Paths of an unlimited plane wave along the axis of a slab, from one point: weights are per unit area."""
-    row = {"kind": kernel.BEAM, "vector": np.array([0.0, 0.0, 1.0]), "footprint": UNLIMITED}
-    return _laid_out([(1.0, row)], _mean_cosine(medium, 3))
 
 
 def _laid_out(rows: list[tuple[float, dict]], lobe: float) -> Sources:

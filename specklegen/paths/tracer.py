@@ -1,6 +1,5 @@
 """Which paths serve a scene: in lock step through a homogeneous slab, or path by path through anything."""
 
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +11,7 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
 from specklegen.paths.roulette import capacious, slab_roulette, volume_roulette
 from specklegen.paths.slab_tracer import SlabTracer, beam_proposal, default_max_order, plane_proposal
-from specklegen.paths.starts import close_points, plane_sources, scene_sources
+from specklegen.paths.starts import close_points, scene_sources
 from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.media import Slab
@@ -111,15 +110,6 @@ def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.
     return tracer if reverse else slab_roulette(tracer, axis, pilot_seed(medium.unitless_fingerprint()))
 
 
-def volume_plane_tracer(
-    medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool
-) -> VolumeTracer:
-    """The same paths by the walk of any geometry."""
-    layout = plane_layout(medium, wavelength, lights, views)
-    tracer = VolumeTracer(layout, plane_sources(medium), reverse, 0.0, default_max_order(medium))
-    return capacious(volume_roulette(tracer, pilot_seed(medium.unitless_fingerprint())))
-
-
 def probe_views(scene: Scene) -> np.ndarray:
     """Views that stand for all in weights and errors: centre and corners of a grid, at most nine others."""
     sensor = scene.sensor
@@ -129,8 +119,3 @@ def probe_views(scene: Scene) -> np.ndarray:
     center, corners = sensor.center_direction[None], sensor.corner_directions
     narrow = np.ptp(corners, axis=0).max() < 0.05 * (1 - abs(scene.slab.scatterer.mean_cosine()))
     return center if narrow else np.concatenate([center, corners])
-
-
-def without_roulette(tracer: SlabTracer) -> SlabTracer:
-    """The same tracer, which keeps every connection."""
-    return replace(tracer, proposal=replace(tracer.proposal, threshold=0.0))

@@ -5,9 +5,9 @@ import numpy as np
 from specklegen.core.values import remembered
 from specklegen.kernels import walk
 from specklegen.kernels.volume import Volume
-from specklegen.scene.illumination import Profile
 from specklegen.scene.media import Medium, Slab, VoxelGrid
 from specklegen.scene.scatterers import Scatterer
+from specklegen.scene.window import Profile
 
 _FOOTPRINT = {"square": walk.SQUARE, "disc": walk.DISC, "gaussian": walk.GAUSSIAN}
 

@@ -13,8 +13,7 @@ from pydantic import Field, model_validator
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, Positive, Value, position_vectors, unit_vectors
-
-Profile = Literal["square", "disc", "gaussian"]
+from specklegen.scene.window import Profile, Window
 
 
 def _light(field: str, directions: np.ndarray) -> np.ndarray:
@@ -105,6 +104,11 @@ class CollimatedBeams(Value):
         object.__setattr__(self, "directions", directions)
         return self
 
+    @property
+    def window(self) -> Window:
+        """Profile and width together, with what follows from them."""
+        return Window(self.profile, self.width)
+
     @classmethod
     def tilts(cls, angles: ArrayLike, width: float, profile: Profile = "square", dimensions: int = 3) -> Self:
         """Beams tilted from the axis by ``angles`` in radians.
@@ -175,6 +179,11 @@ class IncoherentObject(Value):
         object_sines("IncoherentObject", self.brightness.shape, self.pitch)
         return self
 
+    @property
+    def window(self) -> Window:
+        """Profile and width together, with what follows from them."""
+        return Window(self.profile, self.width)
+
     @cached_property
     def directions(self) -> np.ndarray:
         """float64[h * w, 3], the beam of each pixel in C order."""
@@ -201,11 +210,6 @@ def object_sines(owner: str, shape: tuple[int, ...], pitch: float) -> np.ndarray
 Illumination = Annotated[
     PlaneWaves | CollimatedBeams | PointSources | IncoherentObject, Field(discriminator="type")
 ]
-
-
-def illuminated_area(width: float, profile: Profile) -> float:
-    """Power of the window at unit peak irradiance: the integral of the intensity profile, an area."""
-    return {"square": 1.0, "disc": np.pi / 4, "gaussian": np.pi / 8}[profile] * width**2
 
 
 def reference_direction(directions: np.ndarray) -> np.ndarray:

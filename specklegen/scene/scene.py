@@ -16,6 +16,7 @@ from specklegen.scene.unitless import unitless_fingerprint
 NEAREST = 0.01
 """Wavelengths between a sensor point and a source inside the medium, at least."""
 
+
 class Scene(Value):
     """A medium, its illumination and a sensor. Every length is in one unit, which the wavelength fixes.
 
@@ -119,13 +120,6 @@ class Scene(Value):
         if not isinstance(self.medium, Slab):
             reject("Scene.medium", "a Slab here", type(self.medium).__name__)
         return self.medium
-
-    @property
-    def view_directions(self) -> np.ndarray:
-        """float64[*sensor.shape, d], views of a far-field sensor."""
-        if isinstance(self.sensor, NearField):
-            reject("Scene.sensor", "a far-field sensor here", "NearField")
-        return self.sensor.directions
 
     @property
     def lights(self) -> np.ndarray:

@@ -11,7 +11,6 @@ from specklegen.coherence.partially_coherent import (
     gaussian_schell_object,
     render_partially_coherent,
     source_lattice,
-    window_coherence,
 )
 from specklegen.core.statistics import jackknife
 from specklegen.datasets import load_recipe, recipe_names
@@ -83,23 +82,6 @@ def test_the_beams_have_the_gaussian_coherence(profile, ratio):
         points = distance[:, None] * [np.cos(angle), np.sin(angle)]
         found = np.exp(2j * np.pi / WAVELENGTH * points @ sines.T) @ power
         assert np.abs(found - np.exp(-((distance / (ratio * width)) ** 2) / 2)).max() < 1e-3
-
-
-@pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
-def test_window_coherence_by_quadrature(profile):
-    width = 3.0
-    x = (np.arange(1500) + 0.5) / 1500 * 5 * width - 2.5 * width
-    r2 = x[:, None] ** 2 + x**2
-    power = {
-        "square": (np.abs(x) < width / 2)[:, None] * (np.abs(x) < width / 2),
-        "disc": r2 < width**2 / 4,
-        "gaussian": np.exp(-8 * r2 / width**2),  # falls to 1/e^2 at half the width
-    }[profile].astype(float)
-    power /= power.sum()
-    for fx, fy in ((0.0, 0.0), (0.2, 0.0), (0.3, -0.4)):
-        expected = np.exp(2j * np.pi * fy * x) @ power @ np.exp(2j * np.pi * fx * x)
-        # The pixels that the disc's edge cuts: 1500/5 across, so a part in 1e3.
-        assert window_coherence(profile, width, np.array(fx), np.array(fy)) == pytest.approx(expected, abs=1e-3)
 
 
 @pytest.mark.parametrize("ratio", [2.0, 1.0, 0.4, 0.1])

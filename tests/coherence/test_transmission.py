@@ -16,7 +16,6 @@ from specklegen.coherence.partially_coherent import (
     finite_path_excess,
     gaussian_schell_object,
     render_partially_coherent,
-    window_coherence,
 )
 from specklegen.coherence.transmission import face_beams, face_modes, source_modes, transmission_matrix
 from specklegen.core.statistics import jackknife
@@ -141,7 +140,7 @@ def test_source_modes_are_orthonormal_on_the_window_and_add_up(profile):
     source = gaussian_schell_object(WAVELENGTH, 0.5 * WIDTH, WIDTH, profile)
     eigenvalues, modes = source_modes(source, WAVELENGTH, energy=1)
     x, y = source.beams.directions[:, :2].T / WAVELENGTH
-    overlap = window_coherence(profile, WIDTH, x[:, None] - x, y[:, None] - y)
+    overlap = source.window.coherence(x[:, None] - x, y[:, None] - y)
     strong = eigenvalues > 1e-6
     gram = (modes.T @ overlap @ modes)[strong][:, strong]
     assert np.abs(gram - np.eye(strong.sum())).max() < 1e-9  # rounding over the smallest power kept

@@ -9,7 +9,7 @@ from zscore import FALSE_ALARM, assert_z
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.kernels import kernel
-from specklegen.kernels.phase_table import amplitude, choose_type, closed_amplitude, material_power, power, sample
+from specklegen.kernels.phase_table import amplitude, choose_type, closed_amplitude, power, sample
 from specklegen.paths.phase_tables import phase_table
 from specklegen.scene.scatterers.tabulated import WIDEST_BIN
 
@@ -42,7 +42,9 @@ def _evaluate_closed(kind, first, second, cos, amplitudes):
 def _choose(table, material, u, types, cos, powers):
     for n in range(u.size):
         types[n] = choose_type(table, material, u[n])
-        powers[n] = material_power(table, material, cos[n])
+        powers[n] = 0.0
+        for t in range(table.material_starts[material], table.material_starts[material + 1]):
+            powers[n] += table.shares[t] * power(table, t, cos[n])
 
 
 def drawn(scatterer, dimensions: int, u=None, v=None, count: int = DRAWS) -> np.ndarray:

@@ -8,7 +8,7 @@ from scenes import DATA
 import specklegen as sg
 from specklegen.core.values import Value
 from specklegen.mean import finite
-from specklegen.mean.field import window_transform
+from specklegen.scene.window import Window
 
 SCATTERER = sg.HenyeyGreenstein(g=0.6)
 TURN = {2: np.exp(0.75j * np.pi), 3: 1j}
@@ -182,7 +182,7 @@ def test_beam_inside_a_wide_box(profile, dimension):
     for t, i in enumerate(lights):
         for n, v in enumerate(views):
             q = i - v
-            lateral = window_transform(profile, width, *q[:-1])
+            lateral = Window(profile, width).transform(*q[:-1])
             slip = q[:-1] @ (i[:-1] / i[-1]) + q[-1]  # turns per depth along the beam, from the face at -thickness / 2
             depth = (thickness - z) / (v[-1] * mean_free_path)
             through = (w * np.exp(2j * np.pi * slip * z - depth / 2)).sum() / (2 * mean_free_path)
@@ -190,7 +190,7 @@ def test_beam_inside_a_wide_box(profile, dimension):
             start = np.exp(-1j * np.pi * q[-1] * thickness)
             expected[t, n] = TURN[dimension] * ratio * lateral * through * start / np.sqrt(i[-1])
     assert np.abs(m - expected).max() < finite.TOLERANCE * np.abs(m).max()
-    area = window_transform(profile, width, *np.zeros(dimension - 1))
+    area = Window(profile, width).transform(*np.zeros(dimension - 1))
     assert abs(m[0, 0]) == pytest.approx(area * -np.expm1(-0.5 * thickness / mean_free_path), rel=finite.TOLERANCE)
 
 

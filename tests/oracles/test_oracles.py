@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from volume_batches import oracle_batches
 from zscore import assert_z
 
 import specklegen as sg
-from specklegen.oracles import algorithms
-from specklegen.oracles.algorithms import Pairs, algorithm1, algorithm2
+from specklegen.oracles import box_algorithms
 from specklegen.oracles.electric_field import electric_field
 from specklegen.oracles.naive_covariance import naive_covariance
 from specklegen.oracles.naive_numba import naive_field
@@ -39,23 +39,16 @@ def make_scene(side="transmission", *, g, optical_depth, albedo=0.9, base=0.0, o
     )
 
 
-def all_pairs(scene):
-    """Every tilt with every view, tilt by tilt."""
-    tilts, views = scene.beams.directions, scene.sensor.directions
-    return Pairs(
-        medium=scene.medium,
-        wavelength=scene.wavelength,
-        width=WIDTH,
-        lights=np.repeat(tilts, len(views), axis=0),
-        views=np.tile(views, (len(tilts), 1)),
+def transcribed(scene):
+    """Every tilt with every view, tilt by tilt, of a box without sides."""
+    return box_algorithms.slab_setup(
+        scene.medium, wavelength=scene.wavelength, width=WIDTH, lights=scene.lights, views=scene.views
     )
 
 
 def transcribed_covariances(scene, *, reverse=False, paths=TRANSCRIBED_PATHS):
     """C by Algorithm 1, batch by batch: complex128[64, T * V, T * V]."""
-    pairs = all_pairs(scene)
-    seeds = np.random.SeedSequence(1).spawn(BATCHES)
-    return np.array([algorithm1(pairs, paths, np.random.default_rng(s), reverse=reverse) for s in seeds])
+    return oracle_batches(transcribed(scene), paths, reverse=reverse, seed=1)
 
 
 def engine_covariances(scene, *, reverse=False, paths=ENGINE_PATHS):
@@ -129,7 +122,7 @@ def test_engine_agrees_with_algorithm_1_precisely(precise):
 def test_a_wrong_weight_of_multiple_scattering_is_caught(precise, monkeypatch, error):
     """3 % either way, and the 4 pi that the printed algorithms lack."""
     scene, engine = precise
-    monkeypatch.setattr(algorithms, "SOLID_ANGLE", 4 * np.pi * error)
+    monkeypatch.setattr(box_algorithms, "SOLID_ANGLE", {3: 4 * np.pi * error})
     with pytest.raises(AssertionError, match="z ="):
         assert_same_covariance(engine, transcribed_covariances(scene, paths=10_000))
 
@@ -144,14 +137,14 @@ def test_leaving_out_reversed_paths_is_caught():
 def test_fields_of_algorithm_2_have_the_covariance_of_algorithm_1(reverse):
     """Two paths a field, so that the root of their number counts."""
     scene = make_scene("reflection", g=0.5, optical_depth=2.0)
-    fields = algorithm2(all_pairs(scene), 2, 400 * BATCHES, np.random.default_rng(2), reverse=reverse)
+    fields = box_algorithms.fields(transcribed(scene), 2, 400 * BATCHES, np.random.default_rng(2), reverse=reverse)
     assert_same_covariance(field_covariances(fields), transcribed_covariances(scene, reverse=reverse))
 
 
 def test_electric_field_monte_carlo_has_intensities_and_no_correlation():
     scene = make_scene(g=0.5, optical_depth=2.0)
     expected = transcribed_covariances(scene)
-    fields = electric_field(all_pairs(scene), 2, 400 * BATCHES, np.random.default_rng(3))
+    fields = electric_field(transcribed(scene), 2, 400 * BATCHES, np.random.default_rng(3))
     diagonal = np.eye(expected.shape[-1])
     assert_same_covariance(field_covariances(fields), expected * diagonal)
     with pytest.raises(AssertionError, match="z ="):
@@ -171,11 +164,12 @@ def test_naive_numba_fields_have_the_covariance_of_the_engine(side, g, optical_d
 def test_naive_covariance_is_that_of_algorithm_1():
     """Oblique and forward, so that every factor of an end and of a turn counts."""
     scene = make_scene(g=0.5, optical_depth=2.0, base=0.5)
-    pairs = all_pairs(scene)
+    lights = np.repeat(scene.lights, len(scene.views), axis=0)
+    views = np.tile(scene.views, (len(scene.lights), 1))
     found = np.array(
         [
             naive_covariance(
-                scene.medium, wavelength=scene.wavelength, width=WIDTH, lights=pairs.lights, views=pairs.views,
+                scene.medium, wavelength=scene.wavelength, width=WIDTH, lights=lights, views=views,
                 paths=4000, seed=seed,
             )
             for seed in range(BATCHES)

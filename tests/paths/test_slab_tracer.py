@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 from paths_by_hand import connection_weights, entrance_power, phase_function, way_out
+from scenes import slab
 from scipy.special import expn
 from scipy.stats import chi2
 from slab_sums import beam_layout, wave_layout
@@ -16,20 +17,12 @@ from specklegen.kernels import walk
 from specklegen.paths.bank import concatenate
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.slab_tracer import BLOCK, beam_proposal, plane_proposal, trace
-from specklegen.scene.illumination import illuminated_area, reference_direction
+from specklegen.scene.illumination import reference_direction
+from specklegen.scene.window import Window
 from specklegen.theory.slab import double_to_single, slab_transmission
 
 AXIS = np.array([0.0, 0.0, 1.0])
 BATCHES = 64
-
-
-def slab(optical_depth: float, g: float = 0.0, albedo: float = 1.0, thickness: float = 100.0) -> sg.Slab:
-    return sg.Slab(
-        thickness=thickness,
-        mean_free_path=thickness / optical_depth,
-        albedo=albedo,
-        scatterer=sg.HenyeyGreenstein(g=g) if g else sg.Isotropic(),
-    )
 
 
 def batch_means(bank, values: np.ndarray) -> np.ndarray:
@@ -185,7 +178,7 @@ def test_scattered_light_is_what_left_the_beam(optical_depth, g, tilt, profile):
     power = entrance_power(bank, medium, light, profile, 70.0)
     through, back = outgoing_power(bank, medium, light, power, 1)
     lost = -np.expm1(-optical_depth / light[2])
-    assert_mean(batch_means(bank, through + back), illuminated_area(70.0, profile) * lost)
+    assert_mean(batch_means(bank, through + back), Window(profile, 70.0).area * lost)
 
 
 @pytest.mark.parametrize(("g", "tilt", "albedo"), [(0.0, 0.0, 0.9), (0.8, 0.4, 0.5), (0.0, 0.7, 0.99)])
@@ -339,7 +332,7 @@ def test_depths_are_exponential_and_weights_carry_the_area(profile):
     bank = trace(medium, beam_proposal(medium, beams, AXIS), 31, 64 * 3000).single
     for light in beams.directions:
         power = batch_means(bank, entrance_power(bank, medium, light, profile, 40.0))
-        assert_mean(power, illuminated_area(40.0, profile) * -np.expm1(-0.7 / light[2]))
+        assert_mean(power, Window(profile, 40.0).area * -np.expm1(-0.7 / light[2]))
     reference = reference_direction(beams.directions)
     depth = medium.extinction * bank.entry[:, 2] / reference[2]
     uniform = np.expm1(-depth) / np.expm1(-0.7 / reference[2])

@@ -18,10 +18,10 @@ import numpy as np
 
 from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
-from specklegen.samplers.stationary.exit_grid import Axis, profile_power, window
+from specklegen.samplers.stationary.exit_grid import Axis, profile_power, sampled_amplitude
 from specklegen.samplers.stationary.modes import on_differences
 from specklegen.samplers.stationary.spectrum import LightModes
-from specklegen.scene.illumination import Profile
+from specklegen.scene.window import Window
 
 if TYPE_CHECKING:
     import torch
@@ -30,7 +30,7 @@ else:
 
 
 def speckle_variance(
-    light: LightModes, x: Axis, y: Axis, width: float, profile: Profile, wavenumber: float, shape: tuple[int, int],
+    light: LightModes, x: Axis, y: Axis, window: Window, wavenumber: float, shape: tuple[int, int],
     pitch: float, pixel: float,
 ) -> np.ndarray:  # fmt: skip
     """V by the difference (row, column) of two object pixels, float64[2h - 1, 2w - 1].
@@ -39,7 +39,7 @@ def speckle_variance(
     ----------
     light
         Modes of the light.
-    x, y, width, profile
+    x, y, window
         Cells of the exit plane, and the window over them.
     wavenumber, shape, pitch
         2 pi / wavelength; shape (h, w) and pitch (sine) of the object.
@@ -47,11 +47,11 @@ def speckle_variance(
         Side of a camera pixel over the wavelength; 0 for a point.
     """
     steps = [wavenumber * pitch * np.arange(n) for n in shape]
-    if profile == "disc":
-        shown = _disc(x, y, width, steps, pixel)
+    if not window.separable:
+        shown = _lag_sum(x, y, window, steps, pixel)
     else:
         along_y, along_x = (
-            lag_transform(profile_power(axis, width, profile), axis.size, step, pixel)
+            lag_transform(profile_power(axis, window), axis.size, step, pixel)
             for axis, step in zip((y, x), steps, strict=True)
         )
         shown = along_y[:, None] * along_x
@@ -72,9 +72,10 @@ def lag_transform(power: np.ndarray, size: float, step: np.ndarray, pixel: float
     return (np.cos(step[:, None] * lag) * pairs).sum(axis=1)
 
 
-def _disc(x: Axis, y: Axis, width: float, steps: list[np.ndarray], pixel: float) -> np.ndarray:
+def _lag_sum(x: Axis, y: Axis, window: Window, steps: list[np.ndarray], pixel: float) -> np.ndarray:
+    """The sum over lags of both axes, for a window that is no product of a row and a column."""
     lags = 2 * y.count, 2 * x.count
-    power = np.square(np.abs(np.fft.rfft2(np.square(window(x, y, width, "disc")), lags)))
+    power = np.square(np.abs(np.fft.rfft2(np.square(sampled_amplitude(x, y, window)), lags)))
     lag_y = np.fft.fftfreq(lags[0], 1 / lags[0]) * y.size
     lag_x = np.arange(x.count + 1) * x.size
     twice = np.where(lag_x == 0, 1.0, 2.0)

@@ -13,14 +13,15 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from specklegen.core.errors import reject
-from specklegen.scene.illumination import Profile
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
+from specklegen.scene.window import PROFILES, Profile, Window
 
 MAX_PERIOD = 16384
 GUARD = 8
 """Speckle grains kept free between the last view and the first one's copy."""
-SUPPORT = {"square": 1.0, "disc": 1.0, "gaussian": 2.5}  # sampled width over nominal width
+SUPPORT = {profile: Window(profile, 1.0).support(12.5) for profile in PROFILES}
+"""Sampled width over nominal width: cells cover what is brighter than e^-12.5 of the peak, 2.5 widths of a Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -83,31 +84,25 @@ def stack_axes(scene: Scene) -> tuple[Axis, Axis]:
     return axes[0], axes[1]
 
 
-def window(x: Axis, y: Axis, width: float, profile: Profile) -> np.ndarray:
+def sampled_amplitude(x: Axis, y: Axis, window: Window) -> np.ndarray:
     """Amplitude profile b float64[y.count, x.count], with sum of b^2 = 1.
 
     Cells that the edge of a window cuts count by the share of their area inside it.
     """
-    if profile == "disc":
-        fine = (np.arange(16) - 7.5) / 16
-        xs = (x.positions[:, None] + fine * x.size).ravel()
-        ys = (y.positions[:, None] + fine * y.size).ravel()
-        inside = ys[:, None] ** 2 + xs**2 <= width**2 / 4
-        power = inside.reshape(y.count, 16, x.count, 16).mean(axis=(1, 3))
-        return np.sqrt(power / power.sum())
-    return np.sqrt(profile_power(y, width, profile))[:, None] * np.sqrt(profile_power(x, width, profile))
+    if window.separable:
+        return np.sqrt(profile_power(y, window))[:, None] * np.sqrt(profile_power(x, window))
+    fine = (np.arange(16) - 7.5) / 16
+    xs = (x.positions[:, None] + fine * x.size).ravel()
+    ys = (y.positions[:, None] + fine * y.size).ravel()
+    inside = np.square(window.amplitude(xs, ys[:, None]))
+    power = inside.reshape(y.count, 16, x.count, 16).mean(axis=(1, 3))
+    return np.sqrt(power / power.sum())
 
 
-def profile_power(axis: Axis, width: float, profile: Profile) -> np.ndarray:
-    """b^2 of a square or Gaussian window along one axis, float64[count] with sum 1: such a window is a product."""
-    power = np.exp(-8 * np.square(axis.positions / width)) if profile == "gaussian" else _share(axis, width)
+def profile_power(axis: Axis, window: Window) -> np.ndarray:
+    """b^2 of a separable window along one axis, float64[count] with sum 1."""
+    power = window.cell_power(axis.positions, axis.size)
     return power / power.sum()
-
-
-def _share(axis: Axis, width: float) -> np.ndarray:
-    lower = np.maximum(axis.positions - axis.size / 2, -width / 2)
-    upper = np.minimum(axis.positions + axis.size / 2, width / 2)
-    return np.clip(upper - lower, 0, None) / axis.size
 
 
 def matrix_flops(x: Axis, y: Axis, shape: tuple[int, int]) -> float:

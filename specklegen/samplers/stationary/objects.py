@@ -31,13 +31,14 @@ from specklegen.core.random_streams import Seed
 from specklegen.kernels.waves import fill_waves
 from specklegen.samplers.stationary.contrast import speckle_variance
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
-from specklegen.samplers.stationary.exit_grid import Axis, cells, window
+from specklegen.samplers.stationary.exit_grid import Axis, cells, sampled_amplitude
 from specklegen.samplers.stationary.gaussian_noise import complex_normals
 from specklegen.samplers.stationary.modes import Lattice, karhunen_loeve
 from specklegen.samplers.stationary.spectrum import LightModes, monochromatic
 from specklegen.samplers.stationary.stacks import mean_intensity
-from specklegen.scene.illumination import Profile, illuminated_area, object_sines
+from specklegen.scene.illumination import object_sines
 from specklegen.scene.sensors import FarFieldGrid, require_resolved
+from specklegen.scene.window import Profile, Window
 
 if TYPE_CHECKING:
     import torch
@@ -290,8 +291,9 @@ def object_sampler(
         axes.append(cells(wavelength, width, profile, wavelength / (2 * width), span))
     x, y = axes
     lags = (_even_fast_length(2 * y.count), _even_fast_length(2 * x.count))
-    area = illuminated_area(width, profile)
-    amplitude = window(x, y, width, profile)
+    window = Window(profile, width)
+    area = window.area
+    amplitude = sampled_amplitude(x, y, window)
     # Lag s of the transform is s for s < n/2 and s - n above: the order of an FFT.
     lag_y = np.fft.fftfreq(lags[0], 1 / lags[0]) * y.size
     lag_x = np.arange(lags[1] // 2 + 1) * x.size
@@ -325,7 +327,7 @@ def object_sampler(
         camera_columns=torch.stack([waves(view / -wavelength, lag_x, twice * area_x).T for view in view_x]),
         shape=object_shape,
         mean=mean_intensity(kernel, area),
-        variance=speckle_variance(light, x, y, width, profile, k, object_shape, object_pitch, seen),
+        variance=speckle_variance(light, x, y, window, k, object_shape, object_pitch, seen),
     )
 
 

@@ -20,10 +20,10 @@ from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
-from specklegen.samplers.stationary.exit_grid import Axis, fft_flops, matrix_flops, stack_axes, window
+from specklegen.samplers.stationary.exit_grid import Axis, fft_flops, matrix_flops, sampled_amplitude, stack_axes
 from specklegen.samplers.stationary.gaussian_noise import complex_normals
 from specklegen.samplers.stationary.oblique import ObliqueCorrelation
-from specklegen.scene.illumination import CollimatedBeams, illuminated_area
+from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
@@ -157,8 +157,8 @@ def stack_sampler(
     x, y = stack_axes(scene)
     first = np.array([axis[0] for axis in grid.sines])
     k = scene.wavenumber
-    ramp = np.sqrt(mean_intensity(kernel, illuminated_area(beams.width, beams.profile)))
-    ramp = ramp * window(x, y, beams.width, beams.profile)
+    ramp = np.sqrt(mean_intensity(kernel, beams.window.area))
+    ramp = ramp * sampled_amplitude(x, y, beams.window)
     steps = [np.arange(n) * grid.pitch for n in grid.shape]
     rows = np.exp(-1j * k * steps[0][:, None] * y.positions)
     columns = np.exp(-1j * k * steps[1][:, None] * x.positions)

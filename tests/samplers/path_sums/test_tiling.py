@@ -1,9 +1,11 @@
 """Wide fields of view in tiles: the same field as the direct sum, refused early where tiles are too wide."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from scenes import slab as slab_of_depth
 from slab_sums import beam_layout, direct, roulette_threshold
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -26,9 +28,7 @@ from specklegen.scene.illumination import directions_of_sines
 TILTS = [[0.0, 0.0], [1e-3, -2e-3], [0.1, 0.05]]
 
 
-def slab(g: float, *, optical_depth=10.0, albedo=1.0, thickness=500.0) -> sg.Slab:
-    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
-    return sg.Slab(thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo, scatterer=scatterer)
+slab = partial(slab_of_depth, thickness=500.0)
 
 
 def wide(full_angle: float, shape=(60, 45), **kwargs) -> sg.FarFieldGrid:
@@ -97,7 +97,7 @@ def test_the_sagitta_is_that_of_unit_vectors():
 def test_tiles_are_the_direct_sum_within_the_tolerance(angle, tolerance, g, optical_depth, albedo):
     grid = wide(angle, (40, 27))
     side = int(40 / angle * (1.0 if tolerance == 1e-3 else 0.5)) + 1  # a degree or half of one
-    medium = slab(g, optical_depth=optical_depth, albedo=albedo)
+    medium = slab(g=g, optical_depth=optical_depth, albedo=albedo)
     found, expected = fields(grid, Tiling(grid, (side, side)), medium, tolerance)
     assert found.dtype == (np.complex64 if tolerance == 1e-3 else np.complex128)
     assert relative(found, expected) < 1.5 * tolerance
@@ -105,7 +105,7 @@ def test_tiles_are_the_direct_sum_within_the_tolerance(angle, tolerance, g, opti
 
 def test_tiles_in_reflection_off_the_axis():
     grid = wide(10.0, (30, 41), center=(-0.3, 0.2), side="reflection")
-    found, expected = fields(grid, Tiling(grid, (10, 12)), slab(0.3, optical_depth=5.0), 1e-3)
+    found, expected = fields(grid, Tiling(grid, (10, 12)), slab(g=0.3, optical_depth=5.0), 1e-3)
     assert relative(found, expected) < 1.5e-3
 
 
@@ -119,13 +119,13 @@ def test_a_wrong_phase_of_a_tile_is_caught(wrong, monkeypatch):
     else:
         monkeypatch.setattr(nufft, "sagitta", lambda *known: 0.95 * sagitta(*known))
     grid = wide(10.0)
-    found, expected = fields(grid, Tiling(grid, (12, 12)), slab(0.9), 1e-3)
+    found, expected = fields(grid, Tiling(grid, (12, 12)), slab(g=0.9), 1e-3)
     assert relative(found, expected) > 5e-3
 
 
 def test_tiles_do_not_depend_on_threads():
     grid = wide(5.0, (37, 29))
-    medium, beams = slab(0.9), sg.CollimatedBeams.tilts(TILTS, width=0.4 / grid.pitch)
+    medium, beams = slab(g=0.9), sg.CollimatedBeams.tilts(TILTS, width=0.4 / grid.pitch)
     layout = beam_layout(1.0, medium, beams)
     bank = trace(medium, beam_proposal(medium, beams, grid.center_direction), 1, 600)
     summation = build_nufft_plan(layout, bank, grid, 1e-3, Tiling(grid, (10, 10)))
@@ -143,15 +143,15 @@ def test_wide_tiles_are_refused_before_any_decomposition(monkeypatch):
 
     grid = wide(40.0)
     monkeypatch.setattr(view_factor, "qr", unreachable)
-    assert fields(grid, None, slab(0.9), 1e-3) is None
+    assert fields(grid, None, slab(g=0.9), 1e-3) is None
     with pytest.raises(AssertionError, match="decomposed"):
-        fields(grid, Tiling(grid, (8, 8)), slab(0.9, thickness=50.0), 1e-3)
+        fields(grid, Tiling(grid, (8, 8)), slab(g=0.9, thickness=50.0), 1e-3)
 
 
 def scene(full_angle: float, views: int, tilts: int = 1) -> sg.Scene:
     grid = wide(full_angle, (views, views))
     return sg.Scene(
-        wavelength=1.0, medium=slab(0.9, thickness=2000.0), sensor=grid,
+        wavelength=1.0, medium=slab(g=0.9, thickness=2000.0), sensor=grid,
         illumination=sg.CollimatedBeams.tilts(1e-4 * np.arange(tilts), width=0.4 / grid.pitch),
     )  # fmt: skip
 

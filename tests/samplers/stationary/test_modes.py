@@ -9,7 +9,7 @@ from specklegen.samplers.stationary import modes
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.samplers.stationary.modes import Lattice, karhunen_loeve
 from specklegen.scene.media import Slab
-from specklegen.scene.scatterers.scatterer import HenyeyGreenstein
+from specklegen.scene.scatterers import HenyeyGreenstein
 
 K = estimate_correlation(
     Slab(thickness=1000.0, mean_free_path=100.0, albedo=1.0, scatterer=HenyeyGreenstein(g=0.9)), 20_000, 1, threads=1

@@ -1,7 +1,10 @@
 """The oblique kernel: oblique tilts and views and reflection against paths; the kernel of the axis is caught there."""
 
+from functools import partial
+
 import numpy as np
 import pytest
+from scenes import slab as slab_of_depth
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
@@ -22,9 +25,7 @@ PITCH = 0.5 * WAVELENGTH / WIDTH
 HALF = {0.9: 62, 0.0: 24}  # pixels of PITCH in a tilt of half a memory-effect range: q = 3.93 and 1.5
 
 
-def slab(g: float = 0.9) -> sg.Slab:
-    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
-    return sg.Slab(thickness=THICKNESS, mean_free_path=THICKNESS / 10, scatterer=scatterer)
+slab = partial(slab_of_depth, g=0.9, thickness=THICKNESS)
 
 
 def oblique(view: float, tilt: float = 0.0, *, g: float = 0.9, side="transmission", shape=(16, 96)) -> sg.Scene:
@@ -33,7 +34,7 @@ def oblique(view: float, tilt: float = 0.0, *, g: float = 0.9, side="transmissio
     sines = np.sin(np.deg2rad(tilt)) + np.array([-shift / 2, shift / 2])
     return sg.Scene(
         wavelength=WAVELENGTH,
-        medium=slab(g),
+        medium=slab(g=g),
         illumination=sg.CollimatedBeams(
             directions=directions_of_sines("tilt", np.stack([sines, 0 * sines], 1)), width=WIDTH
         ),
@@ -101,7 +102,7 @@ def test_on_the_axis_it_is_the_kernel_of_the_axis():
 
 def test_the_way_leads_from_face_to_face():
     """A path's phase at a light and a view, less that at others a little turned, is q . R to second order."""
-    medium, light, view = slab(0.0), *directions_of_sines("way", [[0.2, -0.1], [-0.3, 0.25]])
+    medium, light, view = slab(g=0.0), *directions_of_sines("way", [[0.2, -0.1], [-0.3, 0.25]])
     beams = sg.CollimatedBeams(directions=light[None], width=100.0)
     for side in (1.0, -1.0):
         seen = view * [1, 1, side]

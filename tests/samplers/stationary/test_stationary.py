@@ -1,8 +1,11 @@
 """The stationary sampler: against the path sampler, against literal sums, and when it may be used."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
+from scenes import slab as slab_of_depth
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
@@ -10,21 +13,20 @@ from specklegen.core.statistics import jackknife
 from specklegen.paths.endpoints import AXIS
 from specklegen.planning.planning import STATIONARY_TOLERANCE, plan
 from specklegen.samplers.stationary.correlation import estimate_correlation
-from specklegen.samplers.stationary.exit_grid import cells, window
+from specklegen.samplers.stationary.exit_grid import cells, sampled_amplitude
 from specklegen.samplers.stationary.gaussian_noise import complex_normals
 from specklegen.samplers.stationary.modes import Lattice, karhunen_loeve
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.stacks import mean_intensity, stack_sampler
 from specklegen.samplers.stationary.stationarity import pilot_error
 from specklegen.scene.illumination import directions_of_sines, object_sines
+from specklegen.scene.window import Window
 
 THICKNESS, WAVELENGTH = 1000.0, 0.5
 K = 2 * np.pi / WAVELENGTH
 
 
-def slab(g=0.9, optical_depth=10.0) -> sg.Slab:
-    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
-    return sg.Slab(thickness=THICKNESS, mean_free_path=THICKNESS / optical_depth, scatterer=scatterer)
+slab = partial(slab_of_depth, g=0.9, thickness=THICKNESS)
 
 
 def stack_scene(*, pixels=(0, 8, 16), shape=(24, 24), width=25 * THICKNESS, profile="square", medium=None) -> sg.Scene:
@@ -109,7 +111,7 @@ def test_stationary_contrast_and_correlation_are_those_of_its_kernel():
     axis = sampler.x
 
     def speckle(lag):
-        cut = window(axis, axis, scene.beams.width, "square")[axis.count // 2]
+        cut = sampled_amplitude(axis, axis, Window("square", scene.beams.width))[axis.count // 2]
         power = cut**2 / (cut**2).sum()
         return abs((power * np.exp(1j * K * lag * scene.sensor.pitch * axis.positions)).sum()) ** 2
 
@@ -129,7 +131,7 @@ def test_round_windows_have_round_speckle(profile):
     scene = stack_scene(pixels=(0,), profile=profile, shape=(24, 24))
     sampler = stack_sampler(scene, estimate_correlation(scene.medium, 2000, 3))
     x, y = sampler.x, sampler.y
-    power = window(x, y, scene.beams.width, profile) ** 2
+    power = sampled_amplitude(x, y, scene.beams.window) ** 2
     lags = np.array([1.0, 1.5, 2.0]) * scene.sensor.pitch
     model = [abs((power * np.exp(1j * K * lag * x.positions)).sum()) ** 2 for lag in lags]
     t = np.pi * scene.beams.width * lags / WAVELENGTH
@@ -153,7 +155,7 @@ def literal_stack(scene, sampler, kernel, seed, realization=0) -> np.ndarray:
     sines = scene.beams.directions[:, :2]
     view_x, view_y = scene.sensor.sines
     area = {"square": 1, "disc": np.pi / 4, "gaussian": np.pi / 8}[scene.beams.profile] * scene.beams.width**2
-    b = window(x, y, scene.beams.width, scene.beams.profile) * np.sqrt(mean_intensity(kernel, area))
+    b = sampled_amplitude(x, y, scene.beams.window) * np.sqrt(mean_intensity(kernel, area))
     stack = []
     for mix, (sx, sy) in zip(sampler.mixing.numpy(), sines, strict=True):
         g = (mix @ white).reshape(y.count, x.count) * b
@@ -201,7 +203,7 @@ def test_cells_hold_every_view_and_the_window():
             assert axis.period * 1e-5 >= span + 8 * WAVELENGTH / 2e4
             assert axis.count * axis.size >= support * 2e4 * (1 - 1e-9)
             assert axis.count <= axis.period
-            power = window(axis, axis, 2e4, profile) ** 2
+            power = sampled_amplitude(axis, axis, Window(profile, 2e4)) ** 2
             assert power.sum() == pytest.approx(1)
 
 
@@ -230,7 +232,7 @@ def test_tilts_beyond_the_transform_are_refused():
 
 @pytest.mark.parametrize("g", [0.0, 0.9])
 def test_kernel_is_positive_semidefinite_for_any_tilts(g):
-    kernel = estimate_correlation(slab(g), 2000, 1)
+    kernel = estimate_correlation(slab(g=g), 2000, 1)
     sines = np.random.default_rng(0).normal(size=(60, 2)) * 3 / (K * THICKNESS)
     sines[30:40] = sines[:10]
     matrix = kernel.correlation(sines, K)
@@ -244,7 +246,7 @@ def test_kernel_is_positive_semidefinite_for_any_tilts(g):
 
 def criterion_scene(g, width, *, center=0.0) -> sg.Scene:
     """Optical depth 10, tilts to a half range and a whole one, a small grid ``center`` radians off the axis."""
-    medium = slab(g)
+    medium = slab(g=g)
     half = {0.0: 1.5, 0.9: 3.93}[g] / (K * THICKNESS)
     return sg.Scene(
         wavelength=WAVELENGTH,
