@@ -151,7 +151,7 @@ def memory_effect(
 
     light = directions_of_sines("memory_effect tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines("memory_effect view + tilts", view[:2] + light[:, :2], side)
-    reversal = reversal_decision(medium.mean_free_path, wavelength, light, views, reverse, tolerance)
+    reversal = reversal_decision(medium, wavelength, light, views, reverse, tolerance)
     small = np.abs(tilts).max(initial=0.0) <= 0.02 * (1 - abs(medium.scatterer.mean_cosine()))
     symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
     curve = _axial if symmetric else _exact

@@ -307,22 +307,21 @@ def test_reversed_paths_take_part_only_near_backscattering():
     light = directions_of_sines("light", [[0.0, 0.0], [0.1, 0.0]])
 
     def needed(sines, sign=-1.0, tolerance=0.02):
-        return reversal_decision(
-            medium.mean_free_path, WAVELENGTH, light, directions_of_sines("v", sines, sign), "auto", tolerance
-        ).needed
+        views = directions_of_sines("v", sines, sign)
+        return reversal_decision(medium, WAVELENGTH, light, views, "auto", tolerance).needed
 
-    # 0.65/(k l |i + v|) = 0.02 at |i + v| = 0.129.
+    # pi/2 / (k l |i + v|) of single scattering at large distances: 0.02 at |i + v| = 0.313; the bound allows a quarter more.
     assert needed([[0.0, 0.0]])
-    assert needed([[0.12, 0.0]])
-    assert needed([[-0.1 - 0.12, 0.0]])  # v = -i of the second light has sine -0.1
-    assert not needed([[0.15, 0.0]])
-    assert not needed([[-0.1 - 0.15, 0.0]])
+    assert needed([[0.28, 0.0]])
+    assert needed([[-0.1 - 0.28, 0.0]])  # v = -i of the second light has sine -0.1
+    assert not needed([[0.45, 0.0]])
+    assert not needed([[-0.1 - 0.45, 0.0]])
     assert needed([[0.9, 0.0], [0.0, 0.0]])  # any view counts
-    assert not needed([[0.12, 0.0]], tolerance=0.1)
+    assert not needed([[0.28, 0.0]], tolerance=0.1)
     assert not needed([[0.0, 0.0]], sign=1.0)
     for asked in (True, False):
         views = directions_of_sines("v", [[0.0, 0.0]], -1.0)
-        assert reversal_decision(medium.mean_free_path, WAVELENGTH, light, views, asked, 0.02).needed is asked
+        assert reversal_decision(medium, WAVELENGTH, light, views, asked, 0.02).needed is asked
 
 
 def test_doubtful_assumptions_are_said():

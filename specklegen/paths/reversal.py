@@ -6,12 +6,15 @@ import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
+from specklegen.paths.backscattering_wing import excess_bound
+from specklegen.paths.volumes import materials
 from specklegen.scene.illumination import PointSources
+from specklegen.scene.media import Medium, Slab, VoxelGrid
+from specklegen.scene.scatterers import Dimensions
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid, NearField
 
 Reverse = bool | Literal["auto"]
-BACKSCATTER_WING = {3: 0.65, 2: 0.56}  # isotropic scatterers: the slow wing of the cone (physics.md 2)
 
 
 def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision:
@@ -27,7 +30,7 @@ def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision
     if reverse != "auto" and not isinstance(reverse, bool):
         reject("reverse", 'True, False or "auto"', reverse)
     return reversal_decision(
-        scene.medium.mean_free_path, scene.wavelength, scene.lights, _nearest_backscattering(scene), reverse, tolerance
+        scene.medium, scene.wavelength, scene.lights, _nearest_backscattering(scene), reverse, tolerance
     )
 
 
@@ -42,12 +45,12 @@ def _nearest_backscattering(scene: Scene) -> np.ndarray:
 
 
 def reversal_decision(
-    mean_free_path: float, wavelength: float, light: np.ndarray, views: np.ndarray, reverse: Reverse, tolerance: float
+    medium: Medium, wavelength: float, light: np.ndarray, views: np.ndarray, reverse: Reverse, tolerance: float
 ) -> Decision:
     """Reversed paths (coherent backscattering): needed near v = -i.
 
-    Away from -i they add about 0.65 / (k l |i + v|) of the intensity, 0.56 in flatland (physics.md 2), with the
-    mean free path l and not the transport length, which is the safe side for forward scattering.
+    What they add is bounded from the lobe of the scatterers (:mod:`specklegen.paths.backscattering_wing`), at the pair
+    of light and view that is nearest to backscattering.
 
     Parameters
     ----------
@@ -65,13 +68,26 @@ def reversal_decision(
         reject("reverse", 'True, False or "auto"', reverse)
     dimension = views.shape[-1]
     nearest = _nearest_sum(light.reshape(-1, dimension), views.reshape(-1, dimension))
-    wing = BACKSCATTER_WING[dimension] * wavelength / (2 * np.pi * mean_free_path * max(nearest, 1e-300))
+    wing = _wing(medium, wavelength, 2 if dimension == 2 else 3, nearest)
     if wing > tolerance:
         return Decision(part, True, f"add up to {min(wing, 1):.2g} of the intensity near exact backscattering")
     return Decision(
         part, False,
         f"add at most {wing:.2g} of the intensity this far from backscattering, allowed {tolerance:g}",
     )  # fmt: skip
+
+
+def _wing(medium: Medium, wavelength: float, dimensions: Dimensions, nearest: float) -> float:
+    """Largest share of the intensity that reversed paths add at |i + v| = ``nearest``, over a medium's materials."""
+    if np.isinf(medium.mean_free_path):
+        return 0.0
+    way = medium.thickness if isinstance(medium, Slab) else float(np.min(medium.upper - medium.lower))
+    if isinstance(medium, VoxelGrid):
+        way /= max(medium.extinction.shape)  # no flight ends sooner than within one voxel
+    # To 9 digits, so that no unit of length sways it.
+    turns, depth = (float(f"{x:.9g}") for x in (medium.mean_free_path / wavelength, way / medium.mean_free_path))
+    albedo, distance = float(np.max(medium.albedo)), float(f"{min(nearest, 2.0):.9g}")
+    return max(excess_bound(each, dimensions, turns, depth, albedo, distance) for each in materials(medium))
 
 
 def _nearest_sum(light: np.ndarray, views: np.ndarray) -> float:

@@ -72,8 +72,7 @@ def test_reversal_is_judged_as_at_every_view(side):
         center = tuple(0.6 * RNG.uniform(-1, 1, 2))
         this = scene((9, 12), side, tilts=tilts, center=center, width=RNG.choice([30.0, WIDTH]))
         found = scene_reversal(this, "auto", 0.02)
-        medium = this.medium
-        full = reversal_decision(medium.mean_free_path, 1.0, this.lights, this.views, "auto", 0.02)
+        full = reversal_decision(this.medium, 1.0, this.lights, this.views, "auto", 0.02)
         assert found == full
         needed.append(found.needed)
     assert any(needed) == (side == "reflection")
@@ -90,7 +89,7 @@ def test_light_that_comes_back_meets_a_transmission_grid():
     )
     found = scene_reversal(this, "auto", 0.02)
     assert found.needed
-    assert found == reversal_decision(40.0, 1.0, this.lights, this.views, "auto", 0.02)
+    assert found == reversal_decision(this.medium, 1.0, this.lights, this.views, "auto", 0.02)
 
 
 def test_a_grid_of_many_views_and_tilts_is_planned_without_them(monkeypatch):
