@@ -5,8 +5,10 @@ Samples of one medium share all of this; a few media are kept in each process.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
 from functools import lru_cache
+from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -14,7 +16,6 @@ import numpy as np
 from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed
-from specklegen.core.values import remembered
 from specklegen.datasets.split import Split
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
@@ -33,11 +34,16 @@ if TYPE_CHECKING:
 KEPT = 64
 """Media kept in a process."""
 _KEPT_BYTES = 4 * 2**20  # above this what a medium is kept as would fill the memory with few media
-_POWERS_KEPT = 4  # media of path sums, which take more
+_POWERS_BYTES = 2 * 2**30  # of path sums, kept in a process: 64 media of 28 x 28 beams at 128 x 128 pixels
 
 
 class Fields(Protocol):
     """What a medium makes of every beam of an object, from which any object's images follow."""
+
+    @property
+    def mean(self) -> float:
+        """Expected intensity of a beam of brightness 1, in the unit of :meth:`intensities`."""
+        ...
 
     def intensities(self, brightness: np.ndarray) -> np.ndarray:
         """Images float32[frames * tilts, H, W] of an object real[h, w]."""
@@ -57,6 +63,11 @@ class StationaryFields:
 
     sampler: ObjectSampler
     media: tuple[torch.Tensor, ...]
+
+    @property
+    def mean(self) -> float:
+        """Expected intensity of a beam of brightness 1."""
+        return self.sampler.mean
 
     def intensities(self, brightness: np.ndarray) -> np.ndarray:
         """Frames one after the other."""
@@ -80,23 +91,33 @@ class PathSumFields:
     scene : Scene
         Its lights are the beams of all pixels of the object under every tilt, one tilt after the other.
     paths : int
+    unit : float
+        Expected intensity of a beam of brightness 1, in which intensities are given.
     seeds : tuple of seeds
         Of each polarisation.
     tilts : int
     divisions : int
         Views across a camera pixel, over which its intensity is averaged.
+    share : bool
+        Whether many objects look through the medium, so that it is worth keeping.
     """
 
     scene: Scene
     paths: int
+    unit: float
     seeds: tuple[Seed, ...]
     tilts: int
     divisions: int
+    share: bool
+
+    mean = 1.0
 
     def intensities(self, brightness: np.ndarray) -> np.ndarray:
-        """Every beam's intensity, times its brightness, added up."""
+        """Every beam's intensity, times its brightness, added up; in units of ``unit``."""
         light = np.asarray(brightness, np.float32).reshape(-1)
-        return np.stack([np.tensordot(light, power, axes=1) for power in _powers(self)])
+        lit = np.flatnonzero(light)
+        powers = _KEPT_POWERS.found(self) if self.share else _powers(self)
+        return np.stack([np.tensordot(light[lit], power[lit].astype(np.float32), axes=1) for power in powers])
 
 
 def planned_sums(scene: Scene, paths: int) -> Plan:
@@ -104,9 +125,35 @@ def planned_sums(scene: Scene, paths: int) -> Plan:
     return plan(scene, paths=paths, sampler="paths", streamed=True)
 
 
-@remembered(_POWERS_KEPT)
+class _KeptPowers:
+    """Intensities of the media that were looked through last, up to a number of bytes."""
+
+    def __init__(self, most: int) -> None:
+        self._most, self._lock = most, Lock()
+        self._kept: OrderedDict[PathSumFields, np.ndarray] = OrderedDict()
+
+    def found(self, fields: PathSumFields) -> np.ndarray:
+        """Return a medium's intensities, rendered now if they are not there."""
+        with self._lock:
+            if fields in self._kept:
+                self._kept.move_to_end(fields)
+                return self._kept[fields]
+        powers = _powers(fields)
+        with self._lock:
+            self._kept[fields] = powers
+            while len(self._kept) > 1 and sum(each.nbytes for each in self._kept.values()) > self._most:
+                self._kept.popitem(last=False)
+        return powers
+
+
+_KEPT_POWERS = _KeptPowers(_POWERS_BYTES)
+
+
 def _powers(fields: PathSumFields) -> np.ndarray:
-    """Intensity of every beam, float32[tilts, h * w, H, W], mean over the polarisations."""
+    """Intensity of every beam, float16[tilts, h * w, H, W], mean over the polarisations.
+
+    Half precision keeps a speckle to 5e-4 of itself, half of what the sum of fields allows, and twice the media.
+    """
     grid, sums = fields.scene.sensor, planned_sums(fields.scene, fields.paths).chosen
     assert isinstance(grid, FarFieldGrid)
     n = fields.divisions
@@ -120,8 +167,8 @@ def _powers(fields: PathSumFields) -> np.ndarray:
                 power = np.add.reduceat(power, _starts(down, n), axis=1)
                 power = np.add.reduceat(power, _starts(across, n), axis=2)
                 found[beams, first : first + power.shape[1], left : left + power.shape[2]] += power
-    found /= n * n * len(fields.seeds)
-    return found.reshape(fields.tilts, -1, rows, columns)
+    found /= n * n * len(fields.seeds) * fields.unit
+    return found.astype(np.float16).reshape(fields.tilts, -1, rows, columns)
 
 
 def _starts(span: slice, n: int) -> np.ndarray:
@@ -161,7 +208,7 @@ class MediumRealization:
 
     def images(self, brightness: np.ndarray) -> np.ndarray:
         """Expected intensity over its mean, float32[frames * tilts, H, W]."""
-        scale = np.float32(1 / (self.sampler.mean * brightness.sum(dtype=np.float64)))
+        scale = np.float32(1 / (self.fields.mean * brightness.sum(dtype=np.float64)))
         return self.fields.intensities(brightness) * scale
 
     def expected_contrast(self, brightness: np.ndarray) -> float:

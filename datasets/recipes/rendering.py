@@ -182,7 +182,7 @@ def realization(
     else:
         seeds = tuple(medium_seeds(recipe.light, *where))
         fields = PathSumFields(
-            view.full, recipe.material.kernel_paths, seeds, len(view.tilts), view.seen.divisions
+            view.full, recipe.material.kernel_paths, sampler.mean, seeds, len(view.tilts), view.seen.divisions, share
         )  # fmt: skip
     told = parameters | recipe.material.labels(view.slab)
     told |= {"sampler": float(chosen.sampler), "expected_error": chosen.expected_error}

@@ -1,6 +1,7 @@
 """What generating a data set will cost, from a few samples rendered and stored now."""
 
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from specklegen.datasets.store.generate import GenerationError, fill_shard
 from specklegen.datasets.store.layout import default_shard_samples, stored_type
 
 _PROBE = 32
+_SECONDS = 3.0  # for the samples of one of the two shards that are tried
 _COPIES = 2
 """Of the largest array, beside a shard's columns: its encoded chunks, and the file made of them."""
 
@@ -29,7 +31,8 @@ def estimate(
 ) -> dict[str, Any]:
     """Predict the cost of :func:`specklegen.datasets.store.generate.generate` with the same arguments.
 
-    Up to 64 samples are rendered and stored, in a temporary folder.
+    Up to 64 samples are rendered and stored in a temporary folder, as many as a few seconds allow. A medium that many
+    samples share is counted once.
 
     Returns
     -------
@@ -46,22 +49,39 @@ def estimate(
     types = {key: (spec, stored_type(spec, dtype)) for key, spec in stored_arrays(recipe).items()}
     raw = [int(np.prod(spec.shape)) * stored.itemsize for spec, stored in types.values()]
     rows = min(shard_samples or default_shard_samples(samples, max(raw, default=1)), samples)
-    probe = min(_PROBE, samples)
+    media, fresh, again = _seconds(recipe, seed, split, samples)
+    probe = max(1, min(_PROBE, samples, int(_SECONDS / max(fresh, 1e-6))))
     with tempfile.TemporaryDirectory() as folder:
         store = open_for(recipe, seed, split, dtype, Path(folder) / "probe.zarr", 2 * probe, probe)
         for shard in (0, 1):  # the first pays for imports and compilation
             outcome = fill_shard(store, recipe, shard)
             if outcome.state == "failed":
                 raise GenerationError(outcome.message)
+        written = max(outcome.seconds / probe - fresh, 0.0)
         stored = sum(file.stat().st_size for file in store.files(1))
         row = 8 * len(store.parameter_names) + 16
     shards = -(-samples // rows)
     workers = min(thread_count(processes), shards)
     return {
         "bytes": round(stored / probe * samples),
-        "seconds": outcome.seconds / probe * samples / workers,
+        "seconds": (samples * (written + again) + media * (fresh - again)) / workers,
         "memory": rows * (sum(raw) + _COPIES * max(raw, default=0) + row),
         "shards": shards,
         "shard_samples": rows,
         "processes": workers,
     }
+
+
+def _seconds(recipe: Renderable, seed: int, split: str, samples: int) -> tuple[int, float, float]:
+    """Media of so many samples, and seconds for a sample of a new medium and for another one of the same."""
+    counted = getattr(recipe, "media_of", None)
+    media = counted(samples) if counted else samples
+    recipe.sample(seed, split, 0)  # imports and compilation
+    fresh = _timed(recipe, seed, split, 1)
+    return media, fresh, min(fresh, _timed(recipe, seed, split, 1)) if media < samples else fresh
+
+
+def _timed(recipe: Renderable, seed: int, split: str, index: int) -> float:
+    begin = time.perf_counter()
+    recipe.sample(seed, split, index)
+    return time.perf_counter() - begin
