@@ -161,20 +161,24 @@ def trace_volume(
                 break
             material = materials[here]
             type_end = choose_type(table, material, f)
-            density = joint_density
-            if bidirectional:
+            weight = scattering / joint_density
+            w = best = threshold
+            if threshold > 0.0:
+                best = light_forward * _probe_power(
+                    volume, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True
+                )
+                if bidirectional:
+                    back = _probe_power(volume, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True)
+                    best = max(best, view_backward * back)
+                w = best * weight
+            # The reversed path can only lower the weight: what is dropped without it needs no second density.
+            if bidirectional and (w >= threshold or a * threshold < w):
                 _, backward = start_densities(
                     bounds, cells, extinction, source_kinds, source_rows, x, y, z, -wx, -wy, -wz
                 )
-                density += backward * extinction1 / extinction[here]
-            weight = scattering / density
-            w = threshold
-            if threshold > 0.0:
-                w = light_forward * _probe_power(volume, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True)
-                if bidirectional:
-                    back = _probe_power(volume, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True)
-                    w = max(w, view_backward * back)
-                w *= weight
+                weight = scattering / (joint_density + backward * extinction1 / extinction[here])
+                if threshold > 0.0:
+                    w = best * weight
             if w >= threshold or a * threshold < w:
                 if found < capacity:
                     kept = weight * (1.0 if w >= threshold else threshold / w)
