@@ -30,6 +30,7 @@ import specklegen as sg
 from specklegen.core.memory import resident_memory
 from specklegen.oracles.naive_numba import naive_field
 from specklegen.paths.phases import random_phases
+from specklegen.paths.tracer import volume_tracer
 from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.path_sums.nufft import nufft_field
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
@@ -143,6 +144,30 @@ def field_error(made: sg.Plan) -> float:
     fast = nufft_field(layout, bank, phases, nufft, threads=1).reshape(len(layout.lights), -1)[:, chosen]
     exact = direct_field(layout.of_views(views[chosen]), bank, (phases, None), threads=1)
     return float(np.linalg.norm(fast - exact) / np.linalg.norm(exact))
+
+
+def volume_rows(repeats: int) -> list[Row]:
+    """Paths through a box and 16^3 voxels of Henyey-Greenstein scatterers (g = 0.9, 10 free paths deep), one by one."""
+    scatterer = sg.HenyeyGreenstein(g=0.9)
+    corners = {"lower": np.array([-50, -50, 0]), "upper": np.array([50, 50, 100])}
+    extinction = 0.1 * np.random.default_rng(0).uniform(0.5, 1.5, (16, 16, 16))
+    media = {
+        "box": sg.Box(**corners, mean_free_path=10.0, scatterer=scatterer),
+        "16^3 voxels": sg.VoxelGrid(**corners, extinction=extinction, scatterers=(scatterer,)),
+    }
+    rows = []
+    for name, medium in media.items():
+        scene = sg.Scene(
+            wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 0.002], width=40.0),
+            sensor=sg.FarField.grid((32, 32), 1e-3),
+        )  # fmt: skip
+        for reverse in (False, True):
+            tracer = volume_tracer(scene, reverse)
+            events = tracer.trace(0, PATHS // 10, threads=1).events  # compiles, too
+            (spent,) = seconds(lambda n, of=tracer: of.trace(0, PATHS // 10, threads=1), repeats=repeats)
+            words = ", both directions" if reverse else ""
+            rows.append(Row(f"{name}, per scattering event{words}", "ns", list(1e9 * spent / events)))
+    return rows
 
 
 def stationary_rows(repeats: int) -> list[Row]:
@@ -295,11 +320,12 @@ def main() -> None:
     print(f"{'':<56}{f'median [min - max] of {repeats}':<32}{'must':<14}aim")
     parts = [
         lambda: path_rows(repeats, naive_paths),
+        lambda: volume_rows(repeats),
         lambda: stationary_rows(repeats),
         lambda: thread_rows(repeats),
         prediction_rows,
     ]
-    for part in parts[2:3] if options.threads else parts:
+    for part in parts[3:4] if options.threads else parts:
         found = part()
         rows += found
         print("\n".join(row.line() for row in found), flush=True)

@@ -48,18 +48,30 @@ def end_geometry(bounds, cells, extinction, near_field, px, py, pz, x, y, z):
 
 
 @inlined
-def _probe_power(volume, table, kinds, points, x, y, z, wx, wy, wz, kind, scatters):
-    """Largest |end|^2 over a few probes, by which connections are thinned."""
+def _probe_power(volume, table, kinds, points, x, y, z, wx, wy, wz, kind, scatters, enough):
+    """Largest |end|^2 over a few probes, by which connections are thinned; where not above ``enough``, any below it."""
     bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
     even = _FLOOR / (2.0 * math.pi if cells[EXTRA, 0] == 2 else 4.0 * math.pi)
     best = 0.0
     for n in range(kinds.shape[0]):
-        dx, dy, dz, decay, depth = end_geometry(
-            bounds, cells, extinction, kinds[n] == NEAR, points[n, 0], points[n, 1], points[n, 2], x, y, z
-        )
-        s2 = max(power(table, kind, wx * dx + wy * dy + wz * dz), even) if scatters else 1.0
+        near = kinds[n] == NEAR
+        px, py, pz = points[n, 0], points[n, 1], points[n, 2]
+        s2 = 1.0
+        if scatters and not near:
+            s2 = max(power(table, kind, wx * px + wy * py + wz * pz), even)
+        if not near and s2 <= max(best, enough):
+            continue  # what is lost on the way out only lowers it
+        dx, dy, dz, decay, depth = end_geometry(bounds, cells, extinction, near, px, py, pz, x, y, z)
+        if scatters and near:
+            s2 = max(power(table, kind, wx * dx + wy * dy + wz * dz), even)
         best = max(best, decay * decay * math.exp(-depth) * s2)
     return best
+
+
+@inlined
+def _below(limit, factor):
+    """The largest value that stays below ``limit`` when multiplied by ``factor`` >= 0, with room for rounding."""
+    return limit / factor * (1.0 - 1e-9) if factor > 0.0 else math.inf
 
 
 @kernel
@@ -112,8 +124,8 @@ def trace_volume(
         weight = scattering / vertex_density
         w = threshold
         if threshold > 0.0:
-            w = weight * _probe_power(volume, table, light_kinds, lights, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
-            w *= _probe_power(volume, table, view_kinds, views, x1, y1, z1, 0.0, 0.0, 0.0, type1, False)
+            w = weight * _probe_power(volume, table, light_kinds, lights, x1, y1, z1, 0.0, 0.0, 0.0, type1, False, 0.0)
+            w *= _probe_power(volume, table, view_kinds, views, x1, y1, z1, 0.0, 0.0, 0.0, type1, False, 0.0)
             # s(i . v) is the same for all and not known here: judged as isotropic.
             w /= 2.0 * math.pi if cells[EXTRA, 0] == 2 else 4.0 * math.pi
         if w >= threshold or b * threshold < w:
@@ -129,9 +141,9 @@ def trace_volume(
         light_forward = view_backward = 1.0
         if threshold > 0.0:
             light_forward = _probe_power(
-                volume, table, light_kinds, lights, x1, y1, z1, -ox, -oy, -oz, type1, True
+                volume, table, light_kinds, lights, x1, y1, z1, -ox, -oy, -oz, type1, True, 0.0
             )  # fmt: skip
-            view_backward = _probe_power(volume, table, view_kinds, views, x1, y1, z1, -ox, -oy, -oz, type1, True)
+            view_backward = _probe_power(volume, table, view_kinds, views, x1, y1, z1, -ox, -oy, -oz, type1, True, 0.0)
         x, y, z = x1, y1, z1
         wx, wy, wz = ox, oy, oz
         length = 0.0
@@ -161,20 +173,29 @@ def trace_volume(
                 break
             material = materials[here]
             type_end = choose_type(table, material, f)
-            density = joint_density
-            if bidirectional:
+            weight = scattering / joint_density
+            w = best = threshold
+            if threshold > 0.0:
+                lost = a * threshold  # a contribution that is dropped
+                best = light_forward * _probe_power(
+                    volume, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True,
+                    _below(lost, light_forward * weight),
+                )  # fmt: skip
+                if bidirectional:
+                    back = _probe_power(
+                        volume, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True,
+                        _below(lost, view_backward * weight),
+                    )  # fmt: skip
+                    best = max(best, view_backward * back)
+                w = best * weight
+            # The reversed path can only lower the weight: what is dropped without it needs no second density.
+            if bidirectional and (w >= threshold or a * threshold < w):
                 _, backward = start_densities(
                     bounds, cells, extinction, source_kinds, source_rows, x, y, z, -wx, -wy, -wz
                 )
-                density += backward * extinction1 / extinction[here]
-            weight = scattering / density
-            w = threshold
-            if threshold > 0.0:
-                w = light_forward * _probe_power(volume, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True)
-                if bidirectional:
-                    back = _probe_power(volume, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True)
-                    w = max(w, view_backward * back)
-                w *= weight
+                weight = scattering / (joint_density + backward * extinction1 / extinction[here])
+                if threshold > 0.0:
+                    w = best * weight
             if w >= threshold or a * threshold < w:
                 if found < capacity:
                     kept = weight * (1.0 if w >= threshold else threshold / w)
