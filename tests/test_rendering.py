@@ -315,7 +315,7 @@ def test_reversed_paths_take_part_only_near_backscattering():
         views = directions_of_sines("v", sines, sign)
         return reversal_decision(medium, WAVELENGTH, light, views, "auto", tolerance).needed
 
-    # pi/2 / (k l |i + v|) of single scattering at large distances: 0.02 at |i + v| = 0.313; the bound allows a quarter more.
+    # pi/2 / (k l |i + v|) of single scattering at large distances: 0.02 at |i + v| = 0.313, and a quarter more.
     assert needed([[0.0, 0.0]])
     assert needed([[0.28, 0.0]])
     assert needed([[-0.1 - 0.28, 0.0]])  # v = -i of the second light has sine -0.1

@@ -15,6 +15,7 @@ from specklegen.core.memory import available_memory
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.mean.rule import mean_decision
+from specklegen.paths.deep_absorption import require_reach, scene_relative_variance
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
@@ -89,7 +90,8 @@ def plan(
     ------
     RuleError
         For an argument out of range, a grid that undersamples the speckle, a sampler that cannot serve
-        the scene, or a render that would not fit into memory.
+        the scene, a render that would not fit into memory, or fewer paths than it takes for any to carry light
+        through an absorbing slab.
     """
     instance("plan scene", scene, Scene)
     checked_budget("plan", paths, rel_error, None)
@@ -118,6 +120,7 @@ def plan(
     assert chosen is not None, "path sums serve every scene"
     if sampler == "paths":
         decisions.append(Decision("stationary sampler", False, "as asked"))
+    require_reach("plan", scene_relative_variance(scene), chosen.paths)
     threads = thread_count(threads)
     needed = chosen.memory(threads)
     _require_memory(scene, needed)
