@@ -25,7 +25,7 @@ from specklegen.paths.gaussianity import Gaussianity
 from specklegen.paths.reversal import Reverse
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
-from specklegen.samplers.sampler import Drawn, SamplerName
+from specklegen.samplers.sampler import Drawn, SamplerName, require_finite
 from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.scene import Scene
 
@@ -163,6 +163,7 @@ def render(
     images = np.stack([each.image for each in drawn])
     if mean:
         images = images + mean_field(scene).astype(np.complex64)
+    require_finite(images)
     if realizations is None:
         images = images[0]
     report = Report(

@@ -21,7 +21,7 @@ from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
 from specklegen.samplers.covariance import sampler as covariance
 from specklegen.samplers.path_sums import sampler as path_sums
-from specklegen.samplers.sampler import SamplerName, Wish
+from specklegen.samplers.sampler import SamplerName, Wish, require_float32
 from specklegen.samplers.stationary import sampler as stationary
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.scene import Scene
@@ -121,6 +121,7 @@ def plan(
     if sampler == "paths":
         decisions.append(Decision("stationary sampler", False, "as asked"))
     require_reach("plan", scene_relative_variance(scene), chosen.paths)
+    require_float32(chosen.pilot.intensity)
     threads = thread_count(threads)
     needed = chosen.memory(threads)
     _require_memory(scene, needed)
