@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import instance, real_array, real_number
 from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.errors import reject
+from specklegen.core.memory import available_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
@@ -204,6 +205,14 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
 
     def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, last - first, first=first, threads=threads)
+        held = 3 * 16 * len(lights) * len(bank) * (2 if reverse else 1)  # before any of it is allocated
+        if held > 0.5 * available_memory():
+            reject(
+                "memory_effect tilts",
+                f"so few that their amplitudes fit into {0.5 * available_memory() / 2**30:.1f} GiB",
+                f"{held / 2**30:.1f} GiB for {len(light)} tilts of {last - first} paths at a time",
+                "Ask for fewer tilts at a time, or for fewer paths.",
+            )  # fmt: skip
         ones, many = bank.single, bank.multiple
         alone = [single_amplitudes(pair, ones) for pair in matched]
         rest = [multiple_amplitudes(pair, many, bidirectional=reverse, reverse=reverse) for pair in matched]
