@@ -69,7 +69,8 @@ def plan(
         Instead of ``paths``: the square root of the excess correlation between intensities that a finite
         number of paths leaves, at the worst view: sqrt(Var w / (N (E w)^2)), w the contribution of a path. This
         is for views far apart; within a grain of each other the connections of one path, which share their
-        entrance, add up to as much again (:func:`specklegen.coherence.partially_coherent.finite_path_excess`). Also
+        entrance, add up to as much again, sqrt 2 in the error
+        (:func:`specklegen.coherence.partially_coherent.finite_path_excess`). Also
         the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
         "auto", or one of "paths", "covariance", "stationary". "covariance" (few lights and views) estimates
