@@ -14,17 +14,20 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import instance, real_array, real_number
 from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.errors import reject
+from specklegen.core.memory import available_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.paths.deep_absorption import relative_variance, require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.reversal import Reverse, reversal_decision
 from specklegen.paths.tracer import plane_tracer
 from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.scene.illumination import directions_of_sines
-from specklegen.scene.media import Slab
+from specklegen.scene.media import Box, Slab, VoxelGrid
+from specklegen.scene.scene import Scene
 from specklegen.scene.validity import warn_of_dependence
 
 Mode = Literal["transmission", "reflection"]
@@ -124,13 +127,19 @@ def memory_effect(
     Raises
     ------
     RuleError
-        For a field out of its range.
+        For a field out of its range, a medium that is no slab, or fewer paths than it takes for any to carry light
+        through an absorbing one.
 
     Warns
     -----
     DoubtWarning
         Where the mean free path is below the wavelength: independent scattering is then doubtful.
     """
+    if isinstance(medium, Box | VoxelGrid | Scene):
+        reject(
+            "memory_effect medium", "a Slab, which is infinite sideways", medium,
+            "Of anything else ask covariance of a Scene for the pairs (tilt, view moved with it), or render its stack.",
+        )  # fmt: skip
     instance("memory_effect medium", medium, Slab)
     tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
     if tilts.ndim != 1 or not np.isfinite(tilts).all() or (tilts.size and np.abs(tilts).max() >= np.pi / 2):
@@ -163,6 +172,8 @@ def memory_effect(
     count = paths_for(
         DEFAULT_PATHS, paths, rel_error, seconds, lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0))
     )  # fmt: skip
+    if mode == "transmission":
+        require_reach("memory_effect", relative_variance(medium), count)
     field, intensity, decorrelation, error, single = run(count, seed)
     return MemoryEffect(
         tilts=tilts,
@@ -194,6 +205,14 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
 
     def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, last - first, first=first, threads=threads)
+        held = 3 * 16 * len(lights) * len(bank) * (2 if reverse else 1)  # before any of it is allocated
+        if held > 0.5 * available_memory():
+            reject(
+                "memory_effect tilts",
+                f"so few that their amplitudes fit into {0.5 * available_memory() / 2**30:.1f} GiB",
+                f"{held / 2**30:.1f} GiB for {len(light)} tilts of {last - first} paths at a time",
+                "Ask for fewer tilts at a time, or for fewer paths.",
+            )  # fmt: skip
         ones, many = bank.single, bank.multiple
         alone = [single_amplitudes(pair, ones) for pair in matched]
         rest = [multiple_amplitudes(pair, many, bidirectional=reverse, reverse=reverse) for pair in matched]

@@ -22,7 +22,7 @@ from specklegen.core.random_streams import Seed
 from specklegen.mean.field import mean_field
 from specklegen.paths.reversal import Reverse
 from specklegen.planning.planning import plan, streaming_obstacle
-from specklegen.samplers.sampler import SamplerName, Where
+from specklegen.samplers.sampler import SamplerName, Where, require_finite
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
@@ -162,9 +162,11 @@ def _axes(scene: Scene) -> list[tuple[str, tuple[str, ...], np.ndarray, str]]:
 
 
 def _with_mean(pieces: Iterator[tuple[Where, np.ndarray]], scene: Scene | None) -> Iterator[tuple[Where, np.ndarray]]:
-    """Add the mean field of a scene, piece by piece."""
+    """Add the mean field of a scene, piece by piece; refuse what float32 does not hold."""
     for where, field in pieces:
-        yield where, field if scene is None else field + mean_field(_part(scene, where)).astype(np.complex64)
+        if scene is not None:
+            field = field + mean_field(_part(scene, where)).astype(np.complex64)
+        yield where, require_finite(field)
 
 
 def _part(scene: Scene, where: Where) -> Scene:

@@ -310,7 +310,7 @@ def test_reversed_paths_take_part_only_near_backscattering():
         views = directions_of_sines("v", sines, sign)
         return reversal_decision(medium, WAVELENGTH, light, views, "auto", tolerance).needed
 
-    # pi/2 / (k l |i + v|) of single scattering at large distances: 0.02 at |i + v| = 0.313; the bound allows a quarter more.
+    # pi/2 / (k l |i + v|) of single scattering at large distances: 0.02 at |i + v| = 0.313, and a quarter more.
     assert needed([[0.0, 0.0]])
     assert needed([[0.28, 0.0]])
     assert needed([[-0.1 - 0.28, 0.0]])  # v = -i of the second light has sine -0.1
@@ -483,3 +483,16 @@ def test_the_bounds_used_here_are_those_stated():
     """limit() at a false-alarm rate of 1e-6: 4.89 for one Gaussian, 5.4 for 64 batches (physics.md 5)."""
     assert limit() == pytest.approx(4.892, abs=1e-3)
     assert limit(degrees=63) == pytest.approx(5.4, abs=0.05)
+
+
+def test_a_seed_names_a_medium_within_one_call():
+    """What the docstring of render says: with one tilt more, path sums stay near, stationary stacks are others."""
+    found = {}
+    for sampler in ("paths", "stationary"):
+        two, three = (
+            sg.render(scene(tilts=tilts, shape=(32, 32)), paths=2000, sampler=sampler, seed=1).field[0]
+            for tilts in ((0.0, 0.5), (0.0, 0.5, 1.0))
+        )
+        found[sampler] = abs(np.vdot(two, three)) / (np.linalg.norm(two) * np.linalg.norm(three))
+    assert found["paths"] > 0.95
+    assert found["stationary"] < 0.4

@@ -4,13 +4,14 @@ A pilot is a function of the scene alone, never of the run that it plans, so tha
 view factors, samplers) biases no result. No unit of length sways it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from specklegen.core.random_streams import Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
+from specklegen.paths.deep_absorption import scene_relative_variance
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.tracer import Tracer, scene_tracer, volume_tracer
@@ -28,7 +29,8 @@ class Pilot:
     tracer : Tracer
     bank : PathBank
     moments : PathMoments
-        Of a path's weights, at the worst of a few lights and views.
+        Of a path's weights, at the worst of a few lights and views; the variance is at least what absorption makes it
+        where too few paths cross a slab for a pilot to know.
     intensity : float
         Largest mean intensity among these.
     multiple_share : float
@@ -82,6 +84,7 @@ def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
         rest = np.bincount(powers[1][0], multiple, PILOT_PATHS)
         if mean > 0:
             share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(PILOT_PATHS)) / mean)
+    moments = replace(moments, relative_variance=max(moments.relative_variance, scene_relative_variance(scene)))
     return Pilot(tracer, bank, moments, float(intensity), float(share))
 
 

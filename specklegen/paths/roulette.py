@@ -11,23 +11,26 @@ import numpy as np
 from specklegen.core.random_streams import Seed, Stream
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors
-from specklegen.paths.slab_tracer import SlabTracer
+from specklegen.paths.slab_tracer import SlabTracer, events_per_path
 from specklegen.paths.volume_tracer import VolumeTracer
 
 ALWAYS_FROM = 10.0  # times the mean contribution (docs/physics.md 2)
 SLAB_PATHS, VOLUME_PATHS = 2000, 4096  # of the pilots
 _FIRST_PATHS = 64  # of a pilot, which tell how many more its memory allows
 _PILOT_CONNECTIONS = 2**20
+_SLAB_CONNECTIONS = 2**23  # 2 GB: fewer than SLAB_PATHS from an optical depth of 1700 on
 
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
     """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
-    bank = tracer.trace(seed, SLAB_PATHS, stream=Stream.PILOT, threads=1)
+    fitting = int(_SLAB_CONNECTIONS / events_per_path(tracer.medium))  # all of them are kept here
+    bank = tracer.trace(seed, min(SLAB_PATHS, max(fitting, 16)), stream=Stream.PILOT, threads=1)
     if len(bank) == 0:
         return tracer
     found = [contributions(tracer.layout.at(light, view), bank) for view in tracer.proposal.probes]
     threshold = ALWAYS_FROM * float(np.max(found, axis=0).sum() / len(bank))
-    return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold))
+    # Where none of the pilot's light comes out, connections of no weight are dropped, not all of them kept.
+    return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold or 1e-300))
 
 
 def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:

@@ -10,7 +10,13 @@ from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
 from specklegen.paths.roulette import capacious, slab_roulette, volume_roulette
-from specklegen.paths.slab_tracer import SlabTracer, beam_proposal, default_max_order, plane_proposal
+from specklegen.paths.slab_tracer import (
+    SlabTracer,
+    beam_proposal,
+    default_max_order,
+    plane_proposal,
+    require_traceable,
+)
 from specklegen.paths.starts import close_points, scene_sources
 from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
@@ -87,6 +93,8 @@ def volume_tracer(scene: Scene, reverse: bool) -> VolumeTracer:
     Connections are not thinned where sensor points lie close: what is bright there is not known from a few
     of them.
     """
+    if isinstance(scene.medium, Slab):
+        require_traceable(scene.medium)
     layout = scene_layout(scene)
     tracer = VolumeTracer(
         layout=layout,

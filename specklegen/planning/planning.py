@@ -15,12 +15,13 @@ from specklegen.core.memory import available_memory
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.mean.rule import mean_decision
+from specklegen.paths.deep_absorption import require_reach, scene_relative_variance
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
 from specklegen.samplers.covariance import sampler as covariance
 from specklegen.samplers.path_sums import sampler as path_sums
-from specklegen.samplers.sampler import SamplerName, Wish
+from specklegen.samplers.sampler import SamplerName, Wish, require_float32
 from specklegen.samplers.stationary import sampler as stationary
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.scene import Scene
@@ -68,7 +69,8 @@ def plan(
         Instead of ``paths``: the square root of the excess correlation between intensities that a finite
         number of paths leaves, at the worst view: sqrt(Var w / (N (E w)^2)), w the contribution of a path. This
         is for views far apart; within a grain of each other the connections of one path, which share their
-        entrance, add up to as much again (:func:`specklegen.coherence.partially_coherent.finite_path_excess`). Also
+        entrance, add up to as much again, sqrt 2 in the error
+        (:func:`specklegen.coherence.partially_coherent.finite_path_excess`). Also
         the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
         "auto", or one of "paths", "covariance", "stationary". "covariance" (few lights and views) estimates
@@ -89,7 +91,8 @@ def plan(
     ------
     RuleError
         For an argument out of range, a grid that undersamples the speckle, a sampler that cannot serve
-        the scene, or a render that would not fit into memory.
+        the scene, a render that would not fit into memory, or fewer paths than it takes for any to carry light
+        through an absorbing slab.
     """
     instance("plan scene", scene, Scene)
     checked_budget("plan", paths, rel_error, None)
@@ -118,6 +121,8 @@ def plan(
     assert chosen is not None, "path sums serve every scene"
     if sampler == "paths":
         decisions.append(Decision("stationary sampler", False, "as asked"))
+    require_reach("plan", scene_relative_variance(scene), chosen.paths)
+    require_float32(chosen.pilot.intensity)
     threads = thread_count(threads)
     needed = chosen.memory(threads)
     _require_memory(scene, needed)

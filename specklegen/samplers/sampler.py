@@ -7,12 +7,14 @@ sampler it is. A new one is a folder, and a line in :data:`specklegen.planning.p
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, NoReturn, Protocol
 
 import numpy as np
 
+from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.paths.gaussianity import Gaussianity
+from specklegen.paths.pilot import Pilot
 from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.scene import Scene
 
@@ -24,6 +26,9 @@ Where = tuple[slice, slice, slice]
 FIXED_BYTES = 58 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
 RECORD_BYTES = 14 * 8 + 28  # of a connection
 TILTS_STREAMED = 16  # whose fields on one tile are held at a time where a stack comes piece by piece
+
+LEAST_FLOAT32, MOST_FLOAT32 = 1e-34, 1e35
+"""Mean intensities that float32 holds with their dark grains and bright ones."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +101,11 @@ class Sampler(Protocol):
         ...
 
     @property
+    def pilot(self) -> Pilot:
+        """What it was planned from."""
+        ...
+
+    @property
     def expected_error(self) -> float:
         """Relative error that so many paths leave."""
         ...
@@ -125,6 +135,42 @@ class Sampler(Protocol):
     def prepare(self, seed: Seed, threads: int | None) -> Draws:
         """Do once what all realizations share."""
         ...
+
+
+def require_float32(intensity: float) -> None:
+    """Refuse a scene whose mean intensity, a float64, float32 does not hold with its dark grains and bright ones.
+
+    Raises
+    ------
+    RuleError
+        With the remedy.
+    """
+    if intensity and not LEAST_FLOAT32 <= intensity <= MOST_FLOAT32:
+        _reject_range(intensity)
+
+
+def require_finite(images: np.ndarray) -> np.ndarray:
+    """Return fields complex64 or intensities float32, unless their intensities overflow.
+
+    Raises
+    ------
+    RuleError
+        With the remedy.
+    """
+    if images.size:
+        parts = np.ascontiguousarray(images).view(np.float32)  # whose extremes are found without a copy
+        highest = max(float(parts.max()), -float(parts.min()))
+        power = 2 * highest**2 if np.iscomplexobj(images) else highest
+        if not power < float(np.finfo(np.float32).max):
+            _reject_range(power)
+    return images
+
+
+def _reject_range(intensity: float) -> NoReturn:
+    reject(
+        "Scene intensity", f"between {LEAST_FLOAT32:g} and {MOST_FLOAT32:g}, for images are float32", intensity,
+        "Intensities are areas: give every length in a unit near the wavelength, or ask covariance, which is float64.",
+    )  # fmt: skip
 
 
 def image_of(scene: Scene, field: np.ndarray) -> np.ndarray:

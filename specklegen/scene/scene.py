@@ -15,6 +15,8 @@ from specklegen.scene.unitless import unitless_fingerprint
 
 NEAREST = 0.01
 """Wavelengths between a sensor point and a source inside the medium, at least."""
+LARGEST = 1e60
+"""Largest length, in any unit, and the inverse of the smallest one: what is squared twice is still a float64."""
 
 
 class Scene(Value):
@@ -61,7 +63,28 @@ class Scene(Value):
         if isinstance(self.illumination, PointSources) and isinstance(self.sensor, NearField):
             self._require_apart(self.illumination.points, self.views)
         self._require_wavelength()
+        self._require_lengths()
         return self
+
+    def _require_lengths(self) -> None:
+        """Refuse lengths whose fourth powers leave the range of floats: results would be 0, NaN or without error."""
+        medium, light = self.medium, self.illumination
+        lengths: dict[str, float] = {"Scene.wavelength": self.wavelength}
+        if isinstance(medium, Slab):
+            lengths["Slab.thickness"] = medium.thickness
+        else:
+            lengths[f"{medium.type}.lower"] = float(np.abs(medium.lower).max())
+            lengths[f"{medium.type}.upper"] = float(np.abs(medium.upper).max())
+        if isinstance(light, CollimatedBeams | IncoherentObject):
+            lengths[f"{light.type}.width"] = light.width
+        if np.isfinite(medium.mean_free_path):
+            lengths[f"{medium.type}.mean_free_path"] = medium.mean_free_path
+        for name, length in lengths.items():
+            if length and not 1 / LARGEST <= length <= LARGEST:
+                reject(
+                    name, f"between {1 / LARGEST:g} and {LARGEST:g}", length,
+                    "Give every length in a unit near the wavelength: only ratios of lengths matter.",
+                )  # fmt: skip
 
     def _require_apart(self, sources: np.ndarray, sensors: np.ndarray) -> None:
         """Refuse a sensor point beside a source inside the medium: single scattering there diverges with 1/distance."""

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
+from specklegen.core.memory import available_memory
 from specklegen.core.values import Array, Finite, Positive, PositiveInt, Value, position_vectors, unit_vectors
 from specklegen.scene.illumination import directions_of_sines
 
@@ -77,6 +78,11 @@ class FarFieldGrid(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if 8 * max(self.shape) > 0.1 * available_memory():  # of one axis, before it is allocated
+            reject(
+                "FarFieldGrid.shape", f"at most {int(0.1 * available_memory() / 8):.1e} views a side here", self.shape,
+                "A render holds tilts x views fields of 8 bytes: use fewer views, or stream tiles of them.",
+            )  # fmt: skip
         x, y = self.sines
         corner = np.hypot(np.abs(x).max(), np.abs(y).max())
         if corner > 1:

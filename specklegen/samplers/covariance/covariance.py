@@ -24,6 +24,7 @@ from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES
 from specklegen.kernels.rng import fill_normals
 from specklegen.paths.bank import PathBank
+from specklegen.paths.deep_absorption import require_reach, scene_relative_variance
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import volume_pilot
@@ -197,6 +198,7 @@ def covariance(
     count = paths_for(
         DEFAULT_PATHS, paths, rel_error, seconds, lambda n: run(n, keyed, stream=Stream.PILOT).rel_error
     )  # fmt: skip
+    require_reach("covariance", scene_relative_variance(scene), count)
     found = replace(run(count, seed), decisions=decisions)
     return found if pairs is not None else found.reshaped((t, v, t, v))
 
@@ -231,6 +233,7 @@ def covariance_blocks(
     tracer, reversal = _prepare(scene, reverse, tolerance)
     t, v = len(scene.lights), len(scene.views)
     _require_memory(t, v, rows)
+    require_reach("covariance_blocks", scene_relative_variance(scene), paths)
     for start in range(0, t * v, rows):
         part = slice(start, min(start + rows, t * v))
         entries = _rows(part, t * v)
