@@ -154,7 +154,8 @@ def test_a_store_with_damaged_metadata_is_refused(store, tmp_path, capsys, name)
     (folder / name).write_text("{")
     status, message = said_by_main(capsys, "verify", folder)
     assert status == 2
-    assert "store.folder must be" in message
+    assert "store metadata must be as written" in message
+    assert f"{name} (damaged)" in message
 
 
 def test_errors_of_the_system_are_told_and_defects_are_not():

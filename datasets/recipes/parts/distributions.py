@@ -4,6 +4,7 @@ In TOML: ``g = 0.9``, ``g = {uniform = [0.7, 0.95]}``, ``thickness = {log_unifor
 ``albedo = {choice = [1.0, 0.99]}``.
 """
 
+import sys
 from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
@@ -92,7 +93,7 @@ def _read(value: Any) -> Any:
         return value
     if isinstance(value, bool) or not isinstance(value, int | float):
         reject("a drawn number", f"a number or a table with one of {', '.join(_KINDS)}", value)
-    number = real_number("a drawn number", value)
+    number = np.inf if abs(value) > sys.float_info.max else real_number("a drawn number", value)
     if not np.isfinite(number):
         raise ValueError("finite")  # the field is named by whoever asked
     return number

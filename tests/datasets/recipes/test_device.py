@@ -175,7 +175,7 @@ def test_every_tensor_of_an_object_is_on_the_device():
 def test_every_tensor_of_a_stack_is_on_the_device(fft):
     recipe = load_recipe("tilt-stack", SMALL["tilt-stack"])
     material = recipe.material_of(0, "train", 0)
-    scene = recipe.scene(material.slab, recipe.tilts.angles(4e-5, 0.0))
+    scene = recipe.view(material.slab, recipe.tilts.angles(4e-5, 0.0)).full
     with OneDevice():
         field = stack_sampler(scene, material.kernel, device="meta", fft=fft).sample((1, 2, 3))
     assert (field.device.type, field.shape, field.dtype) == ("meta", (5, 16, 16), torch.complex64)

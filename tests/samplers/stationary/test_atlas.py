@@ -310,7 +310,7 @@ def test_processes_at_once(tmp_path):
 
 def test_a_material_takes_its_kernel_from_the_atlas(empty_cache):
     material = Material(wavelength=0.5, thickness=1000.0, optical_depth=10.0, g=0.9, kernel="atlas")
-    medium = material.slab(1000.0, 10.0, 0.9, 1.0)
+    (medium,) = material.extremes()
     served, traced = known(medium, 20_000, material.kernel), known(medium, 20_000)
     assert (served.kernel.source, traced.kernel.source) == ("atlas", "estimate")
     assert served.half_range == pytest.approx(traced.half_range, rel=0.1)
