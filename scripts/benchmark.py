@@ -176,8 +176,14 @@ def stationary_rows(repeats: int) -> list[Row]:
     stacks, times = stack_sampler(example(), kernel), 20
     (stack,) = seconds(lambda n: [stacks.sample(n, r) for r in range(times)], repeats=repeats)
     fresh, shared, rank = object_seconds(kernel, repeats, times)
+
+    def rendered(seed: int, count: int) -> None:
+        sg.render(example(), paths=2000, sampler="stationary", seed=seed, realizations=count, threads=1)
+
+    few, many = seconds(lambda n: rendered(n, times), lambda n: rendered(n, 11 * times), repeats=repeats)
     return [
         Row("stationary five-stack 101 x 101", "ms", list(1e3 * stack / times), 2, 0.7),
+        Row("the same by sg.render, each further stack", "ms", list(1e3 * (many - few) / (10 * times))),
         Row("28 x 28 object on 128 x 128, fresh medium each", "images/s", list(times / fresh), note=f"{rank} modes"),
         Row("28 x 28 object on 128 x 128, one medium", "images/s", list(times / shared)),
     ]

@@ -25,7 +25,7 @@ from specklegen.paths.gaussianity import Gaussianity
 from specklegen.paths.reversal import Reverse
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
-from specklegen.samplers.sampler import Drawn, SamplerName, require_finite
+from specklegen.samplers.sampler import SamplerName, require_finite
 from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.scene import Scene
 
@@ -165,8 +165,7 @@ def render(
     made = choose(paths=paths, rel_error=rel_error)
     for doubt in made.doubts:
         warnings.warn(f"{doubt}. Leave the choice to sampler=\"auto\".", DoubtWarning, stacklevel=2)
-    drawn = _drawn(made, seed, realizations or 1, threads)
-    images = np.stack([each.image for each in drawn])
+    images, connections, unfinished = _drawn(made, seed, realizations or 1, threads)
     if mean:
         images = images + mean_field(scene).astype(np.complex64)
     require_finite(images)
@@ -176,8 +175,8 @@ def render(
         sampler=made.sampler,
         summation=made.summation,
         paths=made.paths,
-        connections=sum(each.connections for each in drawn),
-        unfinished=sum(each.unfinished for each in drawn),
+        connections=connections,
+        unfinished=unfinished,
         expected_error=made.expected_error,
         gaussianity=made.gaussianity,
         mean_added=mean,
@@ -188,10 +187,17 @@ def render(
     return SpeckleStack(images, None, report)
 
 
-def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> list[Drawn]:
-    """Every realization, by the sampler that was planned."""
+def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
+    """Every realization [R, ...] by the sampler that was planned, and their connections and unfinished paths."""
+    images, connections, unfinished = np.empty(0), 0, 0
     with one_blas_thread():
-        return list(made.chosen.prepare(seed, threads).images(realizations))
+        for r, each in enumerate(made.chosen.prepare(seed, threads).images(realizations)):
+            if r == 0:
+                images = np.empty((realizations, *each.image.shape), each.image.dtype)
+            images[r] = each.image
+            connections += each.connections
+            unfinished += each.unfinished
+    return images, connections, unfinished
 
 
 def _paths_within(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from scenes import slab
 from scipy.special import j1
 from scipy.stats import kstest
@@ -21,7 +22,7 @@ from specklegen.paths.chunks import Chunks
 from specklegen.paths.layout import scene_layout
 from specklegen.paths.reversal import reversal_decision
 from specklegen.samplers.path_sums import summation
-from specklegen.samplers.stationary import rule
+from specklegen.samplers.stationary import gaussian_noise, rule, stacks
 from specklegen.scene.illumination import directions_of_sines
 
 WAVELENGTH, WIDTH = 0.5, 4000.0
@@ -496,3 +497,27 @@ def test_a_seed_names_a_medium_within_one_call():
         found[sampler] = abs(np.vdot(two, three)) / (np.linalg.norm(two) * np.linalg.norm(three))
     assert found["paths"] > 0.95
     assert found["stationary"] < 0.4
+
+
+@pytest.mark.filterwarnings("ignore::specklegen.DoubtWarning")
+def test_stationary_stacks_are_drawn_on_one_thread(monkeypatch):
+    """Whatever torch is set to: its sums differ in the last bit between one thread and two."""
+    seen = []
+    draw = gaussian_noise.complex_normals
+
+    def watched(*arguments):
+        seen.append(torch.get_num_threads())
+        return draw(*arguments)
+
+    monkeypatch.setattr(stacks, "complex_normals", watched)
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        many = sg.render(scene(), paths=2000, sampler="stationary", realizations=3, threads=1)
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+    assert seen == [1, 1, 1]
+    assert many.field.shape[0] == 3
+    alone = sg.render(scene(), paths=2000, sampler="stationary", threads=1)
+    np.testing.assert_array_equal(many.field[0], alone.field)

@@ -9,6 +9,7 @@ import numpy as np
 
 from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
+from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.paths.gaussianity import EXACT, Gaussianity
 from specklegen.paths.pilot import Pilot, scene_pilot
@@ -163,10 +164,12 @@ class StationaryDraws:
         """One transform each."""
         light = self.sampler.scene.illumination
         for r in range(realizations):
-            if isinstance(light, IncoherentObject):
-                yield Drawn(self.objects.image(self.objects.medium(self.seed, r), light.brightness).numpy())
-            else:
-                yield Drawn(self.stacks.sample(self.seed, r).numpy())
+            with one_torch_thread():  # the white noise as well
+                if isinstance(light, IncoherentObject):
+                    image = self.objects.image(self.objects.medium(self.seed, r), light.brightness)
+                else:
+                    image = self.stacks.sample(self.seed, r)
+            yield Drawn(image.numpy())
 
     def pieces(self, realization: int) -> Iterator[tuple[Where, np.ndarray]]:
         """Tilt by tilt: the noise is held, no stack."""
