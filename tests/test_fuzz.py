@@ -36,12 +36,15 @@ def strict():
         yield
 
 
-def result_or_refusal(word: str, call):
-    """What a call returns, or None where it is refused for a reason that holds a word."""
+ABSORBED = "enough that light crosses the absorbing slab"
+
+
+def result_or_refusal(words: tuple[str, ...], call):
+    """What a call returns, or None where it is refused for a reason that holds one of some words."""
     try:
         return call()
     except RuleError as refused:
-        if word not in str(refused):
+        if not any(word in str(refused) for word in words):
             raise
         return None
 
@@ -90,7 +93,7 @@ def test_the_mean_field_is_finite_or_refused(count):
     @given(scene=scenes())
     def check(scene):
         with strict():
-            mean = result_or_refusal("mean_field", lambda: sg.mean_field(scene))
+            mean = result_or_refusal(("mean_field",), lambda: sg.mean_field(scene))
         if mean is None:
             return
         assert mean.shape == (len(scene.lights), *scene.sensor.shape)
@@ -129,8 +132,15 @@ def test_any_unit_of_length_gives_the_same_light(count):
         # Pilots are keyed by the scene in wavelengths: they find the same of both.
         with strict():
             one, two = (
-                sg.covariance(each, paths=16, seed=seed, reverse=False, orders="all").value for each in (scene, other)
+                result_or_refusal(
+                    (ABSORBED,),
+                    lambda of=each: sg.covariance(of, paths=16, seed=seed, reverse=False, orders="all").value,
+                )
+                for each in (scene, other)
             )
+        assert (one is None) == (two is None)
+        if one is None or two is None:
+            return
         two = two / s ** (order * (scene.dimension - 1))
         # Phases of up to 1e9 turns (a beam of 1e4 wavelengths at 1e-3 of grazing in a slab of 1e7) carry 1e-7.
         assert np.abs(two - one).max(initial=0.0) <= 1e-6 * np.abs(one).max(initial=0.0)
@@ -184,7 +194,7 @@ def test_memory_effect_of_any_slab(count):
         wavelength, medium, tilts = case
         with strict():
             found = result_or_refusal(
-                "view + tilts",  # beyond grazing
+                ("view + tilts", ABSORBED),  # beyond grazing
                 lambda: sg.memory_effect(
                     medium, wavelength=wavelength, tilts=[0.0, *tilts, *tilts[:1]], mode=mode, paths=paths
                 ),

@@ -5,11 +5,14 @@ process, however it dies, so that no claim ever goes stale. Claims only save dou
 temporary files from live ones: correctness rests on whole files that appear by renaming. The file itself
 holds nothing, and is made where it is missing.
 
-The locks are POSIX record locks: they exclude processes, on one machine or over NFS with a lock service,
-and not threads of one process. A process holds one claim on a file at a time.
+On Linux the locks belong to the open file (OFD locks): they exclude processes, on one machine or over NFS with a lock
+service, and threads of one process. Elsewhere they are POSIX record locks, which exclude processes alone: threads there
+must not write one store at a time.
 """
 
 import os
+import struct
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +22,9 @@ try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None
+
+_OWNED = sys.platform == "linux" and hasattr(fcntl, "F_OFD_SETLK") and sys.maxsize > 2**32
+"""Whether locks that belong to the open file are there, laid out as on 64 bits."""
 
 LockState = Literal["held", "busy", "unlockable"]
 
@@ -61,7 +67,12 @@ def _opened(file: Path, number: int, wait: bool) -> tuple[int, LockState]:
 def _lock(descriptor: int, number: int, wait: bool) -> LockState:
     assert fcntl is not None
     try:
-        fcntl.lockf(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), 1, number, os.SEEK_SET)
+        if _OWNED:
+            # struct flock: type, whence, start, length, process (0 for these locks)
+            wanted = struct.pack("@hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, number, 1, 0)
+            fcntl.fcntl(descriptor, fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK, wanted)
+        else:
+            fcntl.lockf(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), 1, number, os.SEEK_SET)
     except (BlockingIOError, PermissionError):
         return "busy"
     except OSError:
