@@ -73,8 +73,10 @@ class Scene(Value):
         if isinstance(medium, Slab):
             lengths["Slab.thickness"] = medium.thickness
         else:
-            lengths[f"{medium.type}.lower"] = float(np.abs(medium.lower).max())
-            lengths[f"{medium.type}.upper"] = float(np.abs(medium.upper).max())
+            # A corner may lie as near to 0 as it likes; a side may not be as short.
+            lengths[f"{medium.type}.upper - lower"] = float((medium.upper - medium.lower).min())
+            lengths[f"{medium.type}.lower"] = max(float(np.abs(medium.lower).max()), 1 / LARGEST)
+            lengths[f"{medium.type}.upper"] = max(float(np.abs(medium.upper).max()), 1 / LARGEST)
         if isinstance(light, CollimatedBeams | IncoherentObject):
             lengths[f"{light.type}.width"] = light.width
         if np.isfinite(medium.mean_free_path):
