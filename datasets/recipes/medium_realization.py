@@ -16,6 +16,8 @@ import numpy as np
 from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed
+from specklegen.core.values import remembered
+from specklegen.datasets.recipes.parts.viewing import division_weights
 from specklegen.datasets.split import Split
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
@@ -25,11 +27,10 @@ from specklegen.scene.sensors import FarFieldGrid
 
 if TYPE_CHECKING:
     import torch
+
+    from specklegen.datasets.recipes.recipe import Recipe
 else:
     torch = LazyModule("torch")
-
-if TYPE_CHECKING:
-    from specklegen.datasets.recipes.recipe import Recipe
 
 KEPT = 64
 """Media kept in a process."""
@@ -120,6 +121,7 @@ class PathSumFields:
         return np.stack([np.tensordot(light[lit], power[lit].astype(np.float32), axes=1) for power in powers])
 
 
+@remembered(16)
 def planned_sums(scene: Scene, paths: int) -> Plan:
     """Path sums of a scene, beam by beam."""
     return plan(scene, paths=paths, sampler="paths", streamed=True)
@@ -157,17 +159,20 @@ def _powers(fields: PathSumFields) -> np.ndarray:
     grid, sums = fields.scene.sensor, planned_sums(fields.scene, fields.paths).chosen
     assert isinstance(grid, FarFieldGrid)
     n = fields.divisions
+    weights = division_weights(n).astype(np.float32)
     rows, columns = (side // n for side in grid.shape)
     found = np.zeros((len(fields.scene.lights), rows, columns), np.float32)
     with one_blas_thread():
         for seed in fields.seeds:
             for (beams, down, across), field in sums.prepare(seed, 1).pieces(0):
                 power = np.square(field.real) + np.square(field.imag)
+                power *= np.multiply.outer(weights[np.arange(down.start, down.stop) % n],
+                                           weights[np.arange(across.start, across.stop) % n])  # fmt: skip
                 first, left = down.start // n, across.start // n
                 power = np.add.reduceat(power, _starts(down, n), axis=1)
                 power = np.add.reduceat(power, _starts(across, n), axis=2)
                 found[beams, first : first + power.shape[1], left : left + power.shape[2]] += power
-    found /= n * n * len(fields.seeds) * fields.unit
+    found /= len(fields.seeds) * fields.unit
     return found.astype(np.float16).reshape(fields.tilts, -1, rows, columns)
 
 

@@ -35,11 +35,10 @@ from specklegen.scene.sensors import FarFieldGrid
 
 if TYPE_CHECKING:
     import torch
+
+    from specklegen.datasets.recipes.recipe import Recipe
 else:
     torch = LazyModule("torch")
-
-if TYPE_CHECKING:
-    from specklegen.datasets.recipes.recipe import Recipe
 
 
 class RenderedBy(IntEnum):
@@ -144,8 +143,12 @@ def rendering_of(recipe: "Recipe", plans: list[Plan]) -> Rendering | None:
         if recipe.strict:
             reject("Recipe.sampler", "fit for all media where strict = true", recipe.sampler, f"{doubts[0]}. {remedy}")
         warnings.warn(f"recipe {recipe.name}: {doubts[0]}. {remedy}", DoubtWarning, stacklevel=3)
-    samplers = {RenderedBy[made.sampler.upper()] for made in plans}
-    return Rendering(samplers.pop(), max(made.expected_error for made in plans)) if len(samplers) == 1 else None
+    found = [_rendering(made) for made in plans]
+    return max(found, key=lambda made: made.expected_error) if len({made.sampler for made in found}) == 1 else None
+
+
+def _rendering(made: Plan) -> Rendering:
+    return Rendering(RenderedBy[made.sampler.upper()], made.expected_error)
 
 
 def realization(
@@ -173,10 +176,7 @@ def realization(
     share
         Whether many objects look through it.
     """
-    chosen = recipe.rendering
-    if chosen is None or chosen.sampler is RenderedBy.PATHS:
-        made = medium_plan(recipe, view)
-        chosen = Rendering(RenderedBy[made.sampler.upper()], made.expected_error)
+    chosen = recipe.rendering or _rendering(medium_plan(recipe, view))
     if chosen.sampler is RenderedBy.STATIONARY:
         fields: StationaryFields | PathSumFields = stationary_fields(sampler, media(), share=share)
     else:

@@ -5,14 +5,18 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
 
 import specklegen as sg
 from specklegen.datasets import SpeckleStream, load_recipe, recipe_names
 from specklegen.datasets.recipes.medium_realization import PathSumFields, StationaryFields, medium_realization
+from specklegen.datasets.recipes.parts.viewing import Viewing, division_weights
 from specklegen.datasets.recipes.rendering import RenderedBy, medium_plan
 from specklegen.datasets.split import Purpose, substream
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.store import Store
+from specklegen.scene.sensors import FarFieldGrid
+from specklegen.scene.window import Window
 
 SMALL = {"material": {"kernel_paths": 2000}, "camera": {"shape": [16, 16]}, "objects": {"shape": [6, 6]}}
 TILTED = {"material": {"kernel_paths": 2000}, "camera": {"shape": [16, 16]}}
@@ -100,15 +104,34 @@ def test_path_sums_are_those_of_the_engine():
 
 
 def test_pixels_average_over_their_area():
-    """Views a sixth of a grain apart, averaged pixel by pixel: as a finer grid averaged by hand."""
+    """Views a sixth of a grain apart or closer, averaged pixel by pixel: as a finer grid averaged by hand."""
     recipe = load_recipe("tilt-stack", changed(TILTED, NARROW, {"exposure": {"photons": 1e4}}))
     ready = medium_realization(recipe, 0, "train", 0)
     fields = ready.fields
-    assert fields.divisions == 2  # three pixels a grain
+    assert fields.divisions == 3  # three pixels a grain
     stack = sg.render(fields.scene, paths=2000, seed=fields.seeds[0], sampler="paths").intensity
-    expected = stack.reshape(-1, 16, 2, 16, 2).mean((2, 4))
+    weights = np.array([3, 2, 3]) / 8
+    expected = np.einsum("trnsm,n,m->trs", stack.reshape(-1, 16, 3, 16, 3), weights, weights)
     found = fields.intensities(np.ones((1, 1))) * fields.unit
     assert np.allclose(found, expected, rtol=2e-3, atol=1e-3 * expected.mean())  # of half precision, and of the sum
+
+
+@pytest.mark.parametrize("profile", ["square", "gaussian"])
+def test_weighted_views_give_a_pixels_contrast(profile):
+    """Against the integral over pixels .1 to 6 grains wide; equal weights would miss what is claimed."""
+    window = Window(profile, 1000.0)
+    worst = {"weighted": 0.0, "equal": 0.0}
+    for pitch in np.linspace(0.05, 3, 60) / 1000:
+        grid = FarFieldGrid(pitch=pitch, shape=(4, 4))
+        n = Viewing(0.5, window.width, profile, grid, 0.0, True).divisions  # noqa: FBT003
+        apart = np.linspace(0, pitch, 2001)
+        power = window.coherence(apart / 0.5, np.zeros(2001)) ** 2
+        exact = 2 * simpson((1 - apart / pitch) * power, x=apart) / pitch
+        views = np.interp(np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * pitch / n, apart, power)
+        for rule, weights in {"weighted": division_weights(n), "equal": np.full(n, 1 / n)}.items():
+            found = weights @ views @ weights  # along one axis: both give the square of the contrast
+            worst[rule] = max(worst[rule], abs(found / exact - 1))
+    assert worst["weighted"] < 0.002 < worst["equal"]
 
 
 def test_many_media_have_the_contrast_and_the_mean_of_the_stationary_sampler():
