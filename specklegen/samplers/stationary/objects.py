@@ -224,7 +224,8 @@ class ObjectSampler:
                 flat = torch.view_as_real(draw).reshape(self.rank, -1)
                 fields = torch.view_as_complex((modes[:, chunk].T @ flat).reshape(len(chunk), *draw.shape[1:], 2))
                 views = torch.fft.ifft2(fields * ramps, s=self.lags, norm="forward")
-                total += torch.tensordot(bright[chunk], torch.view_as_real(views).square_().sum(-1), dims=1)
+                power = torch.view_as_real(views).square_()
+                total += torch.tensordot(bright[chunk], power[..., 0] + power[..., 1], dims=1)  # sum(-1), 4 times faster
         return torch.fft.rfft2(total, norm="forward")
 
     def _ramps(self) -> tuple[torch.Tensor, torch.Tensor]:

@@ -22,7 +22,7 @@ CHANGES = {
     "through-slab": {"material": QUICK, "media": 5}, "through-slab-lab": {"material": QUICK, "media": 5},
     "two-tilts": {"material": QUICK, "media": 3},
 }  # fmt: skip
-SLOW = {"beyond-memory-effect", "dynamic-slab", "partially-coherent-slab"}
+SLOW = {"beyond-memory-effect", "dynamic-slab", "partially-coherent-slab", "one-angular-size", "any-object"}
 SMALL = {"unknown-slab": {}, "tilt-stack": {}, "through-slab": CHANGES["through-slab"]}
 
 
