@@ -138,7 +138,7 @@ class SpeckleGenerator:
         else:
             bright = light.double()
             along = [torch.arange(n, dtype=torch.float64, device=device) for n in bright.shape[1:]]
-            centre = [bright.sum(axis) @ places / bright.sum((1, 2)) for axis, places in zip((2, 1), along, strict=True)]
+            centre = [bright.sum(axis) @ place / bright.sum((1, 2)) for axis, place in zip((2, 1), along, strict=True)]
         labelled = {name: each.to(device, non_blocking=True) for name, each in told.items()}
         return labelled | dict(zip(CENTRE, centre, strict=True))
 

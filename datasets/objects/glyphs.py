@@ -59,7 +59,7 @@ class Glyphs(ListedFamily):
 
     def _check_held_out(self) -> None:
         if self.disjoint != "character":
-            reject("Glyphs.disjoint", '"character" where the characters of test and validation are named', self.disjoint)
+            reject("Glyphs.disjoint", '"character" where those of test and validation are named', self.disjoint)
         for name, own, other in (("test", self.test, self.validation), ("validation", self.validation, self.test)):
             if not own or len(set(own)) < len(own) or not set(own) <= set(CHARACTERS) - set(other):
                 reject(f"Glyphs.{name}", f"different characters of {CHARACTERS}, none of the other split's", own)

@@ -2,8 +2,8 @@
 
 Everything random is a function of (seed, epoch, step): first weights, order of the samples, mirroring. So a run is
 repeated by its settings, and one that was stopped goes on to the same bits. The one exception is a budget in seconds:
-there the learning rate falls with the time spent, so that a run ends well whenever it ends. Seconds are those of a clock
-on the wall, and count everything: reading or rendering, learning, validating, saving.
+there the learning rate falls with the time spent, so that a run ends well whenever it ends. Seconds are those of a
+clock on the wall, and count everything: reading or rendering, learning, validating, saving.
 
 Files in the folder of a run: ``run.json`` (settings and data; nothing else goes on with the run), ``checkpoint.pt``
 (all that is needed to go on: after each epoch, every few minutes, and on Ctrl-C), ``best.pt`` (the model with the best

@@ -210,7 +210,7 @@ class KnownMaterial:
 
     @property
     def forward_radiance(self) -> float:
-        """Mean radiance that leaves straight ahead over the irradiance that comes in, 1/sr: what a power meter tells."""
+        """Mean radiance that leaves straight ahead over the irradiance that comes in, 1/sr: a power meter tells it."""
         return float(self.kernel.weights.sum() / self.kernel.paths)
 
     def parameters(self, wavelength: float) -> dict[str, float]:

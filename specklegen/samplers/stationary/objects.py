@@ -225,7 +225,8 @@ class ObjectSampler:
                 fields = torch.view_as_complex((modes[:, chunk].T @ flat).reshape(len(chunk), *draw.shape[1:], 2))
                 views = torch.fft.ifft2(fields * ramps, s=self.lags, norm="forward")
                 power = torch.view_as_real(views).square_()
-                total += torch.tensordot(bright[chunk], power[..., 0] + power[..., 1], dims=1)  # sum(-1), 4 times faster
+                power = power[..., 0] + power[..., 1]  # sum(-1), four times as fast
+                total += torch.tensordot(bright[chunk], power, dims=1)
         return torch.fft.rfft2(total, norm="forward")
 
     def _ramps(self) -> tuple[torch.Tensor, torch.Tensor]:

@@ -122,7 +122,8 @@ def test_steps_to_come_are_told(tmp_path):
             time.sleep(0.02)
             yield DATA.inputs[8 * n : 8 * n + 8].float(), DATA.targets[8 * n : 8 * n + 8]
 
-    train(SETTINGS.replace(epochs=1000), (slow, 5), HELD_OUT, tmp_path / "some", seconds=0.5, steps=lambda *n: told.append(n))
+    many = SETTINGS.replace(epochs=1000)
+    train(many, (slow, 5), HELD_OUT, tmp_path / "some", seconds=0.5, steps=lambda *n: told.append(n))
     assert all(done <= total <= 26 for done, total in told)
     assert told[-1][0] == told[-1][1]
 
