@@ -1,7 +1,7 @@
 """Examples: what a network sees and what it should show, ready in memory."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import torch
@@ -35,10 +35,13 @@ class Examples(NamedTuple):
     media: Tensor
 
 
-def batches_of(source: Recipe | SpeckleCache, samples: int, seed: int = 0, split: str = "test") -> Iterator[dict]:
-    """First ``samples`` samples of a store, or of a split of a recipe, in batches of tensors."""
-    for first in range(0, samples, _CHUNK):
-        indices = range(first, min(first + _CHUNK, samples))
+def batches_of(
+    source: Recipe | SpeckleCache, samples: int | Sequence[int], seed: int = 0, split: str = "test"
+) -> Iterator[dict]:
+    """First ``samples`` samples of a store, or of a split of a recipe, or those of some numbers, in batches of tensors."""
+    numbers = range(samples) if isinstance(samples, int) else samples
+    for first in range(0, len(numbers), _CHUNK):
+        indices = numbers[first : first + _CHUNK]
         if isinstance(source, SpeckleCache):
             yield source.batch(indices)
         else:

@@ -30,13 +30,15 @@ class Reconstructor:
         How to build the network again.
     input : str
         "camera" or "autocorrelation".
+    trained_on : dict
+        Table of the objects that it was trained on, as in a recipe; empty where that is not known.
     """
 
     def __init__(
         self, network: nn.Module, name: str, input: str, width: int, side: int, shape: tuple[int, int],
-        device: torch.device | str = "cpu",
+        device: torch.device | str = "cpu", trained_on: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
-        self.network, self.device = network, torch.device(device)
+        self.network, self.device, self.trained_on = network, torch.device(device), dict(trained_on or {})
         self.name, self.input, self.width, self.side, self.shape = name, input, width, side, tuple(shape)
 
     def __call__(self, inputs: Tensor) -> Tensor:
@@ -61,7 +63,7 @@ class Reconstructor:
     def save(self, path: str | os.PathLike, compact: bool = False) -> None:
         """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter."""
         stated = {name: getattr(self, name) for name in ("name", "input", "width", "side")}
-        stated |= {"shape": list(self.shape)}
+        stated |= {"shape": list(self.shape), "trained_on": self.trained_on}
         kept: dict[str, Tensor] = {}
         for key, weight in self.network.state_dict().items():
             kept |= _rounded(key, weight) if compact else {key: weight}
@@ -80,7 +82,11 @@ class Reconstructor:
         device = checked_device("Reconstructor.device", device)
         weights = {key: _restored(key, kept) for key in kept if not key.endswith(_SCALE)}
         network = _network_of(stated, weights, str(path)).to(device)
-        return cls(network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device)
+        about = stated.get("trained_on")
+        return cls(
+            network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device,
+            about if isinstance(about, dict) else None,
+        )  # fmt: skip
 
 
 def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: str) -> nn.Module:

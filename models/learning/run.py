@@ -110,8 +110,9 @@ class Run:
         """The network as it is, ready to be used."""
         training = self.training
         return Reconstructor(
-            self.network, training.network, training.input, training.width, self.side, self.shape, self.device
-        )
+            self.network, training.network, training.input, training.width, self.side, self.shape, self.device,
+            self.record["data"].get("recipe", {}).get("objects"),
+        )  # fmt: skip
 
     _COUNTERS = ("epoch", "step", "stale", "spent", "summed", "best", "finished", "rows")
 

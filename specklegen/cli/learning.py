@@ -135,7 +135,7 @@ def evaluate(
     models: Annotated[list[Path] | None, typer.Argument(help="Models (best.pt); by default the packaged one.")] = None,
     recipe: Annotated[
         str, typer.Option(help="What to test on: a recipe.", autocompletion=names_starting_with)
-    ] = "unknown-slab",
+    ] = "one-angular-size",
     split: Split = "test",
     samples: Annotated[int, typer.Option(min=1, help="Images.")] = 32,
     katz: Annotated[bool, typer.Option(help="Phase retrieval beside, plain and with C_I.")] = True,
@@ -143,18 +143,24 @@ def evaluate(
     out: Annotated[Path, typer.Option(help="Folder for tables and contact sheet.")] = Path("evaluation"),
     seed: Seed = 0,
     changes: Set = None,
+    images: Images = None,
+    objects: Objects = None,
     as_json: AsJson = False,
 ) -> None:
-    """Judge networks beside the mean image and phase retrieval, on media that none has seen."""
+    """Judge networks beside chance and phase retrieval, on media and characters that none has seen.
+
+    Images of characters that a network was trained on are passed over, except with --split train.
+    """
     import torch
 
     from specklegen.models.judging import baselines, evaluation
     from specklegen.models.judging.charts import contact_sheet
+    from specklegen.models.judging.unseen import seen_by, unseen
     from specklegen.models.learning.examples import batches_of
     from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
     from specklegen.models.retrieval.phase_retrieval import Retrieval
 
-    loaded = load_hidden(recipe, changes)
+    loaded = load_hidden(recipe, changes, images, objects)
     if "image" not in loaded.images_layout():
         reject("evaluate --recipe", "one with one image of each object", recipe)
     if loaded.media_of(samples) < 2:
@@ -162,14 +168,18 @@ def evaluate(
     named = {_name(path, models): Reconstructor.load(path) for path in models or []}
     named = named or {"packaged network": load_pretrained()}
     writable(out)
-    objects = [torch.from_numpy(loaded.objects.image(seed, "train", n)) for n in range(256)]
-    methods: dict[str, baselines.Method] = {"mean image": baselines.mean_image(torch.stack(objects))}
+    seen = seen_by(model.trained_on for model in named.values()) if split != "train" else set()
+    chosen = unseen(loaded.objects, seed, split, samples, seen)
+    known = torch.stack([torch.from_numpy(loaded.objects.image(seed, "train", n)) for n in range(256)])
+    methods: dict[str, baselines.Method] = {
+        "another object": baselines.another_object(known), "mean image": baselines.mean_image(known),
+    }  # fmt: skip
     if katz:
         settings = Retrieval(restarts=restarts)
         methods |= {"Katz": baselines.katz(settings, seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
     methods |= {name: model.reconstruct for name, model in named.items()}
-    found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.profile)
+    found, cases = evaluation.evaluate(methods, batches_of(loaded, chosen, seed, split), loaded.profile)
     found.write(out)
     shown = evaluation.best_median_worst(cases, next(iter(named)))
     contact_sheet(shown, out / "cases.png")
