@@ -161,7 +161,8 @@ class Interval(NamedTuple):
 
 
 def bootstrap(
-    values: np.ndarray, media: np.ndarray, characters: np.ndarray | None = None, *, confidence: float = 0.95, resamples: int = 4000, seed: int = 0
+    values: np.ndarray, media: np.ndarray, characters: np.ndarray | None = None, *, confidence: float = 0.95,
+    resamples: int = 4000, seed: int = 0,
 ) -> Interval:
     """Mean of scores, with a percentile interval from resampling whole media.
 
@@ -206,7 +207,8 @@ def bootstrap(
     if characters is None or len(kinds) < 2:
         means = (drawn @ np.bincount(which, values)) / (drawn @ np.bincount(which))
     else:
-        weights = drawn[:, which] * rng.multinomial(len(kinds), np.full(len(kinds), 1 / len(kinds)), resamples)[:, kind]
+        each = rng.multinomial(len(kinds), np.full(len(kinds), 1 / len(kinds)), size=resamples)
+        weights = drawn[:, which] * each[:, kind]
         weights = weights[weights.any(1)]  # few media of few characters may miss one another
         means = (weights @ values) / weights.sum(1)
     low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2])

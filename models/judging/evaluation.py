@@ -1,7 +1,9 @@
 """Evaluation: every method on the same images, against both targets, with intervals over media.
 
-Beside every table stand the level of chance (another object, the mean image), and how often a method's image names its
-object among 32. Two targets, named in every table: "sharp" is the object itself; "diffraction-limited" is the object as a lens as wide
+Beside every table stand the level of chance (another object, the mean image), and how often a method's image names
+its object among 32.
+
+Two targets, named in every table: "sharp" is the object itself; "diffraction-limited" is the object as a lens as wide
 as the illuminated window would show it, which is all that speckle of that grain carries. Everything is put on a frame
 of 64 pixels, moved onto the target by all shifts and the flip, and scored on the object's own pixels; brightness is 0
 to 1 (data range 1).
@@ -132,9 +134,10 @@ class Evaluation(NamedTuple):
                 text = " | ".join(f"{c.mean:.3f} [{c.low:.3f}, {c.high:.3f}]" for c in cells)
                 lines.append(f"| {cell(method)} | {target} | {text} |")
         parts = self.parts()
-        lines += ["", f"Which of {min(CANDIDATES, len(self.media))} objects is it, and Pearson correlation (sharp) by part:", ""]
-        lines += ["| method | named rightly | " + " | ".join(f"{name} ({len(part.media)})" for name, part in parts.items())
-                  + " |", "|---" * (2 + len(parts)) + "|"]  # fmt: skip
+        heads = " | ".join(f"{name} ({len(part.media)})" for name, part in parts.items())
+        candidates = min(CANDIDATES, len(self.media))
+        lines += ["", f"Which of {candidates} objects is it, and Pearson correlation (sharp) by part:", ""]
+        lines += [f"| method | named rightly | {heads} |", "|---" * (2 + len(parts)) + "|"]
         for method, right in self.identified.items():
             each = " | ".join("{:.3f} [{:.3f}, {:.3f}]".format(*part.interval(method)) for part in parts.values())
             lines.append(f"| {cell(method)} | {100 * right.mean():.0f} % | {each} |")

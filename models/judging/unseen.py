@@ -41,8 +41,8 @@ def seen_by(trained_on: Iterable[Mapping[str, Any]]) -> set[str]:
 def unseen(objects: ObjectFamily, seed: int, split: Split, samples: int, seen: set[str]) -> list[int]:
     """Numbers of the first ``samples`` samples of a split that show no character of ``seen``.
 
-    Where there are not as many among ten times as many, a :class:`~specklegen.core.errors.DoubtWarning` says so, and the
-    first samples are returned, whatever they show.
+    Where there are not as many among ten times as many, a :class:`~specklegen.core.errors.DoubtWarning` says so, and
+    the first samples are returned, whatever they show.
     """
     numbers = range(_MOST * samples)
     fresh = (n for n in numbers if character_of(objects, objects.source(seed, split, n)) not in seen)

@@ -15,14 +15,16 @@ from specklegen.cli.recipe_options import (
     Set,
     Split,
     is_store,
+    load,
     load_hidden,
     names_starting_with,
 )
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import counted, reject
 
-Input = Literal["autocorrelation", "camera"]
-Network = Literal["residual", "unet", "stack-unet", "dense"]
+Target = Literal["object", "label", "material"]
+Input = Literal["autocorrelation", "camera", "registered", "registered+power"]
+Network = Literal["residual", "unet", "stack-unet", "dense", "perceptron"]
 
 
 def train(
@@ -32,7 +34,10 @@ def train(
         Path | None, typer.Option(help="Store of other media (needed with a store; a recipe has a split for it).")
     ] = None,
     validation_samples: Annotated[int, typer.Option(min=1, help="Of a recipe's validation split.")] = 256,
-    input: Annotated[Input, typer.Option(help="What the network sees.")] = "autocorrelation",
+    target: Annotated[Target, typer.Option(help="What the network is to tell.")] = "object",
+    input: Annotated[
+        Input, typer.Option(help="What the network sees: of hidden objects the first two, of stacks of tilts the others.")
+    ] = "autocorrelation",
     network: Annotated[Network, typer.Option(help="Kind of network.")] = "unet",
     width: Annotated[
         int, typer.Option(min=1, max=4096, help="Channels at the top; of the dense nets, units over 16.")
@@ -78,7 +83,7 @@ def train(
     from specklegen.models.learning.training import train as fit
 
     settings = Training(
-        input=input, network=network, width=width, loss=loss, learning_rate=learning_rate,
+        target=target, input=input, network=network, width=width, loss=loss, learning_rate=learning_rate,
         batch_size=batch_size, epochs=epochs, mirror=mirror, seed=seed,
     )  # fmt: skip
     if is_store(what):
@@ -89,16 +94,16 @@ def train(
                 reject(f"train {option}", "left out with a store, which has its recipe", given)
         stored, judged = SpeckleCache(what), SpeckleCache(validation)
         require_held_out(stored, judged)
-        data, held_out = examples(stored, input), examples(judged, input)
+        data, held_out = examples(stored, input, target=target), examples(judged, input, target=target)
         about = {name: cache.identity | {"samples": len(cache)} for name, cache in
                  (("data", stored), ("validation", judged))}  # fmt: skip
     else:
         if validation is not None:
             reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
-        recipe = load_hidden(what, changes, images, objects)
+        recipe = (load if target == "material" else load_hidden)(what, changes, images, objects)
         shown = sharing_media(recipe, media_group)
-        data = streamed(SpeckleStream(shown, seed=seed, batch_size=batch_size), input, workers)
-        held_out = examples(recipe, input, validation_samples, seed, "validation")
+        data = streamed(SpeckleStream(shown, seed=seed, batch_size=batch_size), input, workers, target)
+        held_out = examples(recipe, input, validation_samples, seed, "validation", target)
         about = {"validation": {"seed": seed, "split": "validation", "samples": validation_samples}}
     rows: list[dict[str, float]] = []
 
@@ -107,7 +112,7 @@ def train(
         training_curves({network: read_log(out)}, out / "curves.png")
         tqdm.write(
             f"epoch {row['epoch']}: {row['seconds']:.0f} s, loss {row['train_loss']:.4f}, "
-            f"validation {row['validation_pearson']:.4f}"
+            f"validation {next(value for name, value in row.items() if name.startswith('validation_')):.4f}"
         )
 
     with tqdm(unit="step", disable=None, leave=False) as bar:

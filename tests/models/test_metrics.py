@@ -167,8 +167,8 @@ def test_bootstrap_refuses_what_it_cannot_judge(values, media, message):
 def test_intervals_over_characters_cover_where_those_over_media_do_not():
     """Ten characters, each a medium of its own to every image, with an effect of their own: 95 % intervals of the mean.
 
-    300 tables. Resampling media alone covers the true mean in 45 %; both, in 91 %: ten characters are few for a
-    percentile interval. Bounds are five standard errors of a share away.
+    300 tables. Resampling media alone covers the true mean in 62 %, both in 94 %. Bounds are five standard errors of
+    a share (0.028, 0.014) away.
     """
     rng = np.random.default_rng(0)
     character = np.repeat(np.arange(10), 8)
@@ -179,5 +179,5 @@ def test_intervals_over_characters_cover_where_those_over_media_do_not():
         for name, kinds in (("media", None), ("both", character)):
             found = metrics.bootstrap(values, media, kinds, resamples=300, seed=n)
             covered[name] += found.low <= 0.8 <= found.high
-    assert covered["both"] / 300 > 0.91 - 5 * 0.0165
-    assert covered["media"] / 300 < 0.7
+    assert covered["both"] / 300 > 0.94 - 5 * 0.014
+    assert covered["media"] / 300 < 0.62 + 5 * 0.028

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from specklegen.cli import commands
 from specklegen.core.errors import DoubtWarning
 from specklegen.datasets import load_recipe
-from specklegen.datasets.objects.outlines import CHARACTERS
 from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.objects.outlines import CHARACTERS
 from specklegen.models.judging import baselines, evaluation
 from specklegen.models.judging.charts import contact_sheet, score_curves, training_curves
 from specklegen.models.judging.unseen import character_of, seen_by, unseen
