@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -22,6 +22,11 @@ from specklegen.cli.recipe_options import (
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import counted, reject
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from specklegen.models.learning.reconstructor import Reconstructor
+
 Target = Literal["object", "label", "material"]
 Input = Literal["autocorrelation", "camera", "registered", "registered+power"]
 Network = Literal["residual", "unet", "stack-unet", "dense", "perceptron"]
@@ -36,7 +41,7 @@ def train(
     validation_samples: Annotated[int, typer.Option(min=1, help="Of a recipe's validation split.")] = 256,
     target: Annotated[Target, typer.Option(help="What the network is to tell.")] = "object",
     input: Annotated[
-        Input, typer.Option(help="What the network sees: of hidden objects the first two, of stacks of tilts the others.")
+        Input, typer.Option(help="What the network sees; of stacks of tilts one of the last two.")
     ] = "autocorrelation",
     network: Annotated[Network, typer.Option(help="Kind of network.")] = "unet",
     width: Annotated[
@@ -139,8 +144,12 @@ def train(
 def evaluate(
     models: Annotated[list[Path] | None, typer.Argument(help="Models (best.pt); by default the packaged one.")] = None,
     recipe: Annotated[
-        str, typer.Option(help="What to test on: a recipe.", autocompletion=names_starting_with)
-    ] = "one-angular-size",
+        str | None,
+        typer.Option(
+            help="What to test on (default: one-angular-size; characters-of-new-fonts for labels, registered-tilts for "
+            "materials).", autocompletion=names_starting_with,
+        ),
+    ] = None,
     split: Split = "test",
     samples: Annotated[int, typer.Option(min=1, help="Images.")] = 32,
     katz: Annotated[bool, typer.Option(help="Phase retrieval beside, plain and with C_I.")] = True,
@@ -154,24 +163,37 @@ def evaluate(
 ) -> None:
     """Judge networks beside chance and phase retrieval, on media and characters that none has seen.
 
-    Images of characters that a network was trained on are passed over, except with --split train.
+    Images of characters that a network was trained on are passed over, except with --split train. Networks that tell
+    labels or materials are judged one at a time, by a table of confusions or of R^2.
     """
     import torch
 
+    from specklegen.datasets.objects import Points
+    from specklegen.datasets.recipes.hidden_object import HiddenObject
     from specklegen.models.judging import baselines, evaluation
     from specklegen.models.judging.charts import contact_sheet
+    from specklegen.models.judging.points import localisation
     from specklegen.models.judging.unseen import seen_by, unseen
     from specklegen.models.learning.examples import batches_of
     from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
     from specklegen.models.retrieval.phase_retrieval import Retrieval
 
-    loaded = load_hidden(recipe, changes, images, objects)
-    if "image" not in loaded.images_layout():
-        reject("evaluate --recipe", "one with one image of each object", recipe)
-    if loaded.media_of(samples) < 2:
-        reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
     named = {_name(path, models): Reconstructor.load(path) for path in models or []}
     named = named or {"packaged network": load_pretrained()}
+    asked = {model.target for model in named.values()}
+    if len(asked) > 1:
+        reject("evaluate models", "networks that tell the same", sorted(asked))
+    (target,) = asked
+    recipe = recipe or _BENCHMARKS[target]
+    loaded = (load if target == "material" else load_hidden)(recipe, changes, images, objects)
+    if loaded.media_of(samples) < 2:
+        reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
+    if target != "object":
+        _judge_answers(named, batches_of(loaded, samples, seed, split), out, as_json)
+        return
+    assert isinstance(loaded, HiddenObject)
+    if "image" not in loaded.images_layout():
+        reject("evaluate --recipe", "one with one image of each object", recipe)
     writable(out)
     seen = seen_by(model.trained_on for model in named.values()) if split != "train" else set()
     chosen = unseen(loaded.objects, seed, split, samples, seen)
@@ -192,7 +214,29 @@ def evaluate(
         echo_json(found.rows())
         return
     typer.echo(found.markdown())
+    if isinstance(loaded.objects, Points):
+        (out / "points.md").write_text(localisation(found, cases))
+        typer.echo((out / "points.md").read_text())
     typer.echo(f"{out / 'summary.md'}, {out / 'summary.csv'}, {out / 'images.csv'}, {out / 'cases.png'}")
+
+
+_BENCHMARKS = {"object": "one-angular-size", "label": "characters-of-new-fonts", "material": "registered-tilts"}
+
+
+def _judge_answers(named: "dict[str, Reconstructor]", batches: "Iterator[dict]", out: Path, as_json: bool) -> None:
+    """Print and write the table of a network that tells labels or materials."""
+    from specklegen.models.judging.answers import judge
+
+    if len(named) > 1:
+        reject("evaluate models", "one at a time where they tell no object", sorted(named))
+    writable(out)
+    found = judge(next(iter(named.values())), batches)
+    found.write(out)
+    if as_json:
+        echo_json(found.rows())
+        return
+    typer.echo(found.markdown())
+    typer.echo(f"{out / 'summary.md'}")
 
 
 def _name(path: Path, models: list[Path] | None) -> str:

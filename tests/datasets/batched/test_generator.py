@@ -22,7 +22,10 @@ CHANGES = {
     "through-slab": {"material": QUICK, "media": 5}, "through-slab-lab": {"material": QUICK, "media": 5},
     "two-tilts": {"material": QUICK, "media": 3},
 }  # fmt: skip
-SLOW = {"beyond-memory-effect", "dynamic-slab", "partially-coherent-slab", "one-angular-size", "any-object"}
+SLOW = {
+    "beyond-memory-effect", "dynamic-slab", "partially-coherent-slab", "one-angular-size", "any-object",
+    "characters-of-new-fonts", "points-beyond-range", "registered-tilts",
+}  # fmt: skip
 SMALL = {"unknown-slab": {}, "tilt-stack": {}, "through-slab": CHANGES["through-slab"]}
 
 
