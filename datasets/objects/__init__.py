@@ -12,9 +12,10 @@ from specklegen.datasets.objects.digits import Digits
 from specklegen.datasets.objects.family import ObjectFamily
 from specklegen.datasets.objects.folder import Folder
 from specklegen.datasets.objects.glyphs import Glyphs
+from specklegen.datasets.objects.meshes import Meshes
 from specklegen.datasets.objects.patterns import Bars, Points
 from specklegen.datasets.objects.photographs import Photographs
 
-HiddenObjects = Annotated[Glyphs | Photographs | Folder | Digits | Points | Bars, Field(discriminator="type")]
+HiddenObjects = Annotated[Glyphs | Photographs | Folder | Digits | Points | Bars | Meshes, Field(discriminator="type")]
 
-__all__ = ["Bars", "Digits", "Folder", "Glyphs", "HiddenObjects", "ObjectFamily", "Photographs", "Points"]
+__all__ = ["Bars", "Digits", "Folder", "Glyphs", "HiddenObjects", "Meshes", "ObjectFamily", "Photographs", "Points"]
