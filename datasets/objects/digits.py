@@ -62,5 +62,5 @@ def _digits() -> np.ndarray:
     try:
         from sklearn.datasets import load_digits
     except ImportError:
-        raise ImportError('Digits needs scikit-learn: pip install "specklegen[digits]"') from None
+        raise ImportError('Digits needs scikit-learn: pip install "specklegen-torch[digits]"') from None
     return load_digits().images.astype(np.float32)  # pyright: ignore[reportAttributeAccessIssue]
