@@ -5,8 +5,11 @@ Along the axis, in transmission and at small tilts, from the distribution of lat
 amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +19,7 @@ from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.errors import reject
 from specklegen.core.memory import available_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
+from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES, jackknife
@@ -35,7 +39,7 @@ _OFF_BACKSCATTER = np.deg2rad(5.0)
 
 
 @dataclass(frozen=True)
-class MemoryEffect:
+class MemoryEffect(Pictured):
     """A memory-effect curve.
 
     Attributes
@@ -72,6 +76,24 @@ class MemoryEffect:
 
     def __repr__(self) -> str:
         return summary(self, tilts=self.tilts, intensity=self.intensity, paths=self.paths, reverse=self.reverse)
+
+    def _facts(self) -> Mapping[str, object]:
+        errors = self.standard_error[np.isfinite(self.standard_error)]
+        return {
+            "tilts": f"{len(self.tilts)}, up to {np.rad2deg(np.abs(self.tilts).max(initial=0.0)):.4g}°",
+            "largest standard error": float(errors.max(initial=0.0)) if len(errors) else "undefined",
+            "share of single scattering": self.single_share,
+            "paths": self.paths,
+            "reversed paths": "used" if self.reverse else "left out",
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """C_I over the tilt in units of the slab, with bars of two standard errors."""
+        axes.errorbar(np.abs(self.q), self.intensity, 2 * self.standard_error, fmt="o-", ms=3, lw=1, label=label)
+        axes.set_xlabel(r"tilt  $q = k\,\sin\theta\,L$")
+        axes.set_ylabel(r"intensity correlation  $C_I$")
+        axes.set_ylim(-0.03, 1.05)
+        axes.grid(alpha=0.3)
 
 
 def memory_effect(

@@ -77,11 +77,8 @@ class Glyphs(ListedFamily):
         if not self.test:
             return super().by_split
         held_out: dict[Split, str] = {"validation": self.validation, "test": self.test}
-        left = "".join(c for c in CHARACTERS if c not in self.validation + self.test)
-        return {
-            split: tuple(source for source in self.sources() if source[1] in chosen)
-            for split, chosen in ({"train": left} | held_out).items()
-        }
+        held_out["train"] = "".join(c for c in CHARACTERS if c not in self.validation + self.test)
+        return {split: tuple(s for s in self.sources() if str(s[1]) in chosen) for split, chosen in held_out.items()}
 
     def labels(self, source: Source) -> dict[str, float]:
         """Label: the number of the character in :data:`~specklegen.datasets.objects.outlines.CHARACTERS`."""

@@ -367,7 +367,7 @@ def test_digits_name_the_extra_where_scikit_learn_is_missing(monkeypatch):
 
     digits._digits.cache_clear()
     monkeypatch.setitem(sys.modules, "sklearn.datasets", None)
-    with pytest.raises(ImportError, match=r'pip install "specklegen\[digits\]"'):
+    with pytest.raises(ImportError, match=r'pip install "specklegen-torch\[digits\]"'):
         Digits().image(0, "train", 0)
 
 
