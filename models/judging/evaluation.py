@@ -107,8 +107,8 @@ class Evaluation(NamedTuple):
     def parts(self) -> dict[str, "Evaluation"]:
         """Images by the extent of their objects, and by family where there are several; of two media at least."""
         chosen = {
-            f"{low:g} to {high:g} ranges" if high < np.inf else f"above {low:g} ranges": (low <= x) & (x < high)
-            for x in [self.extents] for low, high in zip(EXTENTS[:-1], EXTENTS[1:], strict=True)
+            f"{low:g} to {high:g} ranges" if high < np.inf else f"above {low:g} ranges": (low < x) & (x <= high)
+            for x in [np.round(self.extents, 9)] for low, high in zip(EXTENTS[:-1], EXTENTS[1:], strict=True)
         }  # fmt: skip
         if len(np.unique(self.families)) > 1:
             chosen |= {f"family {number}": self.families == number for number in np.unique(self.families)}
