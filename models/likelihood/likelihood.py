@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 from specklegen.core.errors import reject
 from specklegen.models.likelihood.periodogram import Periodogram
-from specklegen.models.likelihood.spectrum import autocorrelation_of, transforms
+from specklegen.models.likelihood.spectrum import Transforms, autocorrelation_of, transforms, waves
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.scene.window import Profile, Window
 
@@ -30,7 +30,8 @@ BAND = 0.92
 """Frequencies used, over the highest that the window passes along an axis."""
 PASSED = 0.005
 """Smallest transfer function of the window at a frequency that is used."""
-_STEPS = 4  # of Fisher's scoring for the brightness
+_LEAST = 1e-9  # of the spectrum's peak: below is rounding
+_STEPS = 6  # of Fisher's scoring for the brightness
 
 
 class Optics(NamedTuple):
@@ -113,6 +114,8 @@ class SpeckleLikelihood(nn.Module):
     torch.Size([2])
     """
 
+    step: Tensor
+    grain: Tensor
     power: Tensor
     noise: Tensor
     used: Tensor
@@ -125,7 +128,8 @@ class SpeckleLikelihood(nn.Module):
         step, grain = (_each(name, getattr(optics, name), count, dtype) for name in ("step", "grain"))
         self.shape, self.looks = (int(shape[0]), int(shape[1])), seen.looks
         window = Window(optics.profile, 1.0)
-        reach = [int(min(BAND / float(grain.min()) * n * (1.0 if window.sharp else 2.0), (n - 1) // 2)) for n in seen.shape]
+        highest = BAND / float(grain.min()) * (1.0 if window.sharp else 2.0)
+        reach = [min(int(highest * n), (n - 1) // 2) for n in seen.shape]
         rows = torch.arange(-reach[0], reach[0] + 1)
         columns = torch.arange(reach[1] + 1)
         power = seen.power[:, rows % seen.shape[0]][..., : reach[1] + 1]
@@ -138,6 +142,9 @@ class SpeckleLikelihood(nn.Module):
         made = transforms(
             down.numpy(), across.numpy(), seen.shape, self.shape, step, grain, optics.profile, optics.pixel_integration
         )
+        self.down, self.across, self.tile = down, across, seen.shape
+        self.register_buffer("step", step)
+        self.register_buffer("grain", grain)
         self.register_buffer("power", power)
         self.register_buffer("noise", seen.noise.to(dtype))
         self.register_buffer("used", used.to(power.device))
@@ -158,15 +165,8 @@ class SpeckleLikelihood(nn.Module):
         lags = autocorrelation_of(objects.to(self.power))
         if memory_effect is not None:
             lags = lags * memory_effect.to(self.power)
-        between = lags.ndim - 3
-        rows, columns = (
-            x.reshape(len(x), *[1] * between, x.shape[1], -1, x.shape[-1]) for x in (self.rows, self.columns)
-        )  # fmt: skip
-        turned = (rows @ lags[..., None, :, :]).unflatten(-2, (2, -1))
-        sides = columns.unflatten(-2, (2, -1))
-        parts = turned[..., 0, :, :] @ sides[..., 0, :, :].mT - turned[..., 1, :, :] @ sides[..., 1, :, :].mT
-        found = parts.sum(-3)
-        return found.clamp_min(1e-7 * float(found.detach().max()) if found.numel() else 0.0)
+        found = Transforms(self.rows, self.columns)(lags)
+        return found.clamp_min(_LEAST * float(found.detach().max()))
 
     def spectrum(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
         """S with the brightness that fits best, and noise, float[B, ..., F, G]: what the periodogram should be."""
@@ -185,6 +185,25 @@ class SpeckleLikelihood(nn.Module):
         power, used = (x.reshape(len(x), *extra, *x.shape[1:]) for x in (self.power, self.used))
         ratio = torch.where(used, power / expected, 1.0).clamp_min(torch.finfo(expected.dtype).tiny)
         return (ratio - 1 - ratio.log()).sum((-2, -1)) / used.sum((-2, -1))
+
+    def lags(self, size: int) -> Tensor:
+        """What was measured as an autocorrelation, float[B, n, n], between pixels of the object, the zero lag first.
+
+        Noise is taken off, and what is no frequency of the likelihood is left out, the background with it; every lag is
+        divided by the share of pixel pairs that it has, where that is at least a tenth.
+        """
+        steps = torch.fft.fftfreq(size, 1 / size).double()
+        turns = [waves(f.numpy(), steps.numpy(), self.step) for f in (self.down, self.across)]
+        power = torch.where(self.used, self.power - self.noise[:, None, None], 0.0)
+        found = 2 * Transforms(*turns).back(power) / (self.tile[0] * self.tile[1])
+        reach = (steps.to(found).abs() * self.step[:, None])
+        pairs = [(1 - reach / n).clamp_min(0.1) for n in self.tile]
+        return found / (pairs[0][:, :, None] * pairs[1][:, None])
+
+    def lag_variance(self) -> Tensor:
+        """Variance of a lag (Bartlett), float[B]; see :func:`specklegen.models.retrieval.wiener.lag_variance`."""
+        squares = torch.where(self.used, self.power, 0.0).square().sum((-2, -1))
+        return 2 * squares / (self.looks + 1) / (self.tile[0] * self.tile[1]) ** 2
 
     @property
     def frequencies(self) -> Tensor:
@@ -219,9 +238,10 @@ def _brightness(alone: Tensor, power: Tensor, used: Tensor, noise: Tensor) -> Te
     """Most probable a of S = a S_object + noise, at least 0, by Fisher's scoring; exact at once without noise."""
     rest = torch.where(used, power - noise, 0.0)
     tiny = torch.finfo(alone.dtype).tiny
-    found = (torch.where(used, power / alone, 0.0).sum((-2, -1)) / used.sum((-2, -1)))
     if not noise.any():
-        return found
+        return torch.where(used, power / alone, 0.0).sum((-2, -1)) / used.sum((-2, -1))
+    lit = torch.where(used, alone, 0.0).sum((-2, -1)).clamp_min(tiny)
+    found = (rest.sum((-2, -1)) / lit).clamp_min(1e-6)
     for _ in range(_STEPS):
         weight = torch.where(used, alone / (found[..., None, None] * alone + noise).square().clamp_min(tiny), 0.0)
         found = ((weight * rest).sum((-2, -1)) / (weight * alone).sum((-2, -1)).clamp_min(tiny)).clamp_min(1e-6)

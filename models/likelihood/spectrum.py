@@ -69,12 +69,11 @@ def factors(profile: Profile, cycles: int, pixel: float = 0.0) -> tuple[Factor, 
     passed = window.overlap(nodes, nodes[:, None]) * np.outer(np.sinc(nodes * pixel), np.sinc(nodes * pixel)) ** 2
     shares, vectors = np.linalg.eigh(root[:, None] * passed * root)
     kept = np.abs(shares) > _PRODUCTS * np.abs(shares).max()
-    total = sum(share * (2 * (vector * root).sum()) ** 2 for share, vector in zip(shares[kept], vectors.T[kept], strict=True))
+    shares, halves = shares[kept], vectors.T[kept] * root
+    total = (shares * np.square(2 * halves.sum(1))).sum()  # P(0), the integral over all shifts
     both = np.concatenate([-nodes[::-1], nodes])
-    return tuple(
-        Factor(float(share / total), both, np.concatenate([(vector * root)[::-1], vector * root]))
-        for share, vector in zip(shares[kept], vectors.T[kept], strict=True)
-    )
+    values = np.concatenate([halves[:, ::-1], halves], axis=1)
+    return tuple(Factor(float(share / total), both, value) for share, value in zip(shares, values, strict=True))
 
 
 def _fejer(frequency: np.ndarray, side: int) -> np.ndarray:
@@ -85,25 +84,29 @@ def _fejer(frequency: np.ndarray, side: int) -> np.ndarray:
 
 
 class Transforms(NamedTuple):
-    """E_r of both axes as real numbers: what turns lags of objects into a spectrum.
+    """Fourier transforms along both axes as real numbers: from lags of an object to frequencies, and back.
 
     Attributes
     ----------
-    rows : float[B, r, 2, F, 2 h - 1]
-        Real and imaginary part, times c_r.
-    columns : float[B, r, 2, G, 2 w - 1]
+    rows : float[B, r, 2, F, J]
+        Real and imaginary part, r products whose sum counts.
+    columns : float[B, r, 2, G, K]
     """
 
     rows: Tensor
     columns: Tensor
 
     def __call__(self, lags: Tensor) -> Tensor:
-        """Spectrum float[B, ..., F, G] of lags float[B, ..., 2 h - 1, 2 w - 1] that are even in both together."""
-        between = lags.ndim - 3
-        rows, columns = (x.flatten(2, 3).reshape(len(x), *[1] * between, *x.shape[1:2], -1, x.shape[-1]) for x in self)
-        turned = (rows @ lags[..., None, :, :]).unflatten(-2, (2, -1))
-        sides = columns.unflatten(-2, (2, -1))
-        return (turned[..., 0, :, :] @ sides[..., 0, :, :].mT - turned[..., 1, :, :] @ sides[..., 1, :, :].mT).sum(-3)
+        """Real part of the transforms float[B, ..., F, G] of lags float[B, ..., J, K]."""
+        extra = [1] * (lags.ndim - 3)
+        rows, columns = (x.reshape(len(x), *extra, *x.shape[1:]) for x in self)
+        turned = (rows.flatten(-3, -2) @ lags[..., None, :, :]).unflatten(-2, (2, -1))
+        sides = columns.mT
+        return (turned[..., 0, :, :] @ sides[..., 0, :, :] - turned[..., 1, :, :] @ sides[..., 1, :, :]).sum(-3)
+
+    def back(self, spectra: Tensor) -> Tensor:
+        """Lags float[B, ..., J, K] of spectra float[B, ..., F, G]: the adjoint of the call."""
+        return Transforms(self.rows.mT, self.columns.mT)(spectra)
 
 
 def transforms(
@@ -134,10 +137,17 @@ def transforms(
         found = factors(profile, 16 * int(np.ceil(reach / size / 16)), 1 / size if pixel else 0.0)
         for axis, frequencies in enumerate((rows, columns)):
             kernel = _kernels(found, frequencies.tobytes(), shape[axis], float(size), weighted=axis == 0)
-            angle = (-2 * np.pi * steps[n] / size) * found[0].nodes[:, None] * np.arange(1 - objects[axis], objects[axis])
+            lags = np.arange(1 - objects[axis], objects[axis])
+            angle = (-2 * np.pi * steps[n] / size) * found[0].nodes[:, None] * lags
             both = kernel @ np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
             made[axis].append(both.reshape(len(found), len(frequencies), 2, -1).swapaxes(1, 2))
     return Transforms(*(_stacked(parts).to(step) for parts in made))
+
+
+def waves(frequencies: np.ndarray, lags: np.ndarray, step: Tensor) -> Tensor:
+    """e^(-2 pi i f l s), float[B, 1, 2, F, J], of frequencies in cycles a pixel and lags of s pixels."""
+    angle = -2 * torch.pi * step[:, None, None] * torch.from_numpy(np.outer(frequencies, lags)).to(step)
+    return torch.stack([angle.cos(), angle.sin()], dim=1)[:, None]
 
 
 @lru_cache(maxsize=8)
@@ -154,7 +164,7 @@ def _stacked(parts: list[np.ndarray]) -> Tensor:
 
 
 def autocorrelation_of(objects: Tensor) -> Tensor:
-    """R of objects float[..., h, w] over the square of their sums, float[..., 2 h - 1, 2 w - 1], lag 0 in the middle."""
+    """R of objects float[..., h, w] of any sum, float[..., 2 h - 1, 2 w - 1], the zero lag in the middle."""
     rows, columns = objects.shape[-2:]
     whole = objects / objects.sum((-2, -1), keepdim=True).clamp_min(torch.finfo(objects.dtype).tiny)
     padded = (2 * rows, 2 * columns)
