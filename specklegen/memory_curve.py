@@ -5,8 +5,11 @@ Along the axis, in transmission and at small tilts, from the distribution of lat
 amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +19,7 @@ from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.errors import reject
 from specklegen.core.memory import available_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
+from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES, jackknife
@@ -37,7 +41,7 @@ _OFF_BACKSCATTER = np.deg2rad(5.0)
 
 
 @dataclass(frozen=True)
-class MemoryEffect:
+class MemoryEffect(Pictured):
     """A memory-effect curve.
 
     Attributes
@@ -74,6 +78,24 @@ class MemoryEffect:
 
     def __repr__(self) -> str:
         return summary(self, tilts=self.tilts, intensity=self.intensity, paths=self.paths, reverse=self.reverse)
+
+    def _facts(self) -> Mapping[str, object]:
+        errors = self.standard_error[np.isfinite(self.standard_error)]
+        return {
+            "tilts": f"{len(self.tilts)}, up to {np.rad2deg(np.abs(self.tilts).max(initial=0.0)):.4g}°",
+            "largest standard error": float(errors.max(initial=0.0)) if len(errors) else "undefined",
+            "share of single scattering": self.single_share,
+            "paths": self.paths,
+            "reversed paths": "used" if self.reverse else "left out",
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """C_I over the tilt in units of the slab, with bars of two standard errors."""
+        axes.errorbar(np.abs(self.q), self.intensity, 2 * self.standard_error, fmt="o-", ms=3, lw=1, label=label)
+        axes.set_xlabel(r"tilt  $q = k\,\sin\theta\,L$")
+        axes.set_ylabel(r"intensity correlation  $C_I$")
+        axes.set_ylim(-0.03, 1.05)
+        axes.grid(alpha=0.3)
 
 
 def memory_effect(
@@ -205,7 +227,7 @@ def _of_screens(medium: ThinMedium, wavelength: float, tilts: ArrayLike, mode: M
     kept = index_correlation(stack, wavelength, np.append(0.0, np.abs(sines)))[0, 1:]
     field = np.array(walks, np.complex128).conj() * kept
     intensity = np.square(np.abs(field))
-    weight = terms.densities(float(np.hypot(*seen)))
+    weight = terms.densities(float(np.hypot(seen[0], seen[1])))
     walk, _ = terms.spreads(tilt_ways(stack, np.array([1.0, 0.0])))
     still = walk <= 1e-12 * walk.max(initial=0.0)
     return MemoryEffect(

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
+from specklegen.core.picturing import draw_images
 from specklegen.core.values import Value
 from specklegen.datasets.objects import HiddenObjects
 from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
@@ -78,6 +79,11 @@ class HiddenObject(Recipe):
         if self.fits_window and ends(self._pixels)[1] > min(self.camera_shape):
             reject("ObjectField.pixels", f"at most the camera's {min(self.camera_shape)}", ends(self._pixels)[1])
         return self
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Draw the first hidden objects of the training split, seed 0."""
+        draw_images(axes, np.stack([self.objects.image(0, "train", n) for n in range(6)]), high=1.0)
+        axes.set_title(label or "")
 
     @property
     def fits_window(self) -> bool:

@@ -1,9 +1,12 @@
 """A plan: what a render will do, what it leaves out and why, and what that costs; told in words by ``explain``."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import counted
+from specklegen.core.picturing import Pictured
 from specklegen.core.showing import summary
 from specklegen.mean.field import ballistic_fraction
 from specklegen.paths.gaussianity import Gaussianity
@@ -16,7 +19,7 @@ _LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "Incohere
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Pictured):
     """What a render will do, what it leaves out and why, and what that costs.
 
     Attributes
@@ -53,6 +56,19 @@ class Plan:
             self, sampler=self.sampler, summation=self.summation, paths=self.paths, expected_error=self.expected_error,
             seconds=self.seconds, memory_bytes=self.memory_bytes,
         )  # fmt: skip
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "sampler": f"{self.sampler} ({self.summation})",
+            "paths": self.paths,
+            "expected error": self.expected_error,
+            "speckle": self.gaussianity,
+            "time": f"{self.seconds:.2g} s",
+            "memory": f"{self.memory_bytes / 2**20:.0f} MiB",
+        } | {d.part: f"{'used' if d.needed else 'left out'}: {d.reason}" for d in self.decisions}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        self.scene.plot(axes, label)
 
     @property
     def sampler(self) -> str:

@@ -1,15 +1,18 @@
 """The scene: what is simulated, in one frozen value."""
 
-from typing import Self
+from collections.abc import Mapping
+from typing import Any, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.picturing import Pictured
 from specklegen.core.values import Positive, Value
 from specklegen.scene.illumination import CollimatedBeams, Illumination, IncoherentObject, PlaneWaves, PointSources
 from specklegen.scene.media import AnyMedium, Medium, Slab, VoxelGrid
 from specklegen.scene.scatterers.mie import Mie
+from specklegen.scene.schematic import draw_scene
 from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack, require_thin
 from specklegen.scene.sensors import FarFieldGrid, NearField, Sensor
 from specklegen.scene.unitless import unitless_fingerprint
@@ -20,7 +23,7 @@ LARGEST = 1e60
 """Largest length, in any unit, and the inverse of the smallest one: what is squared twice is still a float64."""
 
 
-class Scene(Value):
+class Scene(Value, Pictured):
     """A medium, its illumination and a sensor. Every length is in one unit, which the wavelength fixes.
 
     Parameters
@@ -128,6 +131,27 @@ class Scene(Value):
                     "Mie.wavelength", f"that of the scene, {self.wavelength:g}", particle.wavelength,
                     "Both are the wavelength inside the medium.",
                 )  # fmt: skip
+
+    def _facts(self) -> Mapping[str, object]:
+        medium = self.medium
+        about = {
+            "wavelength": self.wavelength,
+            "medium": f"{medium.type}, {medium.thickness:.4g} thick, mean free path {medium.mean_free_path:.4g}",
+            "optical depth": medium.optical_depth,
+        }
+        if not isinstance(medium, VoxelGrid):
+            g = medium.scatterer.mean_cosine(2 if self.dimension == 2 else 3)
+            about |= {"scatterer": f"{medium.scatterer.type}, g = {g:.4g}"}
+        light, sensor = self.illumination, self.sensor
+        about |= {"illumination": f"{light.type}, {len(_light_vectors(light))} in all"}
+        if isinstance(light, CollimatedBeams | IncoherentObject):
+            about |= {"window": f"{light.profile}, {light.width:.4g}"}
+            about |= {"speckle size (sine)": self.wavelength / light.width}
+        return about | {"sensor": f"{sensor.type}, {'x'.join(map(str, sensor.shape))}"}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        draw_scene(axes, self)
+        axes.set_title(label or "")
 
     def unitless_fingerprint(self) -> str:
         """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit of length."""

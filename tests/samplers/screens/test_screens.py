@@ -197,3 +197,8 @@ def test_a_screen_is_given_one_way_and_a_stack_has_its_gaps():
         sg.PhaseScreen(correlation_length=5.0, rms_phase=1.0, index=1.5)
     with pytest.raises(sg.RuleError, match="1 numbers for 2 screens"):
         sg.ScreenStack(screens=DOUBLE.screens, gaps=())
+
+
+def test_a_scene_of_screens_can_be_drawn():
+    words = [text.get_text() for text in grid_scene(DOUBLE).plot().texts]
+    assert words.count("3 rad") == 2
