@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from specklegen.core.errors import reject
-from specklegen.models.retrieval.autocorrelation import FLOOR, distances, taper
+from specklegen.models.retrieval.autocorrelation import FLOOR, distances
 
 Division = Literal["none", "dense", "empirical"]
 DIVISIONS: tuple[Division, ...] = get_args(Division)
