@@ -4,9 +4,9 @@
     python scripts/train_through_slab.py --out runs/quick --minutes 1 --samples 2048 --images 32
     python scripts/train_through_slab.py --out runs/through-slab --only leakage
 
-Minutes are those of the clock while a network trains, on images that are there. Every part keeps what it has made: stores fill
-up, training goes on, and only the tables are made anew. Characters of the test split appear in no training image, in
-any font; slabs and media are new in every split.
+Minutes are those of the clock while a network trains, on images that are there. Every part keeps what it has made:
+stores fill up, training goes on, and only the tables are made anew. Characters of the test split appear in no training
+image, in any font; slabs and media are new in every split.
 """
 
 import argparse

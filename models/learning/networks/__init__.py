@@ -1,8 +1,8 @@
 """Networks that look through fog. A new one is a file of this folder, and a line of :data:`NETWORKS`.
 
 Those of the table take pictures float[B, 2, H, W] (:mod:`specklegen.models.learning.inputs`) and return logits
-float[B, h, w]; the brightness is their sigmoid. The perceptron takes features float[B, F]. :mod:`unrolled` sees the likelihood, and is held by a
-:class:`~specklegen.models.learning.solver.Solver`.
+float[B, h, w]; the brightness is their sigmoid. The perceptron takes features float[B, F]. :mod:`unrolled` sees the
+likelihood, and is held by a :class:`~specklegen.models.learning.solver.Solver`.
 """
 
 from collections.abc import Callable
