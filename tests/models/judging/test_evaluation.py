@@ -206,6 +206,9 @@ def test_another_object_is_chance(judged, batch):
     assert made.shape == (7, 12, 12)
     assert torch.equal(made[0], made[5])
     assert not torch.equal(made[0], made[1])
+    own = torch.rand(7, 12, 12)
+    answers = baselines.another_object(own)(batch)
+    assert not any(torch.equal(answer, mine) for answer, mine in zip(answers, own, strict=True))
 
 
 def test_images_of_characters_that_were_trained_on_are_passed_over():
