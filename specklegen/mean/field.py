@@ -6,7 +6,8 @@ lights and far views it depends on the medium:
 * behind a slab, beams: the total transmitted mean of a wide beam, e^(-OD/2) times the diffraction pattern of its
   window. At v = i its amplitude is (k / 2 pi)^((d-1)/2) A e^(-OD/2), and for a square window its first zero lies
   lambda / W away. The constant phase is chosen such that the field on the exit face is real and positive at the
-  window's centre for a beam along the axis;
+  window's centre for a beam along the axis. Faces let the root of (1 - R(i)) (1 - R(v)) through; echoes between them
+  are left out;
 * of a box or a voxel grid: the field *scattered* by it, for the light that misses or crosses it is not limited by
   it (that of a plane wave is a delta at v = i): see :mod:`specklegen.mean.finite`.
 """
@@ -18,6 +19,7 @@ from specklegen.core.errors import reject
 from specklegen.kernels import mean_integrals
 from specklegen.mean.finite import scattered_mean
 from specklegen.paths.endpoints import light_endpoints, view_endpoints
+from specklegen.paths.faces import reflectance
 from specklegen.paths.volumes import volume_of
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources
 from specklegen.scene.media import Slab
@@ -83,13 +85,25 @@ def _slab(slab: Slab, beams: CollimatedBeams, views: np.ndarray, wavelength: flo
         turns = difference @ (direction / direction[-1] * slab.thickness)
         pattern = beams.window.transform(*difference[:, :-1].T)
         attenuation = np.exp(-0.5 * slab.optical_depth / direction[-1])
+        crossed = np.sqrt((1 - reflectance(slab.faces, direction[-1])) * (1 - reflectance(slab.faces, views[:, -1])))
         obliquity = np.sqrt(direction[-1])  # face area to cross section
         scale = obliquity * attenuation / wavelength ** (difference.shape[-1] / 2 - 0.5)
-        tilt[...] = np.where(views[:, -1] > 0, scale * pattern * np.exp(2j * np.pi * turns), 0)
+        tilt[...] = np.where(views[:, -1] > 0, scale * crossed * pattern * np.exp(2j * np.pi * turns), 0)
     return field
 
 
 def ballistic_fraction(scene: Scene) -> float:
-    """e^(-OD), the share of the light that crosses the medium without a collision, at the steepest tilt."""
+    """e^(-OD), the share of the light that crosses the medium without a collision, at the steepest tilt.
+
+    Of a slab with refracting faces, what both let through of it at the first pass.
+    """
     steepest = scene.beams.directions[:, -1].max(initial=0.0) or 1.0
+    if isinstance(scene.medium, Slab):
+        return straight_through(scene.medium, steepest)
     return float(np.exp(-scene.medium.optical_depth / steepest))
+
+
+def straight_through(slab: Slab, cosine: float = 1.0) -> float:
+    """Share of the light that crosses a slab without a collision and without an echo, at a cosine inside."""
+    crossed = 1 - float(reflectance(slab.faces, np.array(cosine)))
+    return float(np.exp(-slab.optical_depth / cosine)) * crossed**2
