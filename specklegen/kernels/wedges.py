@@ -125,7 +125,7 @@ def wedge_pair(n, phi, incidence, distance, k, sin_beta):
 
 @kernel
 def wedge_terms(n, phi, incidence, distance, k, out):
-    """Fill ``out`` complex128[m, 3]: parts of D of the direct wave and of the images in 0-face and n-face, beta = pi/2."""
+    """Fill ``out`` complex128[m, 3]: parts of D, beta = pi/2: of the direct wave, the images in 0-face and n-face."""
     scale = -complex(math.sqrt(0.5), math.sqrt(0.5)) / (2.0 * n * math.sqrt(2.0 * math.pi * k))
     for m in range(phi.size):
         root_kl = math.sqrt(k * distance[m])
