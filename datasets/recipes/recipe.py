@@ -218,7 +218,7 @@ class Recipe(Value):
     def physics(self) -> dict[str, Any]:
         """Everything that decides a pixel."""
         decided = self.model_dump(mode="json", exclude=COSMETIC) | {"data_version": DATA_VERSION}
-        return decided | ({"atlas": atlas_digest()} if self.material.kernel == "atlas" else {})
+        return decided | ({"atlas": atlas_digest(self.material.extremes())} if self.material.kernel == "atlas" else {})
 
     @cached_property
     def _canonical_json(self) -> str:

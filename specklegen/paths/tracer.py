@@ -9,6 +9,7 @@ from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
+from specklegen.paths.phase_tables import common_lobe
 from specklegen.paths.roulette import capacious, slab_roulette, volume_roulette
 from specklegen.paths.slab_tracer import (
     SlabTracer,
@@ -19,6 +20,7 @@ from specklegen.paths.slab_tracer import (
 )
 from specklegen.paths.starts import close_points, scene_sources
 from specklegen.paths.volume_tracer import VolumeTracer
+from specklegen.paths.volumes import materials
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
@@ -99,6 +101,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> VolumeTracer:
     tracer = VolumeTracer(
         layout=layout,
         sources=scene_sources(scene),
+        lobe=common_lobe(materials(scene.medium), scene.dimension),
         bidirectional=reverse or bool(close_points(scene, layout.volume)),
         threshold=0.0,
         max_order=default_max_order(scene.medium),
