@@ -21,7 +21,7 @@ from specklegen.datasets.recipes.parts.distributions import ends
 from specklegen.datasets.recipes.parts.light import Light
 from specklegen.datasets.recipes.parts.material import Estimator, KnownMaterial, Material, known_light
 from specklegen.datasets.recipes.parts.viewing import CameraGrid, Lab, Viewing, Window
-from specklegen.datasets.recipes.rendering import MediumView, RenderedBy, Rendering, medium_plan, rendering_of
+from specklegen.datasets.recipes.rendering import Planned, RenderedBy, Rendering, medium_plan, rendering_of
 from specklegen.datasets.sample_schema import ArraySpec, require_finite
 from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
 from specklegen.instrument.camera import Camera, NoiseStreams, expose
@@ -343,7 +343,7 @@ class Recipe(Value):
         """One sample, before it is checked; what each kind says."""
         raise NotImplementedError
 
-    def extremes(self) -> list[MediumView]:
+    def extremes(self) -> Sequence[Planned]:
         """Media at the ends of every range, looked at by the widest object and the most tilted beams."""
         raise NotImplementedError
 

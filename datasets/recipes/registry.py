@@ -11,6 +11,7 @@ from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.recipes.recipe_files import merged, recipe_table
 from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
+from specklegen.datasets.recipes.volume_stack import VolumeStack
 
 KINDS: dict[str, type[Recipe]] = {
     "tilt-stack": TiltStack,
@@ -19,6 +20,7 @@ KINDS: dict[str, type[Recipe]] = {
     "partially-coherent": PartiallyCoherent,
     "dynamic-slab": DynamicSlab,
     "two-tilts": TwoTilts,
+    "volume-stack": VolumeStack,
 }
 
 

@@ -208,7 +208,8 @@ def optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far):
 
 @inlined
 def free_flight(
-    bounds, cells, extinction, majorants, per_length, x, y, z, dx, dy, dz, first, second, k0, k1, sample, path, dimension
+    bounds, cells, extinction, majorants, per_length, x, y, z, dx, dy, dz, first, second,
+    k0, k1, sample, path, dimension,
 ):  # fmt: skip
     """Distance through voxels to the next collision (infinite where the path leaves), and the next unused dimension.
 

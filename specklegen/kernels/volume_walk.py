@@ -2,8 +2,8 @@
 
 One call traces the paths ``first`` ... ``first + count - 1``; random numbers are addressed by (key, sample,
 path, dimension) as in :mod:`specklegen.kernels.walk`, whose record is written here too, together with the
-particle types at both ends (physics.md 2, corrections 3 and 6). Paths go in lock step (`specklegen.kernels.lanes`); what
-is no vector loop, the way through voxels and tabulated or mixed particles in flatland, has loops of its own.
+particle types at both ends (physics.md 2, corrections 3 and 6). Paths go in lock step (`specklegen.kernels.lanes`);
+what is no vector loop, the way through voxels and particles drawn by type, has loops of its own.
 
 A path serves both ways: walked backwards it is as good a path from x_B to x_1. With ``bidirectional`` its weight is the
 balance heuristic over both,

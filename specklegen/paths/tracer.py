@@ -1,4 +1,4 @@
-"""Which paths serve a scene: in lock step through a homogeneous slab, or path by path through anything."""
+"""Which paths serve a scene: those of beams through a homogeneous slab, or those through anything."""
 
 from typing import Protocol
 
@@ -59,7 +59,7 @@ class Tracer(Protocol):
 
 
 def lock_step_obstacle(scene: Scene) -> str | None:
-    """Why paths in lock step do not serve a scene; None where they do."""
+    """Why the slab's paths do not serve a scene; None where they do."""
     if not isinstance(scene.medium, Slab):
         return f"the medium is a {type(scene.medium).__name__}"
     if scene.dimension == 2:

@@ -79,8 +79,8 @@ class VolumeTracer:
                 if found <= capacity:
                     break
                 capacity = found
-            arrays = (a.take(ranks[:found], axis=0) for a in (records, orders, paths, types))
-            return PathBank(*arrays, size, events, unfinished, unfinished_weight)
+            records, orders, paths, types = (a.take(ranks[:found], axis=0) for a in (records, orders, paths, types))
+            return PathBank(records, orders, paths, types, size, events, unfinished, unfinished_weight)
 
         banks = map_blocks(block, range(first, first + count, BLOCK), threads)
         return concatenate(banks, threads) if banks else empty_bank(count)
