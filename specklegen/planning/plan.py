@@ -121,8 +121,8 @@ def _memory_note(medium: Medium) -> list[str]:
     if not lobes:
         return []
     return [
-        f"Memory effect: that of {' and '.join(lobes)} lobes. Other lobes of the same anisotropy may have a range several "
-        "times as long or short (4.5 times at 0.9, 10 at 0.98): see docs/atlas.md."
+        f"Memory effect: that of {' and '.join(lobes)} lobes. Other lobes of the same anisotropy may have a range "
+        "several times as long or short (4.5 times at 0.9, 10 at 0.98): see docs/atlas.md."
     ]
 
 
