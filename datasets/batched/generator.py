@@ -132,12 +132,15 @@ class SpeckleGenerator:
         objects = self.recipe.objects
         labels = [objects.labels(objects.source(self.seed, self.split, n)) for n in numbers]
         told = {name: torch.tensor([each[name] for each in labels], dtype=torch.float64) for name in labels[0]}
-        # On the CPU one by one: sums over several have other last bits.
-        alone = light if light.device.type == "cpu" else [light]
-        centres = torch.cat([centre_of(part).reshape(-1, 2) for part in alone])
-        return {name: each.to(self.device, non_blocking=True) for name, each in told.items()} | dict(
-            zip(CENTRE, centres.unbind(-1), strict=True)
-        )
+        device = light.device
+        if device.type == "cpu":  # one by one: sums over several have other last bits
+            centre = torch.tensor([centre_of(each) for each in light.numpy()], dtype=torch.float64).unbind(-1)
+        else:
+            bright = light.double()
+            along = [torch.arange(n, dtype=torch.float64, device=device) for n in bright.shape[1:]]
+            centre = [bright.sum(axis) @ place / bright.sum((1, 2)) for axis, place in zip((2, 1), along, strict=True)]
+        labelled = {name: each.to(device, non_blocking=True) for name, each in told.items()}
+        return labelled | dict(zip(CENTRE, centre, strict=True))
 
     def prepare(self, media: list[int]) -> tuple[medium.MediumBatch, torch.Tensor]:
         """Media of drawn materials made ready, and the keys int64[B, 2] of their fields."""

@@ -66,5 +66,5 @@ def _digits() -> Any:
     try:
         from sklearn.datasets import load_digits
     except ImportError:
-        raise ImportError('Digits needs scikit-learn: pip install "specklegen[digits]"') from None
-    return load_digits()
+        raise ImportError('Digits needs scikit-learn: pip install "specklegen-torch[digits]"') from None
+    return load_digits()  # pyright: ignore[reportAttributeAccessIssue]

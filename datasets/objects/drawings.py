@@ -1,7 +1,7 @@
 """Drawings: strokes, polygons and blobs, each made from one number, so that there are as many as one likes.
 
-They stand for what a user may hide: lines, cut-outs, textures. The number is the source, and its hash decides the split.
-Lit pixels hold the share of their area that is covered.
+They stand for what a user may hide: lines, cut-outs, textures. The number is the source, and its hash decides the
+split. Pixels hold the share of their area that is covered.
 """
 
 from typing import Literal

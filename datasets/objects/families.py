@@ -15,11 +15,12 @@ from specklegen.datasets.objects.drawings import Blobs, Polygons, Strokes
 from specklegen.datasets.objects.family import ObjectFamily, Source
 from specklegen.datasets.objects.folder import Folder
 from specklegen.datasets.objects.glyphs import Glyphs
+from specklegen.datasets.objects.meshes import Meshes
 from specklegen.datasets.objects.patterns import Bars, Points
 from specklegen.datasets.objects.photographs import Photographs, Silhouettes
 from specklegen.datasets.split import Purpose, Seed, Split, generator, substream
 
-Family = Glyphs | Photographs | Silhouettes | Folder | Digits | Points | Bars | Strokes | Polygons | Blobs
+Family = Glyphs | Photographs | Silhouettes | Folder | Digits | Points | Bars | Strokes | Polygons | Blobs | Meshes
 """Every family of one kind of object."""
 
 

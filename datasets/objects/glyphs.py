@@ -59,7 +59,7 @@ class Glyphs(ListedFamily):
 
     def _check_held_out(self) -> None:
         if self.disjoint != "character":
-            reject("Glyphs.disjoint", '"character" where the characters of test and validation are named', self.disjoint)
+            reject("Glyphs.disjoint", '"character" where those of test and validation are named', self.disjoint)
         for name, own, other in (("test", self.test, self.validation), ("validation", self.validation, self.test)):
             if not own or len(set(own)) < len(own) or not set(own) <= set(CHARACTERS) - set(other):
                 reject(f"Glyphs.{name}", f"different characters of {CHARACTERS}, none of the other split's", own)
@@ -77,11 +77,8 @@ class Glyphs(ListedFamily):
         if not self.test:
             return super().by_split
         held_out: dict[Split, str] = {"validation": self.validation, "test": self.test}
-        left = "".join(c for c in CHARACTERS if c not in self.validation + self.test)
-        return {
-            split: tuple(source for source in self.sources() if source[1] in chosen)
-            for split, chosen in ({"train": left} | held_out).items()
-        }
+        held_out["train"] = "".join(c for c in CHARACTERS if c not in self.validation + self.test)
+        return {split: tuple(s for s in self.sources() if str(s[1]) in chosen) for split, chosen in held_out.items()}
 
     def labels(self, source: Source) -> dict[str, float]:
         """Label: the number of the character in :data:`~specklegen.datasets.objects.outlines.CHARACTERS`."""
