@@ -21,6 +21,8 @@ material. Left out: corners, slopes of the incident wave. Light is there or not 
 queries, so a point within 1e-7 of the scene of a shadow boundary may see either side of it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product

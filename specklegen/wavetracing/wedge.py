@@ -19,6 +19,8 @@ for one that reflects nothing (half the sum of soft and hard), and at every boun
 through the wedge are not there.
 """
 
+from __future__ import annotations
+
 from typing import Literal
 
 import numpy as np

@@ -22,7 +22,10 @@ CHANGES = {
     "through-slab": {"material": QUICK, "media": 5}, "through-slab-lab": {"material": QUICK, "media": 5},
     "two-tilts": {"material": QUICK, "media": 3},
 }  # fmt: skip
-SLOW = {"beyond-memory-effect", "dynamic-slab", "masked-light-slab", "partially-coherent-slab"}
+SLOW = {
+    "any-object", "beyond-memory-effect", "characters-of-new-fonts", "dynamic-slab", "masked-light-slab",
+    "one-angular-size", "partially-coherent-slab", "points-beyond-range", "registered-tilts",
+}  # fmt: skip
 SMALL = {"unknown-slab": {}, "tilt-stack": {}, "through-slab": CHANGES["through-slab"]}
 
 
