@@ -106,7 +106,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
     tracer = VolumeTracer(
         layout=layout,
         sources=scene_sources(scene),
-        lobe=common_lobe(materials(scene.medium), scene.dimension),
+        lobe=common_lobe(materials(scene.volume), scene.dimension),
         bidirectional=reverse or bool(close_points(scene, layout.volume)),
         threshold=0.0,
         max_order=default_max_order(scene.volume),
