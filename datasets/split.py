@@ -44,7 +44,8 @@ class Purpose(IntEnum):
     READ_NOISE = 13
     SAMPLE_ORDER = 14
     FIELD = 15
-    OUTLINE = 16
+    FAMILY = 16
+    OUTLINE = 17
 
 
 def split_number(split: str) -> int:

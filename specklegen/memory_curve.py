@@ -5,8 +5,11 @@ Along the axis, in transmission and at small tilts, from the distribution of lat
 amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +19,7 @@ from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.errors import reject
 from specklegen.core.memory import available_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
+from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES, jackknife
@@ -28,14 +32,16 @@ from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.media import Box, Slab, VoxelGrid
 from specklegen.scene.scene import Scene
+from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack, ThinMedium, require_thin
 from specklegen.scene.validity import warn_of_dependence
+from specklegen.theory.phase_screens import index_correlation, lobes, tilt_ways
 
 Mode = Literal["transmission", "reflection"]
 _OFF_BACKSCATTER = np.deg2rad(5.0)
 
 
 @dataclass(frozen=True)
-class MemoryEffect:
+class MemoryEffect(Pictured):
     """A memory-effect curve.
 
     Attributes
@@ -73,9 +79,27 @@ class MemoryEffect:
     def __repr__(self) -> str:
         return summary(self, tilts=self.tilts, intensity=self.intensity, paths=self.paths, reverse=self.reverse)
 
+    def _facts(self) -> Mapping[str, object]:
+        errors = self.standard_error[np.isfinite(self.standard_error)]
+        return {
+            "tilts": f"{len(self.tilts)}, up to {np.rad2deg(np.abs(self.tilts).max(initial=0.0)):.4g}°",
+            "largest standard error": float(errors.max(initial=0.0)) if len(errors) else "undefined",
+            "share of single scattering": self.single_share,
+            "paths": self.paths,
+            "reversed paths": "used" if self.reverse else "left out",
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """C_I over the tilt in units of the slab, with bars of two standard errors."""
+        axes.errorbar(np.abs(self.q), self.intensity, 2 * self.standard_error, fmt="o-", ms=3, lw=1, label=label)
+        axes.set_xlabel(r"tilt  $q = k\,\sin\theta\,L$")
+        axes.set_ylabel(r"intensity correlation  $C_I$")
+        axes.set_ylim(-0.03, 1.05)
+        axes.grid(alpha=0.3)
+
 
 def memory_effect(
-    medium: Slab,
+    medium: Slab | ThinMedium,
     *,
     wavelength: float,
     tilts: ArrayLike,
@@ -97,7 +121,7 @@ def memory_effect(
     Parameters
     ----------
     medium
-        The slab.
+        The slab; or thin screens, of which the curve is a closed form: paths, errors and reversed paths are none.
     wavelength
         Inside the medium, in the slab's unit of length.
     tilts
@@ -135,6 +159,8 @@ def memory_effect(
     DoubtWarning
         Where the mean free path is below the wavelength: independent scattering is then doubtful.
     """
+    if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
+        return _of_screens(medium, wavelength, tilts, mode, view)
     if isinstance(medium, Box | VoxelGrid | Scene):
         reject(
             "memory_effect medium", "a Slab, which is infinite sideways", medium,
@@ -186,6 +212,29 @@ def memory_effect(
         paths=count,
         reverse=reversal.needed,
     )
+
+
+def _of_screens(medium: ThinMedium, wavelength: float, tilts: ArrayLike, mode: Mode, view: ArrayLike | None):
+    """Curve of thin screens at a fixed view, in closed form (:mod:`specklegen.theory.phase_screens`, Eq. 2)."""
+    tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
+    if mode != "transmission":
+        reject("memory_effect mode", '"transmission" behind thin screens', mode)
+    stack, sines = require_thin(medium, wavelength), np.sin(tilts)
+    terms = lobes(stack, wavelength)
+    seen = np.zeros(2) if view is None else real_array("memory_effect view", view)[:2]
+    lateral = np.stack([sines, 0 * sines], axis=-1)
+    walks = [terms.correlation(seen, tilt_ways(stack, each)) for each in lateral]
+    kept = index_correlation(stack, wavelength, np.append(0.0, np.abs(sines)))[0, 1:]
+    field = np.array(walks, np.complex128).conj() * kept
+    intensity = np.square(np.abs(field))
+    weight = terms.densities(float(np.hypot(seen[0], seen[1])))
+    walk, _ = terms.spreads(tilt_ways(stack, np.array([1.0, 0.0])))
+    still = walk <= 1e-12 * walk.max(initial=0.0)
+    return MemoryEffect(
+        tilts=tilts, q=2 * np.pi / wavelength * sines * stack.thickness, field=field, intensity=intensity,
+        decorrelation=1 - intensity, standard_error=0 * intensity,
+        single_share=float(weight[still].sum() / weight.sum()) if weight.any() else 1.0, paths=0, reverse=False,
+    )  # fmt: skip
 
 
 def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):

@@ -101,10 +101,10 @@ def volume_tracer(scene: Scene, reverse: bool) -> VolumeTracer:
     tracer = VolumeTracer(
         layout=layout,
         sources=scene_sources(scene),
-        lobe=common_lobe(materials(scene.medium), scene.dimension),
+        lobe=common_lobe(materials(scene.volume), scene.dimension),
         bidirectional=reverse or bool(close_points(scene, layout.volume)),
         threshold=0.0,
-        max_order=default_max_order(scene.medium),
+        max_order=default_max_order(scene.volume),
     )
     seed = pilot_seed(scene.unitless_fingerprint())
     return capacious(tracer if layout.views.near else volume_roulette(tracer, seed))

@@ -1,5 +1,7 @@
 """Triangle meshes: arrays of vertices and faces with a material, checked when they are made."""
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field

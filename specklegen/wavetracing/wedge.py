@@ -12,6 +12,8 @@ Formulae, conventions and how boundaries are treated: `specklegen.kernels.wedges
 Source: Kouyoumjian and Pathak, Proc. IEEE 62, 1448 (1974).
 """
 
+from __future__ import annotations
+
 from typing import Literal
 
 import numpy as np
