@@ -143,6 +143,7 @@ class VolumeStack(TiltStack):
             ("lab", self.lab is not None, "Write material.wavelength, window and camera."),
             ("exposure", self.exposure is not None, "Expose the images by specklegen.expose."),
             ("light.bandwidth", bool(self.light.bandwidth), "Path sums are of one wavelength."),
+            ("material.faces", not self.material.faces.matched, "Boxes and voxels have no step of the index."),
             ("mode_tolerance", "mode_tolerance" in self.model_fields_set, "Path sums have no modes."),
         ):
             if given:

@@ -80,7 +80,8 @@ class VolumeTracer:
                     break
                 capacity = found
             records, orders, paths, types = (a.take(ranks[:found], axis=0) for a in (records, orders, paths, types))
-            return PathBank(records, orders, paths, types, size, events, unfinished, unfinished_weight)
+            bounces = np.zeros((found, 2), np.int8)
+            return PathBank(records, orders, paths, types, bounces, size, events, unfinished, unfinished_weight)
 
         banks = map_blocks(block, range(first, first + count, BLOCK), threads)
         return concatenate(banks, threads) if banks else empty_bank(count)
