@@ -112,6 +112,11 @@ class VolumeFields:
                 found = found + np.square(drawn_once.image.real) + np.square(drawn_once.image.imag)
         return np.asarray(found * (float(brightness.sum()) / (len(self.seeds) * self.unit)), np.float32)
 
+    def superposed(self, amplitudes: np.ndarray, step: float) -> tuple[np.ndarray, float]:  # noqa: ARG002
+        """Of the one beam complex[1, 1], under the first tilt."""
+        brightness = np.square(np.abs(amplitudes))
+        return self.intensities(brightness)[0], float(brightness.sum())
+
 
 class DevelopedSpeckle:
     """The contrast of one beam behind a medium that scrambles it: 1."""
@@ -138,6 +143,8 @@ class VolumeStack(TiltStack):
             ("lab", self.lab is not None, "Write material.wavelength, window and camera."),
             ("exposure", self.exposure is not None, "Expose the images by specklegen.expose."),
             ("light.bandwidth", bool(self.light.bandwidth), "Path sums are of one wavelength."),
+            ("material.faces", not self.material.faces.matched, "Boxes and voxels have no step of the index."),
+            ("mode_tolerance", "mode_tolerance" in self.model_fields_set, "Path sums have no modes."),
         ):
             if given:
                 reject(f"Recipe.{name}", "left out where the kind is volume-stack", "given", remedy)

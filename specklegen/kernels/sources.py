@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined, spliced
-from specklegen.kernels.arithmetic import exponential, minus_log1m
+from specklegen.kernels.arithmetic import exponential
 from specklegen.kernels.frames import deflect
 from specklegen.kernels.lanes import LANES
 from specklegen.kernels.phase_functions import (
@@ -29,7 +29,7 @@ from specklegen.kernels.phase_functions import (
 )
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
-from specklegen.kernels.volume import EXTRA, chord_between, corners, escape_distance, march, optical_depth
+from specklegen.kernels.volume import EXTRA, chord, corners, escape_distance, march, optical_depth
 from specklegen.kernels.walk import GAUSSIAN, footprint_density, sample_footprint
 
 UNIFORM, PLANE, BEAM, POINT = 0, 1, 2, 3
@@ -149,12 +149,6 @@ def draw_starts(key0, key1, sample, first, count, words):
 
 
 @inlined
-def _absorbed(depth):
-    """1 - e^-depth, to full relative precision."""
-    return 1.0 - exponential(-depth) if depth > 1.0 else -math.expm1(-depth)
-
-
-@inlined
 def _finely(words, word, n):
     """A uniform of two words: 32 bits alone would put wide media on a lattice."""
     return words[LANES * word + n] + (words[LANES * (word + 1) + n] - 0.5) * 2.0**-32
@@ -215,27 +209,18 @@ def sample_start(bounds, cells, extinction, kinds, rows, words, n):
         wx, wy, wz = sample_lobe(cells[EXTRA, 0], 0.0, 0.0, 0.0, 1.0, c, d)
         return True, x, y, z, wx, wy, wz
     wx, wy, wz = sample_lobe(cells[EXTRA, 0], rows[r, LOBE], dx, dy, dz, c, d)
-    box = corners(bounds)
-    near, far = chord_between(box, x, y, z, dx, dy, dz)
+    near, far = chord(bounds, x, y, z, dx, dy, dz)
     if near >= far:
         return False, x, y, z, wx, wy, wz
-    homogeneous = extinction.shape[0] == 1
-    if homogeneous:
-        whole = extinction[0] * (far - near)
-    else:
-        whole = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far)
+    whole = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far)
     if whole == 0.0:
         return False, x, y, z, wx, wy, wz
-    depth = minus_log1m(b * _absorbed(whole))
-    if homogeneous:
-        t = min(near + depth / extinction[0], far)
-    else:
-        _, t = march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, depth)
+    _, t = march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, -math.log1p(b * math.expm1(-whole)))
     x, y, z = x + t * dx, y + t * dy, z + t * dz
     # Rounding may put the vertex a bit outside.
-    x = min(max(x, box[0]), box[3])
-    y = min(max(y, box[1]), box[4])
-    z = min(max(z, box[2]), box[5])
+    x = min(max(x, bounds[0, 0]), bounds[1, 0])
+    z = min(max(z, bounds[0, 2]), bounds[1, 2])
+    y = min(max(y, bounds[0, 1]), bounds[1, 1])
     return True, x, y, z, wx, wy, wz
 
 
@@ -284,7 +269,7 @@ def source_density(bounds, cells, extinction, sigma, kinds, rows, r, x, y, z):
         after = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, ahead)
     if before + after == 0.0:
         return 0.0, dx, dy, dz
-    return rays * sigma * exponential(-before) / _absorbed(before + after), dx, dy, dz
+    return rays * sigma * exponential(-before) / -math.expm1(-(before + after)), dx, dy, dz
 
 
 @spliced

@@ -100,21 +100,12 @@ def _axis_chord(position, direction, lower, upper):
 
 
 @inlined
-def chord_between(box, x, y, z, dx, dy, dz):
-    """Distances (near, far) between which the ray ahead of a point lies within the :func:`corners`.
-
-    near >= far where it misses.
-    """
-    x0, x1 = _axis_chord(x, dx, box[0], box[3])
-    y0, y1 = _axis_chord(y, dy, box[1], box[4])
-    z0, z1 = _axis_chord(z, dz, box[2], box[5])
-    return max(0.0, x0, y0, z0), min(x1, y1, z1)
-
-
-@inlined
 def chord(bounds, x, y, z, dx, dy, dz):
-    """:func:`chord_between` the volume's bounds."""
-    return chord_between(corners(bounds), x, y, z, dx, dy, dz)
+    """Distances (near, far) between which the ray ahead of a point is inside; near >= far where it misses."""
+    x0, x1 = _axis_chord(x, dx, bounds[0, 0], bounds[1, 0])
+    y0, y1 = _axis_chord(y, dy, bounds[0, 1], bounds[1, 1])
+    z0, z1 = _axis_chord(z, dz, bounds[0, 2], bounds[1, 2])
+    return max(0.0, x0, y0, z0), min(x1, y1, z1)
 
 
 @inlined

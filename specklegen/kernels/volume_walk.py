@@ -136,54 +136,34 @@ def _way_out(bounds, axis, direction):
 
 
 @inlined
-def look(bounds, sigma, g, rows, places, px, py, pz, sign, state, first, count):
-    """Leave in ESCAPE the optical depth from some lanes to the surface along a far probe, in SHAPE the phase function.
-
-    sigma : extinction, or the least in the volume
-    sign : +1 where the light arrives along the lane's direction, -1 where it leaves along it
-    """
-    ax, bx = _way_out(bounds, 0, px)
-    ay, by = _way_out(bounds, 1, py)
-    az, bz = _way_out(bounds, 2, pz)
-    for i in range(first, count):
-        x, y, z = fma(bx, state[X + i], ax), fma(by, state[Y + i], ay), fma(bz, state[Z + i], az)
-        state[ESCAPE + i] = sigma * max(min(x, min(y, z)), 0.0)
-    for i in range(first, count):
-        cos = sign * fma(state[WX + i], px, fma(state[WY + i], py, state[WZ + i] * pz))
-        state[DROP + i] = max(1.0 - cos, 0.0)
-    if rows.shape[0] == 0:
-        for i in range(first, count):
-            s = amplitude(g, 1.0 - state[DROP + i])
-            state[SHAPE + i] = s * s
-    else:
-        for i in range(first, count):
-            state[SHAPE + i] = judged(density_of(rows, places, state[DROP + i]))
-
-
-@inlined
-def judge_starts(bounds, sigma, g, rows, places, points, given, state, first, count):
-    """Largest |end|^2 of first vertices over some far probes, left in the quantity ``given``."""
-    for i in range(first, count):
-        state[given + i] = 0.0
-    for n in range(points.shape[0]):
-        look(bounds, sigma, g, rows, places, points[n, 0], points[n, 1], points[n, 2], -1.0, state, first, count)
-        for i in range(first, count):
-            state[given + i] = max(state[given + i], state[SHAPE + i] * exponential(-state[ESCAPE + i]))
-
-
-@inlined
 def propose(bounds, sigma, g, rows, places, least, kinds, points, given, state, count):
     """Mark the lanes whose contribution at any of some probes has an upper bound above ``least`` KEEP.
 
-    ``given``: POWER or BACKWARD, the power of the other end. Of the loss e^-t on the way out the bound knows
-    e^t >= 1 + t + t^2/2 + t^3/6. Lanes are never marked off.
+    ``sigma``: the least extinction in the volume; ``given``: POWER or BACKWARD, the power of the other end. Of the loss
+    e^-t on the way out the bound knows e^t >= 1 + t + t^2/2 + t^3/6. Lanes are never marked off.
     """
     for n in range(kinds.shape[0]):
         if kinds[n] == NEAR:
             for i in range(count):
                 state[CANDIDATE + i] = 1.0
             continue
-        look(bounds, sigma, g, rows, places, points[n, 0], points[n, 1], points[n, 2], 1.0, state, 0, count)
+        px, py, pz = points[n, 0], points[n, 1], points[n, 2]
+        ax, bx = _way_out(bounds, 0, px)
+        ay, by = _way_out(bounds, 1, py)
+        az, bz = _way_out(bounds, 2, pz)
+        for i in range(count):
+            x, y, z = fma(bx, state[X + i], ax), fma(by, state[Y + i], ay), fma(bz, state[Z + i], az)
+            state[ESCAPE + i] = sigma * min(x, min(y, z))
+        for i in range(count):
+            cos = fma(state[WX + i], px, fma(state[WY + i], py, state[WZ + i] * pz))
+            state[DROP + i] = max(1.0 - cos, 0.0)
+        if rows.shape[0] == 0:
+            for i in range(count):
+                s = amplitude(g, 1.0 - state[DROP + i])
+                state[SHAPE + i] = s * s
+        else:
+            for i in range(count):
+                state[SHAPE + i] = judged(density_of(rows, places, state[DROP + i]))
         for i in range(count):
             t = state[ESCAPE + i]
             most = state[AMOUNT + i] * state[given + i] * (state[SHAPE + i] * (1.0 + 1e-9)) / least
@@ -249,7 +229,6 @@ def trace_volume(
     mean_free_path = 1.0 / extinction[0]
     thinnest = extinction.min()
     near = (light_kinds == NEAR).any() or (view_kinds == NEAR).any()
-    together = by_lobe and homogeneous and not near  # starts are judged side by side
     capacity = records.shape[0]
     found = events = unfinished = 0
     unfinished_weight = 0.0
@@ -273,7 +252,7 @@ def trace_volume(
             begun, x, y, z, ox, oy, oz = sample_start(bounds, cells, extinction, source_kinds, source_rows, words, n)
             if not begun:
                 continue
-            here = 0 if homogeneous else voxel(bounds, cells, per_length, x, y, z)
+            here = voxel(bounds, cells, per_length, x, y, z)
             if albedos[here] * extinction[here] == 0.0:
                 continue
             vertex, joint = start_densities(
@@ -313,7 +292,7 @@ def trace_volume(
             state[POWER + i] = state[BACKWARD + i] = 1.0
             address[PATH + i], address[ORDER + i] = np.uint64(p), _ONE
             address[FIRST_TYPE + i], address[FLIGHTS + i], address[VOXEL + i] = kind, _FLIGHT, here
-            if threshold > 0.0 and not together:
+            if threshold > 0.0:
                 state[POWER + i] = _probe_power(
                     bounds, cells, extinction, by_lobe, g, rows, places, table, even, light_kinds, lights,
                     x, y, z, -ox, -oy, -oz, kind, True, 0.0,
@@ -325,10 +304,6 @@ def trace_volume(
                     )  # fmt: skip
         if flying == 0:
             break
-        if threshold > 0.0 and together:
-            judge_starts(bounds, thinnest, g, rows, places, lights, POWER, state, fresh, flying)
-            if bidirectional:
-                judge_starts(bounds, thinnest, g, rows, places, views, BACKWARD, state, fresh, flying)
 
         # Those that were in flight scatter at the vertex that they have reached; all then fly on.
         for i in range(fresh):

@@ -106,7 +106,7 @@ class Atlas:
         return np.log(self.depths), np.log(self.drops), self.absorptions
 
     def place(self, slab: Slab) -> tuple[float, float, float] | None:
-        """Coordinates of a slab of the family that the table is for; None outside it, or where faces are not matched."""
+        """Coordinates of a slab, of the family that the table is for; None outside it, and where faces reflect."""
         if not slab.faces.matched:
             return None
         depth, drop = slab.optical_depth, _drop(slab.scatterer)
