@@ -19,10 +19,11 @@ from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES, jackknife
-from specklegen.paths.deep_absorption import relative_variance, require_reach
+from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.reversal import Reverse, reversal_decision
+from specklegen.paths.stretching import relative_variance
 from specklegen.paths.tracer import plane_tracer
 from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.scene.illumination import directions_of_sines
@@ -172,7 +173,7 @@ def memory_effect(
     count = paths_for(
         DEFAULT_PATHS, paths, rel_error, seconds, lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0))
     )  # fmt: skip
-    if mode == "transmission":
+    if mode == "transmission" and reversal.needed:
         require_reach("memory_effect", relative_variance(medium), count)
     field, intensity, decorrelation, error, single = run(count, seed)
     return MemoryEffect(

@@ -164,7 +164,7 @@ def render(
         rel_error = None
     made = choose(paths=paths, rel_error=rel_error)
     for doubt in made.doubts:
-        warnings.warn(f"{doubt}. Leave the choice to sampler=\"auto\".", DoubtWarning, stacklevel=2)
+        warnings.warn(f"{doubt}.", DoubtWarning, stacklevel=2)
     images, connections, unfinished = _drawn(made, seed, realizations or 1, threads)
     if mean:
         images = images + mean_field(scene).astype(np.complex64)

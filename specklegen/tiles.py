@@ -72,7 +72,7 @@ def render_tiles(
         field_tolerance=field_tolerance, streamed=True, threads=threads,
     )  # fmt: skip
     for doubt in made.doubts:
-        warnings.warn(f"{doubt}. Leave the choice to sampler=\"auto\".", DoubtWarning, stacklevel=2)
+        warnings.warn(f"{doubt}.", DoubtWarning, stacklevel=2)
     pieces = made.chosen.prepare(seed, threads).pieces(realization or 0)
     return _with_mean(pieces, scene if mean else None)
 

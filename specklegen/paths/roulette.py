@@ -11,7 +11,7 @@ import numpy as np
 from specklegen.core.random_streams import Seed, Stream
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors
-from specklegen.paths.slab_tracer import SlabTracer, events_per_path
+from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.volume_tracer import VolumeTracer
 
 ALWAYS_FROM = 10.0  # times the mean contribution (docs/physics.md 2)
@@ -23,7 +23,7 @@ _SLAB_CONNECTIONS = 2**23  # 2 GB: fewer than SLAB_PATHS from an optical depth o
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
     """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
-    fitting = int(_SLAB_CONNECTIONS / events_per_path(tracer.medium))  # all of them are kept here
+    fitting = int(_SLAB_CONNECTIONS / tracer.events_per_path)  # all of them are kept here
     bank = tracer.trace(seed, min(SLAB_PATHS, max(fitting, 16)), stream=Stream.PILOT, threads=1)
     if len(bank) == 0:
         return tracer

@@ -15,7 +15,7 @@ from specklegen.core.memory import available_memory
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.mean.rule import mean_decision
-from specklegen.paths.deep_absorption import require_reach, scene_relative_variance
+from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
@@ -121,7 +121,9 @@ def plan(
     assert chosen is not None, "path sums serve every scene"
     if sampler == "paths":
         decisions.append(Decision("stationary sampler", False, "as asked"))
-    require_reach("plan", scene_relative_variance(scene), chosen.paths)
+    require_reach("plan", chosen.pilot.unseen, chosen.paths)
+    if chosen.pilot.dark:
+        decisions.append(Decision("dark views", True, chosen.pilot.dark, doubt=True))
     require_float32(chosen.pilot.intensity)
     threads = thread_count(threads)
     needed = chosen.memory(threads)
