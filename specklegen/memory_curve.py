@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import instance, real_array, real_number
-from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
+from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for, require_time
 from specklegen.core.errors import reject
-from specklegen.core.memory import available_memory
+from specklegen.core.nanoseconds import NANOSECONDS
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
@@ -175,6 +175,11 @@ def memory_effect(
     )  # fmt: skip
     if mode == "transmission" and reversal.needed:
         require_reach("memory_effect", relative_variance(medium), count)
+    ends = 2.0 * (1 + len(light)) * count * (2 if reversal.needed else 1)
+    require_time(
+        "memory_effect tilts", 1e-9 * NANOSECONDS["end"] * ends,
+        f"{len(light)} tilts of {count} paths", "Ask for fewer tilts, or for fewer paths.",
+    )  # fmt: skip
     field, intensity, decorrelation, error, single = run(count, seed)
     return MemoryEffect(
         tilts=tilts,
@@ -201,39 +206,25 @@ def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, t
 def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
     """Amplitudes a_t of every connection at the pairs (i_t, v_t); K_t = E[W a_0 a_t*] over its intensities."""
     lights, views = np.concatenate([AXIS[None], light]), np.concatenate([view[None], views])
-    tracer = plane_tracer(medium, wavelength, lights, views, reverse)
-    matched = [tracer.layout.of_ends(slice(n, n + 1), slice(n, n + 1)) for n in range(len(lights))]
-
-    def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
-        bank = tracer.trace(seed, last - first, first=first, threads=threads)
-        held = 3 * 16 * len(lights) * len(bank) * (2 if reverse else 1)  # before any of it is allocated
-        if held > 0.5 * available_memory():
-            reject(
-                "memory_effect tilts",
-                f"so few that their amplitudes fit into {0.5 * available_memory() / 2**30:.1f} GiB",
-                f"{held / 2**30:.1f} GiB for {len(light)} tilts of {last - first} paths at a time",
-                "Ask for fewer tilts at a time, or for fewer paths.",
-            )  # fmt: skip
-        ones, many = bank.single, bank.multiple
-        alone = [single_amplitudes(pair, ones) for pair in matched]
-        rest = [multiple_amplitudes(pair, many, bidirectional=reverse, reverse=reverse) for pair in matched]
-        return np.concatenate(alone), np.concatenate(rest)
-
-    return _correlation(amplitudes, paths, len(light), threads)
-
-
-def _correlation(amplitudes, paths, n, threads):
-    """K_t, |K_t|^2, its loss, its error and the single share.
-
-    amplitudes(first, last, threads) are two complex128[1 + n, M], of single scattering and of more.
-    """
+    tracer, n = plane_tracer(medium, wavelength, lights, views, reverse), len(light)
+    pairs = [slice(t, t + 1) for t in range(1 + n)]
 
     def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float]:
-        alone, rest = amplitudes(part.start, part.stop, threads)
-        both = np.concatenate([alone, rest], axis=1)
-        power = np.square(np.abs(both)).sum(axis=1)
-        product = (both[0] * both[1:].conj()).sum(axis=1)
-        return np.concatenate([product, power[1:], power[:1]]), np.square(np.abs(alone[0])).sum()
+        """Sums of products with zero tilt, of powers, of that at zero tilt; and of the latter by single scattering."""
+        bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=threads)
+        ones, many = bank.single, bank.multiple
+        alone, still = np.empty(0), np.empty(0)
+        sums = np.empty(2 * n + 1, np.complex128)
+        for t, pair in enumerate(pairs):  # one after the other: all amplitudes at once would not fit
+            layout = tracer.layout.of_ends(pair, pair)
+            once = single_amplitudes(layout, ones)[0]
+            both = np.concatenate([once, multiple_amplitudes(layout, many, bidirectional=reverse, reverse=reverse)[0]])
+            if t == 0:
+                alone, still = once, both
+            else:
+                sums[t - 1] = (still * both.conj()).sum()
+            sums[n + t - 1 if t else 2 * n] = np.square(np.abs(both)).sum()
+        return sums, np.square(np.abs(alone)).sum()
 
     found = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
     sums, single = np.array([both for both, _ in found]), sum(alone for _, alone in found)

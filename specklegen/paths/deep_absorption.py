@@ -28,6 +28,7 @@ MOST_PATHS = 10**12
 DARK = 1e-3
 """Share of the brightest view's light below which a view is dark: 30 times its error, or never seen."""
 _INSETS = (0.0, 0.1, 0.5, 0.9, 1.0)  # of a medium's sides, at which light is looked for
+_OPAQUE = 1e6  # optical depth behind which nothing is left, and nothing is lit
 _SLIVER = 1e-3  # of a side, or a tenth of a mean free path: thinner ones are not looked at
 
 
@@ -116,7 +117,7 @@ def _variances(scene: Scene) -> tuple[float, ...]:
 
     Light that reaches a view has to cross, by scattering, what no straight way in and straight way out spare it.
     """
-    if not len(scene.lights) or not len(scene.views) or not np.any(scene.medium.albedo):
+    if not len(scene.lights) or not np.prod(scene.sensor.shape) or not np.any(scene.medium.albedo):
         return ()
     nu = _slowest(scene.medium, scene.dimension)
     return tuple(crossing_variance(nu, float(depth)) for depth in _depths(scene)) if nu else ()
@@ -142,7 +143,7 @@ def _lost(layout: Layout, clear: Layout, bank: PathBank, endpoints: Endpoints, e
     """Optical depth float64[n, M] from points to lights or views, from what is left of the light."""
     with np.errstate(divide="ignore", invalid="ignore"):
         left = endpoint_factors(layout, bank, endpoints, end) / endpoint_factors(clear, bank, endpoints, end)
-        return np.nan_to_num(-2 * np.log(np.abs(left)), nan=np.inf)
+        return np.nan_to_num(-2 * np.log(np.abs(left)), nan=np.inf).clip(max=_OPAQUE)
 
 
 def _points(layout: Layout, mean_free_path: float) -> np.ndarray:

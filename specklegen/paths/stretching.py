@@ -6,9 +6,9 @@ the slab grows as e^(nu sigma_t z) h(w_z), h the slowest mode of the adjoint tra
     (1 - nu mu) h(mu) = a H(mu),    H = integral of rho(w . w') h(w'_z) dw' = sum_l (2 l + 1)/2 g_l h_l P_l(mu)
 
 g_l and h_l the Legendre moments of rho and h. They follow from a symmetric tridiagonal matrix, whose largest eigenvalue
-is 1/nu; beside the diagonal it has
+is 1/nu (Case and Zweifel, Linear Transport Theory, 1967, ch. 8); beside the diagonal it has
 
-    (l + 1) / sqrt((2l + 1)(2l + 3)(1 - a g_l)(1 - a g_(l+1)))    (Case and Zweifel, Linear Transport Theory, 1967, ch. 8)
+    (l + 1) / sqrt((2l + 1)(2l + 3)(1 - a g_l)(1 - a g_(l+1)))
 
 Isotropic, a = 0.9: nu = 0.5254; a = 0.5: 0.9575.
 

@@ -11,7 +11,7 @@ from specklegen.core.arguments import instance, real_number
 from specklegen.core.budgets import checked_budget
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.memory import available_memory
+from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.mean.rule import mean_decision
@@ -150,12 +150,8 @@ def streaming_obstacle(scene: Scene) -> str | None:
 
 
 def _require_memory(scene: Scene, needed: int) -> None:
-    total = available_memory()
-    if needed > 0.9 * total:
-        reject(
-            "Scene",
-            f"renderable within {0.9 * total / 2**30:.1f} GiB",
-            f"{needed / 2**30:.1f} GiB for {len(scene.lights)} tilts of {scene.sensor.shape} views",
-            "Render fewer tilts or fewer views at a time"
-            + (", or stream the stack by render_tiles." if streaming_obstacle(scene) is None else "."),
-        )
+    stream = ", or stream the stack by render_tiles." if streaming_obstacle(scene) is None else "."
+    require_memory(
+        "Scene", "renderable", needed, f"{len(scene.lights)} tilts of {scene.sensor.shape} views",
+        "Render fewer tilts or fewer views at a time" + stream, share=0.9,
+    )  # fmt: skip

@@ -18,7 +18,7 @@ from specklegen.core.arguments import instance
 from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.decision import Decision
 from specklegen.core.errors import DoubtWarning, reject
-from specklegen.core.memory import available_memory
+from specklegen.core.memory import require_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, map_blocks, one_blas_thread, thread_count
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.core.showing import summary
@@ -408,11 +408,7 @@ def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:
 
 
 def _require_memory(t: int, v: int, rows: int) -> None:
-    needed = rows * t * v * (16 * 6 + 8 * 3)
-    if needed > 0.5 * available_memory():
-        reject(
-            "covariance",
-            f"held within {0.5 * available_memory() / 2**30:.1f} GiB",
-            f"{needed / 2**30:.1f} GiB for {rows} rows of {t} lights x {v} views",
-            "Choose entries with pairs=, or stream rows with covariance_blocks.",
-        )
+    require_memory(
+        "covariance", "held", rows * t * v * (16 * 6 + 8 * 3), f"{rows} rows of {t} lights x {v} views",
+        "Choose entries with pairs=, or stream rows with covariance_blocks.",
+    )  # fmt: skip
