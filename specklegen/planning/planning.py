@@ -66,10 +66,10 @@ def plan(
     paths
         Paths a realization; 100 000 unless ``rel_error`` sets it.
     rel_error
-        Instead of ``paths``: the square root of the excess correlation between intensities that a finite
-        number of paths leaves, at the worst view: sqrt(Var w / (N (E w)^2)), w the contribution of a path. This
-        is for views far apart; within a grain of each other the connections of one path, which share their
-        entrance, add up to as much again, sqrt 2 in the error
+        Instead of ``paths``: the square root of the excess correlation between intensities that a finite number of
+        paths leaves within an image, at the worst view: of (2 E w^2 - (E w)^2 - E sum_B w_B^2) / (N (E w)^2), w the
+        contribution of a path and w_B of one of its connections, which share their entrance. Between views far apart
+        it is sqrt(Var w / (N (E w)^2)), up to sqrt 2 times less
         (:func:`specklegen.coherence.partially_coherent.finite_path_excess`). Also
         the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
