@@ -12,6 +12,7 @@ from .rendering import render as render
 from .samplers.covariance.covariance import Covariance as Covariance
 from .samplers.covariance.covariance import covariance as covariance
 from .samplers.covariance.covariance import covariance_blocks as covariance_blocks
+from .scene.faces import Faces as Faces
 from .scene.illumination import CollimatedBeams as CollimatedBeams
 from .scene.illumination import IncoherentObject as IncoherentObject
 from .scene.illumination import PlaneWaves as PlaneWaves
@@ -27,6 +28,9 @@ from .scene.scatterers import Scatterer as Scatterer
 from .scene.scatterers import Tabulated as Tabulated
 from .scene.scatterers import VonMisesFisher as VonMisesFisher
 from .scene.scene import Scene as Scene
+from .scene.screens import GroundGlass as GroundGlass
+from .scene.screens import PhaseScreen as PhaseScreen
+from .scene.screens import ScreenStack as ScreenStack
 from .scene.sensors import FarField as FarField
 from .scene.sensors import FarFieldGrid as FarFieldGrid
 from .scene.sensors import NearField as NearField

@@ -2,41 +2,53 @@
 
 Along the axis, in transmission and at small tilts, from the distribution of lateral distances
 (:mod:`specklegen.samplers.stationary.correlation`, symmetric in azimuth and so less noisy). Otherwise from the exact
-amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter.
+amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter. Tilts that are
+not small beside a narrow lobe keep their angle to it instead (:mod:`specklegen.paths.far_field`): from lateral
+distances again, and from phases alone where reversed paths take part.
 """
 
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import instance, real_array, real_number
 from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for, require_time
-from specklegen.core.errors import reject
+from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.nanoseconds import NANOSECONDS
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
+from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
-from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.core.statistics import BATCHES, batch_sums, jackknife
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
+from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss
 from specklegen.paths.reversal import Reverse, reversal_decision
 from specklegen.paths.stretching import relative_variance
 from specklegen.paths.tracer import plane_tracer
 from specklegen.samplers.stationary.correlation import estimate_correlation
+from specklegen.samplers.stationary.oblique import estimate_oblique_correlation
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.media import Box, Slab, VoxelGrid
 from specklegen.scene.scene import Scene
+from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack, ThinMedium, require_thin
 from specklegen.scene.validity import warn_of_dependence
+from specklegen.theory.phase_screens import index_correlation, lobes, tilt_ways
 
 Mode = Literal["transmission", "reflection"]
 _OFF_BACKSCATTER = np.deg2rad(5.0)
 
 
 @dataclass(frozen=True)
-class MemoryEffect:
+class MemoryEffect(Pictured):
     """A memory-effect curve.
 
     Attributes
@@ -59,6 +71,9 @@ class MemoryEffect:
         Paths traced.
     reverse : bool
         Whether reversed paths took part.
+    near_field : bool
+        Whether tilts keep their angle to the scatterers' lobe, since mean free paths are shorter than the far field
+        that tells them apart (docs/physics.md 10).
     """
 
     tilts: np.ndarray
@@ -70,13 +85,32 @@ class MemoryEffect:
     single_share: float
     paths: int
     reverse: bool
+    near_field: bool = False
 
     def __repr__(self) -> str:
         return summary(self, tilts=self.tilts, intensity=self.intensity, paths=self.paths, reverse=self.reverse)
 
+    def _facts(self) -> Mapping[str, object]:
+        errors = self.standard_error[np.isfinite(self.standard_error)]
+        return {
+            "tilts": f"{len(self.tilts)}, up to {np.rad2deg(np.abs(self.tilts).max(initial=0.0)):.4g}°",
+            "largest standard error": float(errors.max(initial=0.0)) if len(errors) else "undefined",
+            "share of single scattering": self.single_share,
+            "paths": self.paths,
+            "reversed paths": "used" if self.reverse else "left out",
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """C_I over the tilt in units of the slab, with bars of two standard errors."""
+        axes.errorbar(np.abs(self.q), self.intensity, 2 * self.standard_error, fmt="o-", ms=3, lw=1, label=label)
+        axes.set_xlabel(r"tilt  $q = k\,\sin\theta\,L$")
+        axes.set_ylabel(r"intensity correlation  $C_I$")
+        axes.set_ylim(-0.03, 1.05)
+        axes.grid(alpha=0.3)
+
 
 def memory_effect(
-    medium: Slab,
+    medium: Slab | ThinMedium,
     *,
     wavelength: float,
     tilts: ArrayLike,
@@ -98,7 +132,7 @@ def memory_effect(
     Parameters
     ----------
     medium
-        The slab.
+        The slab; or thin screens, of which the curve is a closed form: paths, errors and reversed paths are none.
     wavelength
         Inside the medium, in the slab's unit of length.
     tilts
@@ -134,8 +168,12 @@ def memory_effect(
     Warns
     -----
     DoubtWarning
-        Where the mean free path is below the wavelength: independent scattering is then doubtful.
+        Where the mean free path is below the wavelength: independent scattering is then doubtful. Where tilts are
+        neither small beside the scatterers' lobe, nor beside 0.1 radian, and segments are in the lobe's near field: no
+        estimate is right there.
     """
+    if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
+        return _of_screens(medium, wavelength, tilts, mode, view)
     if isinstance(medium, Box | VoxelGrid | Scene):
         reject(
             "memory_effect medium", "a Slab, which is infinite sideways", medium,
@@ -161,10 +199,17 @@ def memory_effect(
 
     light = directions_of_sines("memory_effect tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines("memory_effect view + tilts", view[:2] + light[:, :2], side)
+    medium.faces.require_crossing("memory_effect tilts and view", np.concatenate([light, views, view[None]]))
     reversal = reversal_decision(medium, wavelength, light, views, reverse, tolerance)
-    small = np.abs(tilts).max(initial=0.0) <= 0.02 * (1 - abs(medium.scatterer.mean_cosine()))
+    largest = np.abs(tilts).max(initial=0.0)
+    lobe = lobe_loss(medium, wavelength, largest)
+    near = lobe.spurious and medium.albedo > 0
+    if near and largest**2 > SLANT:
+        _warn_of_neither(lobe, largest)
+    small = near or largest <= 0.02 * (1 - abs(medium.scatterer.mean_cosine()))
     symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
-    curve = _axial if symmetric else _exact
+    lateral = near and not reversal.needed
+    curve = _axial if symmetric else _lateral if lateral else partial(_exact, near=near)
 
     def run(count: int, seed: Seed) -> tuple:
         return curve(medium, wavelength, light, view, views, side, count, seed, reversal.needed, threads)
@@ -173,7 +218,7 @@ def memory_effect(
     count = paths_for(
         DEFAULT_PATHS, paths, rel_error, seconds, lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0))
     )  # fmt: skip
-    if mode == "transmission" and reversal.needed:
+    if mode == "transmission" and (reversal.needed or not medium.faces.matched):
         require_reach("memory_effect", relative_variance(medium), count)
     ends = 2.0 * (1 + len(light)) * count * (2 if reversal.needed else 1)
     require_time(
@@ -191,7 +236,40 @@ def memory_effect(
         single_share=single,
         paths=count,
         reverse=reversal.needed,
+        near_field=near,
     )
+
+
+def _warn_of_neither(lobe: LobeLoss, tilt: float) -> None:
+    warnings.warn(
+        f"memory_effect: tilts of {tilt:.2g} rad are too large to keep their angle to the lobe (within {SLANT:g} of "
+        f"C_I below {SLANT**0.5:g} rad), and mean free paths, {lobe.far_field:.2g} times the lobe's far field, too "
+        f"short to tell them apart: the curve may be off by up to {max(tilt**2, SLANT):.2g}. Ask for smaller tilts.",
+        DoubtWarning, stacklevel=3,
+    )  # fmt: skip
+
+
+def _of_screens(medium: ThinMedium, wavelength: float, tilts: ArrayLike, mode: Mode, view: ArrayLike | None):
+    """Curve of thin screens at a fixed view, in closed form (:mod:`specklegen.theory.phase_screens`, Eq. 2)."""
+    tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
+    if mode != "transmission":
+        reject("memory_effect mode", '"transmission" behind thin screens', mode)
+    stack, sines = require_thin(medium, wavelength), np.sin(tilts)
+    terms = lobes(stack, wavelength)
+    seen = np.zeros(2) if view is None else real_array("memory_effect view", view)[:2]
+    lateral = np.stack([sines, 0 * sines], axis=-1)
+    walks = [terms.correlation(seen, tilt_ways(stack, each)) for each in lateral]
+    kept = index_correlation(stack, wavelength, np.append(0.0, np.abs(sines)))[0, 1:]
+    field = np.array(walks, np.complex128).conj() * kept
+    intensity = np.square(np.abs(field))
+    weight = terms.densities(float(np.hypot(seen[0], seen[1])))
+    walk, _ = terms.spreads(tilt_ways(stack, np.array([1.0, 0.0])))
+    still = walk <= 1e-12 * walk.max(initial=0.0)
+    return MemoryEffect(
+        tilts=tilts, q=2 * np.pi / wavelength * sines * stack.thickness, field=field, intensity=intensity,
+        decorrelation=1 - intensity, standard_error=0 * intensity,
+        single_share=float(weight[still].sum() / weight.sum()) if weight.any() else 1.0, paths=0, reverse=False,
+    )  # fmt: skip
 
 
 def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
@@ -203,11 +281,28 @@ def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, t
     return kernel(q).astype(np.complex128), intensity, decorrelation, error, kernel.single_share
 
 
-def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
-    """Amplitudes a_t of every connection at the pairs (i_t, v_t); K_t = E[W a_0 a_t*] over its intensities."""
+def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
+    """K_t = E[w e^(ik t . R)] / E[w], R the lateral way from face to face about the first pair."""
+    kernel = estimate_oblique_correlation(medium, AXIS, view, paths, seed, threads=threads)
+    if not kernel.weights.any():
+        return _dark(len(light))
+    k = 2 * np.pi / wavelength
+    sums = [kernel.weights * np.exp(1j * k * (kernel.displacement @ tilt)) for tilt in light[:, :2]]
+    batches = np.array([batch_sums(each, kernel.owners, paths) for each in (*sums, kernel.weights)]).T
+    intensity, error = jackknife(batches, lambda total: np.square(np.abs(total[:-1] / total[-1])))
+    whole = batches.sum(axis=0)
+    return whole[:-1] / whole[-1], intensity, 1 - intensity, error, kernel.single_share
+
+
+def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads, near=False):
+    """Amplitudes a_t of every connection at the pairs (i_t, v_t); K_t = E[W a_0 a_t*] over its intensities.
+
+    ``near`` leaves all but the phases as they are at the first pair.
+    """
     lights, views = np.concatenate([AXIS[None], light]), np.concatenate([view[None], views])
     tracer, n = plane_tracer(medium, wavelength, lights, views, reverse), len(light)
     pairs = [slice(t, t + 1) for t in range(1 + n)]
+    first = tracer.layout.of_ends(pairs[0], pairs[0])
 
     def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float]:
         """Sums of products with zero tilt, of powers, of that at zero tilt; and of the latter by single scattering."""
@@ -217,6 +312,7 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         sums = np.empty(2 * n + 1, np.complex128)
         for t, pair in enumerate(pairs):  # one after the other: all amplitudes at once would not fit
             layout = tracer.layout.of_ends(pair, pair)
+            layout = first.tilting(layout) if near else layout
             once = single_amplitudes(layout, ones)[0]
             both = np.concatenate([once, multiple_amplitudes(layout, many, bidirectional=reverse, reverse=reverse)[0]])
             if t == 0:

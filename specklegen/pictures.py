@@ -113,12 +113,8 @@ def memory_effect_figure(curves: Mapping[str, MemoryEffect], out: Path) -> Path:
     q = np.linspace(0, largest, 300)
     axes.plot(q, memory_effect_diffusion(q), "k--", lw=1, label=r"$q^2/\sinh^2 q$ (diffusion)")
     for label, curve in curves.items():
-        axes.errorbar(np.abs(curve.q), curve.intensity, 2 * curve.standard_error, fmt="o-", ms=3, lw=1, label=label)
-    axes.set_xlabel(r"tilt  $q = k\,\sin\theta\,L$")
-    axes.set_ylabel(r"intensity correlation  $C_I$")
-    axes.set_ylim(-0.03, 1.05)
+        curve.plot(axes, label=label)
     axes.legend(frameon=False)
-    axes.grid(alpha=0.3)
     return _save(figure, out)
 
 

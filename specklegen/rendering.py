@@ -7,9 +7,10 @@ then draws one realization after the other.
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from specklegen.core.budgets import checked_budget, paths_for
 from specklegen.core.decision import Decision
 from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.parallel import one_blas_thread
+from specklegen.core.picturing import Pictured, draw_stack
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
 from specklegen.mean.field import mean_field
@@ -69,7 +71,7 @@ class Report:
     decisions: tuple[Decision, ...]
 
 
-class SpeckleStack:
+class SpeckleStack(Pictured):
     """Rendered speckle: ``field`` complex64[(R,) T, *sensor], ``intensity`` float32, ``report``.
 
     The intensity of collimated beams is |field|^2, tilt by tilt. An incoherent object has one intensity
@@ -82,6 +84,22 @@ class SpeckleStack:
     def __repr__(self) -> str:
         held = {"intensity": self._intensity} if self._field is None else {"field": self._field}
         return summary(self, **held, sampler=self.report.sampler, paths=self.report.paths)
+
+    def _facts(self) -> Mapping[str, object]:
+        report = self.report
+        return {
+            "intensity": "x".join(map(str, self.intensity.shape)),
+            "sampler": f"{report.sampler} ({report.summation})",
+            "paths": report.paths,
+            "expected error": report.expected_error,
+            "speckle": report.gaussianity,
+            "mean field": "added" if report.mean_added else "left out",
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        alone = self._field is None and self.intensity.ndim == 2  # the one image of an incoherent object
+        draw_stack(axes, self.intensity[None] if alone else self.intensity)
+        axes.set_title(label or "")
 
     @property
     def field(self) -> np.ndarray:
@@ -166,8 +184,9 @@ def render(
         paths = _paths_within(choose, rel_error, seconds / (realizations or 1), threads)
         rel_error = None
     made = choose(paths=paths, rel_error=rel_error)
+    remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
     for doubt in made.doubts:
-        warnings.warn(f"{doubt}.", DoubtWarning, stacklevel=2)
+        warnings.warn(f"{doubt}.{remedy}", DoubtWarning, stacklevel=2)
     images, connections, unfinished = _drawn(made, seed, realizations or 1, threads)
     if mean:
         images = images + mean_field(scene).astype(np.complex64)

@@ -2,7 +2,7 @@
 
 A recipe is a frozen value, read from a packaged preset or a TOML file. ``inherits`` names another recipe to
 start from; tables are merged, everything else is replaced. The physics of each kind is in a file of its own:
-:mod:`tilt_stack`, :mod:`hidden_object`, :mod:`partially_coherent`.
+:mod:`tilt_stack`, :mod:`hidden_object`, :mod:`partially_coherent`, :mod:`masked_light`.
 """
 
 import hashlib
@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BeforeValidator, PrivateAttr, WithJsonSchema, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.picturing import Pictured
 from specklegen.core.values import PositiveInt, Value
 from specklegen.datasets.recipes.medium_realization import MediumRealization
 from specklegen.datasets.recipes.parts.distributions import ends
@@ -67,7 +68,7 @@ Media = Annotated[
 """A number of media, or "new" for one that is never seen again (TOML has no null to override a number with)."""
 
 
-class Recipe(Value):
+class Recipe(Value, Pictured):
     """What every kind of recipe has.
 
     Parameters
@@ -118,6 +119,8 @@ class Recipe(Value):
             reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
         if self.lab is None and len(given) < len(stated):
             reject("Recipe", f"given {', '.join(stated)}, or else a table lab", given)
+        if self.lab is not None:
+            self._take_faces(self.lab)
         if self.lab is not None and (self.light.bandwidth or self.light.refractive_index != 1):
             reject("Recipe.light", "without bandwidth and refractive_index, which the lab gives", self.light)
         if self.media is not None and self.media_group != 1:
@@ -133,6 +136,13 @@ class Recipe(Value):
             self.exposure.require_light(int(np.prod(self.camera_shape)))
         return self
 
+    def _take_faces(self, lab: Lab) -> None:
+        """The material's faces are those of the laboratory, where there is one."""
+        if self.material.faces.matched:
+            self.__dict__["material"] = self.material.replace(faces=lab.layer_faces)
+        elif self.material.faces != lab.layer_faces:
+            reject("Material.faces", f"those of the lab, {lab.layer_faces}", self.material.faces, "Leave them out.")
+
     def _check_smear(self) -> None:
         """Speckle scales with the wavelength: over the band it must not move by more than its own size."""
         assert self.material.wavelength is not None
@@ -142,6 +152,15 @@ class Recipe(Value):
         if self.light.bandwidth > largest:
             reject("Light.bandwidth", f"at most {largest:.4g}, which moves the pattern by one speckle",
                    self.light.bandwidth, "Use a narrower filter, or a smaller camera.")  # fmt: skip
+
+    def _facts(self) -> Mapping[str, object]:
+        """What a file of the recipe says, one row a table; fields that are left out say nothing."""
+        said = self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
+        return {name: _row(value) for name, value in said.items()}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Draw the scene of its first medium."""
+        self.extremes()[0].probe.plot(axes, label)
 
     @property
     def device(self) -> str:
@@ -359,3 +378,9 @@ class Recipe(Value):
         batch = {key: np.stack([s[key] for s in samples]) for key in samples[0] if key != "parameters"}
         names = samples[0]["parameters"]
         return batch | {"parameters": {n: np.array([s["parameters"][n] for s in samples]) for n in names}}
+
+
+def _row(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_row(inner)}" for name, inner in value.items())
+    return ", ".join(map(_row, value)) if isinstance(value, list) else str(value)

@@ -9,13 +9,14 @@ import hashlib
 import json
 from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import Annotated, Any, Never, ParamSpec, Self, TypeVar, cast
+from typing import Annotated, Any, ParamSpec, Self, TypeVar, cast
 
 import numpy as np
 import tomli_w
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
 
 from specklegen.core.errors import RuleError, reject, shown
+from specklegen.core.legible import Legible, positional
 from specklegen.core.tables import json_table, toml_table
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -79,20 +80,27 @@ def _bare(message: str) -> str:
     return message.removeprefix("Value error, ").removeprefix("Input should be ")
 
 
-class Value(BaseModel):
-    """A frozen, validated, serialisable value; equal to another when their canonical JSON is equal."""
+class Value(BaseModel, metaclass=Legible):
+    """A frozen, validated, serialisable value; equal to another when their canonical JSON is equal.
+
+    Fields are given by name. One whose place is obvious is declared with ``Field(kw_only=False)`` and may go without.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="constants")
 
-    def __init__(self, *unnamed: Never, **fields: Any) -> None:
+    def __init__(self, *unnamed: Any, **fields: Any) -> None:
         owner = type(self).__name__
-        if unnamed:
+        first = positional(type(self))
+        if len(unnamed) > len(first) or set(first[: len(unnamed)]) & fields.keys():
             names = ", ".join(field.alias or name for name, field in type(self).model_fields.items())
             reject(owner, f"given by the names of its fields ({names})", unnamed, "Write name=value.")
         try:
-            super().__init__(**fields)
+            super().__init__(**dict(zip(first, unnamed, strict=False)), **fields)
         except ValidationError as error:
             raise RuleError(_house_message(owner, error)) from None
+
+    def __dir__(self) -> list[str]:
+        return sorted({*dir(type(self)), *type(self).model_fields})
 
     def __setattr__(self, name: str, value: Any) -> None:
         try:

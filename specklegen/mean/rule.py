@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import RuleError
@@ -14,6 +13,7 @@ from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.scene.illumination import IncoherentObject, PointSources, directions_of_sines
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarField, FarFieldGrid, Sensor
+from specklegen.theory.phase_screens import scattered_intensity
 
 _BLOCK = 64  # nearest rows and columns in which the rings of a disc are looked for
 _MEAN = "mean (ballistic) field"
@@ -30,6 +30,8 @@ def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = Fa
         return Decision(_MEAN, True, "asked for")
     if not len(scene.lights) or not np.prod(scene.sensor.shape):
         return Decision(_MEAN, False, "there is no light, or no view")
+    if scene.thin is not None:
+        return _mean_left_out(_strongest_mean(scene) / max(scattered_intensity(scene), 1e-300), tolerance)
     if lock_step_obstacle(scene):
         return _volume_mean_decision(scene, tolerance, reverse)
     ratio = _strongest_mean(scene) / max(scene_pilot(scene, False).intensity, 1e-300)
@@ -109,5 +111,7 @@ def _nearest_tilt(scene: Scene) -> np.ndarray:
         inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
         gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
     else:
+        from scipy.spatial import KDTree
+
         gap, _ = KDTree(scene.views).query(directions)
     return directions[np.lexsort((-directions[:, 2], gap))[0]]

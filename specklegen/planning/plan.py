@@ -1,22 +1,25 @@
 """A plan: what a render will do, what it leaves out and why, and what that costs; told in words by ``explain``."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import counted
+from specklegen.core.picturing import Pictured
 from specklegen.core.showing import summary
 from specklegen.mean.field import ballistic_fraction
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.samplers.sampler import Sampler
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
-from specklegen.scene.media import Medium, Slab, VoxelGrid
+from specklegen.scene.media import Slab, VoxelGrid
 from specklegen.scene.scene import Scene
 
 _LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel"}
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Pictured):
     """What a render will do, what it leaves out and why, and what that costs.
 
     Attributes
@@ -53,6 +56,19 @@ class Plan:
             self, sampler=self.sampler, summation=self.summation, paths=self.paths, expected_error=self.expected_error,
             seconds=self.seconds, memory_bytes=self.memory_bytes,
         )  # fmt: skip
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "sampler": f"{self.sampler} ({self.summation})",
+            "paths": self.paths,
+            "expected error": self.expected_error,
+            "speckle": self.gaussianity,
+            "time": f"{self.seconds:.2g} s",
+            "memory": f"{self.memory_bytes / 2**20:.0f} MiB",
+        } | {d.part: f"{'used' if d.needed else 'left out'}: {d.reason}" for d in self.decisions}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        self.scene.plot(axes, label)
 
     @property
     def sampler(self) -> str:
@@ -93,13 +109,13 @@ class Plan:
         """Tell in words what will be done, what is left out and why, what it costs and what else would cost."""
         shape = "x".join(str(n) for n in self.scene.sensor.shape)
         lines = [
-            f"{_described(self.scene.medium)}; {_lit(self.scene)}, {shape} views.",
+            f"{_described(self.scene)}; {_lit(self.scene)}, {shape} views.",
             f"Sampler: {self.sampler} ({self.summation}), {self.paths} paths.",
         ]
         lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.decisions]
         lines += [
-            f"Expected error ({self.chosen.error_of}, relative): {self.expected_error:.2g}, "
-            f"between views of one image up to {self.image_error:.2g}; four times the paths halve them.",
+            f"Expected error ({self.chosen.error_of}, relative): {self.expected_error:.2g}"
+            + (f", within an image {self.image_error:.2g}; four times the paths halve it." if self.paths else "."),
             f"Speckle: {self.gaussianity}",
             f"Cost: about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
         ]
@@ -118,8 +134,17 @@ def _lit(scene: Scene) -> str:
     return words
 
 
-def _described(medium: Medium) -> str:
+def _described(scene: Scene) -> str:
     """One line about a medium."""
+    stack = scene.thin
+    if stack is not None:
+        apart = f" over {stack.thickness:.4g}" if len(stack.screens) > 1 else ""
+        phases = ", ".join(f"{phase:.3g}" for phase in stack.phases(scene.wavelength))
+        return (
+            f"{counted(len(stack.screens), 'phase screen')}{apart} of rms phase {phases}, rms angle "
+            f"{stack.rms_angle(scene.wavelength):.3g}"
+        )  # fmt: skip
+    medium = scene.volume
     if isinstance(medium, VoxelGrid):
         shape = "x".join(str(n) for n in medium.extinction.shape)
         return (

@@ -3,6 +3,8 @@
 Directions are unit vectors of travel; the optical axis is the last one (z).
 """
 
+from __future__ import annotations
+
 from functools import cached_property
 from typing import Annotated, Literal, Self
 
@@ -59,7 +61,7 @@ class PlaneWaves(Value):
     """
 
     type: Literal["PlaneWaves"] = "PlaneWaves"
-    directions: Array
+    directions: Array = Field(kw_only=False)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -138,7 +140,7 @@ class PointSources(Value):
     """
 
     type: Literal["PointSources"] = "PointSources"
-    points: Array
+    points: Array = Field(kw_only=False)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -1,5 +1,7 @@
 """Sensors: views in the far field, at any directions or on a regular grid of direction sines, and near-field points."""
 
+from __future__ import annotations
+
 from functools import cached_property
 from typing import Annotated, Literal, Self
 
@@ -20,7 +22,7 @@ class FarField(Value):
     """Views at arbitrary directions of travel, unit vectors float64[..., 3], or float64[..., 2] in flatland."""
 
     type: Literal["FarField"] = "FarField"
-    directions: Array
+    directions: Array = Field(kw_only=False)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -178,7 +180,7 @@ class NearField(Value):
     """
 
     type: Literal["NearField"] = "NearField"
-    points: Array
+    points: Array = Field(kw_only=False)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -9,6 +9,8 @@ what stands in it, by linearity.
 The far field behind the opening is (k / 2 pi i) (e^{ikr} / r) cos(theta) Psi.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np

@@ -10,6 +10,8 @@ the paper asks of the bilinear form do not make I >= 0 (F = 1 on, -1 off the dia
 be positive semidefinite.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -5,6 +5,8 @@ Light that passes an opening leaves with the wavevector xi added in the plane of
 are the same for any number of threads.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

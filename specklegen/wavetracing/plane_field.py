@@ -14,6 +14,8 @@ its far field.
 When to believe which: docs/wavetracing.md.
 """
 
+from __future__ import annotations
+
 from typing import Literal
 
 import numpy as np

@@ -26,7 +26,7 @@ SLAB = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreens
         (lambda: instance("s", "x", sg.Scene), "s must be a Scene; got 'x'."),
         (lambda: checked_device("d", "gpu"), "d must be a device that torch has here"),
         (lambda: checked_device("d", "meta"), "d must be a device that torch has here"),
-        (lambda: sg.HenyeyGreenstein(0.9), r"HenyeyGreenstein must be given by the names of its fields \(type, g\)"),
+        (lambda: sg.HenyeyGreenstein(0.9, 1), r"HenyeyGreenstein must be given by the names of its fields \(type, g\)"),
         (lambda: sg.HenyeyGreenstein(g=10**5000), "HenyeyGreenstein.g must be a number; got <int too long to show>."),
         (lambda: sg.PlaneWaves(directions=[[10**400, 0, 1]]), "PlaneWaves.directions must be an array of numbers"),
         (lambda: sg.PlaneWaves(directions=DEEP), "PlaneWaves.directions must be an array of numbers"),

@@ -5,11 +5,14 @@
 A sum of outer products, so Hermitian and positive semidefinite by construction. The mean m is never part of it.
 """
 
+from __future__ import annotations
+
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +23,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.memory import require_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, map_blocks, one_blas_thread, thread_count
+from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES
@@ -31,8 +35,7 @@ from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import volume_pilot
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.slab_tracer import BLOCK
-from specklegen.paths.tracer import volume_tracer
-from specklegen.paths.volume_tracer import VolumeTracer
+from specklegen.paths.tracer import Tracer, volume_tracer
 from specklegen.samplers.covariance.single_scattering import Orders, all_quadruples, single_covariance, single_decision
 from specklegen.scene.scene import Scene
 from specklegen.scene.validity import warn_of_dependence
@@ -44,7 +47,7 @@ _PATHS_AT_ONCE = 8 * BLOCK  # so that the connections in memory do not grow with
 
 
 @dataclass(frozen=True)
-class Covariance:
+class Covariance(Pictured):
     """Covariance of the field between every two of (light, view), or some of them.
 
     Attributes
@@ -80,6 +83,28 @@ class Covariance:
 
     def __repr__(self) -> str:
         return summary(self, value=self.value, paths=self.paths, reverse=self.reverse, rel_error=self.rel_error)
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "value": "x".join(map(str, self.value.shape)),
+            "largest relative error": self.rel_error,
+            "paths": self.paths,
+            "reversed paths": "used" if self.reverse else "left out",
+        } | {d.part: f"{'used' if d.needed else 'left out'}: {d.reason}" for d in self.decisions}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """|C|: a matrix of all (light, view), or a curve of the chosen pairs with bars of two standard errors."""
+        axes.set_title(label or "")
+        size = np.abs(self.value)
+        if size.ndim == 1:
+            axes.errorbar(np.arange(len(size)), size, 2 * self.standard_error, fmt="o-", ms=3, lw=1)
+            axes.set_xlabel("pair")
+            axes.set_ylabel("|C|")
+            return
+        rows = size.shape[0] * (size.shape[1] if size.ndim == 4 else 1)
+        axes.imshow(size.reshape(rows, -1), cmap="magma", vmin=0, aspect="auto", interpolation="nearest")
+        axes.set_xlabel("(light, view)")
+        axes.set_ylabel("(light, view)")
 
     @property
     def intensity(self) -> np.ndarray:
@@ -295,7 +320,7 @@ def _rows(part: slice, n: int) -> _Entries:
     return _Entries((part.stop - part.start, n), rows, lambda power: np.sqrt(np.outer(power[part], power)))
 
 
-def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[VolumeTracer, Decision]:
+def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, Decision]:
     if not 0 < tolerance < 1:
         reject("covariance tolerance", "between 0 and 1", tolerance)
     reversal = scene_reversal(scene, reverse, tolerance)
@@ -303,7 +328,7 @@ def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[VolumeTr
 
 
 def _estimate(
-    tracer: VolumeTracer,
+    tracer: Tracer,
     seen: Layout,
     paths: int,
     seed: Seed,

@@ -46,8 +46,7 @@ def stationary_decision(scene: Scene, wish: Wish) -> tuple[Kernel | None, Decisi
     said += f", allowed {wish.tolerance:g}"
     accepted = errors[best].accepts(wish.tolerance)
     if asked:
-        said = f"asked for; {said}" + ("" if accepted else '. Leave the choice to sampler="auto"')
-        return best, Decision(_PART, True, said, doubt=not accepted)
+        return best, Decision(_PART, True, f"asked for; {said}", doubt=not accepted)
     return best if accepted else None, Decision(_PART, accepted, said)
 
 

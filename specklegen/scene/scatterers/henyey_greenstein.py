@@ -4,7 +4,7 @@ import math
 from typing import Literal
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import Field, field_validator
 
 from specklegen.core.errors import reject
 from specklegen.scene.scatterers.scatterer import Dimensions, Row, Scatterer, all_directions
@@ -23,7 +23,7 @@ class HenyeyGreenstein(Scatterer):
     """
 
     type: Literal["HenyeyGreenstein"] = "HenyeyGreenstein"
-    g: float
+    g: float = Field(kw_only=False)
 
     @field_validator("g")
     @classmethod

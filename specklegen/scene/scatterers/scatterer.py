@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import BeforeValidator, SerializeAsAny, WithJsonSchema
 
 from specklegen.core.errors import reject
+from specklegen.core.picturing import Pictured
 from specklegen.core.values import Value, remembered
 
 Dimensions = Literal[2, 3]
@@ -55,7 +56,7 @@ class Row(NamedTuple):
     cumulative: np.ndarray = np.empty(0)
 
 
-class Scatterer(Value):
+class Scatterer(Value, Pictured):
     """A type of particle, or several. Subclass it for a phase function of your own.
 
     A subclass is a frozen value with fields of its own and one method, ``shape(cos, dimensions)``: the amplitude, real
@@ -77,6 +78,20 @@ class Scatterer(Value):
         if field.default is None:
             field.default = cls.__name__
             cls.model_rebuild(force=True)
+
+    def _facts(self) -> Mapping[str, object]:
+        own = {name: getattr(self, name) for name in type(self).model_fields if name != "type"}
+        own = {name: f"{v.dtype}{list(v.shape)}" if isinstance(v, np.ndarray) else v for name, v in own.items()}
+        return own | {"mean cosine": self.mean_cosine()}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """The phase function |s|^2 in space, per steradian, over the scattering angle."""
+        angles = np.linspace(0, np.pi, 721)
+        power = sum(share * np.abs(each.amplitude(np.cos(angles))) ** 2 for each, share in self.components)
+        axes.semilogy(np.rad2deg(angles), power, label=label)
+        axes.set_xlabel("scattering angle, degrees")
+        axes.set_ylabel("phase function, 1 / sr")
+        axes.grid(alpha=0.3)
 
     def shape(self, cos: np.ndarray, dimensions: Dimensions = 3) -> np.ndarray:
         """Amplitude at cosines float64[...], real or complex, up to a factor: what a subclass says."""

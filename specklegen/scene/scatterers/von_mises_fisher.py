@@ -1,7 +1,7 @@
 """The lobe of von Mises and Fisher, the Gaussian of the sphere."""
 
 import math
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -24,7 +24,7 @@ class VonMisesFisher(_WithAnisotropy):
     """
 
     type: Literal["VonMisesFisher"] = "VonMisesFisher"
-    concentration: Annotated[float, Field(gt=0, le=1e10, allow_inf_nan=False)]
+    concentration: float = Field(gt=0, le=1e10, allow_inf_nan=False, kw_only=False)
 
     def mean_cosine(self, dimensions: Dimensions = 3) -> float:
         """Mean cosine of the scattering angle: I_(d/2)(kappa) / I_(d/2 - 1)(kappa), I the modified Bessel function."""

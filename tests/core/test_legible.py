@@ -1,0 +1,111 @@
+"""What help(), signatures and the tab key show of public names: words, and no machinery."""
+
+import importlib
+import inspect
+import pydoc
+
+import pytest
+
+import specklegen as sg
+from specklegen.core.errors import RuleError
+from specklegen.datasets import load_recipe
+
+PACKAGES = ["specklegen", *(f"specklegen.{name}" for name in ("datasets", "models", "coherence", "wavetracing"))]
+
+
+def public_callables():
+    """Every public function and class, and the public methods of the classes."""
+    for package in map(importlib.import_module, PACKAGES):
+        for name in package.__all__:
+            thing = getattr(package, name)
+            yield name, thing
+            if isinstance(thing, type):
+                yield from ((f"{name}.{n}", getattr(thing, n)) for n in dir(thing) if callable(getattr(thing, n)))
+
+
+def test_no_signature_spells_out_validators_or_array_protocols():
+    spelt_out = {}
+    for name, thing in public_callables():
+        try:
+            written = str(inspect.signature(thing))
+        except (ValueError, TypeError):  # classes of the interpreter, such as errors
+            continue
+        if any(word in written for word in ("Annotated", "Validator", "_typing", "*unnamed")):
+            spelt_out[name] = written
+    assert spelt_out == {}
+
+
+SIGNATURES = {
+    sg.Slab: "(*, thickness: float >= 0, mean_free_path: float > 0, albedo: float in [0, 1] = 1.0, scatterer: Scat",
+    sg.HenyeyGreenstein: "(g: float)",
+    sg.VonMisesFisher: "(concentration: float in (0, 1e+10])",
+    sg.Mixture: "(*, types: tuple[Scatterer, ...], fractions: tuple[float in [0, 1], ...])",
+    sg.NearField: "(points: array)",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SIGNATURES)
+def test_a_signature_says_type_rule_and_default(kind):
+    assert str(inspect.signature(kind)).startswith(SIGNATURES[kind].rstrip(")"))
+
+
+def test_a_field_may_be_called_by_another_name_and_be_one_of_few_words():
+    written = str(inspect.signature(type(load_recipe("through-slab"))))
+    assert "sampler: 'auto' | 'paths' | 'stationary' = 'auto'" in written
+    assert "media: int >= 1 | None = None" in written
+    assert "mode_tolerance: float in (0, 0.5) = 0.01" in written
+
+
+def test_help_is_about_the_class_itself():
+    text = pydoc.render_doc(sg.Slab, renderer=pydoc.plaintext)
+    assert "optical_depth" in text
+    assert "replace(self" in text
+    assert [word for word in ("model_dump", "Annotated", "pydantic_core", "__init__") if word in text] == []
+
+
+def test_the_tab_key_offers_fields_and_methods_of_the_value():
+    slab = sg.Slab(thickness=1.0, mean_free_path=1.0, scatterer=sg.Isotropic())
+    offered = {name for name in dir(slab) if not name.startswith("_")}
+    assert {"thickness", "scatterer", "optical_depth", "replace", "fingerprint"} <= offered
+    assert {name for name in offered if name.startswith("model_")} == set()
+
+
+@pytest.mark.parametrize(
+    ("by_position", "by_name"),
+    [
+        (lambda: sg.HenyeyGreenstein(0.9), lambda: sg.HenyeyGreenstein(g=0.9)),
+        (lambda: sg.VonMisesFisher(30.0), lambda: sg.VonMisesFisher(concentration=30.0)),
+        (lambda: sg.NearField([[1.0, 2.0]]), lambda: sg.NearField(points=[[1.0, 2.0]])),
+        (lambda: sg.PointSources([[1.0, 2.0]]), lambda: sg.PointSources(points=[[1.0, 2.0]])),
+        (lambda: sg.FarField([[0.0, 1.0]]), lambda: sg.FarField(directions=[[0.0, 1.0]])),
+        (lambda: sg.PlaneWaves([[0.0, 1.0]]), lambda: sg.PlaneWaves(directions=[[0.0, 1.0]])),
+    ],
+)
+def test_a_field_whose_place_is_obvious_needs_no_name(by_position, by_name):
+    assert by_position() == by_name()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: sg.HenyeyGreenstein(0.9, 0.8),
+        lambda: sg.HenyeyGreenstein(0.9, g=0.8),
+        lambda: sg.Slab(1.0, 2.0, 3.0),  # type: ignore[call-arg]
+    ],
+)
+def test_what_has_no_obvious_place_is_refused(make):
+    with pytest.raises(RuleError, match="must be given by the names of its fields"):
+        make()
+
+
+class Screened(sg.Scatterer):
+    """A scatterer of somebody's own, written without thought of signatures."""
+
+    screening: float
+
+    def shape(self, cos, dimensions=3):
+        return 1 / (1 + self.screening * (1 - cos))
+
+
+def test_a_type_of_ones_own_is_legible_too():
+    assert str(inspect.signature(Screened)) == "(*, screening: float)"
