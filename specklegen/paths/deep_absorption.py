@@ -17,7 +17,7 @@ from specklegen.paths.endpoint_factors import End, endpoint_factors
 from specklegen.paths.endpoints import Endpoints
 from specklegen.paths.layout import Layout, scene_layout
 from specklegen.paths.stretching import crossing_variance, decay, flat_decay
-from specklegen.scene.media import Medium, Slab, VoxelGrid
+from specklegen.scene.media import Box, Medium, Slab, VoxelGrid
 from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
 
@@ -119,6 +119,7 @@ def _variances(scene: Scene) -> tuple[float, ...]:
     """
     if not len(scene.lights) or not np.prod(scene.sensor.shape) or not np.any(scene.medium.albedo):
         return ()
+    assert isinstance(scene.medium, Slab | Box | VoxelGrid), "screens have no paths"
     nu = _slowest(scene.medium, scene.dimension)
     return tuple(crossing_variance(nu, float(depth)) for depth in _depths(scene)) if nu else ()
 
@@ -131,7 +132,8 @@ def _depths(scene: Scene) -> np.ndarray:
     points = _points(layout, scene.medium.mean_free_path)
     records, n = np.zeros((len(points), walk.RECORD)), len(points)
     records[:, walk.ENTRY : walk.ENTRY + 3] = records[:, walk.EXIT : walk.EXIT + 3] = points
-    bank = PathBank(records, np.ones(n, np.int32), np.arange(n), np.zeros((n, 2), np.int32), n)
+    types, bounces = np.zeros((n, 2), np.int32), np.zeros((n, 2), np.int8)
+    bank = PathBank(records, np.ones(n, np.int32), np.arange(n), types, bounces, n)
     into = _lost(layout, clear, bank, layout.lights, "entry")
     out = _lost(layout, clear, bank, layout.views, "exit")
     depths = (into[:, None] + out).min(axis=-1).ravel()
