@@ -184,9 +184,20 @@ def _stop(*_: object) -> None:
 
 def outcome(main: Callable[[list[str]], None], line: list[str], seconds: int) -> tuple[str, str]:
     """What becomes of a line: "ok", "refused", "slow" or "traceback"; and the traceback."""
-    said = io.StringIO()
     before = signal.signal(signal.SIGALRM, _stop)
-    signal.alarm(seconds)
+    try:
+        signal.alarm(seconds)
+        found = _ended(main, line)
+        signal.alarm(0)
+        return found
+    except TooSlow:  # wherever it comes, the very end of the line included
+        return "slow", ""
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
+def _ended(main: Callable[[list[str]], None], line: list[str]) -> tuple[str, str]:
+    said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -196,12 +207,9 @@ def outcome(main: Callable[[list[str]], None], line: list[str], seconds: int) ->
             return "ok", ""
         return ("refused", "") if said.getvalue().strip() else ("traceback", f"exit {end.code} without a word")
     except TooSlow:
-        return "slow", ""
+        raise
     except BaseException:
         return "traceback", traceback.format_exc()
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
     return "ok", ""
 
 

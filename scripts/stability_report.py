@@ -20,7 +20,8 @@ from tqdm import tqdm
 INTRODUCTION = """# Numerical stability
 
 Stiff and extreme cases, each with the right answer and where it comes from. A Monte Carlo row passes within
-Student's bound at a false-alarm rate of {alarm:g}, shared by the row's comparisons; the worst of them is shown.
+Student's bound at a false-alarm rate of {alarm:g}, shared by the row's comparisons; the worst of them is shown. A row
+whose right answers all lie within its noise could not fail, and does not pass.
 Written by `python scripts/stability_report.py{options}` on {machine}; times are those of that machine, busy with
 other work. The same functions (`scripts/stability/`) are the tests of `tests/test_stability.py`.
 

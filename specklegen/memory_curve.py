@@ -19,19 +19,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import instance, real_array, real_number
-from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
+from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for, require_time
 from specklegen.core.errors import DoubtWarning, reject
-from specklegen.core.memory import available_memory
+from specklegen.core.nanoseconds import NANOSECONDS
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES, batch_sums, jackknife
-from specklegen.paths.deep_absorption import relative_variance, require_reach
+from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss
 from specklegen.paths.reversal import Reverse, reversal_decision
+from specklegen.paths.stretching import relative_variance
 from specklegen.paths.tracer import plane_tracer
 from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.samplers.stationary.oblique import estimate_oblique_correlation
@@ -217,8 +218,13 @@ def memory_effect(
     count = paths_for(
         DEFAULT_PATHS, paths, rel_error, seconds, lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0))
     )  # fmt: skip
-    if mode == "transmission":
+    if mode == "transmission" and (reversal.needed or not medium.faces.matched):
         require_reach("memory_effect", relative_variance(medium), count)
+    ends = 2.0 * (1 + len(light)) * count * (2 if reversal.needed else 1)
+    require_time(
+        "memory_effect tilts", 1e-9 * NANOSECONDS["end"] * ends,
+        f"{len(light)} tilts of {count} paths", "Ask for fewer tilts, or for fewer paths.",
+    )  # fmt: skip
     field, intensity, decorrelation, error, single = run(count, seed)
     return MemoryEffect(
         tilts=tilts,
@@ -294,41 +300,27 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
     ``near`` leaves all but the phases as they are at the first pair.
     """
     lights, views = np.concatenate([AXIS[None], light]), np.concatenate([view[None], views])
-    tracer = plane_tracer(medium, wavelength, lights, views, reverse)
-    matched = [tracer.layout.of_ends(slice(n, n + 1), slice(n, n + 1)) for n in range(len(lights))]
-    if near:
-        matched = [matched[0].tilting(pair) for pair in matched]
-
-    def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
-        bank = tracer.trace(seed, last - first, first=first, threads=threads)
-        held = 3 * 16 * len(lights) * len(bank) * (2 if reverse else 1)  # before any of it is allocated
-        if held > 0.5 * available_memory():
-            reject(
-                "memory_effect tilts",
-                f"so few that their amplitudes fit into {0.5 * available_memory() / 2**30:.1f} GiB",
-                f"{held / 2**30:.1f} GiB for {len(light)} tilts of {last - first} paths at a time",
-                "Ask for fewer tilts at a time, or for fewer paths.",
-            )  # fmt: skip
-        ones, many = bank.single, bank.multiple
-        alone = [single_amplitudes(pair, ones) for pair in matched]
-        rest = [multiple_amplitudes(pair, many, bidirectional=reverse, reverse=reverse) for pair in matched]
-        return np.concatenate(alone), np.concatenate(rest)
-
-    return _correlation(amplitudes, paths, len(light), threads)
-
-
-def _correlation(amplitudes, paths, n, threads):
-    """K_t, |K_t|^2, its loss, its error and the single share.
-
-    amplitudes(first, last, threads) are two complex128[1 + n, M], of single scattering and of more.
-    """
+    tracer, n = plane_tracer(medium, wavelength, lights, views, reverse), len(light)
+    pairs = [slice(t, t + 1) for t in range(1 + n)]
+    first = tracer.layout.of_ends(pairs[0], pairs[0])
 
     def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float]:
-        alone, rest = amplitudes(part.start, part.stop, threads)
-        both = np.concatenate([alone, rest], axis=1)
-        power = np.square(np.abs(both)).sum(axis=1)
-        product = (both[0] * both[1:].conj()).sum(axis=1)
-        return np.concatenate([product, power[1:], power[:1]]), np.square(np.abs(alone[0])).sum()
+        """Sums of products with zero tilt, of powers, of that at zero tilt; and of the latter by single scattering."""
+        bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=threads)
+        ones, many = bank.single, bank.multiple
+        alone, still = np.empty(0), np.empty(0)
+        sums = np.empty(2 * n + 1, np.complex128)
+        for t, pair in enumerate(pairs):  # one after the other: all amplitudes at once would not fit
+            layout = tracer.layout.of_ends(pair, pair)
+            layout = first.tilting(layout) if near else layout
+            once = single_amplitudes(layout, ones)[0]
+            both = np.concatenate([once, multiple_amplitudes(layout, many, bidirectional=reverse, reverse=reverse)[0]])
+            if t == 0:
+                alone, still = once, both
+            else:
+                sums[t - 1] = (still * both.conj()).sum()
+            sums[n + t - 1 if t else 2 * n] = np.square(np.abs(both)).sum()
+        return sums, np.square(np.abs(alone)).sum()
 
     found = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
     sums, single = np.array([both for both, _ in found]), sum(alone for _, alone in found)

@@ -47,8 +47,10 @@ class Report:
     unfinished : int
         Paths ended by ``max_order`` instead of leaving the medium; not 0 only in extreme media.
     expected_error : float
-        As in the plan: for views far apart. Within an image, over hundreds of grains, the error of intensity
-        correlations is up to sqrt 2 times larger, since connections of one path share their entrance.
+        As in the plan: for views far apart.
+    image_error : float
+        As in the plan: of intensity correlations within an image, over hundreds of grains; up to sqrt 2 times as large,
+        since connections of one path share their entrance. ``rel_error=`` bounds this one.
     gaussianity : Gaussianity
         Whether the stack used enough paths to be Gaussian speckle, as in the plan.
     mean_added : bool
@@ -63,6 +65,7 @@ class Report:
     connections: int
     unfinished: int
     expected_error: float
+    image_error: float
     gaussianity: Gaussianity
     mean_added: bool
     decisions: tuple[Decision, ...]
@@ -197,6 +200,7 @@ def render(
         connections=connections,
         unfinished=unfinished,
         expected_error=made.expected_error,
+        image_error=made.image_error,
         gaussianity=made.gaussianity,
         mean_added=mean,
         decisions=made.decisions,

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from scripts.stability import FAST, SLOW
+from scripts.stability.media import deep
 from scripts.stability.row import Row, holds, measured, refused, within
 from specklegen.core.errors import reject
+from specklegen.paths import slab_tracer
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -33,6 +35,7 @@ def test_rows_have_names_and_cases_of_their_own():
         measured("", "", 1.0, np.nan, 0.03),
         measured("", "", [1.0, 2.0], [1.0, 2.1], 0.0),
         measured("", "", 1.0, 1.0, np.nan),
+        measured("", "", [1e-3, 0.0], [1e-3, 0.0], 1.0),  # all of it noise: no answer would fail
         holds("", "", "", {"yes": True, "no": False}),
         refused("", "", [(lambda: None, ["field"])]),
         refused("", "", [(lambda: reject("Owner.name", "right", 0), ["Owner.field"])]),
@@ -46,3 +49,8 @@ def test_a_wrong_answer_fails(row: Row):
 def test_a_refusal_shows_its_message():
     row = refused("", "", [(lambda: reject("Owner.field", "right", 0), ["Owner.field"])])
     assert row.verdict == "refused: Owner.field must be right; got 0."
+
+
+def test_a_deep_row_fails_by_paths_that_are_not_drawn_across(monkeypatch):
+    monkeypatch.setattr(slab_tracer, "stretches", lambda *_: False)
+    assert not deep("", (30.0,), (0.0,)).passed

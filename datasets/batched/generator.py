@@ -15,6 +15,7 @@ from typing import Any, cast
 import numpy as np
 import torch
 
+from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Stream
@@ -46,7 +47,7 @@ class SpeckleGenerator:
     Raises
     ------
     RuleError
-        If the split is unknown, or the recipe cannot say where it renders.
+        If the split is unknown, there is no such device, or the recipe cannot say where it renders.
     """
 
     def __init__(self, recipe: Recipe, seed: int = 0, split: str = "train", device: str | torch.device = "cpu") -> None:
@@ -54,7 +55,7 @@ class SpeckleGenerator:
         if not isinstance(recipe, Recipe):
             reject("SpeckleGenerator.recipe", "a recipe of this library", type(recipe).__name__)
         self.recipe, self.seed, self.split = recipe.on("cpu"), seed, cast(Split, split)
-        self.device = torch.device(device)
+        self.device = checked_device("SpeckleGenerator.device", device)
         self.way, self.why = plan.way_of(recipe)
         self.tail = substream(seed, self.split, Purpose.MATERIAL, 0)[4:]
         self.outlines: GlyphTables | None = None

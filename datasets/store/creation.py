@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from specklegen.core.errors import DoubtWarning, RuleError, reject
+from specklegen.core.libraries import library_versions
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store import metadata
 from specklegen.datasets.store.files import writing
@@ -54,7 +55,24 @@ def open_for(
     _require_same_rendering(store, recipe)
     if samples > store.samples:
         store = grown(store, samples)
+    _tell_of_other_libraries(store)
     return store
+
+
+def _tell_of_other_libraries(store: Store) -> None:
+    """Say so where samples will be added by other libraries than those that the store was begun with."""
+    then, now = store.attributes.get("libraries", {}), library_versions()
+    changed = [
+        f"{name} {then.get(name, 'none')} is now {now.get(name, 'none')}"
+        for name in sorted(then.keys() | now.keys()) if then.get(name) != now.get(name)
+    ]  # fmt: skip
+    if then and changed and not store.valid().all():
+        warnings.warn(
+            f"{store.folder} was begun with other libraries: {', '.join(changed)}. New samples may differ from what "
+            "those would have given in their last bits, no more: pixels agree to 1e-4. For the same bits install the "
+            "versions that `specklegen info` names.",
+            DoubtWarning, stacklevel=3,
+        )  # fmt: skip
 
 
 def _require_same_rendering(store: Store, recipe: Renderable) -> None:

@@ -22,6 +22,7 @@ import torch
 from pydantic import model_validator
 from torch import Tensor
 
+from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.models.learning.examples import Examples
@@ -172,10 +173,12 @@ def train(
     ------
     RuleError
         If the folder holds a run with other settings or data (more epochs are no difference), if the validation
-        examples are the training examples, or there are none; or if another process trains in the folder.
+        examples are the training examples, or there are none; if there is no such device; or if another process trains
+        in the folder.
     KeyboardInterrupt
         On Ctrl-C, after the step that was being made and a checkpoint.
     """
+    checked_device("train device", device)
     begun = time.perf_counter() if begun is None else begun
     here = record(training, data if isinstance(data, Examples) else data[0], validation, about)
     if isinstance(data, Examples):

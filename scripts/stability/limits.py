@@ -114,7 +114,7 @@ def stack_memory() -> Row:
         slab(1.0, thickness=1e3), beams(1e-6 * np.arange(1000), width=1e4),
         sg.FarField.grid(shape=(4096, 4096), pitch=2e-5), 0.5,
     )  # fmt: skip
-    with mock.patch("specklegen.planning.planning.available_memory", return_value=_MACHINE):
+    with mock.patch("specklegen.core.memory.available_memory", return_value=_MACHINE):
         return refused("4096² views × 1000 tilts on 16 GiB", ACCEPTANCE,
                        [(lambda: sg.plan(made), ["14.4 GiB", "GiB for 1000 tilts", "fewer tilts"])])  # fmt: skip
 
@@ -125,7 +125,7 @@ def covariance_memory() -> Row:
     x = np.linspace(-0.1, 0.1, side)
     sensor = sg.FarField(directions=directions_of_sines("views", np.stack([x, 0 * x], -1)))
     made = scene(slab(1.0), sensor=sensor)
-    with mock.patch("specklegen.samplers.covariance.covariance.available_memory", return_value=_MACHINE):
+    with mock.patch("specklegen.core.memory.available_memory", return_value=_MACHINE):
         return refused("a covariance of 39 GiB on 16 GiB", ACCEPTANCE,
                       [(lambda: sg.covariance(made, paths=64), ["8.0 GiB", "pairs="])])  # fmt: skip
 

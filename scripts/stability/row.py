@@ -61,16 +61,20 @@ def within(case: str, source: str, right: Any, ours: Any, allowed: float, *, rel
 def measured(
     case: str, source: str, right: Any, ours: Any, standard_error: Any, *, slack: Any = 0.0, batches: int = BATCHES
 ) -> Row:
-    """A Monte Carlo comparison: every |ours - right| - slack is below Student's bound at FALSE_ALARM."""
+    """A Monte Carlo comparison: every |ours - right| - slack is below Student's bound at FALSE_ALARM.
+
+    A row whose right answers all lie within what it allows could not fail, if ours were 0: such a row does not pass.
+    """
     right_, ours_, error, loose = np.broadcast_arrays(*map(np.asarray, (right, ours, standard_error, slack)))
     bound = float(student.isf(FALSE_ALARM / (2 * ours_.size), batches - 1))
     excess = np.maximum(np.abs(ours_ - right_) - loose, 0.0)
     z = np.divide(excess, error, out=np.where(excess == 0, 0.0, np.inf), where=error > 0)
     worst = int(z.argmax())
+    able = bool((np.abs(right_) > bound * error + loose).any())
     return Row(
         case, _number(right_.flat[worst]), source, f"{_number(ours_.flat[worst])} ± {error.flat[worst]:.2g}",
-        f"{z.flat[worst]:.2f} standard errors, limit {bound:.2f}",
-        bool(np.isfinite(error).all() and np.isfinite(z).all() and z.max() < bound),
+        f"{z.flat[worst]:.2f} standard errors, limit {bound:.2f}" + ("" if able else "; all of it noise"),
+        bool(able and np.isfinite(error).all() and np.isfinite(z).all() and z.max() < bound),
     )  # fmt: skip
 
 

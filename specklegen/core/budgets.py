@@ -15,6 +15,8 @@ DEFAULT_PATHS = 100_000
 """Paths where neither a count nor an error nor a time is asked for."""
 MARGIN = 1.1  # of paths over what the pilot asks: its own error is a few per cent
 _PILOT_SHARE = 0.1  # of a time budget
+MOST_SECONDS = 30 * 86400.0
+"""Predicted time of one result, on one core, above which it is refused: nobody waits for it."""
 
 
 def checked_budget(owner: str, paths: int | None, rel_error: float | None, seconds: float | None) -> None:
@@ -81,3 +83,15 @@ def _paths_within(seconds: float, pilot: Callable[[int], float]) -> int:
             growing = max(2 * (took - fixed), 0.2 * took) if fixed else took
             return max(64, int(0.9 * count * max(seconds - spent - (took - growing), 0.0) / max(growing, 1e-9)))
         count, fixed = 2 * count, took
+
+
+def require_time(owner: str, seconds: float, what: str, remedy: str) -> None:
+    """Refuse what would take more than a month of one core, before it is begun.
+
+    Raises
+    ------
+    RuleError
+        With the days it takes, and what to do instead.
+    """
+    if not seconds <= MOST_SECONDS:
+        reject(owner, f"done within {MOST_SECONDS / 86400:.0f} days", f"{seconds / 86400:.2g} days for {what}", remedy)

@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+from specklegen.core.errors import reject
+
 _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
@@ -21,7 +23,36 @@ def resident_memory() -> tuple[int, int]:
     return now, most
 
 
-
 def available_memory() -> int:
     """Bytes of memory of this machine."""
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def require_memory(owner: str, rule: str, needed: float, what: str, remedy: str, *, share: float = 0.5) -> None:
+    """Refuse what would not fit into a share of this machine's memory, before any of it is allocated.
+
+    Parameters
+    ----------
+    owner, rule
+        What must be how: "covariance", "held".
+    needed
+        Bytes.
+    what
+        What needs them, for the message.
+    remedy
+        What to do instead.
+    share
+        Of the machine's memory that may be taken.
+
+    Raises
+    ------
+    RuleError
+        With the bytes there are and the bytes it takes.
+    """
+    allowed = share * available_memory()
+    if not needed <= allowed:
+        reject(owner, f"{rule} within {_gibibytes(allowed)}", f"{_gibibytes(needed)} for {what}", remedy)
+
+
+def _gibibytes(count: float) -> str:
+    return f"{count / 2**30:.1f} GiB" if count < 2**50 else f"{count / 2**30:.1e} GiB"

@@ -3,12 +3,12 @@
 One call traces the paths ``first`` ... ``first + count - 1``. Every random number is addressed by
 (key, sample, path, dimension), so the call may be split over blocks and threads at will.
 
-A path (physics.md 2): the first vertex lies exponentially deep along the reference direction behind a
-point of the illuminated face, the first direction comes from the medium's phase function about the
-reference direction, then free flights and scatterings as in radiative transfer, many paths in lock step
-(`specklegen.kernels.lanes`). At every vertex the contribution w of the connection to the sensor is found,
-and the connection is kept with probability min(1, w / threshold); its amplitude weight grows by the
-inverse probability.
+A path (physics.md 2): the first vertex lies exponentially deep along the reference direction behind a point of the
+illuminated face, the first direction comes from the medium's phase function about the reference direction, then free
+flights and scatterings as in radiative transfer, many paths in lock step (`specklegen.kernels.lanes`), or drawn towards
+the far face where few would reach it (`specklegen.kernels.stretching`). At every vertex the contribution w of the
+connection to the sensor is found, and the connection is kept with probability min(1, w / threshold); its amplitude
+weight grows by the inverse probability.
 
 A record is one kept connection, a row of float64[RECORD]:
 """
@@ -61,6 +61,7 @@ from specklegen.kernels.lanes import (
 from specklegen.kernels.lobes import judged_phase_function, phase_function
 from specklegen.kernels.phase_functions import henyey_greenstein, sample_henyey_greenstein
 from specklegen.kernels.rng import uniforms
+from specklegen.kernels.stretching import fly_stretched, steer
 from specklegen.kernels.trigonometry import sincos_turns
 
 ENTRY = 0  # x1, first vertex
@@ -76,6 +77,7 @@ RECORD = 14
 SQUARE, DISC, GAUSSIAN, UNLIMITED = 0, 1, 2, 3
 
 _ONE = np.uint64(1)
+_ASIDE = np.uint64(0x80000000)  # dimensions of what not every walk draws lie apart
 
 
 @inlined
@@ -152,10 +154,12 @@ def forward_contribution(power, g, rows, places, z, wx, wy, wz, probes):
 
 @inlined
 def start(
-    key0, key1, sample, first, count, thickness, sigma_t, albedo, ix, iy, iz, footprint, extent, radius, state, address
+    key0, key1, sample, first, count, thickness, sigma_t, albedo, rate, ix, iy, iz,
+    footprint, extent, radius, state, address,
 ):  # fmt: skip
     """Put the first vertices of paths ``first`` ... into the lanes, light arriving along the reference direction."""
-    chance = -math.expm1(-sigma_t * thickness / iz)  # to collide at all
+    spared = 1.0 - rate * iz
+    chance = -math.expm1(-sigma_t * spared * thickness / iz)  # to collide at all
     for i in range(count):
         address[PATH + i], address[ORDER + i] = np.uint64(first + i), np.uint64(0)
     draw(key0, key1, sample, np.uint64(0), address, state, count)
@@ -167,15 +171,15 @@ def start(
         # Points that only other tilts light are judged as if this one did, else they would never be kept.
         beam = profile(footprint, radius, fx, fy) if footprint == GAUSSIAN else 1.0
         state[X1 + i], state[Y1 + i] = fx, fy
-        state[AMOUNT + i], state[POWER + i] = albedo * area * iz * chance, beam * beam / iz
+        state[AMOUNT + i], state[POWER + i] = albedo * area * iz * chance / spared, beam * beam / iz
     draw(key0, key1, sample, _ONE, address, state, count)
     for i in range(count):
         collided = state[KEEP + i] * chance
-        depth = minus_log1m(collided) / sigma_t
+        depth = minus_log1m(collided) / (sigma_t * spared)
         state[X1 + i] += depth * ix
         state[Y1 + i] += depth * iy
         state[Z1 + i] = min(depth * iz, thickness)
-        # sigma_s / p1, where p1 = (1/area) sigma_t e^(-sigma_t depth) / chance / iz per volume.
+        # sigma_s / p1, where p1 = (1/area) sigma_t e^(-sigma_t depth) / chance / iz per volume; sigma_t is spared both.
         state[AMOUNT + i] /= 1.0 - collided
         state[POWER + i] *= 1.0 - collided
         state[X + i], state[Y + i], state[Z + i] = state[X1 + i], state[Y1 + i], state[Z1 + i]
@@ -183,15 +187,26 @@ def start(
         state[KEEP + i] = state[FLIGHT + i]
         state[FLOWN + i] = state[COIN + i] = 0.0
         address[ORDER + i] = _ONE
+    if rate > 0.0:
+        for i in range(count):
+            state[POWER + i] *= math.exp(-rate * sigma_t * state[Z + i])
 
 
 @inlined
 def leave(
-    key0, key1, sample, g, rows, places, aim_rows, guide, mean_free_path,
+    key0, key1, sample, g, rows, places, aim_rows, guide, mean_free_path, rate, most, aimed, importance,
     state, address, count,
 ):  # fmt: skip
     """Send the paths of :func:`start` off, their first directions drawn from the lobe that they aim with."""
-    if aim_rows.shape[0] == 0:
+    if rate > 0.0:
+        for i in range(count):
+            state[OX + i], state[OY + i], state[OZ + i] = state[WX + i], state[WY + i], state[WZ + i]
+        steer(key0, key1, sample, _ASIDE, g, aim_rows, guide, rate, most, importance, state, address, count)
+        for i in range(count):
+            cos = state[OX + i] * state[WX + i] + state[OY + i] * state[WY + i] + state[OZ + i] * state[WZ + i]
+            state[POLAR + i] = state[SHAPE + i] * (0.5 / math.pi) / aimed
+            state[POWER + i] *= judged_phase_function(g, rows, places, cos)
+    elif aim_rows.shape[0] == 0:
         scatter(g, state, count)
         for i in range(count):
             state[POLAR + i] = henyey_greenstein(g, 1.0 - sample_henyey_greenstein(g, state[POLAR + i]))
@@ -210,7 +225,10 @@ def leave(
         state[DENSITY + i] = density / state[AMOUNT + i]  # p1 p_omega / sigma_s
         state[AMOUNT + i] /= density
     draw(key0, key1, sample, _ONE, address, state, count)
-    fly(mean_free_path, state, count)
+    if rate > 0.0:
+        fly_stretched(mean_free_path, rate, state, count)
+    else:
+        fly(mean_free_path, state, count)
 
 
 @inlined
@@ -245,7 +263,7 @@ def weigh_both_ways(
 
 @kernel
 def trace_slab(
-    key0, key1, sample, first, count, thickness, sigma_t, albedo, lobe, aim, ix, iy, iz,
+    key0, key1, sample, first, count, thickness, sigma_t, albedo, lobe, aim, stretch, ix, iy, iz,
     footprint, extent, radius, probes, reverse, threshold, max_order, records, orders, paths, ranks,
 ):  # fmt: skip
     """Trace paths and write the kept connections.
@@ -253,6 +271,7 @@ def trace_slab(
     thickness, sigma_t, albedo : the slab (length, 1/length, -)
     lobe, aim : Lobe           its phase function, and the lobe of first directions about (ix, iy, iz), iz > 0; either
                                both are closed, of one g, or both are tables
+    stretch : Stretch          how paths are drawn towards the far face; of a rate above 0 not with ``reverse``
     footprint, extent, radius : kind of beam, size of the sampled footprint and of the profile
     probes : float64[n, 5]     views at which the contribution is judged, and the optical depth to the outside
                                along each as (at z = 0, per length of z)
@@ -267,6 +286,7 @@ def trace_slab(
     """
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
     aim_rows, aim_guide, aim_places = aim.rows, aim.guide, aim.places
+    rate, survival, most, aimed, importance = stretch.rate, stretch.survival, stretch.most, stretch.aimed, stretch.rows
     capacity = records.shape[0]
     found = events = unfinished = 0
     unfinished_weight = 0.0
@@ -278,7 +298,7 @@ def trace_slab(
     fresh, fresh_address = np.empty(STATE), np.empty(ADDRESS, np.uint64)
     flying = waiting = started = 0
     while True:
-        flying, cut, cut_weight = drop_ended(state, address, flying, thickness, albedo, last_order)
+        flying, cut, cut_weight = drop_ended(state, address, flying, thickness, survival, last_order)
         unfinished += cut
         unfinished_weight += cut_weight
         while flying < LANES and (waiting > 0 or started < count):
@@ -289,7 +309,7 @@ def trace_slab(
                 continue
             waiting = min(LANES, count - started)
             start(
-                k0, k1, sample64, first + started, waiting, thickness, sigma_t, albedo, ix, iy, iz,
+                k0, k1, sample64, first + started, waiting, thickness, sigma_t, albedo, rate, ix, iy, iz,
                 footprint, extent, radius, fresh, fresh_address,
             )  # fmt: skip
             started += waiting
@@ -308,10 +328,10 @@ def trace_slab(
                         orders[found], paths[found] = 1, fresh_address[PATH + i]
                     found += 1
             leave(
-                k0, k1, sample64, g, rows, places, aim_rows, aim_guide,
-                mean_free_path, fresh, fresh_address, waiting,
+                k0, k1, sample64, g, rows, places, aim_rows, aim_guide, mean_free_path, rate, most, aimed, importance,
+                fresh, fresh_address, waiting,
             )  # fmt: skip
-            waiting, cut, cut_weight = drop_ended(fresh, fresh_address, waiting, thickness, albedo, last_order)
+            waiting, cut, cut_weight = drop_ended(fresh, fresh_address, waiting, thickness, survival, last_order)
             unfinished += cut
             unfinished_weight += cut_weight
         if flying == 0:
@@ -321,12 +341,12 @@ def trace_slab(
             address[ORDER + i] += _ONE
         events += flying
         draw(k0, k1, sample64, _ONE, address, state, flying)
-        if albedo < 1.0:
-            # Absorption as a coin: the weight stays, the work goes. Its dimensions lie apart.
-            draw_coin(k0, k1, sample64, np.uint64(0x80000000), address, state, flying)
+        if survival < 1.0:
+            # Absorption as a coin: the weight stays, the work goes.
+            draw_coin(k0, k1, sample64, _ASIDE, address, state, flying)
         mark_candidates(g, rows, places, 0.0 if reverse else threshold, probes, state, flying)
         for i in range(flying):
-            if state[CANDIDATE + i] == 0.0 or state[COIN + i] >= albedo:
+            if state[CANDIDATE + i] == 0.0 or state[COIN + i] >= survival:
                 continue
             x, y, z = state[X + i], state[Y + i], state[Z + i]
             wx, wy, wz = state[WX + i], state[WY + i], state[WZ + i]
@@ -347,6 +367,10 @@ def trace_slab(
                     )  # fmt: skip
                     orders[found], paths[found] = address[ORDER + i], address[PATH + i]
                 found += 1
+        if rate > 0.0:
+            steer(k0, k1, sample64, _ASIDE, g, rows, guide, rate, most, importance, state, address, flying)
+            fly_stretched(mean_free_path, rate, state, flying)
+            continue
         if rows.shape[0] == 0:
             scatter(g, state, flying)
         else:

@@ -1,74 +1,75 @@
-"""How many paths reach the far face of an absorbing slab: what no pilot can tell that has seen none of them.
+"""No figure from paths that have not seen the light that crosses an absorbing medium.
 
-Paths absorb by a coin and start exponentially deep, so that those at the optical depth t are as many as the light
-there, e^(-nu t), nu the slowest decay of radiative transfer. A connection from there is worth e^(-(OD - t)). The
-contribution w of a path to a view behind the slab then has
-
-    Var w / (E w)^2 ~ e^(nu OD) max(1 - nu, 1/OD)^2 / (2 - nu)
-
-1/nu is the largest eigenvalue of the spherical harmonics' recurrence (Case and Zweifel, Linear Transport Theory, 1967,
-ch. 8): symmetric, tridiagonal, beside the diagonal (l + 1) / sqrt((2l + 1)(2l + 3)(1 - a g_l)(1 - a g_(l+1))), a the
-albedo and g_l the Legendre moments of the phase function. Isotropic, a = 0.9: nu = 0.5254; a = 0.5: 0.9575.
+Paths that are drawn there (:mod:`specklegen.paths.stretching`) have seen it. Others, that serve both ways, views on
+both sides of a slab, or any geometry, are held against what has to be crossed: no pilot can tell that has seen none of
+it.
 """
 
-import math
+from dataclasses import replace
 
 import numpy as np
 
 from specklegen.core.errors import reject
 from specklegen.core.values import remembered
-from specklegen.scene.media import Medium, Slab
+from specklegen.kernels import walk
+from specklegen.paths.bank import PathBank
+from specklegen.paths.endpoint_factors import End, endpoint_factors
+from specklegen.paths.endpoints import Endpoints
+from specklegen.paths.layout import Layout, scene_layout
+from specklegen.paths.stretching import crossing_variance, decay, flat_decay
+from specklegen.scene.media import Box, Medium, Slab, VoxelGrid
+from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import NearField
 
 LEAST = 10
 """Least ratio of a run's paths to this variance: an error of 30 % is the most that is handed out."""
 MOST_PATHS = 10**12
 """Paths of one run: days on a thousand cores."""
-_SEEN = 120.0  # relative variance up to which a pilot of 6000 paths sees what matters, 50 times
-_MOMENTS = 400
-_NODES = 4000
+DARK = 1e-3
+"""Share of the brightest view's light below which a view is dark: 30 times its error, or never seen."""
+_INSETS = (0.0, 0.1, 0.5, 0.9, 1.0)  # of a medium's sides, at which light is looked for
+_OPAQUE = 1e6  # optical depth behind which nothing is left, and nothing is lit
+_SLIVER = 1e-3  # of a side, or a tenth of a mean free path: thinner ones are not looked at
 
 
-@remembered(64)
-def decay(medium: Slab) -> float:
-    """Return nu: the transmitted light falls as e^(-nu OD); 0 without absorption, at most 1."""
-    albedo = medium.albedo
-    if albedo == 1:
-        return 0.0
-    loss = 1 - albedo * _moments(medium)
-    order = np.arange(len(loss) - 1)
-    beside = (order + 1) / np.sqrt((2 * order + 1.0) * (2 * order + 3) * loss[:-1] * loss[1:])
-    return min(1.0, 1 / float(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))[-1]))
+def unseen_variance(scene: Scene) -> float:
+    """Var w / (E w)^2 of paths, at the best of a few lights and views, where pilots cannot know it; else 0."""
+    return min(_variances(scene), default=0.0)
 
 
-def relative_variance(medium: Medium) -> float:
-    """Var w / (E w)^2 of a path behind a slab, where pilots cannot know it; 0 where they can."""
-    if not isinstance(medium, Slab) or medium.optical_depth <= 4 or medium.albedo == 0:
-        return 0.0
-    nu, depth = decay(medium), medium.optical_depth
-    logarithm = nu * depth + 2 * math.log(max(1 - nu, 1 / depth)) - math.log(2 - nu)
-    found = math.exp(min(logarithm, 700.0))
-    return found if found > _SEEN else 0.0
+def dark_views(scene: Scene, drawn: bool, powers: np.ndarray) -> str | None:
+    """Why a scene's dark views are not to be trusted beside its bright ones; None where all are lit alike.
 
-
-def scene_relative_variance(scene: Scene) -> float:
-    """The same of a scene; 0 where no light has to cross a slab."""
-    if not isinstance(scene.medium, Slab) or scene.dimension == 2 or isinstance(scene.sensor, NearField):
-        return 0.0
-    through = scene.side > 0 and len(scene.lights) > 0
-    return relative_variance(scene.medium) if through else 0.0
+    Parameters
+    ----------
+    drawn
+        Whether paths are drawn across the medium.
+    powers
+        float64[n], intensities that paths found at lights and views, or at a few of them.
+    """
+    lit, unseen = float(np.max(powers, initial=0.0)), () if drawn else _variances(scene)
+    dark = float(np.min(powers, initial=lit))
+    if lit > 0 and dark < DARK * lit:
+        told = f"some are found at {dark / lit:.1g} of the brightest"
+    elif unseen and min(unseen) == 0 < max(unseen):
+        told = "next to no path crosses the absorbing medium to some"
+    else:
+        return None
+    return (
+        f"{told}, by which paths are chosen: their light and its error may be far too low. Ask for them in a scene of "
+        "their own"
+    )
 
 
 def require_reach(owner: str, variance: float, paths: int) -> None:
-    """Refuse a run whose paths are too few to have seen the light that crosses a slab.
+    """Refuse a run whose paths are too few to have seen the light that crosses a medium.
 
     Parameters
     ----------
     owner
         Function that is asked, for the message.
     variance
-        Of :func:`relative_variance`.
+        Of :func:`unseen_variance`.
     paths
         Paths of the run.
 
@@ -80,29 +81,81 @@ def require_reach(owner: str, variance: float, paths: int) -> None:
     if paths >= LEAST * variance and paths <= MOST_PATHS:
         return
     needed = LEAST * variance
-    remedy = (
-        f"Trace {needed:.1e} paths or more." if needed <= MOST_PATHS / 10
-        else "Use a thinner slab or less absorption, or look at the light that comes back."
-    )  # fmt: skip
+    enough = f"Trace {needed:.1e} paths or more" if needed <= MOST_PATHS / 10 else "Use a thinner medium"
     if variance > 0:
         reject(
-            f"{owner} paths", "enough that light crosses the absorbing slab in some of them", paths,
-            f"Of {variance:.1e} paths about one carries what is seen behind it. {remedy}",
+            f"{owner} paths", "enough that light crosses the absorbing medium in some of them", paths,
+            f"Of {variance:.1e} paths about one carries what is seen behind it. {enough}; or use a Slab, beams, far "
+            "views that all lie behind it, no reversed paths (reverse=False), and render or memory_effect: there paths "
+            "are drawn across.",
         )  # fmt: skip
     reject(f"{owner} paths", f"at most {MOST_PATHS:.0e}", paths, "Ask for a larger rel_error.")
 
 
-def _moments(medium: Slab) -> np.ndarray:
-    """Legendre moments g_l float64[n] of the phase function, g_0 = 1."""
-    t = (np.arange(_NODES) + 0.5) / _NODES
-    theta, weights = np.pi * t**2, t  # nodes are dense towards the forward lobe
-    cos = np.cos(theta)
-    shares = medium.scatterer.components
-    density = sum(share * np.square(np.abs(each.amplitude(cos, 3))) for each, share in shares)
-    weights = weights * np.sin(theta) * density
-    weights /= weights.sum()
-    out, before, now = np.empty(_MOMENTS), np.ones(_NODES), cos
-    for order in range(_MOMENTS):
-        out[order] = weights @ before
-        before, now = now, ((2 * order + 3) * cos * now - (order + 1) * before) / (order + 2)
-    return np.minimum(out, 1.0)
+def _slowest(medium: Medium, dimension: int) -> float:
+    """The least nu of a medium's materials; 0 where one of them does not absorb."""
+    if isinstance(medium, VoxelGrid):
+        number, albedo = np.broadcast_arrays(medium.material, medium.albedo)
+        pairs = {(int(n), float(a)) for n, a in zip(number.flat, albedo.flat, strict=True)}
+        # Of each material the brightest: nu falls as the albedo grows.
+        brightest = {n: max(a for m, a in pairs if m == n) for n, _ in pairs}
+        return min(_nu(medium.scatterers[n], a, dimension) for n, a in brightest.items())
+    return _nu(medium.scatterer, medium.albedo, dimension)
+
+
+def _nu(scatterer: Scatterer, albedo: float, dimension: int) -> float:
+    if albedo == 0:
+        return 1.0
+    if dimension == 2:
+        return flat_decay(scatterer, albedo)
+    return decay(Slab(thickness=1.0, mean_free_path=1.0, albedo=albedo, scatterer=scatterer))
+
+
+@remembered(64)
+def _variances(scene: Scene) -> tuple[float, ...]:
+    """Relative variances, pilots unknowing, at pairs of a few lights and views.
+
+    Light that reaches a view has to cross, by scattering, what no straight way in and straight way out spare it.
+    """
+    if not len(scene.lights) or not np.prod(scene.sensor.shape) or not np.any(scene.medium.albedo):
+        return ()
+    assert isinstance(scene.medium, Slab | Box | VoxelGrid), "screens have no paths"
+    nu = _slowest(scene.medium, scene.dimension)
+    return tuple(crossing_variance(nu, float(depth)) for depth in _depths(scene)) if nu else ()
+
+
+def _depths(scene: Scene) -> np.ndarray:
+    """Least optical depth, over points of the medium, of the straight way in and out: of pairs of lights and views."""
+    layout = scene_layout(scene).probed()
+    layout = replace(layout, lights=layout.lights.probed(), views=layout.views.probed())
+    clear = replace(layout, volume=layout.volume._replace(extinction=np.zeros_like(layout.volume.extinction)))
+    points = _points(layout, scene.medium.mean_free_path)
+    records, n = np.zeros((len(points), walk.RECORD)), len(points)
+    records[:, walk.ENTRY : walk.ENTRY + 3] = records[:, walk.EXIT : walk.EXIT + 3] = points
+    types, bounces = np.zeros((n, 2), np.int32), np.zeros((n, 2), np.int8)
+    bank = PathBank(records, np.ones(n, np.int32), np.arange(n), types, bounces, n)
+    into = _lost(layout, clear, bank, layout.lights, "entry")
+    out = _lost(layout, clear, bank, layout.views, "exit")
+    depths = (into[:, None] + out).min(axis=-1).ravel()
+    # Straight ways may lead aslant through a slab; what has to be crossed is no deeper than it.
+    return np.minimum(depths, scene.medium.optical_depth) if isinstance(scene.medium, Slab) else depths
+
+
+def _lost(layout: Layout, clear: Layout, bank: PathBank, endpoints: Endpoints, end: End) -> np.ndarray:
+    """Optical depth float64[n, M] from points to lights or views, from what is left of the light."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = endpoint_factors(layout, bank, endpoints, end) / endpoint_factors(clear, bank, endpoints, end)
+        return np.nan_to_num(-2 * np.log(np.abs(left)), nan=np.inf).clip(max=_OPAQUE)
+
+
+def _points(layout: Layout, mean_free_path: float) -> np.ndarray:
+    """Points float64[M, 3] all over a medium, and just within its faces; beside the lights where it has no sides."""
+    axes = []
+    for axis, (low, high) in enumerate(layout.volume.bounds.T):
+        if np.isfinite([low, high]).all():
+            inset = min(_SLIVER, 0.1 * mean_free_path / (high - low))
+            axes.append(low + (high - low) * np.clip(_INSETS, inset, 1 - inset))
+        else:
+            beside = [end.vectors[:, axis] for end in (layout.lights, layout.views) if end.near]
+            axes.append(np.unique(np.concatenate([[0.0], *beside])))
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)

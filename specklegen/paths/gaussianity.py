@@ -74,9 +74,19 @@ class PathMoments:
         # Over the mean before they are squared: the square of faint light underflows.
         return cls(float((whole / mean).var()), float(np.square(weights / mean).sum() / count))
 
-    def paths_for(self, rel_error: float) -> int:
-        """Return the paths that leave sqrt(Var w / (N (E w)^2)) at ``rel_error``."""
-        return max(1, int(np.ceil(self.relative_variance / rel_error**2)))
+    @property
+    def image_variance(self) -> float:
+        """N times the excess correlation of intensities within an image: Var w and E w^2 - E sum_B w_B^2, over (E w)^2.
+
+        The second part is speckle between the connections of one path, which share their entrance; at its most, for
+        views within a grain of each other.
+        """
+        return self.relative_variance + max(0.0, self.relative_variance + 1 - self.concentration)
+
+    def paths_for(self, rel_error: float, *, within_image: bool = False) -> int:
+        """Return the paths that leave sqrt(Var w / (N (E w)^2)) at ``rel_error``, or the same within an image."""
+        variance = self.image_variance if within_image else self.relative_variance
+        return max(1, int(np.ceil(variance / rel_error**2)))
 
     def gaussianity(self, paths: int) -> Gaussianity:
         """Return the certificate of a field of so many paths."""

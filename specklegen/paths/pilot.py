@@ -11,9 +11,10 @@ import numpy as np
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
-from specklegen.paths.deep_absorption import scene_relative_variance
+from specklegen.paths.deep_absorption import dark_views, unseen_variance
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.gaussianity import PathMoments
+from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.tracer import Tracer, scene_tracer, volume_tracer
 from specklegen.scene.scene import Scene
 
@@ -36,6 +37,10 @@ class Pilot:
         Largest mean intensity among these.
     multiple_share : float
         Largest share of multiple scattering in the intensity among these, three standard errors included.
+    unseen : float
+        What absorption makes of the relative variance where too few paths cross the medium for a pilot to know; else 0.
+    dark : str or None
+        Why some views are not to be trusted beside others that are far brighter.
     """
 
     tracer: Tracer
@@ -43,6 +48,8 @@ class Pilot:
     moments: PathMoments
     intensity: float
     multiple_share: float
+    unseen: float
+    dark: str | None
 
     @property
     def events_per_path(self) -> float:
@@ -76,17 +83,20 @@ def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
         _columns(more, np.square(np.abs(often))),
     ]
     paths = np.concatenate([owner for owner, _ in powers])
-    moments, intensity, share = PathMoments(0.0, 0.0), 0.0, 0.0
+    moments, means, share = PathMoments(0.0, 0.0), [], 0.0
     for single, multiple in zip(*(weights for _, weights in powers), strict=True):
         found = PathMoments.of(np.concatenate([single, multiple]), paths, PILOT_PATHS)
         moments = max(moments, found, key=lambda m: m.relative_variance)
         mean = (single.sum() + multiple.sum()) / PILOT_PATHS
-        intensity = max(intensity, mean)
+        means.append(mean)
         rest = np.bincount(powers[1][0], multiple, PILOT_PATHS)
         if mean > 0:
             share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(PILOT_PATHS)) / mean)
-    moments = replace(moments, relative_variance=max(moments.relative_variance, scene_relative_variance(scene)))
-    return Pilot(tracer, bank, moments, float(intensity), float(share))
+    drawn = isinstance(tracer, SlabTracer) and tracer.across
+    unseen = 0.0 if drawn else unseen_variance(scene)
+    moments = replace(moments, relative_variance=max(moments.relative_variance, unseen))
+    dark = dark_views(scene, drawn, np.array(means))
+    return Pilot(tracer, bank, moments, float(max(means, default=0.0)), float(share), unseen, dark)
 
 
 def _columns(bank: PathBank, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

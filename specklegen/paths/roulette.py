@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from specklegen.core.random_streams import Seed, Stream
+from specklegen.kernels.volume import Volume
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors
-from specklegen.paths.slab_tracer import SlabTracer, events_per_path
+from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.volume_tracer import VolumeTracer
 
 ALWAYS_FROM = 10.0  # times the mean contribution (docs/physics.md 2)
@@ -23,7 +24,7 @@ _SLAB_CONNECTIONS = 2**23  # 2 GB: fewer than SLAB_PATHS from an optical depth o
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
     """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
-    fitting = int(_SLAB_CONNECTIONS / events_per_path(tracer.medium))  # all of them are kept here
+    fitting = int(_SLAB_CONNECTIONS / tracer.events_per_path)  # all of them are kept here
     bank = tracer.trace(seed, min(SLAB_PATHS, max(fitting, 16)), stream=Stream.PILOT, threads=1)
     if len(bank) == 0:
         return tracer
@@ -40,7 +41,9 @@ def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:
     # Any positive threshold makes the walk judge connections; this one keeps them all but those of no weight.
     judging = replace(tracer, threshold=1e-300)
     bank = judging.trace(seed, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
-    count = min(VOLUME_PATHS, _FIRST_PATHS * max(1, _PILOT_CONNECTIONS // max(len(bank), 1)))
+    # The first paths may all be short: between the faces of a slab a few of them scatter OD^2 times.
+    found = max(len(bank), int(_FIRST_PATHS * _events_between_faces(tracer.layout.volume)), 1)
+    count = min(VOLUME_PATHS, _FIRST_PATHS * max(1, _PILOT_CONNECTIONS // found))
     if count > _FIRST_PATHS:
         bank = judging.trace(seed, count, stream=Stream.PILOT, threads=1)
     if len(bank) < 4 * count:
@@ -59,3 +62,12 @@ def _judged_power(tracer: VolumeTracer, bank: PathBank) -> np.ndarray:
     layout = tracer.layout
     light = np.square(np.abs(endpoint_factors(layout, bank, layout.lights.probed(), "entry"))).max(axis=0)
     return light * np.square(np.abs(endpoint_factors(layout, bank, layout.views.probed(), "exit"))).max(axis=0)
+
+
+def _events_between_faces(volume: Volume) -> float:
+    """Scattering events of a path through a slab at most, on average: 2.5 OD, fewer where they absorb; 0 of a box."""
+    (low, high), lost = volume.bounds, 1 - float(volume.albedo.max())
+    if np.isfinite(high[0]):
+        return 0.0
+    events = 2.5 * float(volume.extinction.max() * (high[2] - low[2]))
+    return min(events, 1 / lost) if lost > 0 else events

@@ -18,6 +18,7 @@ from specklegen.paths import faces
 from specklegen.paths.bank import PathBank, concatenate, empty_bank
 from specklegen.paths.layout import Layout
 from specklegen.paths.phase_tables import walk_lobes
+from specklegen.paths.stretching import events_per_depth, relative_variance, stretch_along, unstretched
 from specklegen.paths.volumes import footprint_code
 from specklegen.scene.illumination import CollimatedBeams, reference_direction
 from specklegen.scene.media import Medium, Slab
@@ -63,16 +64,25 @@ def default_max_order(medium: Medium) -> int:
     return int(min(max(1000.0, 10 * medium.optical_depth**2), 2e9))
 
 
-def events_per_path(medium: Slab) -> float:
+def stretches(medium: Slab, proposal: Proposal) -> bool:
+    """Whether paths are drawn towards the far face: where all views lie behind it, and next to none would get there."""
+    behind = len(proposal.probes) > 0 and bool((proposal.probes[:, 2] > 0).all())
+    return behind and medium.faces.matched and not proposal.bidirectional and relative_variance(medium) > 0
+
+
+def events_per_path(medium: Slab, *, across: bool = False) -> float:
     """Scattering events of a path at most, on average: 2.5 OD, fewer where they absorb, more between reflecting faces.
 
-    Diffuse light in equilibrium is n^2 times as bright inside an index step of n, and scatters as often.
+    Diffuse light in equilibrium is n^2 times as bright inside an index step of n, and scatters as often. Of paths drawn
+    ``across`` nearly all cross the slab.
     """
+    if across:
+        return 1 + events_per_depth(medium) * medium.optical_depth
     lost, step = 1 - medium.albedo, max(1.0, medium.faces.inside / medium.faces.outside)
     return min(1 + 2.5 * medium.optical_depth * step**2, 1 / lost if lost > 0 else math.inf)
 
 
-def require_traceable(medium: Slab) -> None:
+def require_traceable(medium: Slab, *, across: bool = False) -> None:
     """Refuse a slab so deep that even a pilot would not come to an end.
 
     Raises
@@ -80,7 +90,7 @@ def require_traceable(medium: Slab) -> None:
     RuleError
         With the remedy.
     """
-    if events_per_path(medium) > MOST_EVENTS:
+    if events_per_path(medium, across=across) > MOST_EVENTS:
         reject(
             "Slab.optical_depth", f"at most {MOST_EVENTS / 2.5:.0e} where little absorbs", medium.optical_depth,
             "Paths scatter 2.5 times as often, some of them its square: use a thinner slab, or the closed forms of "
@@ -139,16 +149,18 @@ def trace(
     """
     if medium.albedo == 0 or medium.thickness == 0 or count == 0:
         return empty_bank(count)
-    require_traceable(medium)
+    across = stretches(medium, proposal)
+    require_traceable(medium, across=across)
     key = stream_key(seed, stream)
     images = faces.images(medium, np.concatenate([proposal.reference[None], proposal.probes]))
     probes = faces.seen_through(medium, proposal.probes, images)
     upwards = bool(len(proposal.probes) and proposal.probes[0, 2] > 0)
+    stretch = stretch_along(medium, float(proposal.reference[2])) if across else unstretched(medium)
     shares = np.array([share for _, share in medium.scatterer.components])
 
     def block(start: int) -> PathBank:
         size = min(BLOCK, first + count - start)
-        capacity = 2 * size if proposal.threshold else int(size * (4 + 2 * events_per_path(medium)))
+        capacity = 2 * size if proposal.threshold else int(size * (4 + 2 * events_per_path(medium, across=across)))
         while True:
             records, bounces = np.empty((capacity, walk.RECORD)), np.zeros((capacity, 2), np.int8)
             orders = np.empty(capacity, np.int32)
@@ -158,7 +170,7 @@ def trace(
             rules = int(proposal.bidirectional), proposal.threshold, proposal.max_order
             if medium.faces.matched:
                 found, events, unfinished, unfinished_weight = walk.trace_slab(
-                    *key, sample, start, size, *slab, *walk_lobes(medium.scatterer), *light, probes, *rules,
+                    *key, sample, start, size, *slab, *walk_lobes(medium.scatterer), stretch, *light, probes, *rules,
                     records, orders, paths, ranks,
                 )  # fmt: skip
             else:
@@ -203,6 +215,16 @@ class SlabTracer:
     def bidirectional(self) -> bool:
         """Whether a path is weighed, and must be evaluated, in both directions."""
         return self.proposal.bidirectional
+
+    @property
+    def across(self) -> bool:
+        """Whether paths are drawn towards the far face."""
+        return stretches(self.medium, self.proposal)
+
+    @property
+    def events_per_path(self) -> float:
+        """Scattering events of a path at most, on average."""
+        return events_per_path(self.medium, across=self.across)
 
     def trace(
         self,

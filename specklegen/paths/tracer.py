@@ -133,7 +133,13 @@ def probe_views(scene: Scene) -> np.ndarray:
     sensor = scene.sensor
     if not isinstance(sensor, FarFieldGrid):
         flat = scene.views
-        return flat[np.unique(np.linspace(0, len(flat) - 1, 9).astype(int))] if len(flat) else flat
+        if not len(flat):
+            return flat
+        chosen = np.linspace(0, len(flat) - 1, 9).astype(int)
+        ahead = flat[:, 2] > 0
+        if ahead.any() and not ahead.all():  # both sides
+            chosen = np.append(chosen, [flat[:, 2].argmax(), flat[:, 2].argmin()])
+        return flat[np.unique(chosen)]
     center, corners = sensor.center_direction[None], sensor.corner_directions
     narrow = np.ptp(corners, axis=0).max() < 0.05 * (1 - abs(scene.slab.scatterer.mean_cosine()))
     return center if narrow else np.concatenate([center, corners])

@@ -87,8 +87,13 @@ class Plan(Pictured):
 
     @property
     def expected_error(self) -> float:
-        """Relative error that so many paths leave; ``chosen.error_of`` says of what."""
+        """Relative error that so many paths leave, between views far apart; ``chosen.error_of`` says of what."""
         return self.chosen.expected_error
+
+    @property
+    def image_error(self) -> float:
+        """The same between views of one image, up to sqrt 2 times as large by path sums; ``rel_error`` bounds it."""
+        return getattr(self.chosen, "image_error", self.expected_error)
 
     @property
     def gaussianity(self) -> Gaussianity:
@@ -110,7 +115,7 @@ class Plan(Pictured):
         lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.decisions]
         lines += [
             f"Expected error ({self.chosen.error_of}, relative): {self.expected_error:.2g}"
-            + ("; four times the paths halve it." if self.paths else "."),
+            + (f", within an image {self.image_error:.2g}; four times the paths halve it." if self.paths else "."),
             f"Speckle: {self.gaussianity}",
             f"Cost: about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
         ]

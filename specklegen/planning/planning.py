@@ -11,11 +11,11 @@ from specklegen.core.arguments import instance, real_number
 from specklegen.core.budgets import checked_budget
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.memory import available_memory
+from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.mean.rule import mean_decision
-from specklegen.paths.deep_absorption import require_reach, scene_relative_variance
+from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
@@ -70,10 +70,10 @@ def plan(
     paths
         Paths a realization; 100 000 unless ``rel_error`` sets it.
     rel_error
-        Instead of ``paths``: the square root of the excess correlation between intensities that a finite
-        number of paths leaves, at the worst view: sqrt(Var w / (N (E w)^2)), w the contribution of a path. This
-        is for views far apart; within a grain of each other the connections of one path, which share their
-        entrance, add up to as much again, sqrt 2 in the error
+        Instead of ``paths``: the square root of the excess correlation between intensities that a finite number of
+        paths leaves within an image, at the worst view: of (2 E w^2 - (E w)^2 - E sum_B w_B^2) / (N (E w)^2), w the
+        contribution of a path and w_B of one of its connections, which share their entrance. Between views far apart
+        it is sqrt(Var w / (N (E w)^2)), up to sqrt 2 times less
         (:func:`specklegen.coherence.partially_coherent.finite_path_excess`). Also
         the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
@@ -131,7 +131,11 @@ def plan(
     assert chosen is not None, "path sums serve every scene"
     if sampler == "paths":
         decisions.append(Decision("stationary sampler", False, "as asked"))
-    require_reach("plan", scene_relative_variance(scene), chosen.paths)
+    pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
+    if pilot is not None:
+        require_reach("plan", pilot.unseen, chosen.paths)
+        if pilot.dark:
+            decisions.append(Decision("dark views", True, pilot.dark, doubt=True))
     require_float32(chosen.intensity)
     threads = thread_count(threads)
     needed = chosen.memory(threads)
@@ -158,12 +162,8 @@ def streaming_obstacle(scene: Scene) -> str | None:
 
 
 def _require_memory(scene: Scene, needed: int) -> None:
-    total = available_memory()
-    if needed > 0.9 * total:
-        reject(
-            "Scene",
-            f"renderable within {0.9 * total / 2**30:.1f} GiB",
-            f"{needed / 2**30:.1f} GiB for {len(scene.lights)} tilts of {scene.sensor.shape} views",
-            "Render fewer tilts or fewer views at a time"
-            + (", or stream the stack by render_tiles." if streaming_obstacle(scene) is None else "."),
-        )
+    stream = ", or stream the stack by render_tiles." if streaming_obstacle(scene) is None else "."
+    require_memory(
+        "Scene", "renderable", needed, f"{len(scene.lights)} tilts of {scene.sensor.shape} views",
+        "Render fewer tilts or fewer views at a time" + stream, share=0.9,
+    )  # fmt: skip

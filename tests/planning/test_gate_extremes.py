@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import specklegen as sg
+from specklegen.core import memory
 from specklegen.mean.rule import _strongest_mean
 from specklegen.paths.reversal import reversal_decision, scene_reversal
-from specklegen.planning import planning
 from specklegen.scene.illumination import directions_of_sines
 
 WIDTH = 4000.0
@@ -95,7 +95,7 @@ def test_light_that_comes_back_meets_a_transmission_grid():
 def test_a_grid_of_many_views_and_tilts_is_planned_without_them(monkeypatch):
     """4096 x 4096 views of 100 tilts: 400 MB of views, 13 GB of fields, none of which a plan needs."""
     this = scene((4096, 4096), tilts=np.stack([1e-6 * np.arange(100), np.zeros(100)], 1), width=1e5)
-    monkeypatch.setattr(planning, "available_memory", lambda: 2**50)
+    monkeypatch.setattr(memory, "available_memory", lambda: 2**50)
     sg.plan(scene((8, 8), width=1e5), sampler="paths")  # compiles
     for options in ({}, {"sampler": "paths"}):
         tracemalloc.start()

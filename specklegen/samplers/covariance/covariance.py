@@ -7,6 +7,7 @@ A sum of outer products, so Hermitian and positive semidefinite by construction.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,8 +20,8 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import instance
 from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.decision import Decision
-from specklegen.core.errors import reject
-from specklegen.core.memory import available_memory
+from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.memory import require_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, map_blocks, one_blas_thread, thread_count
 from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
@@ -28,7 +29,7 @@ from specklegen.core.showing import summary
 from specklegen.core.statistics import BATCHES
 from specklegen.kernels.rng import fill_normals
 from specklegen.paths.bank import PathBank
-from specklegen.paths.deep_absorption import require_reach, scene_relative_variance
+from specklegen.paths.deep_absorption import dark_views, require_reach, unseen_variance
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import volume_pilot
@@ -192,7 +193,8 @@ def covariance(
     Warns
     -----
     DoubtWarning
-        Where the mean free path is below the wavelength: independent scattering is then doubtful.
+        Where the mean free path is below the wavelength: independent scattering is then doubtful. Where some lights
+        and views are found at less than 1e-3 of the brightest ones: connections are kept by those.
     """
     instance("covariance scene", scene, Scene)
     warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
@@ -221,10 +223,12 @@ def covariance(
     run = partial(_estimate, tracer, seen, reverse=reverse, entries=entries, threads=threads)
     keyed = pilot_seed(scene.unitless_fingerprint())
     count = paths_for(
-        DEFAULT_PATHS, paths, rel_error, seconds, lambda n: run(n, keyed, stream=Stream.PILOT).rel_error
+        DEFAULT_PATHS, paths, rel_error, seconds, lambda n: run(n, keyed, stream=Stream.PILOT)[0].rel_error
     )  # fmt: skip
-    require_reach("covariance", scene_relative_variance(scene), count)
-    found = replace(run(count, seed), decisions=decisions)
+    require_reach("covariance", unseen_variance(scene), count)
+    found, powers = run(count, seed)
+    _warn_of_dark_views(scene, powers)
+    found = replace(found, decisions=decisions)
     return found if pairs is not None else found.reshaped((t, v, t, v))
 
 
@@ -258,11 +262,15 @@ def covariance_blocks(
     tracer, reversal = _prepare(scene, reverse, tolerance)
     t, v = len(scene.lights), len(scene.views)
     _require_memory(t, v, rows)
-    require_reach("covariance_blocks", scene_relative_variance(scene), paths)
+    require_reach("covariance_blocks", unseen_variance(scene), paths)
     for start in range(0, t * v, rows):
         part = slice(start, min(start + rows, t * v))
         entries = _rows(part, t * v)
-        found = _estimate(tracer, tracer.layout, paths, seed, reverse=reversal.needed, entries=entries, threads=threads)
+        found, powers = _estimate(
+            tracer, tracer.layout, paths, seed, reverse=reversal.needed, entries=entries, threads=threads
+        )  # fmt: skip
+        if start == 0:
+            _warn_of_dark_views(scene, powers)
         yield part, found.reshaped((part.stop - part.start, t, v))
 
 
@@ -329,10 +337,11 @@ def _estimate(
     entries: _Entries,
     threads: int | None,
     stream: Stream = Stream.PATHS,
-) -> Covariance:
+) -> tuple[Covariance, np.ndarray]:
     """Sum the outer products of amplitudes over batches of paths, and find the error from their scatter.
 
-    Paths are those of ``tracer``; amplitudes are at the lights and views of ``seen``, all of them or some.
+    Paths are those of ``tracer``; amplitudes are at the lights and views of ``seen``, all of them or some, whose
+    intensities float64[T * V] are returned beside.
     """
     total, single = np.zeros((2, *entries.shape), np.complex128)
     squares = np.zeros(entries.shape)
@@ -376,7 +385,8 @@ def _estimate(
             _mirror(matrix)
     scale = entries.scale(power / paths)
     relative = np.divide(error, scale, out=np.zeros_like(error), where=scale > 0).max(initial=0.0)
-    return Covariance(total, error, single, total - single, paths, reverse, float(relative), unfinished)
+    found = Covariance(total, error, single, total - single, paths, reverse, float(relative), unfinished)
+    return found, power / paths
 
 
 def _both_ways(layout: Layout, bidirectional: bool, reverse: bool, bank: PathBank, threads: Threads) -> np.ndarray:
@@ -407,6 +417,12 @@ def _mirror(matrix: np.ndarray) -> None:
         matrix[row, row] = matrix[row, row].real
 
 
+def _warn_of_dark_views(scene: Scene, powers: np.ndarray) -> None:
+    told = dark_views(scene, False, powers)
+    if told:
+        warnings.warn(f"dark views: {told}.", DoubtWarning, stacklevel=3)
+
+
 def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:
     chosen = np.asarray(pairs)
     if chosen.ndim != 2 or chosen.shape[1] != 4 or not np.issubdtype(chosen.dtype, np.integer):
@@ -417,11 +433,7 @@ def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:
 
 
 def _require_memory(t: int, v: int, rows: int) -> None:
-    needed = rows * t * v * (16 * 6 + 8 * 3)
-    if needed > 0.5 * available_memory():
-        reject(
-            "covariance",
-            f"held within {0.5 * available_memory() / 2**30:.1f} GiB",
-            f"{needed / 2**30:.1f} GiB for {rows} rows of {t} lights x {v} views",
-            "Choose entries with pairs=, or stream rows with covariance_blocks.",
-        )
+    require_memory(
+        "covariance", "held", rows * t * v * (16 * 6 + 8 * 3), f"{rows} rows of {t} lights x {v} views",
+        "Choose entries with pairs=, or stream rows with covariance_blocks.",
+    )  # fmt: skip

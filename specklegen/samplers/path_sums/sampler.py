@@ -54,7 +54,7 @@ def consider(scene: Scene, wish: Wish) -> tuple["PathSums", list[Decision]]:
         nufft, decision = None, Decision("paths in lock step and NUFFT", False, obstacle)
     paths = wish.paths
     if paths is None:
-        paths = DEFAULT_PATHS if wish.rel_error is None else pilot.moments.paths_for(wish.rel_error)
+        paths = DEFAULT_PATHS if wish.rel_error is None else pilot.moments.paths_for(wish.rel_error, within_image=True)
     work = Work(
         scene=scene,
         paths=paths,
@@ -106,6 +106,11 @@ class PathSums:
     def expected_error(self) -> float:
         """Root of the excess correlation of intensities from a finite number of paths, at the worst view."""
         return float(np.sqrt(self.pilot.moments.relative_variance / self.paths))
+
+    @property
+    def image_error(self) -> float:
+        """The same between views of one image, whose connections of one path share their entrance."""
+        return float(np.sqrt(self.pilot.moments.image_variance / self.paths))
 
     @property
     def intensity(self) -> float:

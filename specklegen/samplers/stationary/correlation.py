@@ -28,6 +28,7 @@ from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import Slab
 
 _BINS = 640
+_AT_ONCE = 2**13  # q's
 SCAN_STEP, SCAN_POINTS, SCAN_MOST = 1.25, 16, 64
 ROOT_NODES = (1 + 1 / SCAN_STEP) / 2 - (1 - 1 / SCAN_STEP) / 2 * np.cos(np.pi * (np.arange(6) + 0.5) / 6)
 """Chebyshev's nodes from 1 / SCAN_STEP to 1."""
@@ -88,7 +89,9 @@ class MemoryEffectCorrelation:
         Of a single batch the error is ``stated_error``, at most 1 - C_I itself.
         """
         q = np.asarray(q, dtype=np.float64)
-        lost = self.weights @ _one_minus_bessel(q[:, None], self.radius).T  # E[w (1 - J0)], [batches, T]
+        # E[w (1 - J0)] of the batches, [batches, T].
+        parts = [q[start : start + _AT_ONCE, None] for start in range(0, max(len(q), 1), _AT_ONCE)]
+        lost = np.concatenate([self.weights @ _one_minus_bessel(part, self.radius).T for part in parts], axis=1)
         sums = np.concatenate([lost, self.weights.sum(axis=1, keepdims=True)], axis=1)
 
         def decorrelation(total: np.ndarray) -> np.ndarray:

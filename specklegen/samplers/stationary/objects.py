@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from scipy.fft import next_fast_len
 
 from specklegen.core.lazy import LazyModule
+from specklegen.core.memory import require_memory
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.kernels.waves import fill_waves
@@ -46,7 +47,8 @@ else:
     torch = LazyModule("torch")
 
 Form = Literal["pairs", "points"]
-_CHUNK = 32  # bright pixels transformed at once
+_CHUNK = 32  # bright pixels transformed at once ...
+_MOST_VALUES = 2**25  # ... of so many lags together
 _MOST_BYTES = 2**27  # of spectra: pairs of very many modes would not fit into memory
 
 
@@ -217,7 +219,8 @@ class ObjectSampler:
         ramps_y, ramps_x = self._ramps()
         bright = brightness.reshape(-1)
         lit = torch.nonzero(bright).reshape(-1)
-        for chunk in lit.split(_CHUNK) if len(lit) else ():
+        at_once = min(_CHUNK, max(1, _MOST_VALUES // (self.lags[0] * self.lags[1])))
+        for chunk in lit.split(at_once) if len(lit) else ():
             row, column = chunk // self.shape[1], chunk % self.shape[1]
             ramps = ramps_y[row][:, :, None] * ramps_x[column][:, None, :]
             for draw in medium:
@@ -293,6 +296,14 @@ def object_sampler(
         axes.append(cells(wavelength, width, profile, wavelength / (2 * width), span))
     x, y = axes
     lags = (_even_fast_length(2 * y.count), _even_fast_length(2 * x.count))
+    bytes_each = 4 if dtype == torch.complex64 else 8
+    # White noise of the modes, mixed; fields of a point over the lags, their transform and square; the sum over points.
+    noise = 4 * values.shape[1] * len(light.shares) * x.count * y.count
+    held = bytes_each * (noise + 8 * lags[0] * lags[1])
+    require_memory(
+        "object_sampler", "held", held, f"{values.shape[1]} modes on {x.count} x {y.count} cells of the exit face",
+        "Use a narrower window (window.width) or a smaller field of view.",
+    )  # fmt: skip
     window = Window(profile, width)
     area = window.area
     amplitude = sampled_amplitude(x, y, window)

@@ -8,6 +8,7 @@ import torch
 
 import specklegen.datasets.recipes.recipe as recipes
 from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.datasets.batched import generator as generator_module
 from specklegen.datasets.batched import kept, plan
 from specklegen.datasets.batched.generator import SpeckleGenerator
 from specklegen.datasets.loading import stream as stream_module
@@ -209,8 +210,14 @@ def test_bad_recipes_and_splits_are_refused():
         SpeckleGenerator(load_recipe("tilt-stack"), 0, "exam")
 
 
+def test_a_device_that_is_not_there_is_named():
+    with pytest.raises(ValueError, match="SpeckleGenerator.device must be a device that torch has here; got 'gpu'"):
+        SpeckleGenerator(load_recipe("tilt-stack"), 0, device="gpu")
+
+
 def test_a_stream_uses_the_generator_where_it_can(monkeypatch, caplog):
-    monkeypatch.setattr(stream_module, "checked_device", lambda _field, device: torch.device(device))
+    for module in (stream_module, generator_module):
+        monkeypatch.setattr(module, "checked_device", lambda _field, device: torch.device(device))
     stream = SpeckleStream(recipe_of("through-slab"), device="meta", batch_size=4)
     assert stream.report()["way"] == plan.KEPT
     batch = next(iter(stream))

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from fake_recipe import FakeRecipe
 
-from specklegen.core.errors import RuleError
+from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.datasets import SpeckleCache, SpeckleStream
 from specklegen.datasets.loading.export import export
+from specklegen.datasets.store import creation
 from specklegen.datasets.store.card import card
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.store import Store
@@ -87,3 +88,14 @@ def test_names_stay_in_their_places(tmp_path):
 
 def test_a_store_names_the_libraries_that_it_was_begun_with(cache):
     assert {"numpy", "torch", "numba"} <= Store(cache.folder).attributes["libraries"].keys()
+
+
+def test_a_store_that_grows_with_other_libraries_says_so(tmp_path, monkeypatch, recwarn):
+    folder = tmp_path / "a.zarr"
+    generate(FakeRecipe(), samples=4, folder=folder, processes=1)
+    now = Store(folder).attributes["libraries"]
+    monkeypatch.setattr(creation, "library_versions", lambda: now | {"numpy": "99.0"})
+    generate(FakeRecipe(), samples=4, folder=folder, processes=1)  # nothing is added
+    assert not [w for w in recwarn if "other libraries" in str(w.message)]
+    with pytest.warns(DoubtWarning, match=rf"other libraries: numpy {now['numpy']} is now 99\.0\. .*last bits"):
+        generate(FakeRecipe(), samples=6, folder=folder, processes=1)

@@ -68,6 +68,13 @@ def test_the_residual_net_takes_no_camera_images():
         Training(network="residual", input="camera")
 
 
+@pytest.mark.parametrize("device", ["gpu", "meta", *([] if torch.cuda.is_available() else ["cuda"])])
+def test_a_device_that_is_not_there_is_named_before_anything_is_written(tmp_path, device):
+    with pytest.raises(ValueError, match=f"train device must be a device that torch has here; got '{device}'"):
+        train(SETTINGS, DATA, HELD_OUT, tmp_path / "run", device=device)
+    assert not (tmp_path / "run").exists()
+
+
 def test_it_learns(tmp_path):
     model = train(SETTINGS.replace(epochs=20, mirror=False), DATA, HELD_OUT, tmp_path)
     made = model(HELD_OUT.inputs.float())
