@@ -27,6 +27,9 @@ from .scene.scatterers import Scatterer as Scatterer
 from .scene.scatterers import Tabulated as Tabulated
 from .scene.scatterers import VonMisesFisher as VonMisesFisher
 from .scene.scene import Scene as Scene
+from .scene.screens import GroundGlass as GroundGlass
+from .scene.screens import PhaseScreen as PhaseScreen
+from .scene.screens import ScreenStack as ScreenStack
 from .scene.sensors import FarField as FarField
 from .scene.sensors import FarFieldGrid as FarFieldGrid
 from .scene.sensors import NearField as NearField

@@ -32,7 +32,9 @@ from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.media import Box, Slab, VoxelGrid
 from specklegen.scene.scene import Scene
+from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack, ThinMedium, require_thin
 from specklegen.scene.validity import warn_of_dependence
+from specklegen.theory.phase_screens import index_correlation, lobes, tilt_ways
 
 Mode = Literal["transmission", "reflection"]
 _OFF_BACKSCATTER = np.deg2rad(5.0)
@@ -97,7 +99,7 @@ class MemoryEffect(Pictured):
 
 
 def memory_effect(
-    medium: Slab,
+    medium: Slab | ThinMedium,
     *,
     wavelength: float,
     tilts: ArrayLike,
@@ -119,7 +121,7 @@ def memory_effect(
     Parameters
     ----------
     medium
-        The slab.
+        The slab; or thin screens, of which the curve is a closed form: paths, errors and reversed paths are none.
     wavelength
         Inside the medium, in the slab's unit of length.
     tilts
@@ -157,6 +159,8 @@ def memory_effect(
     DoubtWarning
         Where the mean free path is below the wavelength: independent scattering is then doubtful.
     """
+    if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
+        return _of_screens(medium, wavelength, tilts, mode, view)
     if isinstance(medium, Box | VoxelGrid | Scene):
         reject(
             "memory_effect medium", "a Slab, which is infinite sideways", medium,
@@ -208,6 +212,29 @@ def memory_effect(
         paths=count,
         reverse=reversal.needed,
     )
+
+
+def _of_screens(medium: ThinMedium, wavelength: float, tilts: ArrayLike, mode: Mode, view: ArrayLike | None):
+    """Curve of thin screens at a fixed view, in closed form (:mod:`specklegen.theory.phase_screens`, Eq. 2)."""
+    tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
+    if mode != "transmission":
+        reject("memory_effect mode", '"transmission" behind thin screens', mode)
+    stack, sines = require_thin(medium, wavelength), np.sin(tilts)
+    terms = lobes(stack, wavelength)
+    seen = np.zeros(2) if view is None else real_array("memory_effect view", view)[:2]
+    lateral = np.stack([sines, 0 * sines], axis=-1)
+    walks = [terms.correlation(seen, tilt_ways(stack, each)) for each in lateral]
+    kept = index_correlation(stack, wavelength, np.append(0.0, np.abs(sines)))[0, 1:]
+    field = np.array(walks, np.complex128).conj() * kept
+    intensity = np.square(np.abs(field))
+    weight = terms.densities(float(np.hypot(seen[0], seen[1])))
+    walk, _ = terms.spreads(tilt_ways(stack, np.array([1.0, 0.0])))
+    still = walk <= 1e-12 * walk.max(initial=0.0)
+    return MemoryEffect(
+        tilts=tilts, q=2 * np.pi / wavelength * sines * stack.thickness, field=field, intensity=intensity,
+        decorrelation=1 - intensity, standard_error=0 * intensity,
+        single_share=float(weight[still].sum() / weight.sum()) if weight.any() else 1.0, paths=0, reverse=False,
+    )  # fmt: skip
 
 
 def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):

@@ -2,7 +2,7 @@
 
 A recipe is a frozen value, read from a packaged preset or a TOML file. ``inherits`` names another recipe to
 start from; tables are merged, everything else is replaced. The physics of each kind is in a file of its own:
-:mod:`tilt_stack`, :mod:`hidden_object`, :mod:`partially_coherent`.
+:mod:`tilt_stack`, :mod:`hidden_object`, :mod:`partially_coherent`, :mod:`masked_light`.
 """
 
 import hashlib

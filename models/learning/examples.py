@@ -13,6 +13,8 @@ from specklegen.datasets.loading.stream import tensors
 from specklegen.models.learning.inputs import network_input
 
 _CHUNK = 64
+SHARED_BY = 8
+"""Neighbouring samples of a training stream that share a medium: preparing one costs more than an image."""
 
 
 class Examples(NamedTuple):
@@ -66,6 +68,12 @@ def examples(
         for batch in batches_of(source, count, seed, split)
     ]
     return Examples(*(torch.cat(field) for field in zip(*parts, strict=True)))
+
+
+def sharing_media(recipe: Recipe, samples: int = SHARED_BY) -> Recipe:
+    """Let so many neighbouring samples share a medium, where media are never seen again and the recipe shares none."""
+    alone = recipe.media is None and recipe.media_group == 1
+    return recipe.replace(media_group=samples).on(recipe.device) if alone and samples > 1 else recipe
 
 
 class Streamed:

@@ -6,10 +6,12 @@ the pitch at which the object is to be reconstructed (``object_pitch``, chosen b
 does not tell it). That takes scale out of the problem, and averages over pixels where they are finer than that pitch.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 from specklegen.core.errors import reject
@@ -50,6 +52,47 @@ def resampled_lags(lags: Tensor, step: Tensor, size: int) -> Tensor:
     return rows @ lags @ columns.transpose(-2, -1)
 
 
+def object_lags(images: Tensor, step: Tensor, size: int) -> Tensor:
+    """Autocorrelations of fluctuations on the object's pitch, float[B, size, size]; zero lag at [size // 2, size // 2].
+
+    ``resampled_lags(speckle_autocorrelation(images), step, size)``, but of the lags that are kept alone: the transform
+    is as long as they need, and of two opposite lags one is made. On the CPU image by image, so that companions do not
+    change an image's last bits.
+
+    Parameters
+    ----------
+    images
+        float[B, H, W].
+    step
+        Camera pixels in an object pixel, float[B].
+    size
+        Side of the result, even.
+    """
+    if images.device.type != "cpu":
+        return resampled_lags(speckle_autocorrelation(images), step, size)
+    return torch.stack([_half_by_half(image, each, size) for image, each in zip(images, step, strict=True)])
+
+
+def _half_by_half(image: Tensor, step: Tensor, size: int) -> Tensor:
+    """One image float[H, W]; only lags with a row of at least 0 are summed, the others are these turned about."""
+    shape, half = image.shape, size // 2
+    reach = [min(n - 1, math.ceil(half * float(step) + max(float(step), 1.0))) for n in shape]
+    padded = [int(next_fast_len(n + far, real=True) or 0) for n, far in zip(shape, reach, strict=True)]
+    spectrum = torch.view_as_real(torch.fft.rfft2(image - image.mean(), s=padded)).square_()
+    sums = torch.fft.irfft2((spectrum[..., 0] + spectrum[..., 1]).to(image.dtype.to_complex()), s=padded)
+    pairs = [n - torch.arange(-far, far + 1, dtype=image.dtype).abs() for n, far in zip(shape, reach, strict=True)]
+    kept = torch.cat([sums[: reach[0] + 1, -reach[1] :], sums[: reach[0] + 1, : reach[1] + 1]], dim=1)
+    kept = kept / (pairs[0][reach[0] :, None] * pairs[1])
+    kept = kept / kept[0, reach[1]].clamp_min(torch.finfo(kept.dtype).tiny)
+    # Triangles about rows near 0 reach over to rows below, which are those above turned about.
+    rows, columns = (_triangles(2 * far + 1, step[None].to(image), size + 2)[0, 1:] for far in reach)
+    down, up = rows[half:, reach[0] :], rows[half:, : reach[0]].flip(1)
+    found = down @ kept @ columns.T
+    found += (up @ kept[1:].flip(1)) @ columns.T
+    upper = found[1 : half + 1].flip((0, 1))
+    return torch.cat([upper[:, :size], found[:half, :size]])
+
+
 def _triangles(count: int, step: Tensor, size: int) -> Tensor:
     """Weights float[B, size, count] of one axis."""
     old = torch.arange(count, device=step.device, dtype=step.dtype) - count // 2
@@ -83,7 +126,7 @@ def camera_input(images: Tensor, step: Tensor) -> Tensor:
 
 def autocorrelation_input(images: Tensor, step: Tensor) -> Tensor:
     """Channels float[B, 2, LAGS, LAGS]: the autocorrelation on the object's pitch, and the scale."""
-    return _with_scale(resampled_lags(speckle_autocorrelation(images), step, LAGS), step)
+    return _with_scale(object_lags(images, step, LAGS), step)
 
 
 def _with_scale(picture: Tensor, step: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ from specklegen.core.arguments import whole_number
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
 from specklegen.models.learning.inputs import INPUTS, network_input
-from specklegen.models.learning.model_file import read_model, write_model
+from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks import build
 
 PRETRAINED = "unknown-slab"
@@ -64,7 +64,7 @@ class Reconstructor:
         stated |= {"shape": list(self.shape)}
         kept: dict[str, Tensor] = {}
         for key, weight in self.network.state_dict().items():
-            kept |= _rounded(key, weight) if compact else {key: weight}
+            kept |= rounded(key, weight) if compact else {key: weight}
         write_model(Path(path), stated, kept)
 
     @classmethod
@@ -78,7 +78,7 @@ class Reconstructor:
         """
         stated, kept = read_model(Path(path))
         device = checked_device("Reconstructor.device", device)
-        weights = {key: _restored(key, kept) for key in kept if not key.endswith(_SCALE)}
+        weights = restored(kept)
         network = _network_of(stated, weights, str(path)).to(device)
         return cls(network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device)
 
@@ -104,28 +104,6 @@ def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: 
     network = build(stated["name"], stated["side"], (rows, columns), stated["width"], seed=0)
     network.load_state_dict(dict(weights))
     return network
-
-
-_SCALE = ":scale"
-"""Ends the name of the scales that belong to a rounded weight."""
-
-
-def _rounded(key: str, weight: Tensor) -> dict[str, Tensor]:
-    """Rows as int8 and their scales; what has no rows as float16."""
-    if weight.ndim < 2:
-        return {key: weight.half()}
-    scale = weight.flatten(1).abs().amax(1).clamp_min(torch.finfo(weight.dtype).tiny) / 127
-    rows = (weight / scale.reshape(-1, *[1] * (weight.ndim - 1))).round().to(torch.int8)
-    return {key: rows, key + _SCALE: scale}
-
-
-def _restored(key: str, kept: Mapping[str, Tensor]) -> Tensor:
-    if key + _SCALE not in kept:
-        return kept[key].float()
-    rows, scale = kept[key], kept[key + _SCALE]
-    if len(scale) != len(rows):
-        reject("model", "a file with a scale for each row", key)
-    return rows * scale.reshape(-1, *[1] * (rows.ndim - 1))
 
 
 def centred(images: Tensor) -> Tensor:

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,8 +31,9 @@ class Run:
     """State of a run; all of it is in the checkpoint."""
 
     def __init__(
-        self, training: "Training", validation: Examples, folder: Path, device: str, record: dict[str, Any]
-    ) -> None:
+        self, training: "Training", validation: Examples, folder: Path, device: str, record: dict[str, Any],
+        begun: float,
+    ) -> None:  # fmt: skip
         folder.mkdir(parents=True, exist_ok=True)
         self.record = record
         self.training, self.validation, self.folder, self.device = training, validation, folder, torch.device(device)
@@ -49,7 +51,13 @@ class Run:
         self.rows: list[dict[str, float]] = []
         if (folder / "checkpoint.pt").exists():
             self.restore()
+        self.counted = begun
         write_record(folder, record)
+
+    def count_time(self) -> None:
+        """Add what has passed by the clock since the last count."""
+        now = time.perf_counter()
+        self.spent, self.counted = self.spent + now - self.counted, now
 
     def take_step(self, inputs: Tensor, targets: Tensor, loss_of: Loss, rate: float) -> None:
         """One step of the optimiser at a share of the learning rate."""
@@ -75,6 +83,7 @@ class Run:
         """Validate, log, keep the best, save."""
         model = self.reconstructor()
         found = validated(model, self.validation)
+        self.count_time()
         row = {
             "epoch": self.epoch,
             "seconds": round(self.spent, 3),
@@ -108,6 +117,7 @@ class Run:
 
     def save(self) -> None:
         """Write the checkpoint whole, or not at all."""
+        self.count_time()
         state: dict[str, Any] = {name: getattr(self, name) for name in self._COUNTERS}
         state |= {"record": json.dumps(self.record), "side": self.side, "shape": list(self.shape)}
         state |= {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
@@ -137,3 +147,9 @@ def validated(model: Reconstructor, examples: Examples) -> float:
         for made in [model(inputs.float()).cpu()]
     ]
     return float(torch.cat(found).mean())
+
+
+def read_log(folder: Path) -> list[dict[str, float]]:
+    """Rows of a run's log, an epoch each."""
+    with (folder / "log.csv").open(newline="") as file:
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]

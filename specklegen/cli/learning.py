@@ -1,12 +1,23 @@
 """The commands that learn and judge: ``specklegen train`` and ``specklegen evaluate``."""
 
+import time
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from specklegen.cli.output import AsJson, echo_json, writable
-from specklegen.cli.recipe_options import RecipeOrStore, Seed, Set, Split, is_store, load_hidden, names_starting_with
+from specklegen.cli.recipe_options import (
+    Images,
+    Objects,
+    RecipeOrStore,
+    Seed,
+    Set,
+    Split,
+    is_store,
+    load_hidden,
+    names_starting_with,
+)
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import counted, reject
 
@@ -32,17 +43,25 @@ def train(
     learning_rate: Annotated[float, typer.Option(help="Largest learning rate.")] = 3e-3,
     batch_size: Annotated[int, typer.Option(min=1, help="Samples a step.")] = 64,
     epochs: Annotated[int, typer.Option(min=1, help="Passes through the data.")] = 20,
-    seconds: Annotated[float | None, typer.Option(help="Processor time to spend (by default: all epochs).")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Time to spend by the clock, everything included (by default: all epochs).")
+    ] = None,
     mirror: Annotated[bool, typer.Option(help="Show half of the samples mirrored.")] = False,
     workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that render a stream.")] = 0,
+    media_group: Annotated[
+        int, typer.Option(min=1, help="Samples of a stream that share a medium, where each has one of its own.")
+    ] = 8,
     device: Annotated[str, typer.Option(help="Torch device.")] = "cpu",
     seed: Seed = 0,
     changes: Set = None,
+    images: Images = None,
+    objects: Objects = None,
 ) -> None:
     """Train a network to see through fog, on a recipe streamed meanwhile or on a store.
 
-    Checkpoint, log and curves lie in the folder of the run.
+    Checkpoint, log and curves lie in the folder of the run, and are renewed while it goes on.
     """
+    begun = time.perf_counter()
     checked_device("--device", device)
     if seconds is not None and not seconds > 0:
         reject("--seconds", "greater than 0", seconds)
@@ -51,8 +70,9 @@ def train(
 
     from specklegen.datasets import SpeckleCache, SpeckleStream
     from specklegen.models.judging.charts import training_curves
-    from specklegen.models.learning.examples import examples, streamed
+    from specklegen.models.learning.examples import examples, sharing_media, streamed
     from specklegen.models.learning.networks import parameter_count
+    from specklegen.models.learning.run import read_log
     from specklegen.models.learning.run_record import require_held_out
     from specklegen.models.learning.training import Training
     from specklegen.models.learning.training import train as fit
@@ -64,8 +84,9 @@ def train(
     if is_store(what):
         if validation is None:
             reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
-        if changes:
-            reject("train --set", "left out with a store, which has its recipe", " ".join(changes))
+        for option, given in (("--set", changes), ("--images", images), ("--objects", objects)):
+            if given:
+                reject(f"train {option}", "left out with a store, which has its recipe", given)
         stored, judged = SpeckleCache(what), SpeckleCache(validation)
         require_held_out(stored, judged)
         data, held_out = examples(stored, input), examples(judged, input)
@@ -74,14 +95,16 @@ def train(
     else:
         if validation is not None:
             reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
-        recipe = load_hidden(what, changes)
-        data = streamed(SpeckleStream(recipe, seed=seed, batch_size=batch_size), input, workers)
+        recipe = load_hidden(what, changes, images, objects)
+        shown = sharing_media(recipe, media_group)
+        data = streamed(SpeckleStream(shown, seed=seed, batch_size=batch_size), input, workers)
         held_out = examples(recipe, input, validation_samples, seed, "validation")
         about = {"validation": {"seed": seed, "split": "validation", "samples": validation_samples}}
     rows: list[dict[str, float]] = []
 
     def show(row: dict[str, float]) -> None:
         rows.append(row)
+        training_curves({network: read_log(out)}, out / "curves.png")
         tqdm.write(
             f"epoch {row['epoch']}: {row['seconds']:.0f} s, loss {row['train_loss']:.4f}, "
             f"validation {row['validation_pearson']:.4f}"
@@ -97,15 +120,14 @@ def train(
 
         try:
             model = fit(
-                settings, data, held_out, out, seconds=seconds, device=device, progress=show, steps=step, about=about
-            )
+                settings, data, held_out, out, seconds=seconds, device=device, progress=show, steps=step, about=about,
+                begun=begun,
+            )  # fmt: skip
         except KeyboardInterrupt:
             typer.echo(f"stopped; the same command goes on from {out / 'checkpoint.pt'}", err=True)
             raise typer.Exit(130) from None
     if not rows:
         typer.echo(f"The run in {out} was finished already: nothing was done. Ask for more --epochs to go on.")
-    if rows:
-        training_curves({network: rows}, out / "curves.png")
     typer.echo(f"{counted(parameter_count(model.network), 'parameter')}, {out / 'best.pt'}")
 
 

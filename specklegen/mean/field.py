@@ -3,10 +3,10 @@
 Where a point is involved, a sensor or a source, it is the attenuated ray tau xi of the *total* field. Between far
 lights and far views it depends on the medium:
 
-* behind a slab, beams: the total transmitted mean of a wide beam, e^(-OD/2) times the diffraction pattern of its
-  window. At v = i its amplitude is (k / 2 pi)^((d-1)/2) A e^(-OD/2), and for a square window its first zero lies
-  lambda / W away. The constant phase is chosen such that the field on the exit face is real and positive at the
-  window's centre for a beam along the axis;
+* behind a slab or thin screens, beams: the total transmitted mean of a wide beam, e^(-OD/2) times the diffraction
+  pattern of its window. At v = i its amplitude is (k / 2 pi)^((d-1)/2) A e^(-OD/2), and for a square window its
+  first zero lies lambda / W away. The constant phase is chosen such that the field on the exit face is real and
+  positive at the window's centre for a beam along the axis;
 * of a box or a voxel grid: the field *scattered* by it, for the light that misses or crosses it is not limited by
   it (that of a plane wave is a delta at v = i): see :mod:`specklegen.mean.finite`.
 """
@@ -50,9 +50,9 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
         reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", type(lights).__name__)
     if isinstance(scene.sensor, NearField) or isinstance(lights, PointSources):
         field = _rays(scene)
-    elif isinstance(scene.medium, Slab):
+    elif isinstance(scene.medium, Slab) or scene.thin is not None:
         assert isinstance(lights, CollimatedBeams)  # a scene of plane waves has no far field behind a slab
-        field = _slab(scene.medium, lights, scene.views, scene.wavelength)
+        field = _layer(scene, lights)
     else:
         field = scattered_mean(scene, most_nodes)
     return field.reshape(len(scene.lights), *scene.sensor.shape)
@@ -63,7 +63,7 @@ def _rays(scene: Scene) -> np.ndarray:
     lights, views = light_endpoints(scene), view_endpoints(scene)
     field = np.empty((len(lights), len(views)), np.complex128)
     met = mean_integrals.rays(
-        volume_of(scene.medium, scene.dimension), lights.near, lights.vectors, views.near, views.vectors,
+        volume_of(scene.volume, scene.dimension), lights.near, lights.vectors, views.near, views.vectors,
         scene.wavelength, lights.footprint, lights.radius, field,
     )  # fmt: skip
     if met >= 0:
@@ -74,22 +74,32 @@ def _rays(scene: Scene) -> np.ndarray:
     return field
 
 
-def _slab(slab: Slab, beams: CollimatedBeams, views: np.ndarray, wavelength: float) -> np.ndarray:
-    """complex128[T, V], diffraction patterns of the window as the exit face sends them."""
+def _layer(scene: Scene, beams: CollimatedBeams) -> np.ndarray:
+    """complex128[T, V], diffraction patterns of the window as the exit face of a slab or of screens sends them."""
+    views, wavelength = scene.views, scene.wavelength
     field = np.empty((len(beams.directions), len(views)), np.complex128)
-    for tilt, direction in zip(field, beams.directions, strict=True):
+    for tilt, direction, depth in zip(field, beams.directions, _depths(scene), strict=True):
         difference = (direction - views) / wavelength
         # On the exit face the beam has walked off by its slope times the thickness.
-        turns = difference @ (direction / direction[-1] * slab.thickness)
+        turns = difference @ (direction / direction[-1] * scene.thickness)
         pattern = beams.window.transform(*difference[:, :-1].T)
-        attenuation = np.exp(-0.5 * slab.optical_depth / direction[-1])
+        attenuation = np.exp(-0.5 * depth)
         obliquity = np.sqrt(direction[-1])  # face area to cross section
         scale = obliquity * attenuation / wavelength ** (difference.shape[-1] / 2 - 0.5)
         tilt[...] = np.where(views[:, -1] > 0, scale * pattern * np.exp(2j * np.pi * turns), 0)
     return field
 
 
+def _depths(scene: Scene) -> np.ndarray:
+    """float64[T], what the unscattered light of every beam has lost: ln of its share is -depth."""
+    directions = scene.beams.directions
+    if scene.thin is not None:
+        return np.square(scene.thin.phases(scene.wavelength, np.hypot(*directions[:, :2].T))).sum(axis=0)
+    return scene.optical_depth / directions[:, -1]
+
+
 def ballistic_fraction(scene: Scene) -> float:
     """e^(-OD), the share of the light that crosses the medium without a collision, at the steepest tilt."""
-    steepest = scene.beams.directions[:, -1].max(initial=0.0) or 1.0
-    return float(np.exp(-scene.medium.optical_depth / steepest))
+    if not len(scene.beams.directions):
+        return float(np.exp(-scene.optical_depth))
+    return float(np.exp(-_depths(scene)[scene.beams.directions[:, -1].argmax()]))

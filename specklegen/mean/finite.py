@@ -41,7 +41,7 @@ def scattered_mean(scene: Scene, most_nodes: float) -> np.ndarray:
         return np.zeros((len(lights), len(views)), np.complex128)
     turned = 1j if scene.dimension == 3 else np.exp(0.75j * np.pi)
     scale = turned / scene.wavelength ** ((scene.dimension - 1) / 2)
-    shapes = np.stack([forward_ratio(s, lights @ views.T, scene.dimension) for s in materials(scene.medium)])
+    shapes = np.stack([forward_ratio(s, lights @ views.T, scene.dimension) for s in materials(scene.volume)])
     if isinstance(scene.medium, Box) and not isinstance(scene.illumination, CollimatedBeams):
         return scale * shapes[0] * _box(scene, scene.medium, most_nodes)
     rows = []
@@ -113,7 +113,7 @@ def _integral(scene: Scene, light: np.ndarray, shapes: np.ndarray, most_nodes: f
 
 def _sum(scene: Scene, light: np.ndarray, nodes: Nodes, shapes: np.ndarray) -> tuple[np.ndarray, float]:
     """(complex128[V], the largest sum of moduli at any view)."""
-    volume, views = volume_of(scene.medium, scene.dimension), spatial(scene.views)
+    volume, views = volume_of(scene.volume, scene.dimension), spatial(scene.views)
     out, bound = np.empty(len(views), np.complex128), np.empty(len(views))
 
     def part(start: int) -> None:

@@ -50,7 +50,7 @@ class _Axis(NamedTuple):
 
 def beam_nodes(scene: Scene, light: np.ndarray, level: int, most: float) -> Nodes | None:
     """Nodes for one light, panels doubled ``level`` times along each axis; None where there are more than ``most``."""
-    medium = scene.medium
+    medium = scene.volume
     assert not isinstance(medium, Slab)
     fineness = 2.0**level / _RADIANS
     beams = scene.illumination if isinstance(scene.illumination, CollimatedBeams) else None

@@ -13,6 +13,7 @@ from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.scene.illumination import IncoherentObject, PointSources, directions_of_sines
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarField, FarFieldGrid, Sensor
+from specklegen.theory.phase_screens import scattered_intensity
 
 _BLOCK = 64  # nearest rows and columns in which the rings of a disc are looked for
 _MEAN = "mean (ballistic) field"
@@ -29,6 +30,8 @@ def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = Fa
         return Decision(_MEAN, True, "asked for")
     if not len(scene.lights) or not np.prod(scene.sensor.shape):
         return Decision(_MEAN, False, "there is no light, or no view")
+    if scene.thin is not None:
+        return _mean_left_out(_strongest_mean(scene) / max(scattered_intensity(scene), 1e-300), tolerance)
     if lock_step_obstacle(scene):
         return _volume_mean_decision(scene, tolerance, reverse)
     ratio = _strongest_mean(scene) / max(scene_pilot(scene, False).intensity, 1e-300)

@@ -62,8 +62,8 @@ class Layout:
 def scene_layout(scene: Scene) -> Layout:
     """Lay out a scene."""
     return Layout(
-        volume=volume_of(scene.medium, scene.dimension),
-        table=phase_table(materials(scene.medium), 2 if scene.dimension == 2 else 3),
+        volume=volume_of(scene.volume, scene.dimension),
+        table=phase_table(materials(scene.volume), 2 if scene.dimension == 2 else 3),
         lights=light_endpoints(scene),
         views=view_endpoints(scene),
         wavelength=scene.wavelength,

@@ -22,15 +22,17 @@ def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision
 
     Between directions the rule of physics.md 2 decides. Between points no rule bounds them, so they are kept.
     """
+    if scene.thin is not None:
+        return Decision("reversed paths", False, "a thin screen sends no light back")
     near = isinstance(scene.sensor, NearField) or isinstance(scene.illumination, PointSources)
     if reverse == "auto" and near:
         return Decision("reversed paths", True, "kept: between points nothing bounds what they add")
-    if np.isinf(scene.medium.mean_free_path):
+    if np.isinf(scene.volume.mean_free_path):
         return Decision("reversed paths", False, "nothing scatters")
     if reverse != "auto" and not isinstance(reverse, bool):
         reject("reverse", 'True, False or "auto"', reverse)
     return reversal_decision(
-        scene.medium, scene.wavelength, scene.lights, _nearest_backscattering(scene), reverse, tolerance
+        scene.volume, scene.wavelength, scene.lights, _nearest_backscattering(scene), reverse, tolerance
     )
 
 

@@ -26,15 +26,15 @@ def scene_sources(scene: Scene) -> Sources:
     Half of the paths start from sensor points where there are any within two mean free paths of the medium:
     their 1/r^(d-1) is then part of the density, and no connection to them is ever too bright.
     """
-    volume = volume_of(scene.medium, scene.dimension)
-    lobe = _mean_cosine(scene.medium, scene.dimension)
+    volume = volume_of(scene.volume, scene.dimension)
+    lobe = _mean_cosine(scene.volume, scene.dimension)
     rows = _light_rows(scene, volume)
     points = close_points(scene, volume)
     share = 0.5 if points and rows else 1.0
     rows = [(share / len(rows), row) for row in rows]
     rows += [(share / len(points), _point_row(volume, point)) for point in points]
     if np.isfinite(np.diff(volume.bounds, axis=0)[0, [0, 2]]).all():
-        evenly = min(_EVENLY, 1 / max(scene.medium.optical_depth, 1.0)) if rows else 1.0
+        evenly = min(_EVENLY, 1 / max(scene.volume.optical_depth, 1.0)) if rows else 1.0
         rows = [(weight * (1 - evenly), row) for weight, row in rows]
         rows.append((evenly, {"kind": kernel.UNIFORM}))
     return _laid_out(rows, lobe)

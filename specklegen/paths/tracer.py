@@ -101,7 +101,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> VolumeTracer:
         sources=scene_sources(scene),
         bidirectional=reverse or bool(close_points(scene, layout.volume)),
         threshold=0.0,
-        max_order=default_max_order(scene.medium),
+        max_order=default_max_order(scene.volume),
     )
     seed = pilot_seed(scene.unitless_fingerprint())
     return capacious(tracer if layout.views.near else volume_roulette(tracer, seed))

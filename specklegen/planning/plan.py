@@ -12,7 +12,7 @@ from specklegen.mean.field import ballistic_fraction
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.samplers.sampler import Sampler
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
-from specklegen.scene.media import Medium, Slab, VoxelGrid
+from specklegen.scene.media import Slab, VoxelGrid
 from specklegen.scene.scene import Scene
 
 _LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel"}
@@ -104,13 +104,13 @@ class Plan(Pictured):
         """Tell in words what will be done, what is left out and why, what it costs and what else would cost."""
         shape = "x".join(str(n) for n in self.scene.sensor.shape)
         lines = [
-            f"{_described(self.scene.medium)}; {_lit(self.scene)}, {shape} views.",
+            f"{_described(self.scene)}; {_lit(self.scene)}, {shape} views.",
             f"Sampler: {self.sampler} ({self.summation}), {self.paths} paths.",
         ]
         lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.decisions]
         lines += [
-            f"Expected error ({self.chosen.error_of}, relative): {self.expected_error:.2g}; "
-            "four times the paths halve it.",
+            f"Expected error ({self.chosen.error_of}, relative): {self.expected_error:.2g}"
+            + ("; four times the paths halve it." if self.paths else "."),
             f"Speckle: {self.gaussianity}",
             f"Cost: about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
         ]
@@ -129,8 +129,17 @@ def _lit(scene: Scene) -> str:
     return words
 
 
-def _described(medium: Medium) -> str:
+def _described(scene: Scene) -> str:
     """One line about a medium."""
+    stack = scene.thin
+    if stack is not None:
+        apart = f" over {stack.thickness:.4g}" if len(stack.screens) > 1 else ""
+        phases = ", ".join(f"{phase:.3g}" for phase in stack.phases(scene.wavelength))
+        return (
+            f"{counted(len(stack.screens), 'phase screen')}{apart} of rms phase {phases}, rms angle "
+            f"{stack.rms_angle(scene.wavelength):.3g}"
+        )  # fmt: skip
+    medium = scene.volume
     if isinstance(medium, VoxelGrid):
         shape = "x".join(str(n) for n in medium.extinction.shape)
         return (

@@ -22,6 +22,7 @@ from specklegen.planning.plan import Plan
 from specklegen.samplers.covariance import sampler as covariance
 from specklegen.samplers.path_sums import sampler as path_sums
 from specklegen.samplers.sampler import SamplerName, Wish, require_float32
+from specklegen.samplers.screens import sampler as screens
 from specklegen.samplers.stationary import sampler as stationary
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.scene import Scene
@@ -32,11 +33,14 @@ SAMPLERS = {
     "stationary": stationary.consider,
     "paths": path_sums.consider,
     "covariance": covariance.consider,
+    "screens": screens.consider,
 }
 """Every sampler by the name that one asks for it, and its rule."""
 
 PREFERRED: tuple[SamplerName, ...] = ("stationary", "paths")
-"""Those that "auto" asks, the cheapest first."""
+"""Those that "auto" asks of a volume of scatterers, the cheapest first."""
+THIN: tuple[SamplerName, ...] = ("screens",)
+"""And of thin screens."""
 
 STATIONARY_TOLERANCE = 0.02
 SIMPLER = Decision(
@@ -73,9 +77,9 @@ def plan(
         (:func:`specklegen.coherence.partially_coherent.finite_path_excess`). Also
         the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
-        "auto", or one of "paths", "covariance", "stationary". "covariance" (few lights and views) estimates
-        the covariance once and draws every realization from its eigenvectors. A sampler that is asked for serves even
-        where its rule is against it, if it can; the plan's ``doubts`` say so.
+        "auto", or one of "paths", "covariance", "stationary", and of thin media "screens". "covariance" (few lights
+        and views) estimates the covariance once and draws every realization from its eigenvectors. A sampler that is
+        asked for serves even where its rule is against it, if it can; the plan's ``doubts`` say so.
     reverse
         Coherent backscattering: True, False or "auto".
     mean
@@ -99,7 +103,12 @@ def plan(
     if not 0 < real_number("field_tolerance", field_tolerance) < 1:
         reject("field_tolerance", "between 0 and 1", field_tolerance)
     if sampler != "auto" and sampler not in SAMPLERS:
-        reject("sampler", 'one of "auto", "paths", "covariance", "stationary"', sampler)
+        known = ", ".join(f'"{name}"' for name in ("auto", *SAMPLERS))
+        reject("sampler", f"one of {known}", sampler)
+    if scene.thin is not None and sampler not in ("auto", *THIN):
+        reject("sampler", '"auto" or "screens" for a thin medium', sampler)
+    if scene.thin is None and sampler in THIN:
+        reject("sampler", "another one for a medium of scatterers", sampler, "It draws thin screens alone.")
     tolerance = rel_error if rel_error is not None else STATIONARY_TOLERANCE
     grid = scene.sensor
     if isinstance(grid, FarFieldGrid) and isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
@@ -110,10 +119,11 @@ def plan(
     reversal = scene_reversal(scene, reverse, tolerance)
     wish = Wish(paths, rel_error, reversal.needed, tolerance, field_tolerance, sampler, streamed)
     decisions = [*validity_decisions(scene), reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
-    if lock_step_obstacle(scene) is None and len(scene.slab.scatterer.components) == 1:
+    if scene.thin is None and lock_step_obstacle(scene) is None and len(scene.slab.scatterer.components) == 1:
         decisions.append(SIMPLER)
     chosen, told = None, []
-    for name in PREFERRED if sampler == "auto" else (sampler,):
+    preferred = PREFERRED if scene.thin is None else THIN
+    for name in preferred if sampler == "auto" else (sampler,):
         chosen, told = SAMPLERS[name](scene, wish)
         decisions += told
         if chosen is not None:
@@ -122,7 +132,7 @@ def plan(
     if sampler == "paths":
         decisions.append(Decision("stationary sampler", False, "as asked"))
     require_reach("plan", scene_relative_variance(scene), chosen.paths)
-    require_float32(chosen.pilot.intensity)
+    require_float32(chosen.intensity)
     threads = thread_count(threads)
     needed = chosen.memory(threads)
     _require_memory(scene, needed)

@@ -14,11 +14,10 @@ import numpy as np
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.paths.gaussianity import Gaussianity
-from specklegen.paths.pilot import Pilot
 from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.scene import Scene
 
-SamplerName = Literal["auto", "paths", "covariance", "stationary"]
+SamplerName = Literal["auto", "paths", "covariance", "stationary", "screens"]
 
 Where = tuple[slice, slice, slice]
 """Tilts, rows and columns of a piece in its stack."""
@@ -101,8 +100,8 @@ class Sampler(Protocol):
         ...
 
     @property
-    def pilot(self) -> Pilot:
-        """What it was planned from."""
+    def intensity(self) -> float:
+        """Largest mean intensity among a few lights and views."""
         ...
 
     @property

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, NonNegative, Positive, UnitInterval, Value, position_vectors
 from specklegen.scene.scatterers import AnyScatterer
+from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack
 from specklegen.scene.unitless import unitless_fingerprint
 
 
@@ -180,3 +181,9 @@ def _require_corners(owner: str, lower: np.ndarray, upper: np.ndarray) -> None:
 
 
 Medium = Annotated[Slab | Box | VoxelGrid, Field(discriminator="type")]
+"""Scatterers in a volume."""
+
+AnyMedium = Annotated[
+    Slab | Box | VoxelGrid | PhaseScreen | GroundGlass | ScreenStack, Field(discriminator="type")
+]
+"""What a scene may hold: a volume, or thin screens."""

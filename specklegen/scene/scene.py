@@ -10,9 +10,10 @@ from specklegen.core.errors import reject
 from specklegen.core.picturing import Pictured
 from specklegen.core.values import Positive, Value
 from specklegen.scene.illumination import CollimatedBeams, Illumination, IncoherentObject, PlaneWaves, PointSources
-from specklegen.scene.media import Medium, Slab, VoxelGrid
+from specklegen.scene.media import AnyMedium, Medium, Slab, VoxelGrid
 from specklegen.scene.scatterers.mie import Mie
 from specklegen.scene.schematic import draw_scene
+from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack, require_thin
 from specklegen.scene.sensors import FarFieldGrid, NearField, Sensor
 from specklegen.scene.unitless import unitless_fingerprint
 
@@ -32,18 +33,20 @@ class Scene(Value, Pictured):
     medium, illumination, sensor
         See :class:`Slab`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`, :class:`CollimatedBeams`,
         :class:`PointSources`, :class:`IncoherentObject`; :class:`FarField`, :class:`NearField`. All of them in space,
-        or all in flatland: the length of their vectors says which.
+        or all in flatland: the length of their vectors says which. Thin media (:class:`PhaseScreen`,
+        :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an object, and seen by a far-field grid in
+        transmission.
     """
 
     wavelength: Positive
-    medium: Medium
+    medium: AnyMedium
     illumination: Illumination
     sensor: Sensor
 
     @model_validator(mode="after")
     def _finite_power(self) -> Self:
         dimensions = {
-            "medium": None if isinstance(self.medium, Slab) else len(self.medium.lower),
+            "medium": _dimension(self.medium),
             "illumination": _light_vectors(self.illumination).shape[-1],
             "sensor": self.sensor.dimension,
         }
@@ -55,6 +58,9 @@ class Scene(Value, Pictured):
                 ", ".join(f"{name} of {d} coordinates" for name, d in known.items()),
                 "Flatland vectors are (x, z), those of space (x, y, z).",
             )
+        if self.thin is not None:
+            self._require_thin()
+            return self
         unlimited = isinstance(self.illumination, PlaneWaves) and isinstance(self.medium, Slab)
         if unlimited and not isinstance(self.sensor, NearField):
             reject(
@@ -69,9 +75,22 @@ class Scene(Value, Pictured):
         self._require_lengths()
         return self
 
+    def _require_thin(self) -> None:
+        """Refuse a thin medium where its model does not hold, and lights and sensors that it does not serve."""
+        medium, light = self.medium, self.illumination
+        if not isinstance(light, CollimatedBeams | IncoherentObject):
+            reject("Scene.illumination", f"CollimatedBeams or an object in front of a {medium.type}", light.type)
+        if isinstance(self.sensor, NearField) or self.side < 0:
+            reject("Scene.sensor", f"in the far field, in transmission, behind a {medium.type}", self.sensor.type,
+                   "Use FarField.grid(...): a thin screen sends no light back.")  # fmt: skip
+        stack = require_thin(medium, self.wavelength)  # type: ignore[arg-type]
+        lengths = {"Scene.wavelength": self.wavelength, f"{light.type}.width": light.width}
+        lengths |= {f"{medium.type}.correlation_length": length for length in stack.correlation_lengths}
+        _require_range(lengths | {f"{medium.type}.gaps": gap for gap in (*stack.gaps, stack.behind)})
+
     def _require_lengths(self) -> None:
         """Refuse lengths whose fourth powers leave the range of floats: results would be 0, NaN or without error."""
-        medium, light = self.medium, self.illumination
+        medium, light = self.volume, self.illumination
         lengths: dict[str, float] = {"Scene.wavelength": self.wavelength}
         if isinstance(medium, Slab):
             lengths["Slab.thickness"] = medium.thickness
@@ -84,20 +103,15 @@ class Scene(Value, Pictured):
             lengths[f"{light.type}.width"] = light.width
         if np.isfinite(medium.mean_free_path):
             lengths[f"{medium.type}.mean_free_path"] = medium.mean_free_path
-        for name, length in lengths.items():
-            if length and not 1 / LARGEST <= length <= LARGEST:
-                reject(
-                    name, f"between {1 / LARGEST:g} and {LARGEST:g}", length,
-                    "Give every length in a unit near the wavelength: only ratios of lengths matter.",
-                )  # fmt: skip
+        _require_range(lengths)
 
     def _require_apart(self, sources: np.ndarray, sensors: np.ndarray) -> None:
         """Refuse a sensor point beside a source inside the medium: single scattering there diverges with 1/distance."""
         gaps = np.linalg.norm(sources[:, None] - sensors, axis=-1).min(axis=1, initial=np.inf)
-        if isinstance(self.medium, Slab):
-            within = (sources[:, -1] >= 0) & (sources[:, -1] <= self.medium.thickness)
+        if isinstance(self.volume, Slab):
+            within = (sources[:, -1] >= 0) & (sources[:, -1] <= self.volume.thickness)
         else:
-            within = ((sources >= self.medium.lower) & (sources <= self.medium.upper)).all(axis=1)
+            within = ((sources >= self.volume.lower) & (sources <= self.volume.upper)).all(axis=1)
         close = within & (gaps < NEAREST * self.wavelength)
         if close.any():
             reject(
@@ -109,7 +123,7 @@ class Scene(Value, Pictured):
 
     def _require_wavelength(self) -> None:
         """Refuse Mie spheres made for another wavelength."""
-        medium = self.medium
+        medium = self.volume
         scatterers = medium.scatterers if isinstance(medium, VoxelGrid) else (medium.scatterer,)
         for particle in (p for scatterer in scatterers for p, _ in scatterer.components):
             if isinstance(particle, Mie) and abs(particle.wavelength / self.wavelength - 1) > 1e-9:
@@ -164,6 +178,30 @@ class Scene(Value, Pictured):
         return self.illumination
 
     @property
+    def thin(self) -> ScreenStack | None:
+        """A thin medium as a stack of screens; None where the medium is a volume."""
+        medium = self.medium
+        return medium.stack if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack) else None
+
+    @property
+    def volume(self) -> Medium:
+        """The medium of a scene whose medium is a volume of scatterers."""
+        medium = self.medium
+        if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
+            reject("Scene.medium", "a Slab, a Box or a VoxelGrid here", medium.type)
+        return medium
+
+    @property
+    def optical_depth(self) -> float:
+        """Mean number of events straight through: e^-OD is the unscattered share of the light."""
+        return self.volume.optical_depth if self.thin is None else self.thin.optical_depth(self.wavelength)
+
+    @property
+    def thickness(self) -> float:
+        """Of the medium along the optical axis."""
+        return self.volume.thickness if self.thin is None else self.thin.thickness
+
+    @property
     def slab(self) -> Slab:
         """The medium of a scene whose medium is a slab."""
         if not isinstance(self.medium, Slab):
@@ -200,3 +238,20 @@ class Scene(Value, Pictured):
 
 def _light_vectors(illumination: Illumination) -> np.ndarray:
     return illumination.points if isinstance(illumination, PointSources) else illumination.directions
+
+
+def _dimension(medium: AnyMedium) -> int | None:
+    """3 or 2, where the medium says; None for a slab, which may lie in either."""
+    if isinstance(medium, Slab):
+        return None
+    return 3 if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack) else len(medium.lower)
+
+
+def _require_range(lengths: dict[str, float]) -> None:
+    """Refuse lengths, by their names, whose fourth powers leave the range of floats."""
+    for name, length in lengths.items():
+        if length and not 1 / LARGEST <= length <= LARGEST:
+            reject(
+                name, f"between {1 / LARGEST:g} and {LARGEST:g}", length,
+                "Give every length in a unit near the wavelength: only ratios of lengths matter.",
+            )  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
 from specklegen.scene.media import Slab, VoxelGrid
+from specklegen.scene.screens import ScreenStack
 from specklegen.scene.sensors import FarFieldGrid, NearField
 
 if TYPE_CHECKING:
@@ -33,7 +34,10 @@ def draw_scene(axes: "Axes", scene: "Scene") -> None:
 
 
 def _draw_medium(axes: "Axes", scene: "Scene") -> None:
-    medium = scene.medium
+    if scene.thin is not None:
+        _draw_screens(axes, scene, scene.thin)
+        return
+    medium = scene.volume
     if isinstance(medium, VoxelGrid):
         density = medium.extinction if scene.dimension == 2 else medium.extinction.mean(axis=1)
         axes.imshow(density.T, extent=(0, 1, -1, 1), origin="lower", cmap="Greys", vmin=0, aspect="auto")
@@ -46,6 +50,16 @@ def _draw_medium(axes: "Axes", scene: "Scene") -> None:
     if not isinstance(medium, Slab):
         axes.plot([0, 1, 1, 0, 0], [-1, -1, 1, 1, -1], color="0.3", lw=1)
     words = f"{type(medium).__name__}, {medium.thickness:.4g} thick\noptical depth {medium.optical_depth:.3g}"
+    axes.text(0.5, 1.08, words, ha="center", va="bottom", fontsize=8)
+
+
+def _draw_screens(axes: "Axes", scene: "Scene", stack: ScreenStack) -> None:
+    depth = stack.thickness - stack.distances
+    for place, phase in zip(depth / (stack.thickness or 1.0), stack.phases(scene.wavelength), strict=True):
+        axes.plot([place, place], [-1, 1], color="0.3", lw=2, ls=(0, (1, 1)))
+        axes.text(place, -1.12, f"{phase:.3g} rad", ha="center", va="top", fontsize=8)
+    angle = stack.rms_angle(scene.wavelength)
+    words = f"{type(scene.medium).__name__}, {stack.thickness:.4g} thick\nrms angle {angle:.3g}"
     axes.text(0.5, 1.08, words, ha="center", va="bottom", fontsize=8)
 
 
@@ -93,7 +107,7 @@ def _draw_sensor(axes: "Axes", scene: "Scene") -> None:
 
 def _placed(scene: "Scene", points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where points (x, ..., z) lie in the sketch, those far away at its rim."""
-    medium = scene.medium
+    medium = scene.volume
     if isinstance(medium, Slab):
         along = points[:, -1] / (medium.thickness or 1.0)
         across = points[:, 0] / max(float(np.abs(points[:, 0]).max(initial=0.0)), 1e-300)

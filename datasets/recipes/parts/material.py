@@ -208,6 +208,11 @@ class KnownMaterial:
         """Sine of the memory-effect range; inf where there is none."""
         return self.half_range * wavelength / (2 * np.pi)
 
+    @property
+    def forward_radiance(self) -> float:
+        """Mean radiance that leaves straight ahead over the irradiance that comes in, 1/sr: a power meter tells it."""
+        return float(self.kernel.weights.sum() / self.kernel.paths)
+
     def parameters(self, wavelength: float) -> dict[str, float]:
         """What is stored with every sample: the material, and what it does to light."""
         slab = self.slab
@@ -221,6 +226,7 @@ class KnownMaterial:
             "albedo": slab.albedo,
             "ballistic_fraction": float(np.exp(-slab.optical_depth)),
             "single_share": self.kernel.single_share,
+            "forward_radiance": self.forward_radiance,
             "memory_effect_range": float(np.arcsin(min(sine, 1.0))) if np.isfinite(sine) else np.inf,
             "estimator": float(self.estimator),
         }

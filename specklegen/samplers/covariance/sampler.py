@@ -55,6 +55,11 @@ class Eigenfields:
         return float(np.sqrt(self.pilot.moments.relative_variance / self.paths))
 
     @property
+    def intensity(self) -> float:
+        """Largest mean intensity among the pilot's lights and views."""
+        return self.pilot.intensity
+
+    @property
     def gaussianity(self) -> Gaussianity:
         """Gaussian by construction."""
         return EXACT

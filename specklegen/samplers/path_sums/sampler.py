@@ -106,6 +106,11 @@ class PathSums:
         return float(np.sqrt(self.pilot.moments.relative_variance / self.paths))
 
     @property
+    def intensity(self) -> float:
+        """Largest mean intensity among the pilot's lights and views."""
+        return self.pilot.intensity
+
+    @property
     def gaussianity(self) -> Gaussianity:
         """Whether so many paths make Gaussian speckle."""
         return self.pilot.moments.gaussianity(self.paths)

@@ -87,19 +87,23 @@ class StackSampler:
 
     def sample(self, seed: Seed, realization: int = 0) -> torch.Tensor:
         """One stack, complex[T, H, W]; a pure function of (seed, realization)."""
-        white = self._white(seed, realization)
+        white = self.white(seed, realization)
         with one_torch_thread():
             return self._fields(white, slice(None), self.ramps)
 
     def one_by_one(self, seed: Seed, realization: int = 0) -> Iterator[torch.Tensor]:
         """The stack of :meth:`sample` within rounding, tilt by tilt, complex[1, H, W]: the noise is held, no stack."""
-        white = self._white(seed, realization)
+        white = self.white(seed, realization)
         for t in range(len(self.shifts)):
-            tilt = slice(t, t + 1)
             with one_torch_thread():
-                yield self._fields(white, tilt, self._ramps(tilt))
+                yield self.fields(white, slice(t, t + 1))
 
-    def _white(self, seed: Seed, realization: int) -> torch.Tensor:
+    def fields(self, white: torch.Tensor, tilts: slice) -> torch.Tensor:
+        """Fields of some tilts, complex[T, H, W], from :meth:`white`, on one thread of torch."""
+        return self._fields(white, tilts, self._ramps(tilts))
+
+    def white(self, seed: Seed, realization: int) -> torch.Tensor:
+        """The noise that all tilts mix, complex[R, y.count * x.count]."""
         rank = self.mixing.shape[1]
         return complex_normals(
             seed, realization, (rank, self.y.count * self.x.count), self.rows.dtype, self.rows.device
@@ -168,7 +172,7 @@ def stack_sampler(
     # A Gaussian window reaches 2.5 widths; the transform of a coarse grid spans 2 and would cut it off.
     fft = fft and x.count <= x.period and y.count <= y.period
     tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype)  # noqa: E731
-    turned = _face_phase(scene.slab.thickness if grid.side == "transmission" else 0.0, k, grid)
+    turned = _face_phase(scene.thickness if grid.side == "transmission" else 0.0, k, grid)
     face = None if np.abs(turned).max() < _SMALL_PHASE else tensor(np.exp(1j * turned))
     shifts = k * (sines - first)
     return StackSampler(x, y, tensor(mixing), ramp, shifts, tensor(rows), tensor(columns), grid.shape, fft, face)

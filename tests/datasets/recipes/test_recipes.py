@@ -318,9 +318,12 @@ def test_shown_recipe_is_the_recipe(tmp_path):
 
 # First three pixels of the middle row (of the last image) of sample 0 of seed 0 of train, and the mean.
 GOLDEN = {
+    "any-object": (3, [0.9766359, 0.9419461, 0.9345398, 1.011487]),
     "beyond-memory-effect": (3, [1.067401, 1.066933, 1.026037, 0.9866341]),
     "dynamic-slab": (3, [1.060347, 0.957501, 0.8386184, 0.9818138]),
+    "masked-light-slab": (3, [0.9826941, 0.7818297, 0.6188263, 1.013331]),
     "material-regression": (3, [0.9491832, 0.8015926, 0.2490684, 1.045898]),
+    "one-angular-size": (3, [0.908139, 0.8600472, 0.8339479, 1.012123]),
     "partially-coherent-slab": (3, [0.355565, 0.4181081, 0.5045242, 0.9638573]),
     "through-slab": (3, [0.9798522, 0.9635649, 0.8746147, 0.9977162]),
     "through-slab-lab": (3, [514, 491, 517, 467.8685]),

@@ -1,0 +1,1 @@
+"""Thin screens: the stationary sampler's drawing, with a correlation in closed form and an envelope that moves."""

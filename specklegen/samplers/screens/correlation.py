@@ -1,0 +1,124 @@
+"""The memory-effect correlation and the envelope of a stack of screens, in closed form.
+
+    u_t(v) = E(v - i_t) F_t(v),     F_t(v) = sum_x b(x) G_t(x) e^(-ik(v - i_t) . x),     E[G_t G*_t'] = K(i_t - i_t')
+
+K is that of a fixed view: a mixture of Gaussians in the tilt, hence of exponentials in the square of the lateral walk r
+(:mod:`specklegen.theory.phase_screens`, Eq. 2). E is the root of the lobe f, and turns with the tilt: behind a thin
+medium the light stays about its beam. Its phase is that of the walk's mean, <R> = pivot (v - i).
+
+Of one weak screen alone the field is not circular: with S_+ and S_- the parts of f of even and odd order,
+
+    u = [(S_+^(1/2) + S_-^(1/2)) F(v) + (S_+^(1/2) - S_-^(1/2)) F*(2 i - v)] / 2^(1/2)
+
+so that an image is correlated with its mirror image about the beam, wholly where sigma is small.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+from specklegen.scene.screens import ScreenStack
+from specklegen.theory.phase_screens import Lobes, gathered, index_correlation, lobes
+
+_BINS, _NODES = 640, 2048
+_CIRCULAR = 1e-3  # share of the mirrored field that nobody sees
+BIN_ERROR = 2e-5
+"""Error of K that its bins leave, at most."""
+
+
+@dataclass(frozen=True)
+class ScreenCorrelation(MemoryEffectCorrelation):
+    """K of a stack of screens; between tilts it also holds what the screens' index takes.
+
+    Attributes
+    ----------
+    stack : ScreenStack
+    wavelength : float
+    """
+
+    stack: ScreenStack | None = None
+    wavelength: float = float("nan")
+
+    def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
+        """Matrix float64[T, T] of K between beams at direction sines float64[T, 2]; positive semidefinite."""
+        assert self.stack is not None
+        kept = index_correlation(self.stack, self.wavelength, np.hypot(*np.reshape(sines, (-1, 2)).T))
+        return (super().correlation(sines, wavenumber) if self.weights.any() else 1.0) * kept
+
+
+def screen_correlation(stack: ScreenStack, wavelength: float) -> ScreenCorrelation:
+    """K of a stack at the view along the beam, as a distribution of lateral walks; its weights add up to f(0)."""
+    terms = lobes(stack, wavelength)
+    variance, _ = terms.spreads(np.stack([stack.distances, 0 * stack.distances], axis=1))
+    weight = terms.densities(0.0)
+    walking = variance > 1e-12 * variance.max(initial=0.0)
+    variance, share = gathered(variance[walking], weight[walking])
+    rest = float(weight[~walking].sum())
+    longest = np.sqrt(variance.max(initial=1.0))
+    edges = np.geomspace(1e-3 * np.sqrt(variance.min(initial=longest**2)), 8 * longest, _BINS)
+    square = np.square(np.concatenate([[0.0], edges[:-1], [np.inf]]))[:, None]
+    left = np.exp(-square / (2 * variance))  # share of a term beyond an edge, and its second moment there
+    beyond = np.where(np.isinf(square), 0.0, square) + 2 * variance
+    found, second = -np.diff(left @ share), -np.diff((left * beyond) @ share)
+    # Differences of nearly equal numbers: what rounding leaves of them lies within its bin all the same.
+    mean = np.divide(second, found, out=np.zeros_like(found), where=found > 0)
+    radius = np.sqrt(np.clip(mean, square[:-1, 0], np.append(square[1:-1, 0], 4 * longest**2 + square[-2, 0])))
+    found = np.clip(found, 0, None)
+    total = rest + found.sum()
+    return ScreenCorrelation(
+        radius=np.append(0.0, radius), weights=np.append(rest, found)[None], paths=1,
+        single_share=rest / total if total else 1.0, source="closed form", stated_error=BIN_ERROR,
+        stack=stack, wavelength=wavelength,
+    )  # fmt: skip
+
+
+def pivot(stack: ScreenStack, wavelength: float) -> float:
+    """Mean lateral walk over the sine to the view, by the light that goes on along the beam."""
+    terms = lobes(stack, wavelength)
+    weight = terms.densities(0.0)
+    if not weight.any():
+        return 0.0
+    mean = terms.events @ stack.distances / terms.variances
+    return float(weight @ mean / weight.sum())
+
+
+class Envelope(NamedTuple):
+    """What multiplies F of every tilt at every view, and the conjugate of its mirror image; over the root of f(0).
+
+    Attributes
+    ----------
+    direct : complex64[T, H, W]
+    mirrored : complex64[T, H, W] or None
+        None where the field is circular.
+    """
+
+    direct: np.ndarray
+    mirrored: np.ndarray | None
+
+
+def envelope(stack: ScreenStack, wavelength: float, beams: np.ndarray, views: np.ndarray) -> Envelope:
+    """Envelope of beams float64[T, 3] at views float64[H, W, 3], unit vectors."""
+    terms = lobes(stack, wavelength)
+    wavenumber, walk = terms.wavenumber, pivot(stack, wavelength)
+    apart = views[None, ..., :2] - beams[:, None, None, :2]
+    along = np.einsum("thwc,tc->thw", apart, beams[:, :2])
+    # In the order of the light's way: over all gaps along the beam, then by the walk about it.
+    turned = stack.distances[0] * (beams[:, 2] - 1)[:, None, None] - walk * along
+    gain = views[None, ..., 2] / np.sqrt(beams[:, 2])[:, None, None] * np.exp(1j * wavenumber * turned)
+    sine = np.hypot(apart[..., 0], apart[..., 1])
+    single = lambda gain: gain.astype(np.complex64)  # noqa: E731 - as the fields that it multiplies
+    if not len(terms.shares):
+        return Envelope(single(0 * gain), None)
+    even, odd = (profile(terms, sine, terms.of_parity(parity)) / np.sqrt(2) for parity in (0, 1))
+    if len(stack.screens) > 1 or not (np.abs(even - odd) > _CIRCULAR * (even + odd)).any():
+        return Envelope(single(gain * profile(terms, sine)), None)
+    return Envelope(single(gain * (even + odd)), single(gain * (even - odd)))
+
+
+def profile(terms: Lobes, sines: np.ndarray, part: Lobes | None = None) -> np.ndarray:
+    """Root of f, or of a part of it, over f(0), at |p| float64[...]: interpolated in a fine table."""
+    reach = np.linspace(0.0, float(sines.max(initial=0.0)) * (1 + 1e-12) + 1e-300, _NODES)
+    table = np.sqrt((part or terms).density(reach) / terms.density(np.zeros(1)))
+    return np.interp(sines, reach, table)

@@ -1,0 +1,123 @@
+"""When thin screens may be drawn as Gaussian speckle under a moving envelope, and how far that is from their waves.
+
+Three things are judged, each against the tolerance of intensity correlations:
+
+* the memory effect: K of the view along the beam stands for that of every view and of mismatches of half a grain, which
+  Eq. 2 of :mod:`specklegen.theory.phase_screens` gives exactly in the paraxial regime;
+* Gaussian statistics: a window of few correlation lengths sends few independent contributions to a view;
+* the mirror image of weak screens: one screen's is drawn, that of a stack is left out.
+"""
+
+import numpy as np
+
+from specklegen.core.decision import Decision
+from specklegen.core.errors import reject
+from specklegen.samplers.sampler import Wish
+from specklegen.samplers.screens.correlation import profile, screen_correlation
+from specklegen.scene.scene import Scene
+from specklegen.scene.screens import ScreenStack
+from specklegen.scene.sensors import FarFieldGrid
+from specklegen.theory.phase_screens import Lobes, lobes, tilt_ways
+
+FACETS = 4.0
+"""Excess of contrast^2 over 1, times the window's area over pi xi^2 and f(v) / f(0), at most: tests find 0 to 2."""
+_DIM = 0.05  # of the peak: views darker than that are not asked how Gaussian they are
+_GAIN = 2 / np.pi  # of a square window at a mismatch of half a grain: the largest of all profiles
+
+
+def screens_decision(scene: Scene, wish: Wish) -> tuple[bool, Decision]:
+    """Whether the screens of a scene may be drawn, with their errors in words.
+
+    Raises
+    ------
+    RuleError
+        Where they may not and no other sampler serves: with what is off, by how much, and the remedy.
+    """
+    part = "screens"
+    if scene.thin is None:
+        return False, Decision(part, False, "the medium is no thin screen")
+    if not isinstance(scene.sensor, FarFieldGrid):
+        reject("Scene.sensor", "a regular far-field grid behind thin screens", scene.sensor.type,
+               "Use FarField.grid(...).")  # fmt: skip
+    found = errors(scene)
+    said = "; ".join(f"{what} {value:.2g}" for what, value in found.items()) + f", allowed {wish.tolerance:g}"
+    worst = max(found, key=lambda what: found[what])
+    right = found[worst] <= wish.tolerance
+    if not right and wish.asked != part:
+        reject(
+            "Scene", f"such that screens are drawn within {wish.tolerance:g}", f"{worst} {found[worst]:.2g}",
+            f"{_REMEDIES[worst]} Or ask for sampler=\"screens\" all the same.",
+        )  # fmt: skip
+    return True, Decision(part, True, f"in closed form; {said}", doubt=not right)
+
+
+MEMORY, GAUSSIAN, MIRROR = (
+    "intensity correlations off by",
+    "contrast^2 above that of Gaussian speckle by at most",
+    "correlation with the mirror image, left out, at most",
+)
+_REMEDIES = {
+    MEMORY: "Look at fewer views about the beam, tilt less, or open the window.",
+    GAUSSIAN: "Open the window: it holds few correlation lengths of the screen.",
+    MIRROR: "Use stronger screens, or look beside the beam.",
+}
+
+
+def errors(scene: Scene) -> dict[str, float]:
+    """What is off, in intensity correlations, by its name."""
+    stack = scene.thin
+    assert stack is not None
+    terms = lobes(stack, scene.wavelength)
+    if not len(terms.shares) or not len(scene.beams.directions):
+        return {MEMORY: 0.0}
+    facets = scene.beams.window.area / (np.pi * np.square(stack.correlation_lengths).max())
+    darkest = float(profile(terms, np.array([_farthest(scene)]))[0]) ** 2
+    found = {MEMORY: _memory_error(scene, stack, terms), GAUSSIAN: FACETS / (facets * max(darkest, _DIM))}
+    return found | ({MIRROR: _mirror_error(scene, terms)} if len(stack.screens) > 1 else {})
+
+
+def _farthest(scene: Scene) -> float:
+    """Largest sine between a view and a beam."""
+    corners = scene.sensor.corner_directions[:, None, :2]  # type: ignore[union-attr]
+    return float(np.hypot(*(corners - scene.beams.directions[:, :2]).reshape(-1, 2).T).max())
+
+
+def _memory_error(scene: Scene, stack: ScreenStack, terms: Lobes) -> float:
+    """Largest | |C_exact|^2 - |C_model|^2 | over probe views, tilts and mismatches of half a grain."""
+    kernel, grid = screen_correlation(stack, scene.wavelength), scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    beams = scene.beams.directions[:, :2]
+    middle = beams.mean(axis=0)
+    farthest = beams[np.square(beams - middle).sum(-1).argmax()]
+    gaps = farthest - beams
+    largest = gaps[np.square(gaps).sum(-1).argmax()]
+    views = np.concatenate([grid.center_direction[None], grid.corner_directions])[:, :2]
+    half = 0.5 * scene.speckle_size
+    aside = half * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    worst = 0.0
+    for share in (0.0, 0.25, 0.5, 1.0):
+        tilt = share * largest
+        modelled = float(np.square(kernel(scene.wavenumber * np.hypot(*tilt))))
+        for view in views:
+            exact = abs(terms.correlation(view - farthest + tilt / 2, tilt_ways(stack, tilt))) ** 2
+            worst = max(worst, abs(exact - modelled))
+            for kappa in aside:
+                found = abs(terms.correlation(view - farthest + (tilt + kappa) / 2, tilt_ways(stack, tilt + kappa)))
+                worst = max(worst, _GAIN**2 * abs(found**2 - modelled))
+    return worst
+
+
+def _mirror_error(scene: Scene, terms: Lobes) -> float:
+    """|S_+ - S_-|^2 / f^2 where it is largest, of views whose mirror images about a beam are on the grid too.
+
+    Gaps only lower it: their phases grow with the square of the angle.
+    """
+    grid = scene.sensor
+    assert isinstance(grid, FarFieldGrid)
+    x, y = grid.sines
+    nearest = np.stack([np.clip(scene.beams.directions[:, n], axis[0], axis[-1]) for n, axis in enumerate((x, y))])
+    inside = np.hypot(*(scene.beams.directions[:, :2].T - nearest)) <= scene.speckle_size
+    if not inside.any():
+        return 0.0
+    even, odd = (terms.of_parity(parity).density(np.zeros(1))[0] for parity in (0, 1))
+    return float(((even - odd) / (even + odd)) ** 2)

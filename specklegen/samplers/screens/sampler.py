@@ -1,0 +1,167 @@
+"""The screens sampler: Gaussian fields, correlated in closed form, under an envelope about each beam."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from specklegen.core.decision import Decision
+from specklegen.core.parallel import one_torch_thread
+from specklegen.core.random_streams import Seed
+from specklegen.paths.gaussianity import EXACT, Gaussianity
+from specklegen.samplers.sampler import FIXED_BYTES, Drawn, Where, Wish
+from specklegen.samplers.screens.correlation import Envelope, envelope, screen_correlation
+from specklegen.samplers.screens.rule import screens_decision
+from specklegen.samplers.stationary.exit_grid import fft_flops, matrix_flops, stack_axes
+from specklegen.scene.illumination import IncoherentObject
+from specklegen.scene.scene import Scene
+from specklegen.scene.screens import ScreenStack
+from specklegen.scene.sensors import FarFieldGrid
+from specklegen.theory.phase_screens import scattered_intensity
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.samplers.stationary.stacks import StackSampler
+
+_TORCH_BYTES = 197 * 2**20  # what importing torch takes
+
+
+def consider(scene: Scene, wish: Wish) -> tuple["Screens | None", list[Decision]]:
+    """The sampler of a scene with thin screens; None for any other."""
+    serves, decision = screens_decision(scene, wish)
+    return (Screens(scene, wish.streamed), [decision]) if serves else (None, [])
+
+
+@dataclass(frozen=True)
+class Screens:
+    """The screens sampler of a scene; see :class:`specklegen.samplers.sampler.Sampler`.
+
+    Attributes
+    ----------
+    scene : Scene
+    streamed : bool
+        Whether the stack comes tilt by tilt.
+    """
+
+    scene: Scene
+    streamed: bool
+
+    name = "screens"
+    summation = "FFT or matrix products"
+    paths = 0
+    expected_error = 0.0
+    error_of = "intensity scale, which is exact"
+
+    @property
+    def stack(self) -> ScreenStack:
+        """The screens."""
+        stack = self.scene.thin
+        assert stack is not None
+        return stack
+
+    @property
+    def intensity(self) -> float:
+        """Largest mean intensity."""
+        return scattered_intensity(self.scene)
+
+    @property
+    def gaussianity(self) -> Gaussianity:
+        """Gaussian by construction."""
+        return EXACT
+
+    def operations(self) -> Mapping[str, float]:
+        """Of one stack."""
+        x, y = stack_axes(self._beams)
+        tilts, views, size = len(self.scene.beams.directions), np.prod(self.scene.sensor.shape), x.count * y.count
+        return {
+            "normal": tilts * size,
+            "flop": tilts * (8.0 * tilts * size + min(matrix_flops(x, y, self._grid.shape), fft_flops(x, y))),
+            "stack view": tilts * (3 * views + 4.0 * size),
+        }
+
+    def alternatives(self) -> Mapping[str, Mapping[str, float]]:
+        """None: a volume of scatterers is another medium."""
+        return {}
+
+    def memory(self, threads: int) -> int:
+        """Bytes by which the process grows at most."""
+        held = 1 if self.streamed else len(self.scene.beams.directions)
+        return int(8 * float(np.prod(self.scene.sensor.shape)) * held * 8 + _TORCH_BYTES + FIXED_BYTES)
+
+    def prepare(self, seed: Seed, threads: int | None) -> "ScreensDraws":
+        """Make ready to draw."""
+        return ScreensDraws(self, seed)
+
+    @property
+    def _grid(self) -> FarFieldGrid:
+        assert isinstance(self.scene.sensor, FarFieldGrid)
+        return self.scene.sensor
+
+    @property
+    def _beams(self) -> Scene:
+        """The scene with an object's beams for the object."""
+        return self.scene.replace(illumination=self.scene.beams)
+
+
+@dataclass(frozen=True)
+class ScreensDraws:
+    """Realizations of the screens sampler under a seed."""
+
+    sampler: Screens
+    seed: Seed
+
+    @cached_property
+    def stacks(self) -> "StackSampler":
+        """What draws F of every beam."""
+        from specklegen.samplers.stationary.stacks import stack_sampler
+
+        scene = self.sampler._beams
+        return stack_sampler(scene, screen_correlation(self.sampler.stack, scene.wavelength))
+
+    def images(self, realizations: int) -> Iterator[Drawn]:
+        """One transform each."""
+        light = self.sampler.scene.illumination
+        for r in range(realizations):
+            if isinstance(light, IncoherentObject):
+                brightness = light.brightness[light.brightness > 0]
+                total = np.zeros(self.sampler.scene.sensor.shape, np.float32)
+                for share, (_, field) in zip(brightness, self.pieces(r), strict=True):
+                    total += np.float32(share) * (np.square(field[0].real) + np.square(field[0].imag))
+                yield Drawn(total)
+            else:
+                yield Drawn(np.concatenate([field for _, field in self.pieces(r)]))
+
+    def pieces(self, realization: int) -> Iterator[tuple[Where, np.ndarray]]:
+        """Tilt by tilt: the noise is held, no stack."""
+        rows, columns = self.sampler.scene.sensor.shape
+        with one_torch_thread():
+            white = self.stacks.white(self.seed, realization)
+        for t in range(len(self.stacks.shifts)):
+            with one_torch_thread():
+                field = self._field(white, t)
+            yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), field
+
+    def _field(self, white: "torch.Tensor", t: int) -> np.ndarray:
+        tilt, gain = slice(t, t + 1), self._envelope(t)
+        field = self.stacks.fields(white, tilt).numpy() * gain.direct
+        if gain.mirrored is not None:
+            field = field + self.stacks.fields(white.conj(), tilt).numpy() * gain.mirrored
+        return field.astype(np.complex64)
+
+    def _envelope(self, t: int) -> Envelope:
+        """Of tilt t; kept unless the stack comes tilt by tilt, as all of them take the stack's own memory."""
+        if t in self._envelopes:
+            return self._envelopes[t]
+        scene, beam = self.sampler.scene, slice(t, t + 1)
+        views = self.sampler._grid.directions
+        found = envelope(self.sampler.stack, scene.wavelength, scene.beams.directions[beam], views)
+        if not self.sampler.streamed:
+            self._envelopes[t] = found
+        return found
+
+    @cached_property
+    def _envelopes(self) -> dict[int, Envelope]:
+        return {}

@@ -1,0 +1,198 @@
+"""Closed forms of thin screens: coherence, scattered lobe, and the generalised memory effect of a stack of them.
+
+A beam of sine i meets screens m = 1 ... M at distances D_m before the exit plane. Between its field and that of a beam
+of sine i' = i - delta, at points r apart on the exit plane, in the paraxial regime and up to phases,
+
+    <E_i(X + r/2) E*_i'(X - r/2)> = exp(ik i . r) prod_m gamma_m(r - a_m),      a_m = D_m delta + s_m               (1)
+
+s_m being how far screen m has moved between the two: a tilt shears the coherence, and every screen multiplies it. The
+Fourier transform of (1) over r is what a far field sees at the view v, its mean f(v - i) and, over that, K_v(delta).
+As e^(sigma^2 rho) is a power series of Gaussians, the transform is a mixture of Gaussians: screen m deflects the light
+n_m times, n_m a Poisson number of mean sigma_m^2, each time by a Gaussian angle of variance 2 / (k xi_m)^2 an axis,
+
+    f(p) K(p, a) = sum_n P(n) N(p; T) exp{ -ik p . c - k^2 V / 2 },     e_m = 2 n_m / (k xi_m)^2,  T = sum e_m,
+    c = sum e_m a_m / T,     V = sum e_m |a_m|^2 - |sum e_m a_m|^2 / T                                             (2)
+
+N the normal density in the plane, n = 0 (the unscattered light) left out. Where all sigma_m >= 3 one lobe is left, e_m
+= theta_m^2: the fixed-view variance V of Osnabrugge et al., Optica 4, 886 (2017), in discrete form.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import binom, poisson, qmc
+
+from specklegen.core.values import remembered
+from specklegen.scene.scene import Scene
+from specklegen.scene.screens import ScreenStack
+
+_ENUMERATED = 2**16
+"""Numbers of deflections that are all listed; of more, so many are drawn that their quadrature is off by about 1e-4."""
+_DRAWN = 2**14
+_TAIL = 1e-9  # share of the deflections left out at either end
+
+
+def coherence(
+    stack: ScreenStack, wavelength: float, shift: np.ndarray, ways: np.ndarray | None = None
+) -> np.ndarray:
+    """Modulus of (1) over its value of two equal beams: field correlation over all views, float64[...].
+
+    Parameters
+    ----------
+    stack, wavelength
+        The screens, and the wavelength between them.
+    shift
+        float64[..., 2], the points' distance r on the exit plane.
+    ways
+        float64[..., M, 2], a_m; none by default.
+    """
+    shift = np.asarray(shift, np.float64)
+    apart = shift[..., None, :] - (0.0 if ways is None else np.asarray(ways, np.float64))
+    lost = -np.expm1(-np.square(apart).sum(-1) / np.square(stack.correlation_lengths))
+    return np.exp(-(np.square(stack.phases(wavelength)) * lost).sum(-1))
+
+
+def tilt_ways(stack: ScreenStack, tilt: np.ndarray) -> np.ndarray:
+    """a_m = D_m delta of tilts float64[..., 2], by the difference of their sines: float64[..., M, 2]."""
+    return stack.distances[:, None] * np.asarray(tilt, np.float64)[..., None, :]
+
+
+def spread(stack: ScreenStack, wavelength: float) -> tuple[float, float, float]:
+    """Lateral walk R to the exit plane of strongly scattered light: its two variances an axis, and its pivot.
+
+    Over all views Var R_x = sum theta_m^2 D_m^2; at a fixed view that less (sum theta_m^2 D_m)^2 / sum theta_m^2, and
+    the mean <R> = (v - i) pivot. |K| = exp{-(k delta)^2 Var / 2} where all sigma >= 3.
+    """
+    angles = np.square([each.rms_angle(wavelength) for each in stack.stack.screens])  # type: ignore[union-attr]
+    distance, total = stack.distances, angles.sum()
+    pivot = float(angles @ distance / total) if total else 0.0
+    over_all = float(angles @ distance**2)
+    return over_all, float(angles @ np.square(distance - pivot)), pivot
+
+
+def index_correlation(stack: ScreenStack, wavelength: float, sines: np.ndarray) -> np.ndarray:
+    """What the screens' index leaves of the field correlation of beams at sines float64[T] from the normal: [T, T].
+
+    The phase of a rough face grows with the tilt, as if it were higher: prod_m exp{-[sigma_m(s) - sigma_m(s')]^2 / 2}.
+    """
+    phases = stack.phases(wavelength, sines)
+    return np.exp(-0.5 * np.square(phases[:, :, None] - phases[:, None, :]).sum(0))
+
+
+@dataclass(frozen=True)
+class Lobes:
+    """The mixture (2) of a stack.
+
+    Attributes
+    ----------
+    counts : float64[N, M]
+        n_m, deflections by each screen.
+    steps : float64[M]
+        Variance of the angle along one axis that a deflection adds, 2 / (k xi_m)^2.
+    shares : float64[N]
+        P(n); their sum is the scattered share of the light, 1 - e^-OD.
+    wavenumber : float
+    """
+
+    counts: np.ndarray
+    steps: np.ndarray
+    shares: np.ndarray
+    wavenumber: float
+
+    @property
+    def events(self) -> np.ndarray:
+        """e_m, what each screen adds to the variance of the angle along one axis, float64[N, M]."""
+        return self.counts * self.steps
+
+    @property
+    def variances(self) -> np.ndarray:
+        """T of every term, float64[N]."""
+        return self.events.sum(axis=1)
+
+    def densities(self, sine: float) -> np.ndarray:
+        """P(n) N(p; T) of every term at |p| = ``sine``, per unit of the plane of sines: float64[N]."""
+        variance = self.variances
+        return self.shares * np.exp(-0.5 * sine**2 / variance) / (2 * np.pi * variance)
+
+    def density(self, sines: np.ndarray) -> np.ndarray:
+        """Density f at |p| float64[...]: scattered share of the light per unit of the plane of sines."""
+        sines = np.asarray(sines, np.float64)
+        if not len(self.shares):
+            return np.zeros(sines.shape)
+        variance, share = gathered(self.variances, self.shares)
+        exponent = -0.5 * np.square(sines)[..., None] / variance
+        return np.exp(exponent) @ (share / (2 * np.pi * variance))
+
+    def spreads(self, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """V float64[N] and c float64[N, 2] of every term, for a_m float64[M, 2]."""
+        events = self.events
+        mean = events @ ways / events.sum(axis=1, keepdims=True)
+        apart = np.square(ways - mean[:, None]).sum(-1)
+        return (events * apart).sum(axis=1), mean
+
+    def of_parity(self, parity: int) -> "Lobes":
+        """The terms of an even or odd number of deflections."""
+        kept = self.counts.sum(axis=1) % 2 == parity
+        return replace(self, counts=self.counts[kept], shares=self.shares[kept])
+
+    def correlation(self, sine: np.ndarray, ways: np.ndarray) -> complex:
+        """K(p, a) at p float64[2] for a_m float64[M, 2]; 1 where a_m is the same for all screens, up to a phase."""
+        if not len(self.shares):
+            return 1.0
+        weight = self.densities(float(np.hypot(*sine)))
+        variance, mean = self.spreads(ways)
+        value = np.exp(-0.5 * self.wavenumber**2 * variance - 1j * self.wavenumber * (mean @ sine))
+        return complex(weight @ value / weight.sum())
+
+
+@remembered(64)
+def lobes(stack: ScreenStack, wavelength: float) -> Lobes:
+    """The mixture of Gaussian lobes of a stack."""
+    wavenumber = 2 * np.pi / wavelength
+    means = np.square(stack.phases(wavelength))
+    counts, shares = _deflections(means)
+    return Lobes(counts, 2 / np.square(wavenumber * stack.correlation_lengths), shares, wavenumber)
+
+
+def scattered_intensity(scene: Scene) -> float:
+    """Largest mean |u - m|^2 that the screens of a scene send to a view: f(0) times the window's area."""
+    assert scene.thin is not None
+    return float(lobes(scene.thin, scene.wavelength).density(np.zeros(1))[0]) * scene.beams.window.area
+
+
+def _deflections(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers n float64[N, M] of Poisson means float64[M], all zeros left out, and their probabilities float64[N]."""
+    seen = -math.expm1(-float(means.sum()))
+    if seen == 0:
+        return np.zeros((0, len(means))), np.zeros(0)
+    ranges = [np.arange(float(poisson.ppf(_TAIL, mean)), float(poisson.isf(_TAIL, mean)) + 1) for mean in means]
+    # Where little is scattered at all, the tail is that of what is: the first order must be there.
+    ranges = [np.arange(each[0], max(each[-1], 4.0) + 1) for each in ranges]
+    if math.prod(map(len, ranges)) <= _ENUMERATED:
+        counts = np.stack([each.ravel() for each in np.meshgrid(*ranges, indexing="ij")], axis=1)
+        shares = np.exp(poisson.logpmf(counts, means).sum(axis=1))
+        scattered = counts.any(axis=1)
+        counts, shares = counts[scattered], shares[scattered]
+        return counts, shares * (seen / shares.sum())
+    # The total is a Poisson number above 0, and each deflection falls to a screen by the screens' means.
+    even = qmc.Sobol(len(means), scramble=False).random(_DRAWN) + 0.5 / _DRAWN
+    left = poisson.ppf(1 - seen * (1 - even[:, 0]), means.sum()).clip(1)
+    counts = np.zeros((_DRAWN, len(means)))
+    for m in range(len(means) - 1):
+        counts[:, m] = binom.ppf(even[:, m + 1], left, means[m] / means[m:].sum())
+        left = left - counts[:, m]
+    counts[:, -1] = left
+    return counts, np.full(_DRAWN, seen / _DRAWN)
+
+
+def gathered(variance: np.ndarray, share: np.ndarray, most: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    """Terms of nearly one variance as one, so that there are at most so many."""
+    if len(variance) <= most:
+        return variance, share
+    low, high = np.log(variance.min()), np.log(variance.max())
+    place = np.minimum(((np.log(variance) - low) / max(high - low, 1e-300) * most).astype(int), most - 1)
+    total = np.bincount(place, share, most)
+    mean = np.bincount(place, share * variance, most)
+    used = total > 0
+    return mean[used] / total[used], total[used]
