@@ -1,5 +1,6 @@
 """Sphinx: the pages of this folder, the API from docstrings, and a gallery of scripts that run."""
 
+import importlib
 import os
 import re
 import shutil
@@ -75,14 +76,29 @@ _OUTSIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICE
 """Files of the repository's root that are pages of the site too, in the folder project/."""
 
 
-def copy_pages(app) -> None:
-    """Copy the pages of the root into the site, with links as they are from there."""
+PACKAGES = ("", ".datasets", ".models", ".coherence", ".wavetracing", ".fdtd")
+"""Packages whose names are public."""
+
+
+def write_pages(app) -> None:
+    """Copy the pages of the root into the site, with links as they are from there, and list every public name."""
     folder = DOCS / "project"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     for name in _OUTSIDE[:-1]:
         text = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](../")
         (folder / name.lower()).write_text(_among_pages(text, ""), encoding="utf-8")
+    (folder / "reference.rst").write_text(reference(), encoding="utf-8")
+
+
+def reference() -> str:
+    """Page of every public name, package by package."""
+    text = "Every public name\n=================\n"
+    for package in (f"specklegen{name}" for name in PACKAGES):
+        names = "\n".join(f"   {name}" for name in sorted(importlib.import_module(package).__all__))
+        text += f"\n{package}\n{'-' * len(package)}\n\n.. currentmodule:: {package}\n"
+        text += f".. autosummary::\n   :toctree: ../generated\n\n{names}\n"
+    return text
 
 
 def rewrite_links(app, page: str, source: list[str]) -> None:
@@ -108,6 +124,6 @@ def escape_formulas(app, what, name, thing, options, lines: list[str]) -> None:
 
 def setup(app) -> None:
     """Connect the functions above."""
-    app.connect("builder-inited", copy_pages, priority=1)
+    app.connect("builder-inited", write_pages, priority=1)
     app.connect("source-read", rewrite_links)
     app.connect("autodoc-process-docstring", escape_formulas, priority=100)

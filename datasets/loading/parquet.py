@@ -4,8 +4,8 @@
     <out>/README.md              the card; its front matter says where the splits are
     <out>/croissant.json         Croissant 1.0 (MLCommons): files with their SHA-256, and every field
 
-Several splits go into one folder, one call each. Written by pyarrow (extra ``parquet``); the features, as the ``datasets``
-library calls them, stand in the schema, so that ``load_dataset`` gives arrays of the right shape and type.
+Several splits go into one folder, one call each. Written by pyarrow (extra ``parquet``); the features, as the
+``datasets`` library calls them, stand in the schema, so that ``load_dataset`` gives arrays of the right shape and type.
 """
 
 import hashlib
@@ -109,8 +109,9 @@ def _card(cache: SpeckleCache, rows: dict[str, int]) -> str:
     return (
         f"---\npretty_name: {json.dumps(title)}\ntags: [speckle, scattering, simulation]\n"
         f"configs:\n- config_name: default\n  data_files:\n{splits}---\n\n# {title}\n\n"
-        f"Rendered by specklegen, data version {cache.identity['data_version']}. A sample is a pure function of (recipe, "
-        f"seed, split, index); splits share no medium and no object.\n\n| split | samples |\n|---|---|\n{table}\n"
+        f"Rendered by specklegen, data version {cache.identity['data_version']}. A sample is a pure function of "
+        f"(recipe, seed, split, index); splits share no medium and no object.\n\n"
+        f"| split | samples |\n|---|---|\n{table}\n"
         f"```json\n{recipe}\n```\n"
     )
 

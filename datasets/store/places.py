@@ -1,8 +1,8 @@
 """Where a store lies: in a folder of this machine, or at an address of any file system that fsspec knows.
 
 Stores are written in folders, whose locks share out the work. What is finished may be copied to an object store and
-read there: an address, such as ``s3://bucket/a.zarr`` or ``memory://a.zarr``, is a ``UPath`` of universal-pathlib (extra
-``remote``), which reads as a Path does.
+read there: an address, such as ``s3://bucket/a.zarr`` or ``memory://a.zarr``, is a ``UPath`` of universal-pathlib
+(extra ``remote``), which reads as a Path does.
 """
 
 import os
@@ -40,7 +40,8 @@ def place_of(folder: str | os.PathLike) -> Path:
         try:
             from upath import UPath
         except ImportError:
-            reject("store.folder", "a folder, without the extra remote", folder, "pip install 'specklegen-torch[remote]'")
+            reject("store.folder", "a folder, without the extra remote", folder,
+                   "pip install 'specklegen-torch[remote]'")  # fmt: skip
         folder = UPath(folder)
         return folder if is_remote(folder) else Path(folder.path)  # type: ignore[return-value]
     return Path(folder).absolute()

@@ -2,8 +2,8 @@
 What g and the lobe do
 ======================
 
-Two fogs of equal optical depth and equal mean cosine, but of different lobes, do not remember alike. The transport length
-alone does not say how far the memory effect reaches.
+Two fogs of equal optical depth and equal mean cosine, but of different lobes, do not remember alike. The transport
+length alone does not say how far the memory effect reaches.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 A hidden object, and phase retrieval
 ====================================
 
-The autocorrelation of a camera image is that of the hidden object (Katz et al. 2014); phase retrieval finds the object from
-it, up to its place and a turn by 180 degrees. A small network does it from the same image.
+The autocorrelation of a camera image is that of the hidden object (Katz et al. 2014); phase retrieval finds the object
+from it, up to its place and a turn by 180 degrees. A small network does it from the same image.
 """
 
 import numpy as np

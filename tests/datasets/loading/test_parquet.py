@@ -30,7 +30,8 @@ def exported(tmp_path_factory):
 
 @pytest.mark.parametrize("split", ["train", "test"])
 def test_every_number_is_in_the_file(exported, split):
-    cache, table = SpeckleCache(exported / f"{split}.zarr"), pq.read_table(exported / "out" / "data" / f"{split}.parquet")
+    cache = SpeckleCache(exported / f"{split}.zarr")
+    table = pq.read_table(exported / "out" / "data" / f"{split}.parquet")
     assert table.num_rows == len(cache)
     rows = table.to_pylist()
     for n in (0, len(cache) - 1):
