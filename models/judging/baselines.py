@@ -44,6 +44,14 @@ def mean_image(objects: Tensor) -> Method:
     return lambda batch: reference.expand(len(batch["object"]), -1, -1)
 
 
+def another_object(objects: Tensor) -> Method:
+    """Answer with some training object [N, h, w], which has nothing to do with the image: the level of chance.
+
+    Not with that of the image's own number, which is the answer where training images are judged.
+    """
+    return lambda batch: objects[(batch["index"].long() + len(objects) // 2) % len(objects)]
+
+
 def katz(retrieval: Retrieval | None = None, recipe: HiddenObject | None = None, seed: int = 0) -> Method:
     """Phase retrieval from the same lags that a network sees.
 

@@ -141,25 +141,75 @@ INPUTS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
 """Name to function of (images float[B, H, W], camera pixels in an object pixel float[B])."""
 
 
+def registered_input(batch: Mapping[str, Any]) -> Tensor:
+    """Features float[B, 2 (T - 1)] of stacks under T equally spaced tilts: how the speckle decorrelates.
+
+    The pattern follows the tilt, so each image is moved back by the tilts' difference, to the nearest pixel, before two
+    are correlated where both see it. The mean over all pairs n tilts apart is C_I there: C and log10(1 - C) for
+    n = 1 to T - 1. Images that no longer overlap count as uncorrelated.
+    """
+    for name in ("stack", "tilts"):
+        if name not in batch:
+            reject("batch", 'one with "stack" and "tilts"', sorted(batch), "Such as those of registered-tilts.")
+    stack, sines = batch["stack"].float(), torch.sin(batch["tilts"])
+    moved = ((sines - sines[:, :1]) / batch["parameters"]["camera_pitch"][:, None, None]).round().long()
+    count = stack.shape[1]
+    made = []
+    for images, places in zip(stack, moved.tolist(), strict=True):
+        means = []
+        for apart in range(1, count):
+            pairs = [_registered(images[n], images[n + apart], places[n], places[n + apart])
+                     for n in range(count - apart)]  # fmt: skip
+            means.append(torch.stack(pairs).mean())
+        made.append(torch.stack(means))
+    found = torch.stack(made)
+    return torch.cat([found, (1 - found).clamp(1e-5, 2).log10()], dim=1)
+
+
+def _registered(one: Tensor, other: Tensor, here: list[int], there: list[int]) -> Tensor:
+    """Pearson correlation of two images [H, W] whose patterns were moved by (x, y) pixels, where they overlap."""
+    for axis, shift in ((1, there[0] - here[0]), (0, there[1] - here[1])):
+        length = one.shape[axis] - abs(shift)
+        if length < 2:
+            return one.new_zeros(())
+        one, other = one.narrow(axis, max(-shift, 0), length), other.narrow(axis, max(shift, 0), length)
+    return torch.corrcoef(torch.stack([one.flatten(), other.flatten()]))[0, 1]
+
+
+def registered_and_power_input(batch: Mapping[str, Any]) -> Tensor:
+    """Features of :func:`registered_input`, and log10 of the radiance straight ahead over the irradiance."""
+    power = batch["parameters"]["forward_radiance"] * batch["stack"].double().mean((1, 2, 3))
+    return torch.cat([registered_input(batch), power.log10()[:, None].float()], dim=1)
+
+
+FEATURES: dict[str, Callable[[Mapping[str, Any]], Tensor]] = {
+    "registered": registered_input,
+    "registered+power": registered_and_power_input,
+}
+"""Name to function of a batch of stacks, float[B, F]."""
+
+
 def steps_of(batch: Mapping[str, Any]) -> Tensor:
     """Camera pixels in an object pixel, float64[B]."""
     return batch["parameters"]["object_pitch"] / batch["parameters"]["camera_pitch"]
 
 
 def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
-    """Turn a batch of a hidden-object recipe into a network's input.
+    """Turn a batch into a network's input.
 
     Returns
     -------
-    float[B, 2, H, W], or float[B, T, 2, H, W] for recipes with "stack" or "frames".
+    float[B, 2, H, W], or float[B, T, 2, H, W] for recipes with "stack" or "frames"; of :data:`FEATURES` float[B, F].
 
     Raises
     ------
     RuleError
         If there is no such input, or the batch has no images of a hidden object.
     """
+    if kind in FEATURES:
+        return FEATURES[kind](batch)
     if kind not in INPUTS:
-        reject("input", f"one of {', '.join(INPUTS)}", kind)
+        reject("input", f"one of {', '.join([*INPUTS, *FEATURES])}", kind)
     name = next((name for name in ("image", "stack", "frames") if name in batch), None)
     if name is None or "object" not in batch:
         reject("batch", 'one with "object", and "image", "stack" or "frames"', sorted(batch))

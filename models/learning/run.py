@@ -19,7 +19,7 @@ from specklegen.models.learning.losses import Loss
 from specklegen.models.learning.networks import build
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.run_record import require_same_run, write_record
-from specklegen.models.metrics import align, pearson
+from specklegen.models.learning.targets import TARGETS
 
 if TYPE_CHECKING:
     from specklegen.models.learning.training import Training
@@ -88,7 +88,7 @@ class Run:
             "epoch": self.epoch,
             "seconds": round(self.spent, 3),
             "train_loss": self.summed / max(self.step, 1),
-            "validation_pearson": found,
+            f"validation_{TARGETS[self.training.target].scored}": found,
             "learning_rate": self.optimiser.param_groups[0]["lr"],
         }
         self.rows.append(row)
@@ -110,8 +110,9 @@ class Run:
         """The network as it is, ready to be used."""
         training = self.training
         return Reconstructor(
-            self.network, training.network, training.input, training.width, self.side, self.shape, self.device
-        )
+            self.network, training.network, training.input, training.width, self.side, self.shape, self.device,
+            self.record["data"].get("recipe", {}).get("objects"), training.target,
+        )  # fmt: skip
 
     _COUNTERS = ("epoch", "step", "stale", "spent", "summed", "best", "finished", "rows")
 
@@ -140,13 +141,9 @@ class Run:
 
 
 def validated(model: Reconstructor, examples: Examples) -> float:
-    """Mean Pearson correlation after alignment."""
-    found = [
-        pearson(align(made, targets), targets)
-        for inputs, targets in zip(examples.inputs.split(_CHUNK), examples.targets.split(_CHUNK), strict=True)
-        for made in [model(inputs.float()).cpu()]
-    ]
-    return float(torch.cat(found).mean())
+    """Score of the model's answers; of objects their mean Pearson correlation after alignment."""
+    made = torch.cat([model(inputs.float()).cpu() for inputs in examples.inputs.split(_CHUNK)])
+    return TARGETS[model.target].score(made, examples.targets)
 
 
 def read_log(folder: Path) -> list[dict[str, float]]:

@@ -7,7 +7,7 @@ clock on the wall, and count everything: reading or rendering, learning, validat
 
 Files in the folder of a run: ``run.json`` (settings and data; nothing else goes on with the run), ``checkpoint.pt``
 (all that is needed to go on: after each epoch, every few minutes, and on Ctrl-C), ``best.pt`` (the model with the best
-Pearson correlation on validation media), ``log.csv``.
+score on validation media, of objects the Pearson correlation), ``log.csv``.
 """
 
 import math
@@ -30,6 +30,7 @@ from specklegen.models.learning.losses import loss_named
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.run import Run
 from specklegen.models.learning.run_record import alone, record
+from specklegen.models.learning.targets import TARGETS
 
 WARM_UP = 50
 """Steps over which the learning rate rises from 0."""
@@ -40,14 +41,19 @@ class Training(Value):
 
     Parameters
     ----------
+    target
+        What it is to tell: the "object", its "label" (a class), or the "material" (range, thickness, optical depth, g).
     input
-        What the network sees: "autocorrelation" or "camera".
+        What the network sees: "autocorrelation" or "camera"; of stacks of tilts "registered", how their speckle
+        decorrelates, or "registered+power", with the transmitted power.
     network
-        "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample) or "dense".
+        "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample), "dense", or
+        "perceptron" (for registered stacks).
     width
         Channels at the top of the U-Net, or a sixteenth of the units of the other two.
     loss
-        A name in :data:`specklegen.models.learning.losses.LOSSES`.
+        A name in :data:`specklegen.models.learning.losses.LOSSES`, for objects; the other targets have losses of their
+        own.
     learning_rate
         Largest, of AdamW; it rises over 50 steps, then falls to 0 along a cosine.
     weight_decay
@@ -64,8 +70,9 @@ class Training(Value):
         Of first weights, order and mirroring.
     """
 
-    input: Literal["autocorrelation", "camera"] = "autocorrelation"
-    network: Literal["residual", "unet", "stack-unet", "dense"] = "unet"
+    target: Literal["object", "label", "material"] = "object"
+    input: Literal["autocorrelation", "camera", "registered", "registered+power"] = "autocorrelation"
+    network: Literal["residual", "unet", "stack-unet", "dense", "perceptron"] = "unet"
     width: PositiveInt = 16
     loss: str = "pearson-invariant"
     learning_rate: Positive = 3e-3
@@ -80,6 +87,14 @@ class Training(Value):
     def _check(self) -> Self:
         if self.network == "residual" and self.input != "autocorrelation":
             reject("Training.input", '"autocorrelation" for the residual net', self.input, "Or train another.")
+        if (self.network == "perceptron") != self.input.startswith("registered"):
+            reject("Training.network", '"perceptron" for registered stacks, and for nothing else', self.network)
+        if self.target == "label" and self.network not in ("residual", "dense"):
+            reject("Training.network", '"residual" or "dense" for labels', self.network)
+        if self.target == "material" and self.network != "perceptron":
+            reject("Training.input", '"registered" or "registered+power" for materials', self.input)
+        if self.target != "object" and self.mirror:
+            reject("Training.mirror", "false where the target is no object", self.mirror)
         return self
 
 
@@ -185,7 +200,7 @@ def _trained(
     steps: Callable[[int, int], None] | None,
 ) -> Reconstructor:
     run.finished |= seconds is not None and run.spent >= seconds
-    loss_of = loss_named(run.training.loss)
+    loss_of = TARGETS[run.training.target].loss or loss_named(run.training.loss)
     taken, total, saved = 0, length * run.training.epochs, time.monotonic()
     while not run.finished:
         try:

@@ -1,8 +1,8 @@
 """Networks that look through fog. A new one is a file of this folder, and a line of :data:`NETWORKS`.
 
 Those of the table take pictures float[B, 2, H, W] (:mod:`specklegen.models.learning.inputs`) and return logits
-float[B, h, w]; the brightness is their sigmoid. :mod:`unrolled` sees the likelihood, and is held by a
-:class:`~specklegen.models.learning.solver.Solver`.
+float[B, h, w]; the brightness is their sigmoid. The perceptron takes features float[B, F]. :mod:`unrolled` sees the
+likelihood, and is held by a :class:`~specklegen.models.learning.solver.Solver`.
 """
 
 from collections.abc import Callable
@@ -12,12 +12,14 @@ from torch import nn
 
 from specklegen.core.errors import reject
 from specklegen.models.learning.networks.dense import DenseNet
+from specklegen.models.learning.networks.perceptron import Perceptron
 from specklegen.models.learning.networks.residual import ResidualNet
 from specklegen.models.learning.networks.stack_unet import StackUNet
 from specklegen.models.learning.networks.unet import UNet
 
 NETWORKS: dict[str, Callable[..., nn.Module]] = {
     "residual": ResidualNet, "unet": UNet, "stack-unet": StackUNet, "dense": DenseNet,
+    "perceptron": Perceptron,
 }  # fmt: skip
 """Name to network of (side, shape, width)."""
 

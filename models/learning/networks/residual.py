@@ -48,15 +48,15 @@ class ResidualNet(nn.Module):
 
     def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 26) -> None:
         super().__init__()
-        if side < 2 * max(shape):
+        if shape[0] > 1 and side < 2 * max(shape):
             reject("ResidualNet.side", f"at least twice that of the object, {2 * max(shape)}", side)
         self.shape, units, middle = shape, 16 * width, side // 2
-        rows, columns = shape
+        rows, columns = shape if shape[0] > 1 else (middle, middle)  # a row is no object: every lag may count
         self.rows = slice(middle + 1 - rows, middle + 1)
         self.columns = slice(middle + 1 - columns, middle + columns)
         self.first = nn.Linear(2 * rows * (2 * columns - 1) + 1, units)
         self.blocks = nn.Sequential(*(ResidualBlock(units) for _ in range(self.BLOCKS)))
-        self.last = nn.Sequential(nn.LayerNorm(units), nn.Linear(units, rows * columns))
+        self.last = nn.Sequential(nn.LayerNorm(units), nn.Linear(units, shape[0] * shape[1]))
 
     def forward(self, pictures: Tensor) -> Tensor:
         """Return logits float[B, h, w] of pictures float[B, 2, H, W]."""

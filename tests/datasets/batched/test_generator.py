@@ -23,8 +23,8 @@ CHANGES = {
     "two-tilts": {"material": QUICK, "media": 3},
 }  # fmt: skip
 SLOW = {
-    "any-object", "beyond-memory-effect", "dynamic-slab", "masked-light-slab", "one-angular-size",
-    "partially-coherent-slab",
+    "any-object", "beyond-memory-effect", "characters-of-new-fonts", "dynamic-slab", "masked-light-slab",
+    "one-angular-size", "partially-coherent-slab", "points-beyond-range", "registered-tilts",
 }  # fmt: skip
 SMALL = {"unknown-slab": {}, "tilt-stack": {}, "through-slab": CHANGES["through-slab"]}
 
