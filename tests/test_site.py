@@ -1,11 +1,13 @@
 """The site: it is built without a warning, every public name is in it, and a browser shows it without an error.
 
-The build runs the gallery, which takes minutes: ``pytest -m slow tests/test_site.py``.
+The build runs the gallery, which takes minutes: ``pytest -m slow tests/test_site.py``. SITE=build/site takes a site
+that `make docs` has built.
 """
 
 import functools
 import http.server
 import importlib
+import os
 import re
 import shutil
 import subprocess
@@ -45,6 +47,8 @@ def test_there_are_ten_scripts_and_each_says_what_it_shows():
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
     """The site, built with warnings as errors."""
+    if "SITE" in os.environ:
+        return Path(os.environ["SITE"]).resolve()
     for needed in ("sphinx", "myst_parser", "sphinx_gallery", "pydata_sphinx_theme", "sphinxcontrib.bibtex"):
         pytest.importorskip(needed, reason="needs the extra docs")
     out = tmp_path_factory.mktemp("site")
