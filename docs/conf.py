@@ -39,19 +39,23 @@ html_theme_options = {
     "logo": {"text": "specklegen"},
     "navigation_with_keys": False,
     "show_prev_next": False,
-    "header_links_before_dropdown": 6,
+    "header_links_before_dropdown": 4,
     "navbar_end": ["theme-switcher"],
 }
 html_show_sourcelink = False
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
-suppress_warnings = ["misc.highlighting_failure"]  # output of programs in blocks without a language
+suppress_warnings = [
+    "misc.highlighting_failure",  # output of programs in blocks without a language
+    "ref.python",  # types in docstrings are words, such as field, and several attributes may have that name
+]
 
 autosummary_generate = True
 autodoc_default_options = {"members": True, "show-inheritance": False}
 autodoc_typehints = "none"
 napoleon_google_docstring = False
+napoleon_use_ivar = True  # attributes that a docstring lists are not described once more as members
 
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "alpha"
