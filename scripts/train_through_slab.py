@@ -118,7 +118,8 @@ class Example:
         methods: dict[str, baselines.Method] = {
             "mean image": baselines.mean_image(objects),
             "Katz": baselines.katz(self.retrieval),
-            "Katz, C_I": baselines.katz(self.retrieval, recipe=recipe),
+            "Katz, divided": baselines.katz(self.retrieval, recipe=recipe),
+            "Katz, divided and apodised": baselines.katz(self.retrieval, recipe=recipe, apodise=True),
         }
         methods |= {name: model.reconstruct for name, model in models.items()}
         store = self.store(title, recipe, split, self.images, seed)

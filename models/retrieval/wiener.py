@@ -10,7 +10,8 @@ where R^2 has to be known beforehand. Two guesses serve: *dense*, R falls from i
 1.25 sides of the object; *empirical*, what the lags themselves show above noise, which suits few bright points. A plain
 division by C, cut off below a floor, multiplies the longest lags, which hold noise only, by up to ten.
 
-The same formula tells what to expect of any weights, sum_l (w C - 1)^2 R^2 + w^2 s^2, and so whether to divide at all.
+The same formula tells what to expect of any weights, sum_l (w C - 1)^2 R^2 + w^2 s^2, and so whether to divide at all
+(:func:`expected_residual`).
 """
 
 from typing import Literal, get_args
@@ -21,7 +22,7 @@ from torch import Tensor
 from specklegen.core.errors import reject
 from specklegen.models.retrieval.autocorrelation import FLOOR, distances
 
-Division = Literal["none", "dense", "empirical"]
+Division = Literal["none", "floor", "dense", "empirical"]
 DIVISIONS: tuple[Division, ...] = get_args(Division)
 
 _REACH = 1.25
@@ -61,7 +62,7 @@ def weights(
     grain
         Lags in a grain, real[B].
     guess
-        What is taken for R^2, or "none" for weights of 1.
+        What is taken for R^2; "none" for weights of 1, "floor" for 1 / C down to C = 0.1.
 
     Raises
     ------
@@ -74,20 +75,54 @@ def weights(
     noise = variance.to(lags)[:, None, None]
     if guess == "none":
         return torch.ones_like(lags)
+    if guess == "floor":
+        return 1 / c.clamp_min(FLOOR)
     if guess == "dense":
-        power = dense_power(lags, side, grain)
+        power = dense_power(lags, c, side, grain)
         found = c * power / (c.square() * power + noise)
     else:
         found = _kept(lags, noise) / c.clamp_min(FLOOR)
     return found / found[:, :1, :1].clamp_min(torch.finfo(lags.dtype).tiny)
 
 
-def dense_power(lags: Tensor, side: float, grain: Tensor) -> Tensor:
-    """R^2 of a dense object: from its level beside the grain's peak down to 0, real[B, n, n]."""
+SPARSE = 2.9
+"""Power of the lags over that of the dense guess, above which objects are few bright points (docs/imaging.md)."""
+BEND = 1.5
+"""Power of the bend over that of the noise, above which division helps (docs/imaging.md)."""
+_VISIBLE = 0.3  # C_I below which a lag says little of R
+
+
+def choice(lags: Tensor, memory_effect: Tensor, variance: Tensor, *, side: float, grain: Tensor) -> list[Division]:
+    """Whether to divide, and by which guess, for each image; arguments as for :func:`weights`.
+
+    The expected residual of weights of 1 has two parts: the bend, sum_l (1 - C)^2 R^2, which division removes, and the
+    noise, sum_l s^2, which division adds to. Both are summed over lags as far as they show an object, which is where a
+    division acts. An object is sparse if those lags hold far more power than a dense object's would that is as bright
+    beside the grain's peak.
+    """
+    c, noise = memory_effect.to(lags).expand_as(lags), variance.to(lags)[:, None, None]
+    length = torch.from_numpy(distances(lags.shape[-1])).to(lags)
+    counted = ((length > _BESIDE[0] * grain.to(lags)[:, None, None]) & (length < _REACH * side)).to(lags)
+    shown = _kept(lags, noise) * counted
+    seen = shown * lags.square()
+    dense = c.square() * dense_power(lags, c, side, grain) * counted
+    sparse = seen.sum((1, 2)) > SPARSE * dense.sum((1, 2))
+    bend = ((1 / c.clamp_min(_VISIBLE) - 1).square() * seen).sum((1, 2))
+    divide = bend > BEND * (noise * shown).sum((1, 2))
+    kinds: list[Division] = ["empirical" if few else "dense" for few in sparse.tolist()]
+    return [kind if yes else "none" for kind, yes in zip(kinds, divide.tolist(), strict=True)]
+
+
+def dense_power(lags: Tensor, memory_effect: Tensor, side: float, grain: Tensor) -> Tensor:
+    """R^2 of a dense object: from its level beside the grain's peak down to 0, real[B, n, n].
+
+    The level is that of P over C there, by least squares.
+    """
     length = torch.from_numpy(distances(lags.shape[-1])).to(lags)
     near, far = (bound * grain.to(lags)[:, None, None] for bound in _BESIDE)
     beside = ((length >= near) & (length <= far.clamp_min(near + 1.5))).to(lags)
-    level = (lags * beside).sum((1, 2)) / beside.sum((1, 2)).clamp_min(1)
+    c = memory_effect.to(lags)
+    level = (lags * c * beside).sum((1, 2)) / (c.square() * beside).sum((1, 2)).clamp_min(1e-6)
     return (level[:, None, None] * (1 - length / (_REACH * side)).clamp_min(0).square()).square()
 
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from zscore import assert_mean
 
 from specklegen.cli.commands import app
+from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe, recipe_names
 from specklegen.datasets.recipes.medium_realization import medium_realization
 from specklegen.datasets.recipes.recipe import DATA_VERSION
@@ -19,6 +20,7 @@ from specklegen.datasets.sample_schema import Renderable, stored_arrays
 from specklegen.datasets.split import Purpose, substream
 from specklegen.instrument.camera import NoiseStreams, expose
 from specklegen.instrument.lab import LabSetup
+from specklegen.scene.faces import Faces
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein
 
@@ -242,6 +244,29 @@ def test_lab_setup_makes_a_scene():
     assert scene.illumination.pitch == pytest.approx(0.3 / 6 / 200 / 1.4)  # type: ignore[union-attr]
     with pytest.raises(ValueError, match="brightness must be of shape"):
         setup.scene(film, np.ones(3))
+
+
+def test_faces_of_a_material_reach_its_slab():
+    """Written in the material or taken from the laboratory; matched ones leave a recipe as it was."""
+    water = {"inside": 1.33, "outside": 1.0}
+    plain, faced = load_recipe("through-slab"), load_recipe("through-slab", {"material": {"faces": water}})
+    assert plain.material.extremes()[0].faces.matched
+    assert all(slab.faces == Faces(inside=1.33) for slab in faced.material.extremes())
+    assert faced.fingerprint() != plain.fingerprint()
+    same = load_recipe("through-slab", {"material": {"faces": {"inside": 1.33, "outside": 1.33}}})
+    assert same.fingerprint() == plain.fingerprint()
+    assert load_recipe("through-slab-lab").material.faces.matched  # its TOML says so
+    bench = load_recipe("through-slab-lab", {"lab": {"faces": "fresnel", "wall": 1.52}})
+    assert bench.material.extremes()[0].faces == Faces(inside=1.4, wall=1.52)
+    # Its memory-effect range is that behind glass, not that of a bare layer.
+    layer = bench.material.extremes()[0]
+    matched = layer.replace(faces=Faces())
+    ranges = [bench.material.known(each).half_range for each in (layer, matched)]
+    assert ranges[0] < 0.5 * ranges[1]
+    with pytest.raises(RuleError, match=r'Material.kernel must be "estimate" for faces'):
+        load_recipe("unseen-material", {"material": {"faces": water, "kernel": "atlas"}})
+    with pytest.raises(RuleError, match="Material.faces must be those of the lab"):
+        load_recipe("through-slab-lab", {"lab": {"faces": "fresnel"}, "material": {"faces": water}})
 
 
 def test_counts_are_the_exposed_image():
