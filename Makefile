@@ -4,13 +4,13 @@ PYTHON ?= python3
 TORCH ?= torch==2.13.0
 BIN = .venv/bin
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench docs linkcheck clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet "$(TORCH)"
-	$(BIN)/pip install --quiet --editable ".[dev,digits,mie,dask,mesh,validate]"
+	$(BIN)/pip install --quiet --editable ".[dev,digits,mie,dask,mesh,validate,parquet,remote]"
 	touch $@
 
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/
@@ -27,5 +27,15 @@ lint: .venv/installed
 bench: .venv/installed  ## the ratios of the performance page, one core
 	$(BIN)/python scripts/benchmark.py
 
+.venv/installed-docs: .venv/installed
+	$(BIN)/pip install --quiet --editable ".[docs]"
+	touch $@
+
+docs: .venv/installed-docs  ## the site, in build/site; a warning is an error
+	$(BIN)/python -m sphinx -W --keep-going -b html docs build/site
+
+linkcheck: .venv/installed-docs  ## every link of the site, those to other sites too
+	$(BIN)/python -m sphinx -b linkcheck docs build/linkcheck
+
 clean:
-	rm -rf .venv .editable demo build *.egg-info
+	rm -rf .venv .editable demo build docs/auto_gallery docs/generated docs/project *.egg-info

@@ -40,10 +40,10 @@ print(sg.__file__)
 FULL = """
 from specklegen.datasets import load_recipe
 from specklegen.models import load_pretrained
-import torch
+from specklegen.datasets.loading.stream import tensors
 few = {"material": {"kernel_paths": 1000}}
-sample = load_recipe("through-slab", few).sample(0, "test", 0)
-load_pretrained().reconstruct({"image": torch.from_numpy(sample["image"])[None]})
+batch = tensors(load_recipe("through-slab", few).batch(0, "test", range(2)))
+assert load_pretrained().reconstruct(batch).shape == (2, 28, 28)
 """
 
 

@@ -21,7 +21,7 @@ from test_docs import blocks, shorter
 
 pytestmark = pytest.mark.slow
 
-README = [block for block in blocks() if block.page == "README.md"]
+README = [block for block in blocks() if block.page in ("README.md", "docs/start.md")]
 TINY = ["--set", "material.kernel_paths=1000", "--set", "samples.train=64"]
 
 

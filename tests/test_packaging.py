@@ -16,7 +16,7 @@ from scenes import ROOT
 
 TREES = {"specklegen": "specklegen", "datasets": "specklegen.datasets", "models": "specklegen.models"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-IMPORT_NAMES = {"pillow": "PIL", "scikit-image": "skimage", "scikit-learn": "sklearn"}
+IMPORT_NAMES = {"pillow": "PIL", "universal-pathlib": "upath", "scikit-image": "skimage", "scikit-learn": "sklearn"}
 """Names that packages are imported by, where these are not their own with underscores."""
 FEW_TYPES = """
 import numpy as np

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -16,6 +15,7 @@ from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.creation import require_same
 from specklegen.datasets.store.identity import identity
+from specklegen.datasets.store.places import place_of
 from specklegen.datasets.store.reading import SampleReader
 from specklegen.datasets.store.shards import MissingSample
 from specklegen.datasets.store.store import Store
@@ -30,7 +30,8 @@ class SpeckleCache(Dataset):
     Parameters
     ----------
     folder : path
-        The folder of the store; it may still be being filled.
+        The folder of the store, which may still be being filled; or an address that fsspec knows, such as
+        ``s3://bucket/a.zarr`` (extra ``remote``), a ``UPath`` where it needs options.
     missing : {"raise", "render"}
         What to do with a sample that is not there: raise MissingSample, or render it from ``recipe``.
     recipe : Renderable, optional
@@ -57,7 +58,7 @@ class SpeckleCache(Dataset):
             reject("SpeckleCache.missing", "one of 'raise', 'render'", missing)
         if missing == "render" and recipe is None:
             reject("SpeckleCache.recipe", "given where missing samples are to be rendered", recipe)
-        self.folder, self.missing, self.recipe = Path(folder).absolute(), missing, recipe
+        self.folder, self.missing, self.recipe = place_of(folder), missing, recipe
         self._open()
         stated = self.identity
         if recipe is not None:
@@ -67,6 +68,11 @@ class SpeckleCache(Dataset):
         self._store = Store(self.folder)
         self._types = self._store.sample_types()
         self._reader = SampleReader(self._store)
+
+    @property
+    def store(self) -> Store:
+        """The open store."""
+        return self._store
 
     @property
     def identity(self) -> dict[str, Any]:

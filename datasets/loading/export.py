@@ -1,4 +1,4 @@
-"""Exporting samples from a store to files that every program reads: npy arrays and PNG pictures."""
+"""Exporting samples from a store to files that other programs read: npy arrays, PNG pictures, Parquet."""
 
 import csv
 import os
@@ -12,12 +12,13 @@ from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.escaping import csv_cell
 from specklegen.datasets.loading.cache import SpeckleCache
+from specklegen.datasets.loading.parquet import write_parquet
 
 
 def export(
     folder: str | os.PathLike,
     out: str | os.PathLike,
-    format: Literal["npy", "png"] = "npy",
+    format: Literal["npy", "png", "parquet"] = "npy",
     samples: Sequence[int] | None = None,
 ) -> list[Path]:
     """Write samples of a store as files, with a table of their indices, seed and parameters.
@@ -25,13 +26,14 @@ def export(
     "npy" writes one array a key, ``<key>.npy``, with the samples along the first axis. "png" writes one
     picture a sample and key with at least two axes, ``<key>_<index>.png``: counts as 16 bits, unchanged;
     other arrays as 16 bits from the picture's least to its greatest value, which the table gives. Frames of
-    a stack stand side by side. Both write ``samples.csv``.
+    a stack stand side by side. "parquet" writes a data set for the Hugging Face hub; see
+    :mod:`specklegen.datasets.loading.parquet`. All write ``samples.csv``.
 
     Parameters
     ----------
     folder, out : path
         The store, and the folder to write to.
-    format : {"npy", "png"}
+    format : {"npy", "png", "parquet"}
         Kind of files.
     samples : sequence of int, optional
         Which samples; by default all.
@@ -122,4 +124,4 @@ def _side_by_side(array: np.ndarray) -> np.ndarray:
     return np.moveaxis(frames, 0, 1).reshape(array.shape[-2], -1)
 
 
-_WRITERS = {"npy": _write_npy, "png": _write_png}
+_WRITERS = {"npy": _write_npy, "png": _write_png, "parquet": write_parquet}

@@ -6,7 +6,6 @@ index of (offset, length) pairs, one for each sample, and a CRC32C; each chunk i
 [bytes little-endian, blosc (or nothing), crc32c]. tests/test_store.py holds it equal to zarr's own reader.
 """
 
-import os
 from collections import OrderedDict
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 from numcodecs import Blosc
 
 from specklegen.core.errors import ToldError
+from specklegen.datasets.store.places import File, opened
 
 _ABSENT = 2**64 - 1
 _OPEN_FILES = 32
@@ -89,7 +89,7 @@ class ShardFiles:
             compressed,
         )
         self._bytes = int(np.prod(sample_shape)) * dtype.itemsize
-        self._open: OrderedDict[int, tuple[int, np.ndarray, Path]] = OrderedDict()
+        self._open: OrderedDict[int, tuple[File, np.ndarray, Path]] = OrderedDict()
 
     def file(self, shard: int) -> Path:
         """Return where a shard stands."""
@@ -104,41 +104,41 @@ class ShardFiles:
             If the sample was never written, or its bytes are not those that were written.
         """
         shard, place = divmod(sample, self._shard_samples)
-        descriptor, index, file = self._shard(shard)
+        handle, index, file = self._shard(shard)
         offset, length = int(index[place, 0]), int(index[place, 1])
         if offset == _ABSENT:
             raise MissingSample(f"{file} does not hold sample {sample}")
-        data = _checked(os.pread(descriptor, length, offset), file)
+        data = _checked(handle.part(offset, length), file)
         if self._compressed:
             data = _BLOSC.decode(data)
         if len(data) != self._bytes:
             raise ForeignShard(f"{file} holds samples of another size; mend the store with verify --repair")
         return np.frombuffer(data, self._dtype).reshape(self._shape)
 
-    def _shard(self, shard: int) -> tuple[int, np.ndarray, Path]:
+    def _shard(self, shard: int) -> tuple[File, np.ndarray, Path]:
         if shard in self._open:
             self._open.move_to_end(shard)
             return self._open[shard]
         file, length = self.file(shard), 16 * self._shard_samples + 4
         try:
-            descriptor = os.open(file, os.O_RDONLY)
+            handle = opened(file)
         except FileNotFoundError:
             raise MissingSample(f"{file} is not there") from None
         try:
-            tail = os.pread(descriptor, length, max(0, os.fstat(descriptor).st_size - length))
+            tail = handle.part(max(0, handle.size - length), length)
             index = np.frombuffer(_checked(tail, file), "<u8").reshape(-1, 2)
         except BaseException:
-            os.close(descriptor)
+            handle.close()
             raise
-        self._open[shard] = descriptor, index, file
+        self._open[shard] = handle, index, file
         if len(self._open) > _OPEN_FILES:
-            os.close(self._open.popitem(last=False)[1][0])
-        return descriptor, index, file
+            self._open.popitem(last=False)[1][0].close()
+        return handle, index, file
 
     def close(self) -> None:
         """Close every file; the next read opens its own again."""
         while self._open:
-            os.close(self._open.popitem()[1][0])
+            self._open.popitem()[1][0].close()
 
     def __getstate__(self) -> dict:
         return self.__dict__ | {"_open": OrderedDict()}

@@ -23,10 +23,13 @@ from typing import Any
 
 import numpy as np
 import zarr
+import zarr.storage
 
+from specklegen.core.errors import reject
 from specklegen.datasets.store import metadata
 from specklegen.datasets.store.files import is_temporary
 from specklegen.datasets.store.locks import LockState, claim
+from specklegen.datasets.store.places import is_remote, place_of
 from specklegen.datasets.store.seals import seal, shard_digest
 from specklegen.datasets.store.shards import MissingSample, ShardFiles, read_table
 
@@ -43,7 +46,7 @@ class Store:
     Parameters
     ----------
     folder : path
-        The folder of the store.
+        The folder of the store, or an address that fsspec knows.
     writable : bool
         Whether shards will be written.
 
@@ -54,10 +57,12 @@ class Store:
     """
 
     def __init__(self, folder: str | os.PathLike, writable: bool = False) -> None:
-        self.folder = Path(folder).absolute()
+        self.folder = place_of(folder)
+        if writable and is_remote(self.folder):
+            reject("store.folder", "a folder of this machine, to write", str(folder), "Copy the finished store there.")
         self.metadata = metadata.read(self.folder)
         with zarr.config.set({"array.write_empty_chunks": True}):
-            group = zarr.open_group(self.folder, mode="r+" if writable else "r", zarr_format=3)
+            group = zarr.open_group(_as_zarr(self.folder), mode="r+" if writable else "r", zarr_format=3)
             self._arrays: dict[str, zarr.Array] = {name: group[name] for name in self.metadata.arrays}  # type: ignore[misc]
         self.attributes: dict[str, Any] = self.metadata.attributes
         self.shard_samples: int = self.attributes["shard_samples"]
@@ -220,3 +225,10 @@ class Store:
                     file.unlink(missing_ok=True)
                     swept.append(file)
         return swept
+
+
+def _as_zarr(folder: Any) -> Any:
+    """What zarr opens: a folder itself, or the file system and the path of an address."""
+    if not is_remote(folder):
+        return folder
+    return zarr.storage.FsspecStore.from_url(str(folder), storage_options=dict(folder.storage_options), read_only=True)

@@ -158,7 +158,7 @@ def _first_few(numbers: tuple[int, ...]) -> str:
 def export(
     folder: Store,
     out: Annotated[Path, typer.Option(help="Folder to write to.")],
-    format: Annotated[Literal["npy", "png"], typer.Option(help="Kind of files.")] = "npy",
+    format: Annotated[Literal["npy", "png", "parquet"], typer.Option(help="Kind of files.")] = "npy",
     samples: Annotated[int | None, typer.Option(min=1, help="The first so many (default: all).")] = None,
 ) -> None:
     """Write samples of a store as files that every program reads."""

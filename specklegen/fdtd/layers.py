@@ -84,7 +84,7 @@ class RandomLayer(Value):
         return np.exp(-lags / self.correlation_length)
 
     def sample(self, n: int, seed: int, first: int = 0) -> np.ndarray:
-        """Draw realizations ``first .. first + n - 1`` of kappa = (n/n_b)^2 - 1, float64[n, N].
+        """Draw realizations ``first`` to ``first + n - 1`` of kappa = (n/n_b)^2 - 1, float64[n, N].
 
         Realization r is a pure function of (layer, seed, r), whatever ``n`` and ``first``.
 

@@ -1,0 +1,133 @@
+"""Sphinx: the pages of this folder, the API from docstrings, and a gallery of scripts that run."""
+
+import importlib
+import os
+import re
+import shutil
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+sys.path.insert(0, str(ROOT))
+
+import specklegen  # noqa: E402
+
+project = "specklegen"
+copyright = "the specklegen developers"  # noqa: A001
+version = release = specklegen.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+    "sphinxcontrib.bibtex",
+]
+root_doc = "index"
+exclude_patterns = ["_build", "gallery/*"]
+templates_path = ["_templates"]
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"specklegen {release}"
+html_theme_options = {
+    "logo": {"text": "specklegen"},
+    "navigation_with_keys": False,
+    "show_prev_next": False,
+    "header_links_before_dropdown": 4,
+    "navbar_end": ["theme-switcher"],
+}
+html_show_sourcelink = False
+
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 3
+suppress_warnings = [
+    "misc.highlighting_failure",  # output of programs in blocks without a language
+    "ref.python",  # types in docstrings are words, such as field, and several attributes may have that name
+]
+
+autosummary_generate = True
+autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_typehints = "none"
+napoleon_google_docstring = False
+napoleon_use_ivar = True  # attributes that a docstring lists are not described once more as members
+
+bibtex_bibfiles = ["references.bib"]
+bibtex_default_style = "alpha"
+
+sphinx_gallery_conf = {
+    "examples_dirs": str(DOCS / "gallery"),
+    "gallery_dirs": "auto_gallery",
+    "filename_pattern": r"plot_",
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "remove_config_comments": True,
+    "min_reported_time": 1e9,
+    "show_memory": False,
+    "abort_on_example_error": True,
+    "copyfile_regex": "",
+}
+linkcheck_timeout = 20
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+_OUTSIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICENSE")
+"""Files of the repository's root that are pages of the site too, in the folder project/."""
+
+
+PACKAGES = ("", ".datasets", ".models", ".coherence", ".wavetracing", ".fdtd")
+"""Packages whose names are public."""
+
+
+def write_pages(app) -> None:
+    """Copy the pages of the root into the site, with links as they are from there, and list every public name."""
+    folder = DOCS / "project"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    for name in _OUTSIDE[:-1]:
+        text = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](../")
+        (folder / name.lower()).write_text(_among_pages(text, ""), encoding="utf-8")
+    (folder / "reference.rst").write_text(reference(), encoding="utf-8")
+
+
+def reference() -> str:
+    """Page of every public name, package by package."""
+    text = "Every public name\n=================\n"
+    for package in (f"specklegen{name}" for name in PACKAGES):
+        names = "\n".join(f"   {name}" for name in sorted(importlib.import_module(package).__all__))
+        text += f"\n{package}\n{'-' * len(package)}\n\n.. currentmodule:: {package}\n"
+        text += f".. autosummary::\n   :toctree: ../generated\n\n{names}\n"
+    return text
+
+
+def rewrite_links(app, page: str, source: list[str]) -> None:
+    """A link to a page of the root leads to its copy."""
+    source[0] = _among_pages(source[0].replace("](../", "]("), "project/") if "/" not in page else source[0]
+
+
+def _among_pages(text: str, folder: str) -> str:
+    names = "|".join(re.escape(name) for name in _OUTSIDE[:-1])
+    return re.sub(rf"\]\(({names})\)", lambda match: f"]({folder}{match[1].lower()})", text)
+
+
+_MARKUP = re.compile(r"(``[^`]*``|:[\w:]+:`[^`]*`|`[^`]*`_*)")
+
+
+def escape_formulas(app, what, name, thing, options, lines: list[str]) -> None:
+    """Docstrings are prose and formulas: |K|^2, u*, exit_ are no markup."""
+    for n, line in enumerate(lines):
+        parts = _MARKUP.split(line)
+        parts[::2] = [re.sub(r"([|*]|(?<=\w)_(?!\w))", r"\\\1", part) for part in parts[::2]]
+        lines[n] = "".join(parts)
+
+
+def setup(app) -> None:
+    """Connect the functions above."""
+    app.connect("builder-inited", write_pages, priority=1)
+    app.connect("source-read", rewrite_links)
+    app.connect("autodoc-process-docstring", escape_formulas, priority=100)

@@ -1,0 +1,33 @@
+"""
+A hidden object, and phase retrieval
+====================================
+
+The autocorrelation of a camera image is that of the hidden object (Katz et al. 2014); phase retrieval finds the object
+from it, up to its place and a turn by 180 degrees. A small network does it from the same image.
+"""
+
+import numpy as np
+from matplotlib import pyplot as plt
+from specklegen.core.statistics import autocorrelation
+from specklegen.datasets import load_recipe
+from specklegen.datasets.loading.stream import tensors
+from specklegen.models import Retrieval, evaluate, load_pretrained
+from specklegen.models.judging.baselines import katz
+
+recipe = load_recipe("unknown-slab")
+batch = tensors(recipe.batch(0, "test", range(3)))
+methods = {"phase retrieval": katz(Retrieval(restarts=2)), "network": load_pretrained().reconstruct}
+found, cases = evaluate(methods, [batch], recipe.profile)
+
+# %%
+# Above each reconstruction: its Pearson correlation to the hidden object, after alignment.
+figure, rows = plt.subplots(3, 5, figsize=(10, 6), layout="constrained")
+for axes, case in zip(rows, cases, strict=True):
+    lags = np.clip(autocorrelation(case.image.astype(np.float64))[32:-32, 32:-32], 0, 0.7)
+    pictures = {"camera": case.image, "its autocorrelation": lags} | case.reconstructions | {"object": case.object}
+    for axis, (name, picture) in zip(axes, pictures.items(), strict=True):
+        axis.imshow(picture, cmap="gray")
+        axis.set_axis_off()
+        score = f" {case.scores[name]:.2f}" if name in case.scores else ""
+        axis.set_title(name + score, fontsize=9)
+plt.show()

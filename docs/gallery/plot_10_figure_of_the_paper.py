@@ -1,0 +1,29 @@
+"""
+A figure of the paper
+=====================
+
+Figure 8 of Bar et al. (2019) in small: covariance of the speckle of a box in flatland between all views, with light
+from 0 degrees against light from 0, 1, 4 and 20 degrees. ``scripts/reproduce_figures.py`` draws it in full, beside the
+wave equation.
+"""
+
+import numpy as np
+import specklegen as sg
+from matplotlib import pyplot as plt
+
+degrees = [0, 1, 4, 20]
+scene = sg.Scene(
+    wavelength=1.0,
+    medium=sg.Box(lower=[-10, -10], upper=[10, 10], mean_free_path=10.0, scatterer=sg.Isotropic()),
+    illumination=sg.PlaneWaves.tilts(np.deg2rad(degrees), dimensions=2),
+    sensor=sg.FarField.angles(np.deg2rad(np.arange(0, 360, 4))),
+)
+cov = sg.covariance(scene, paths=4000)
+print(cov)
+
+# %%
+figure, axes = plt.subplots(1, 4, figsize=(11, 3), layout="constrained")
+for n, axis in enumerate(axes):
+    axis.imshow(np.abs(cov.value[0, :, n]), extent=(0, 360, 360, 0), cmap="magma", vmax=np.abs(cov.value).max() / 3)
+    axis.set_title(f"0° against {degrees[n]}°", fontsize=9)
+plt.show()

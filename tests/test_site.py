@@ -1,0 +1,107 @@
+"""The site: it is built without a warning, every public name is in it, and a browser shows it without an error.
+
+The build runs the gallery, which takes minutes: ``pytest -m slow tests/test_site.py``. SITE=build/site takes a site
+that `make docs` has built.
+"""
+
+import functools
+import http.server
+import importlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from scenes import ROOT
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+QUIET = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update",
+]  # fmt: skip
+PAGES = {
+    "index.html": "Documentation",
+    "auto_gallery/plot_02_tilt_and_memory.html": "Tilt, and the memory of a slab",
+    "generated/specklegen.memory_effect.html": "specklegen.memory_effect",
+}
+
+
+def test_every_page_is_in_the_navigation():
+    """A page in no toctree is a warning, which stops the build."""
+    index = (ROOT / "docs/index.md").read_text()
+    listed = {line for block in re.findall(r":::\{toctree\}\n(.*?):::", index, re.DOTALL) for line in block.split("\n")}
+    assert {page.stem for page in (ROOT / "docs").glob("*.md")} - listed == {"index"}
+
+
+def test_there_are_ten_scripts_and_each_says_what_it_shows():
+    scripts = sorted((ROOT / "docs/gallery").glob("plot_*.py"))
+    assert len(scripts) >= 10
+    for script in scripts:
+        assert re.match(r'"""\n(\S.*)\n=+\n\n\S', script.read_text()), script
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """The site, built with warnings as errors."""
+    if "SITE" in os.environ:
+        return Path(os.environ["SITE"]).resolve()
+    for needed in ("sphinx", "myst_parser", "sphinx_gallery", "pydata_sphinx_theme", "sphinxcontrib.bibtex"):
+        pytest.importorskip(needed, reason="needs the extra docs")
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(out)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=3600)
+    assert done.returncode == 0, done.stderr[-4000:]
+    return out
+
+
+@pytest.mark.slow
+def test_every_public_name_has_a_page(site):
+    for package in ("specklegen", "specklegen.datasets", "specklegen.models", "specklegen.fdtd"):
+        for name in importlib.import_module(package).__all__:
+            assert (site / "generated" / f"{package}.{name}.html").is_file(), name
+
+
+@pytest.mark.slow
+def test_the_gallery_has_pictures(site):
+    shown = {file.name for file in (site / "_images").glob("sphx_glr_plot_*.png")}
+    for script in (ROOT / "docs/gallery").glob("plot_*.py"):
+        assert any(script.stem in name for name in shown), script
+
+
+@pytest.fixture(scope="module")
+def address(site):
+    """Where the site is served to this machine alone."""
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(site))
+    handler.log_message = lambda *words: None  # type: ignore[attr-defined]
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+def seen(url: str, profile: Path) -> tuple[str, list[str]]:
+    """The page as the browser has it once its scripts have run, and what they complained of."""
+    words = [CHROMIUM, *QUIET, f"--user-data-dir={profile}", "--virtual-time-budget=15000", "--enable-logging=stderr"]
+    done = subprocess.run([*words, "--dump-dom", url], capture_output=True, text=True, timeout=300)
+    return done.stdout, re.findall(r"CONSOLE[^\n]*(?:[Ee]rror|Uncaught|Failed|Refused)[^\n]*", done.stderr)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_is_shown_without_an_error(page, address, tmp_path):
+    text, complaints = seen(f"{address}/{page}", tmp_path)
+    assert PAGES[page] in re.sub(r"<[^>]+>", "", text)
+    assert complaints == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
+def test_the_search_finds_a_page(address, tmp_path):
+    text, complaints = seen(f"{address}/search.html?q=backscattering", tmp_path)
+    assert "validation.html" in text
+    assert complaints == []
