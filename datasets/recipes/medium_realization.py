@@ -21,6 +21,7 @@ from specklegen.datasets.recipes.parts.viewing import division_weights
 from specklegen.datasets.split import Split
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
+from specklegen.samplers.screens.objects import ScreenObjects
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
@@ -57,12 +58,12 @@ class StationaryFields:
 
     Attributes
     ----------
-    sampler : ObjectSampler
+    sampler : ObjectSampler or ScreenObjects
     media : tuple of Tensor
         Fields or spectra.
     """
 
-    sampler: ObjectSampler
+    sampler: ObjectSampler | ScreenObjects
     media: tuple[torch.Tensor, ...]
 
     @property
@@ -76,7 +77,9 @@ class StationaryFields:
         return images[0] if len(images) == 1 else np.concatenate(images)
 
 
-def stationary_fields(sampler: ObjectSampler, media: list[torch.Tensor], *, share: bool) -> StationaryFields:
+def stationary_fields(
+    sampler: ObjectSampler | ScreenObjects, media: list[torch.Tensor], *, share: bool
+) -> StationaryFields:
     """Bring media into the form that their samples share: spectra where many objects look through them."""
     if share and sampler.spectra_bytes * len(media) <= _KEPT_BYTES:
         media = [sampler.spectra(medium) for medium in media]
@@ -189,7 +192,7 @@ class MediumRealization:
     Attributes
     ----------
     fields : Fields
-    sampler : ObjectSampler
+    sampler : ObjectSampler or ScreenObjects
         Of the stationary model, which knows mean and contrast in advance.
     parameters : dict
         What was drawn for the medium, and what follows from it.
@@ -200,7 +203,7 @@ class MediumRealization:
     """
 
     fields: Fields
-    sampler: ObjectSampler
+    sampler: ObjectSampler | ScreenObjects
     parameters: dict[str, float]
     tilts: np.ndarray
     contrast: float

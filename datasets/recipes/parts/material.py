@@ -36,6 +36,7 @@ class Estimator(IntEnum):
 
     PATHS = 1
     ATLAS = 2
+    CLOSED_FORM = 3
 
 
 class SplitRanges(Value):
