@@ -136,14 +136,14 @@ def require_finite(sample: Mapping[str, Any], recipe: Renderable, seed: int, spl
     RuleError
         Naming the sample, and the array or the parameter.
     """
-    spec = recipe.layout().get("parameters")
-    unbounded = spec.unbounded if spec is not None else ()
     arrays = [(key, value, False) for key, value in sample.items() if key != "parameters"]
-    drawn = [(name, value, name in unbounded) for name, value in sample["parameters"].items()]
-    for name, column, free in arrays + drawn:
+    drawn = [(name, value, True) for name, value in sample["parameters"].items()]
+    for name, column, is_parameter in arrays + drawn:
         value = np.asarray(column)
-        if value.dtype.kind not in "fc":
+        if value.dtype.kind not in "fc" or np.isfinite(value).all():
             continue
+        spec = recipe.layout().get("parameters")
+        free = is_parameter and spec is not None and name in spec.unbounded
         good = ~np.isnan(value) if free else np.isfinite(value)
         if not good.all():
             index = np.atleast_1d(sample["index"])

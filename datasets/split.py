@@ -44,6 +44,7 @@ class Purpose(IntEnum):
     READ_NOISE = 13
     SAMPLE_ORDER = 14
     FIELD = 15
+    FAMILY = 16
 
 
 def split_number(split: str) -> int:

@@ -3,6 +3,12 @@ from .learning.reconstructor import Reconstructor as Reconstructor
 from .learning.reconstructor import load_pretrained as load_pretrained
 from .learning.training import Training as Training
 from .learning.training import train as train
+from .likelihood.likelihood import Optics as Optics
+from .likelihood.likelihood import SpeckleLikelihood as SpeckleLikelihood
+from .likelihood.likelihood import expected_deviance as expected_deviance
+from .likelihood.likelihood import memory_effect_between as memory_effect_between
+from .likelihood.periodogram import Periodogram as Periodogram
+from .likelihood.periodogram import periodogram as periodogram
 from .metrics import align as align
 from .metrics import bootstrap as bootstrap
 from .metrics import scores as scores

@@ -14,6 +14,7 @@ from .rendering import render as render
 from .samplers.covariance.covariance import Covariance as Covariance
 from .samplers.covariance.covariance import covariance as covariance
 from .samplers.covariance.covariance import covariance_blocks as covariance_blocks
+from .scene.faces import Faces as Faces
 from .scene.illumination import CollimatedBeams as CollimatedBeams
 from .scene.illumination import IncoherentObject as IncoherentObject
 from .scene.illumination import PlaneWaves as PlaneWaves

@@ -2,13 +2,17 @@
 
 Along the axis, in transmission and at small tilts, from the distribution of lateral distances
 (:mod:`specklegen.samplers.stationary.correlation`, symmetric in azimuth and so less noisy). Otherwise from the exact
-amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter.
+amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter. Tilts that are
+not small beside a narrow lobe keep their angle to it instead (:mod:`specklegen.paths.far_field`): from lateral
+distances again, and from phases alone where reversed paths take part.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -16,19 +20,21 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import instance, real_array, real_number
 from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
-from specklegen.core.errors import reject
+from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.memory import available_memory
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import summary
-from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.core.statistics import BATCHES, batch_sums, jackknife
 from specklegen.paths.deep_absorption import relative_variance, require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
+from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss
 from specklegen.paths.reversal import Reverse, reversal_decision
 from specklegen.paths.tracer import plane_tracer
 from specklegen.samplers.stationary.correlation import estimate_correlation
+from specklegen.samplers.stationary.oblique import estimate_oblique_correlation
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.media import Box, Slab, VoxelGrid
 from specklegen.scene.scene import Scene
@@ -64,6 +70,9 @@ class MemoryEffect(Pictured):
         Paths traced.
     reverse : bool
         Whether reversed paths took part.
+    near_field : bool
+        Whether tilts keep their angle to the scatterers' lobe, since mean free paths are shorter than the far field
+        that tells them apart (docs/physics.md 10).
     """
 
     tilts: np.ndarray
@@ -75,6 +84,7 @@ class MemoryEffect(Pictured):
     single_share: float
     paths: int
     reverse: bool
+    near_field: bool = False
 
     def __repr__(self) -> str:
         return summary(self, tilts=self.tilts, intensity=self.intensity, paths=self.paths, reverse=self.reverse)
@@ -157,7 +167,9 @@ def memory_effect(
     Warns
     -----
     DoubtWarning
-        Where the mean free path is below the wavelength: independent scattering is then doubtful.
+        Where the mean free path is below the wavelength: independent scattering is then doubtful. Where tilts are
+        neither small beside the scatterers' lobe, nor beside 0.1 radian, and segments are in the lobe's near field: no
+        estimate is right there.
     """
     if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
         return _of_screens(medium, wavelength, tilts, mode, view)
@@ -186,10 +198,17 @@ def memory_effect(
 
     light = directions_of_sines("memory_effect tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines("memory_effect view + tilts", view[:2] + light[:, :2], side)
+    medium.faces.require_crossing("memory_effect tilts and view", np.concatenate([light, views, view[None]]))
     reversal = reversal_decision(medium, wavelength, light, views, reverse, tolerance)
-    small = np.abs(tilts).max(initial=0.0) <= 0.02 * (1 - abs(medium.scatterer.mean_cosine()))
+    largest = np.abs(tilts).max(initial=0.0)
+    lobe = lobe_loss(medium, wavelength, largest)
+    near = lobe.spurious and medium.albedo > 0
+    if near and largest**2 > SLANT:
+        _warn_of_neither(lobe, largest)
+    small = near or largest <= 0.02 * (1 - abs(medium.scatterer.mean_cosine()))
     symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
-    curve = _axial if symmetric else _exact
+    lateral = near and not reversal.needed
+    curve = _axial if symmetric else _lateral if lateral else partial(_exact, near=near)
 
     def run(count: int, seed: Seed) -> tuple:
         return curve(medium, wavelength, light, view, views, side, count, seed, reversal.needed, threads)
@@ -211,7 +230,17 @@ def memory_effect(
         single_share=single,
         paths=count,
         reverse=reversal.needed,
+        near_field=near,
     )
+
+
+def _warn_of_neither(lobe: LobeLoss, tilt: float) -> None:
+    warnings.warn(
+        f"memory_effect: tilts of {tilt:.2g} rad are too large to keep their angle to the lobe (within {SLANT:g} of "
+        f"C_I below {SLANT**0.5:g} rad), and mean free paths, {lobe.far_field:.2g} times the lobe's far field, too "
+        f"short to tell them apart: the curve may be off by up to {max(tilt**2, SLANT):.2g}. Ask for smaller tilts.",
+        DoubtWarning, stacklevel=3,
+    )  # fmt: skip
 
 
 def _of_screens(medium: ThinMedium, wavelength: float, tilts: ArrayLike, mode: Mode, view: ArrayLike | None):
@@ -246,11 +275,29 @@ def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, t
     return kernel(q).astype(np.complex128), intensity, decorrelation, error, kernel.single_share
 
 
-def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
-    """Amplitudes a_t of every connection at the pairs (i_t, v_t); K_t = E[W a_0 a_t*] over its intensities."""
+def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
+    """K_t = E[w e^(ik t . R)] / E[w], R the lateral way from face to face about the first pair."""
+    kernel = estimate_oblique_correlation(medium, AXIS, view, paths, seed, threads=threads)
+    if not kernel.weights.any():
+        return _dark(len(light))
+    k = 2 * np.pi / wavelength
+    sums = [kernel.weights * np.exp(1j * k * (kernel.displacement @ tilt)) for tilt in light[:, :2]]
+    batches = np.array([batch_sums(each, kernel.owners, paths) for each in (*sums, kernel.weights)]).T
+    intensity, error = jackknife(batches, lambda total: np.square(np.abs(total[:-1] / total[-1])))
+    whole = batches.sum(axis=0)
+    return whole[:-1] / whole[-1], intensity, 1 - intensity, error, kernel.single_share
+
+
+def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads, near=False):
+    """Amplitudes a_t of every connection at the pairs (i_t, v_t); K_t = E[W a_0 a_t*] over its intensities.
+
+    ``near`` leaves all but the phases as they are at the first pair.
+    """
     lights, views = np.concatenate([AXIS[None], light]), np.concatenate([view[None], views])
     tracer = plane_tracer(medium, wavelength, lights, views, reverse)
     matched = [tracer.layout.of_ends(slice(n, n + 1), slice(n, n + 1)) for n in range(len(lights))]
+    if near:
+        matched = [matched[0].tilting(pair) for pair in matched]
 
     def amplitudes(first: int, last: int, threads: Threads) -> tuple[np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, last - first, first=first, threads=threads)

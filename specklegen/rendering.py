@@ -181,8 +181,9 @@ def render(
         paths = _paths_within(choose, rel_error, seconds / (realizations or 1), threads)
         rel_error = None
     made = choose(paths=paths, rel_error=rel_error)
+    remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
     for doubt in made.doubts:
-        warnings.warn(f"{doubt}. Leave the choice to sampler=\"auto\".", DoubtWarning, stacklevel=2)
+        warnings.warn(f"{doubt}.{remedy}", DoubtWarning, stacklevel=2)
     images, connections, unfinished = _drawn(made, seed, realizations or 1, threads)
     if mean:
         images = images + mean_field(scene).astype(np.complex64)

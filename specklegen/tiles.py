@@ -71,8 +71,9 @@ def render_tiles(
         scene, paths=paths, rel_error=rel_error, sampler=sampler, reverse=reverse, mean=mean,
         field_tolerance=field_tolerance, streamed=True, threads=threads,
     )  # fmt: skip
+    remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
     for doubt in made.doubts:
-        warnings.warn(f"{doubt}. Leave the choice to sampler=\"auto\".", DoubtWarning, stacklevel=2)
+        warnings.warn(f"{doubt}.{remedy}", DoubtWarning, stacklevel=2)
     pieces = made.chosen.prepare(seed, threads).pieces(realization or 0)
     return _with_mean(pieces, scene if mean else None)
 

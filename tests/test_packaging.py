@@ -80,6 +80,65 @@ def test_every_package_that_is_imported_is_declared():
     assert {name: str(file) for name, file in strangers.items() if name not in declared} == {}
 
 
+def test_nothing_says_to_install_another_project_by_the_name_of_this_one():
+    """On the package index `specklegen` is somebody else's; ours is specklegen-torch, or a file, or a checkout."""
+    files = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    wrong = re.compile(
+        r"(?:pip|conda|uv|mamba)\W+(?:pip\W+)?(?:install|add)\b[^`\n]*?[\s'\"]specklegen(?![\w-])[\[\s`'\"=]"
+    )
+    assert wrong.search("pip install specklegen\n")  # it finds what it looks for
+    assert wrong.search("pip install 'specklegen[mie]'")
+    assert not wrong.search("pip install 'specklegen-torch[mie]'")
+    texts = (".md", ".py", ".toml", ".yaml", ".yml", ".cff", "")
+    found = {}
+    for file in (ROOT / name for name in filter(None, files.split("\0"))):
+        if file.is_file() and not file.is_symlink() and file.suffix in texts and file != Path(__file__):
+            if match := wrong.search(file.read_text(errors="replace")):
+                found[str(file)] = match[0]
+    assert found == {}
+
+
+def test_every_file_says_the_same_version():
+    import specklegen
+
+    assert PROJECT["project"]["name"] == "specklegen-torch"
+    said = {
+        "CITATION.cff": r"^version: (\S+)$",
+        "packaging/conda/recipe.yaml": r"^  version: (\d\S+)$",
+        "README.md": r"specklegen_torch-(\d[\d.]*\d)-py3-none-any\.whl",
+    }
+    versions = {name: re.findall(pattern, (ROOT / name).read_text(), re.MULTILINE) for name, pattern in said.items()}
+    assert versions == {name: [specklegen.__version__] for name in said}
+    assert PROJECT["project"]["version"] == specklegen.__version__
+
+
+def test_the_conda_recipe_asks_for_what_the_package_needs():
+    other_names = {"finufft": "python-finufft", "matplotlib": "matplotlib-base", "torch": "pytorch"}
+    pip = {}
+    for line in PROJECT["project"]["dependencies"]:
+        name, range_ = re.fullmatch(r"([\w-]+)(.*)", line).groups()
+        pip[other_names.get(name, name)] = range_
+    run = (ROOT / "packaging/conda/recipe.yaml").read_text().partition("  run:\n")[2].partition("\n\n")[0]
+    conda = dict(re.findall(r"^    - (\S+) (\S+)$", run, re.MULTILINE))
+    assert conda.pop("python") == PROJECT["project"]["requires-python"]
+    assert conda == pip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["wheel", "sdist"])
+@pytest.mark.parametrize("minor", [11, 12, 13])
+def test_a_release_file_works_in_a_clean_environment(minor, kind, tmp_path):
+    """`TORCH` and the configuration of pip are those of the shell; TORCH="" leaves out PyTorch, and what needs it."""
+    python = shutil.which(f"python3.{minor}")
+    if python is None:
+        pytest.skip(f"there is no python3.{minor} here")
+    file = _built(_checkout(tmp_path / "specklegen"), f"build_{kind}")
+    command = [sys.executable, str(ROOT / "scripts" / "check_install.py"), "--python", python, str(file)]
+    without = [] if os.environ.get("TORCH", "torch") else ["--without-torch"]
+    done = subprocess.run([*command, *without], cwd=tmp_path, capture_output=True, text=True, timeout=1800)
+    assert done.returncode == 0, done.stderr[-4000:]
+
+
 # ---- Building ------------------------------------------------------------------------------------------
 
 
@@ -126,7 +185,7 @@ def checkout(tmp_path_factory) -> Path:
 def test_wheel_holds_code_and_data(checkout):
     names = set(zipfile.ZipFile(_built(checkout, "build_wheel")).namelist())
     assert _wanted() - names == set()
-    assert {name.partition("/")[0] for name in names if not name.startswith("specklegen-")} == {"specklegen"}
+    assert {name.partition("/")[0] for name in names if not name.startswith("specklegen_torch-")} == {"specklegen"}
 
 
 def test_source_distribution_builds_the_same_wheel(checkout, tmp_path):

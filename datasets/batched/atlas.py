@@ -67,6 +67,11 @@ class Kernels:
     served: torch.Tensor
 
 
+def single_radiance(depth: torch.Tensor, drop: torch.Tensor, albedo: torch.Tensor) -> torch.Tensor:
+    """Radiance of single scattering straight ahead over the irradiance, 1/sr: albedo OD e^-OD rho(0)."""
+    return albedo * depth * torch.exp(-depth) * (2 - drop) / (4 * torch.pi * drop.square())
+
+
 def kernels(
     tables: AtlasTables, thickness: torch.Tensor, depth: torch.Tensor, g: torch.Tensor, albedo: torch.Tensor,
     tolerance: float,
@@ -112,7 +117,7 @@ def slab_kernels(
         place = (place[:, :, None] * len(nodes) + four[:, None, :]).flatten(1)
         weight = (weight[:, :, None] * along[:, None, :]).flatten(1)
     row = (table[place].to(weight.dtype) * weight[:, :, None]).sum(1)
-    single = albedo * depth * torch.exp(-depth) * (2 - drop) / (4 * torch.pi * drop.square())
+    single = single_radiance(depth, drop, albedo)
     multiple = albedo.square() * torch.exp(row[:, -1])
     weights = torch.cat([single[:, None], multiple[:, None] * shares], 1)
     radius = torch.cat([torch.zeros_like(single)[:, None], thickness[:, None] * torch.exp(row[:, :-1])], 1)

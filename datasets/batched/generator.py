@@ -21,7 +21,7 @@ from specklegen.core.random_streams import Stream
 from specklegen.datasets.batched import camera, kept, medium, plan, rendering, words
 from specklegen.datasets.batched.atlas import Kernels
 from specklegen.datasets.batched.glyphs import GlyphTables, glyph_places, glyph_tables, glyphs
-from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject, centre_of
 from specklegen.datasets.recipes.recipe import NOISES, Recipe
 from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
 from specklegen.datasets.split import Purpose, Split, split_number, substream
@@ -125,6 +125,22 @@ class SpeckleGenerator:
         places = self._put(glyph_places(self.outlines.family, self.seed, self.split, numbers))
         drawn = self._uniforms(numbers, [Purpose.OBJECT])[:, 0]
         return glyphs(self.outlines, places, drawn)
+
+    def _told(self, numbers: list[int], light: torch.Tensor) -> dict[str, torch.Tensor]:
+        """What is told of objects float32[B, h, w]: labels, and where they lie."""
+        assert isinstance(self.recipe, HiddenObject)
+        objects = self.recipe.objects
+        labels = [objects.labels(objects.source(self.seed, self.split, n)) for n in numbers]
+        told = {name: torch.tensor([each[name] for each in labels], dtype=torch.float64) for name in labels[0]}
+        device = light.device
+        if device.type == "cpu":  # one by one: sums over several have other last bits
+            centre = torch.tensor([centre_of(each) for each in light.numpy()], dtype=torch.float64).unbind(-1)
+        else:
+            bright = light.double()
+            along = [torch.arange(n, dtype=torch.float64, device=device) for n in bright.shape[1:]]
+            centre = [bright.sum(axis) @ place / bright.sum((1, 2)) for axis, place in zip((2, 1), along, strict=True)]
+        labelled = {name: each.to(device, non_blocking=True) for name, each in told.items()}
+        return labelled | dict(zip(CENTRE, centre, strict=True))
 
     def prepare(self, media: list[int]) -> tuple[medium.MediumBatch, torch.Tensor]:
         """Media of drawn materials made ready, and the keys int64[B, 2] of their fields."""
@@ -255,6 +271,7 @@ class SpeckleGenerator:
         stack = {"stack": images, "tilts": tilts}
         if isinstance(recipe, HiddenObject):
             named = stack if images.shape[1] > 1 or "stack" in recipe.layout() else {"image": images[:, 0]}
+            parameters |= self._told(numbers, light)
             return {**named, "object": light, **index, "parameters": parameters}
         batch: dict[str, Any] = {**stack, **index, "parameters": parameters}
         if isinstance(recipe, MaterialRegression):

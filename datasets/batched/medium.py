@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import torch
 
-from specklegen.datasets.batched.atlas import Kernels, kernels
+from specklegen.datasets.batched.atlas import Kernels, kernels, single_radiance
 from specklegen.datasets.batched.fused import fused
 from specklegen.datasets.batched.mixtures import half_range, mixture
 from specklegen.datasets.batched.plan import Sizes, Tables, beams_of, guarded_period
@@ -93,7 +93,8 @@ def prepare(
     parameters = {
         "wavelength": torch.full_like(depth, wavelength), "thickness": thickness, "mean_free_path": mean_free_path,
         "optical_depth": depth, "g": g, "albedo": albedo, "ballistic_fraction": torch.exp(-depth),
-        "single_share": found.single, "memory_effect_range": torch.arcsin(sine.clamp(max=1.0)),
+        "single_share": found.single, "forward_radiance": single_radiance(depth, 1 - g, albedo) / found.single,
+        "memory_effect_range": torch.arcsin(sine.clamp(max=1.0)),
         "estimator": torch.full_like(depth, 2.0),
     }
     rendering = recipe.rendering

@@ -92,6 +92,8 @@ def way_of(recipe: Recipe) -> tuple[str, list[str]]:
         why.append("light modes or a laboratory with media that are never seen again")
     if recipe.material.scatterer is not None:
         why.append("material.scatterer, of which the atlas has no table,")
+    if not recipe.material.faces.matched:
+        why.append("material.faces, of which the atlas has no table,")
     if isinstance(recipe, TwoTilts):
         why.append("two-tilts with media that are never seen again")
     if recipe.material.kernel != "atlas":

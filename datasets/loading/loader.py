@@ -1,12 +1,13 @@
 """The loader: a DataLoader with the safe start method, and a position that can be saved and restored."""
 
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
 import torch
 from torch.utils.data import DataLoader, IterableDataset
 
-from specklegen.core.errors import reject
+from specklegen.core.errors import DoubtWarning, reject
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.store.identity import differences
 from specklegen.datasets.workers import worker_context
@@ -151,21 +152,36 @@ class EpochLoader:
         epoch, number = self._position or self._upcoming
         return self._settings() | {"epoch": epoch, "next_batch": number}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: dict[str, Any], *, strict_device: bool = False) -> None:
         """Go to a saved position.
 
         Another number of workers, and another rank, is exact. So is another world or batch size where the
-        position falls on one of its rounds.
+        position falls on one of its rounds. On another kind of device samples have the same random words and other
+        roundings (docs/devices.md).
+
+        Parameters
+        ----------
+        state
+            From :meth:`state_dict`.
+        strict_device
+            Refuse the position of another kind of device, instead of warning of it.
 
         Raises
         ------
         RuleError
             If the state is of other data, its numbers are not those of a position, or its position is inside a round
             of this world and batch size.
+
+        Warns
+        -----
+        DoubtWarning
+            If the position was saved on another kind of device.
         """
         here = self._settings()
         self._check(state)
-        free = ("world", "batch_size")
+        there, kind = state.get("device"), here.get("device")
+        moved = isinstance(there, str) and there != kind and not strict_device
+        free = ("world", "batch_size", "device") if moved else ("world", "batch_size")
         fields = differences(
             {key: value for key, value in state.items() if key not in ("epoch", "next_batch", *free)},
             {key: value for key, value in here.items() if key not in free},
@@ -184,6 +200,12 @@ class EpochLoader:
                 f"at the end of a round of {here['world']} ranks × {here['batch_size']} samples",
                 f"sample {sample}",
                 f"Resume with {state['world']} ranks and batches of {state['batch_size']}.",
+            )
+        if moved:
+            warnings.warn(
+                f"the position was saved on {there!r} and goes on on {kind!r}: the same samples, rounded differently",
+                DoubtWarning,
+                stacklevel=2,
             )
         self._choices = self.batches.choices
         self._upcoming, self._position = (state["epoch"], number), None

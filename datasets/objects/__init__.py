@@ -9,12 +9,18 @@ from typing import Annotated
 from pydantic import Field
 
 from specklegen.datasets.objects.digits import Digits
+from specklegen.datasets.objects.drawings import Blobs, Polygons, Strokes
+from specklegen.datasets.objects.families import Families, Family
 from specklegen.datasets.objects.family import ObjectFamily
 from specklegen.datasets.objects.folder import Folder
 from specklegen.datasets.objects.glyphs import Glyphs
+from specklegen.datasets.objects.meshes import Meshes
 from specklegen.datasets.objects.patterns import Bars, Points
-from specklegen.datasets.objects.photographs import Photographs
+from specklegen.datasets.objects.photographs import Photographs, Silhouettes
 
-HiddenObjects = Annotated[Glyphs | Photographs | Folder | Digits | Points | Bars, Field(discriminator="type")]
+HiddenObjects = Annotated[Family | Families, Field(discriminator="type")]
 
-__all__ = ["Bars", "Digits", "Folder", "Glyphs", "HiddenObjects", "ObjectFamily", "Photographs", "Points"]
+__all__ = [
+    "Bars", "Blobs", "Digits", "Families", "Family", "Folder", "Glyphs", "HiddenObjects", "Meshes", "ObjectFamily",
+    "Photographs", "Points", "Polygons", "Silhouettes", "Strokes",
+]  # fmt: skip

@@ -5,7 +5,7 @@ test part, as scikit-learn ships it.
 """
 
 from functools import lru_cache
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -46,9 +46,13 @@ class Digits(ListedFamily):
         """(number,) of each digit in scikit-learn's order."""
         return tuple((number,) for number in range(_COUNT))
 
+    def labels(self, source: Source) -> dict[str, float]:
+        """Label: the digit."""
+        return {"label": float(_digits().target[int(source[0])])}
+
     def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
         """Digit, smoothly enlarged, somewhere in the frame; float32[h, w]."""
-        digit = _digits()[int(source[0])]
+        digit = _digits().images[int(source[0])].astype(np.float32)
         smallest, largest = (max(1, round(size * min(self.shape))) for size in self.size)
         side = int(rng.integers(smallest, largest + 1))
         top, left = (int(rng.integers(n - side + 1)) for n in self.shape)
@@ -58,9 +62,9 @@ class Digits(ListedFamily):
 
 
 @lru_cache(maxsize=1)
-def _digits() -> np.ndarray:
+def _digits() -> Any:
     try:
         from sklearn.datasets import load_digits
     except ImportError:
-        raise ImportError('Digits needs scikit-learn: pip install "specklegen[digits]"') from None
-    return load_digits().images.astype(np.float32)  # pyright: ignore[reportAttributeAccessIssue]
+        raise ImportError('Digits needs scikit-learn: pip install "specklegen-torch[digits]"') from None
+    return load_digits()  # pyright: ignore[reportAttributeAccessIssue]

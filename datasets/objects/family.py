@@ -77,6 +77,10 @@ class ObjectFamily(Value):
         """Draw one source at a random size and place: float[h, w], at least 0."""
         raise NotImplementedError
 
+    def labels(self, source: Source) -> dict[str, float]:  # noqa: ARG002
+        """What is told of a source with every sample, under the same names for all: "label", -1 where it has none."""
+        return {"label": -1.0}
+
 
 class ListedFamily(ObjectFamily):
     """A family whose sources can be listed."""

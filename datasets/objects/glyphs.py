@@ -7,6 +7,7 @@ them by 1e-4 of the size at most, is scaled, turned and placed; grey levels are 
 and scaled are other characters' strokes: no two are one shape at two sizes, as c and C are.
 """
 
+from functools import cached_property
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -16,6 +17,7 @@ from specklegen.core.errors import reject
 from specklegen.core.values import NonNegative
 from specklegen.datasets.objects.family import ListedFamily, Source, place_within, source_key
 from specklegen.datasets.objects.outlines import CHARACTERS, FONTS, outline
+from specklegen.datasets.split import Split
 from specklegen.kernels.coverage import fill_coverage
 
 Fraction = Annotated[float, Field(gt=0, le=1)]
@@ -35,18 +37,52 @@ class Glyphs(ListedFamily):
     disjoint
         What no two splits share: a "glyph" (one character of one font; the same character of a similar
         font may be in another split), a "character" (in any font), or a "font".
+    test, validation
+        Characters of these splits, in any font; both or neither, with ``disjoint = "character"``. By default the hashes
+        of the characters decide, which leaves four for each.
     """
 
     type: Literal["Glyphs"] = "Glyphs"
     size: tuple[Fraction, Fraction] = (0.4, 0.9)
     rotation: Annotated[NonNegative, Field(le=180)] = 30.0
     disjoint: Literal["glyph", "character", "font"] = "glyph"
+    test: str = ""
+    validation: str = ""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.size[0] > self.size[1]:
             reject("Glyphs.size", "given as (smallest, largest)", self.size)
+        if self.test or self.validation:
+            self._check_held_out()
         return self
+
+    def _check_held_out(self) -> None:
+        if self.disjoint != "character":
+            reject("Glyphs.disjoint", '"character" where those of test and validation are named', self.disjoint)
+        for name, own, other in (("test", self.test, self.validation), ("validation", self.validation, self.test)):
+            if not own or len(set(own)) < len(own) or not set(own) <= set(CHARACTERS) - set(other):
+                reject(f"Glyphs.{name}", f"different characters of {CHARACTERS}, none of the other split's", own)
+        if set(self.test + self.validation) == set(CHARACTERS):
+            reject("Glyphs.test", "such that characters are left to train on", self.test)
+
+    def identity(self) -> dict:
+        """Fields; characters that are not named are left out, as before they could be."""
+        stated = super().identity()
+        return {name: value for name, value in stated.items() if value or name not in ("test", "validation")}
+
+    @cached_property
+    def by_split(self) -> dict[Split, tuple[Source, ...]]:
+        """Sources of each split: by the named characters, or dealt."""
+        if not self.test:
+            return super().by_split
+        held_out: dict[Split, str] = {"validation": self.validation, "test": self.test}
+        held_out["train"] = "".join(c for c in CHARACTERS if c not in self.validation + self.test)
+        return {split: tuple(s for s in self.sources() if str(s[1]) in chosen) for split, chosen in held_out.items()}
+
+    def labels(self, source: Source) -> dict[str, float]:
+        """Label: the number of the character in :data:`~specklegen.datasets.objects.outlines.CHARACTERS`."""
+        return {"label": float(CHARACTERS.index(str(source[1])))}
 
     def sources(self) -> tuple[Source, ...]:
         """(font, character), each font with each character."""

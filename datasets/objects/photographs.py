@@ -39,6 +39,8 @@ PHOTOGRAPHS = (
     "text.png",
 )
 
+_FINE = 4  # pixels of a crop in one of its silhouette, either way
+
 
 class Photographs(ListedFamily):
     """A random crop of one photograph, turned by quarters and mirrored at random; splits share no photograph.
@@ -66,6 +68,14 @@ class Photographs(ListedFamily):
 
     def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
         """Random crop of a photograph; float32[h, w]."""
+        return self.crop(source, rng, 1)
+
+    def labels(self, source: Source) -> dict[str, float]:
+        """Label: the number of the photograph in `PHOTOGRAPHS`."""
+        return {"label": float(PHOTOGRAPHS.index(str(source[0])))}
+
+    def crop(self, source: Source, rng: np.random.Generator, fine: int) -> np.ndarray:
+        """Random crop, ``fine`` times as many pixels as an object either way; float32[fine h, fine w]."""
         photograph = _photograph(str(source[0]))
         quarters, mirrored = int(rng.integers(4)), bool(rng.integers(2))
         # The crop is taken with the frame's aspect as it will be after turning.
@@ -76,8 +86,27 @@ class Photographs(ListedFamily):
         # Rounding must not carry the far corner past the edge.
         right = min(left + scale * columns, photograph.shape[1])
         bottom = min(top + scale * rows, photograph.shape[0])
-        crop = np.rot90(resampled(photograph, (left, top, right, bottom), (rows, columns)), quarters)
+        crop = np.rot90(resampled(photograph, (left, top, right, bottom), (fine * rows, fine * columns)), quarters)
         return crop[:, ::-1] if mirrored else crop
+
+
+class Silhouettes(Photographs):
+    """The brightest part of a random crop, 5 to 40 % of it, and the rest dark: natural shapes of one brightness.
+
+    Parameters
+    ----------
+    shape, size
+        As of :class:`Photographs`; splits share no photograph.
+    """
+
+    type: Literal["Silhouettes"] = "Silhouettes"  # type: ignore[assignment]
+
+    def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
+        """Random crop above a threshold; float64[h, w], area covered."""
+        crop = self.crop(source, rng, _FINE)
+        # Of equally bright pixels, as of burnt-out ones, all are lit or none.
+        bright = crop > min(np.quantile(crop, 1 - rng.uniform(0.05, 0.4)), np.nextafter(crop.max(), 0))
+        return bright.reshape(self.shape[0], _FINE, self.shape[1], _FINE).mean((1, 3))
 
 
 @lru_cache(maxsize=len(PHOTOGRAPHS))

@@ -23,6 +23,7 @@ from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
 from specklegen.samplers.screens.objects import ScreenObjects
 from specklegen.samplers.stationary.objects import ObjectSampler
+from specklegen.samplers.stationary.superposition import superposed_image
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
@@ -51,6 +52,10 @@ class Fields(Protocol):
         """Images float32[frames * tilts, H, W] of an object real[h, w]."""
         ...
 
+    def superposed(self, amplitudes: np.ndarray, step: float) -> tuple[np.ndarray, float]:
+        """Image float32[H, W] of interfering beams complex[h, w] from the smallest sines, and its mean over media."""
+        ...
+
 
 @dataclass(frozen=True)
 class StationaryFields:
@@ -75,6 +80,11 @@ class StationaryFields:
         """Frames one after the other."""
         images = [self.sampler.images(medium, brightness).cpu().numpy() for medium in self.media]
         return images[0] if len(images) == 1 else np.concatenate(images)
+
+    def superposed(self, amplitudes: np.ndarray, step: float) -> tuple[np.ndarray, float]:
+        """Of the first frame, under the first tilt; see `specklegen.samplers.stationary.superposition`."""
+        image, mean = superposed_image(self.sampler, self.media[0], amplitudes, step)
+        return image.cpu().numpy(), mean
 
 
 def stationary_fields(
@@ -122,6 +132,13 @@ class PathSumFields:
         lit = np.flatnonzero(light)
         powers = _KEPT_POWERS.found(self) if self.share else _powers(self)
         return np.stack([np.tensordot(light[lit], power[lit].astype(np.float32), axes=1) for power in powers])
+
+    def superposed(self, amplitudes: np.ndarray, step: float) -> tuple[np.ndarray, float]:  # noqa: ARG002
+        """Every beam's field, times its amplitude, added up; the mean is that of beams which do not overlap."""
+        turned = amplitudes[::-1, ::-1].reshape(-1)  # an object's first pixel is the beam of the largest sines
+        image = sum((_superposed(self, seed, turned) for seed in self.seeds), np.float64(0))
+        mean = self.unit * float(np.square(np.abs(amplitudes)).sum())
+        return np.asarray(image / len(self.seeds), np.float32), mean
 
 
 @remembered(16)
@@ -179,6 +196,20 @@ def _powers(fields: PathSumFields) -> np.ndarray:
     return found.astype(np.float16).reshape(fields.tilts, -1, rows, columns)
 
 
+def _superposed(fields: PathSumFields, seed: Seed, amplitudes: np.ndarray) -> np.ndarray:
+    """Intensity float64[H, W] of all beams together, averaged over the views across each pixel."""
+    grid, sums, n = fields.scene.sensor, planned_sums(fields.scene, fields.paths).chosen, fields.divisions
+    assert isinstance(grid, FarFieldGrid)
+    total = np.zeros(grid.shape, complex)
+    with one_blas_thread():
+        for (beams, down, across), field in sums.prepare(seed, 1).pieces(0):
+            total[down, across] += np.tensordot(amplitudes[beams], field, axes=1)
+    weights = division_weights(n)
+    rows, columns = (side // n for side in grid.shape)
+    power = np.square(np.abs(total)).reshape(rows, n, columns, n)
+    return np.einsum("rmcn,m,n->rc", power, weights, weights)
+
+
 def _starts(span: slice, n: int) -> np.ndarray:
     """Where, within a span of views, a camera pixel of ``n`` views begins; its first may be cut."""
     inner = np.arange(-(-span.start // n) * n, span.stop, n) - span.start
@@ -218,6 +249,11 @@ class MediumRealization:
         """Expected intensity over its mean, float32[frames * tilts, H, W]."""
         scale = np.float32(1 / (self.fields.mean * brightness.sum(dtype=np.float64)))
         return self.fields.intensities(brightness) * scale
+
+    def superposed(self, amplitudes: np.ndarray, step: float) -> np.ndarray:
+        """Intensity of interfering beams over its mean, float32[H, W]; complex[h, w] amplitudes, ``step`` apart."""
+        image, mean = self.fields.superposed(amplitudes, step)
+        return image * np.float32(1 / mean)
 
     def expected_contrast(self, brightness: np.ndarray) -> float:
         """Expected contrast of the images, noise aside, as the stationary model has it."""

@@ -2,7 +2,7 @@
 
 A recipe is a frozen value, read from a packaged preset or a TOML file. ``inherits`` names another recipe to
 start from; tables are merged, everything else is replaced. The physics of each kind is in a file of its own:
-:mod:`tilt_stack`, :mod:`hidden_object`, :mod:`partially_coherent`.
+:mod:`tilt_stack`, :mod:`hidden_object`, :mod:`partially_coherent`, :mod:`masked_light`.
 """
 
 import hashlib
@@ -132,6 +132,8 @@ class Recipe(Value, Pictured):
             reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
         if self.lab is None and len(given) < len(stated):
             reject("Recipe", f"given {', '.join(stated)}, or else a table lab", given)
+        if self.lab is not None:
+            self._take_faces(self.lab)
         if self.lab is not None and (self.light.bandwidth or self.light.refractive_index != 1):
             reject("Recipe.light", "without bandwidth and refractive_index, which the lab gives", self.light)
         if self.media is not None and self.media_group != 1:
@@ -154,6 +156,15 @@ class Recipe(Value, Pictured):
             reject("Recipe.light.bandwidth", "0 behind thin screens", self.light.bandwidth, "It is not modelled there.")
         if self.lab is not None:
             material.seen_at(self.lab.medium_wavelength)
+
+    def _take_faces(self, lab: Lab) -> None:
+        """The material's faces are those of the laboratory, where there is one."""
+        if isinstance(self.material, Diffuser):
+            return
+        if self.material.faces.matched:
+            self.__dict__["material"] = self.material.replace(faces=lab.layer_faces)
+        elif self.material.faces != lab.layer_faces:
+            reject("Material.faces", f"those of the lab, {lab.layer_faces}", self.material.faces, "Leave them out.")
 
     def _check_smear(self) -> None:
         """Speckle scales with the wavelength: over the band it must not move by more than its own size."""

@@ -19,9 +19,6 @@ from specklegen.core.tables import read_text, toml_table
 LONGEST_CHAIN = 16
 """Recipes that inherit one another in a row, at most."""
 
-_PATHS = (("objects", "path"),)
-"""Fields of a recipe that hold a path."""
-
 
 @lru_cache(1)
 def recipe_names() -> tuple[str, ...]:
@@ -82,10 +79,12 @@ def _parsed(source: str) -> dict[str, Any]:
             f"Did you mean {close[0]}?" if close else "`specklegen recipes` lists the packaged ones.",
         )  # fmt: skip
     table = toml_table(read_text(file, "recipe"), f"recipe {source}")
-    for owner, name in _PATHS:
-        inner = table.get(owner)
-        if isinstance(inner, dict) and isinstance(inner.get(name), str):
-            inner[name] = str(file.parent / Path(inner[name]).expanduser())
+    objects = table.get("objects")
+    if isinstance(objects, dict):
+        members = objects.get("families")
+        for each in [objects, *(members if isinstance(members, list) else [])]:
+            if isinstance(each, dict) and isinstance(each.get("path"), str):
+                each["path"] = str(file.parent / Path(each["path"]).expanduser())
     return table
 
 

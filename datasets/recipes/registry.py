@@ -6,6 +6,7 @@ from typing import Any
 
 from specklegen.core.errors import reject
 from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.datasets.recipes.masked_light import MaskedLight
 from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
 from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
 from specklegen.datasets.recipes.recipe import Recipe
@@ -17,6 +18,7 @@ KINDS: dict[str, type[Recipe]] = {
     "material-regression": MaterialRegression,
     "hidden-object": HiddenObject,
     "partially-coherent": PartiallyCoherent,
+    "masked-light": MaskedLight,
     "dynamic-slab": DynamicSlab,
     "two-tilts": TwoTilts,
 }

@@ -142,10 +142,10 @@ def rendering_of(recipe: "Recipe", plans: list[Plan]) -> Rendering | None:
     """
     doubts = sorted({doubt for made in plans for doubt in made.doubts})
     if doubts:
-        remedy = 'Leave the choice to sampler = "auto".'
+        remedy = "" if recipe.sampler == "auto" else ' Leave the choice to sampler = "auto".'
         if recipe.strict:
-            reject("Recipe.sampler", "fit for all media where strict = true", recipe.sampler, f"{doubts[0]}. {remedy}")
-        warnings.warn(f"recipe {recipe.name}: {doubts[0]}. {remedy}", DoubtWarning, stacklevel=3)
+            reject("Recipe.sampler", "fit for all media where strict = true", recipe.sampler, f"{doubts[0]}.{remedy}")
+        warnings.warn(f"recipe {recipe.name}: {doubts[0]}.{remedy}", DoubtWarning, stacklevel=3)
     found = [_rendering(made) for made in plans]
     return max(found, key=lambda made: made.expected_error) if len({made.sampler for made in found}) == 1 else None
 

@@ -1,9 +1,10 @@
 """Recipe kinds "tilt-stack" and "material-regression": the speckle of one medium under several tilts."""
 
 from collections.abc import Mapping
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
+from pydantic import Field
 
 from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
 from specklegen.datasets.recipes.parts.light import draw_medium
@@ -15,6 +16,7 @@ from specklegen.datasets.split import Purpose, Split, generator, substream
 from specklegen.scene.media import Slab
 from specklegen.scene.screens import ScreenStack
 
+_TOLERANCE = 0.01
 _BEAM = np.ones((1, 1), np.float32)  # to the sampler, a beam is an object of one pixel
 
 
@@ -22,10 +24,26 @@ class TiltStack(Recipe):
     """Stacks of speckle images of one medium, one image a tilt, mean intensity 1.
 
     Samples: ``stack`` float32[T, H, W] (or uint16 counts), ``tilts`` float64[T, 2] in radians.
+
+    Parameters
+    ----------
+    tilts
+        The tilts.
+    mode_tolerance
+        Share of the intensity that the stationary sampler's modes may leave out, and that is put back evenly; see
+        :class:`~specklegen.datasets.recipes.hidden_object.HiddenObject`.
     """
 
     kind: Literal["tilt-stack"] = "tilt-stack"
     tilts: Tilts
+    mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = _TOLERANCE
+
+    def physics(self) -> dict[str, Any]:
+        """Everything that decides a pixel; the tolerance only where it is not what it was before it could be given."""
+        decided = super().physics()
+        if self.mode_tolerance == _TOLERANCE:
+            decided.pop("mode_tolerance")
+        return decided
 
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""
@@ -50,7 +68,7 @@ class TiltStack(Recipe):
         material = self.material_of(seed, split, medium)
         angles, tilted = self.tilts.drawn(generator(substream(seed, split, Purpose.TILTS, medium)))
         view = self.view(material.slab, angles)
-        sampler = self.object_sampler(material, view.seen, view.shape, view.pitch, np.sin(angles))
+        sampler = self.object_sampler(material, view.seen, view.shape, view.pitch, np.sin(angles), self.mode_tolerance)
         parameters = material.parameters(view.seen.wavelength) | {
             "width": view.seen.width,
             "camera_pitch": view.seen.grid.pitch,

@@ -5,7 +5,7 @@ the object, up to shift and flip; n is the object's side or :data:`FRAME`.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,14 +14,16 @@ from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models.learning.inputs import (
     LAGS,
     resampled_lags,
-    speckle_autocorrelation,
     steps_of,
     without_background,
 )
 from specklegen.models.metrics import align
 from specklegen.models.retrieval.apodisation import transfer_function
-from specklegen.models.retrieval.autocorrelation import memory_effect_at_lags
+from specklegen.models.retrieval.autocorrelation import lag_means, memory_effect_at_lags
+from specklegen.models.retrieval.camera_noise import camera_noise
 from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
+from specklegen.models.retrieval.wiener import Division, choice, lag_variance, weights
+from specklegen.scene.window import Profile
 
 Batch = Mapping[str, Any]
 Method = Callable[[Batch], Tensor]
@@ -44,36 +46,89 @@ def mean_image(objects: Tensor) -> Method:
     return lambda batch: reference.expand(len(batch["object"]), -1, -1)
 
 
-def katz(retrieval: Retrieval | None = None, recipe: HiddenObject | None = None, seed: int = 0) -> Method:
-    """Phase retrieval from the same lags that a network sees.
+def another_object(objects: Tensor) -> Method:
+    """Answer with some training object [N, h, w], which has nothing to do with the image: the level of chance.
+
+    Not with that of the image's own number, which is the answer where training images are judged.
+    """
+    return lambda batch: objects[(batch["index"].long() + len(objects) // 2) % len(objects)]
+
+
+def katz(
+    retrieval: Retrieval | None = None, recipe: HiddenObject | None = None, seed: int = 0, *,
+    division: Division | Literal["expected"] = "expected", apodise: bool = False,
+) -> Method:  # fmt: skip
+    """Phase retrieval from the same lags that a network sees, camera noise read off the image and taken off.
 
     Parameters
     ----------
     retrieval
         Restarts and iterations; the extent is by default that of the object.
     recipe
-        If given: divide by each material's C_I, and apodise by the window's transfer function. The simulator
-        knows both; a laboratory knows the second.
+        If given: divide by each material's C_I, which a simulator knows.
     seed
         Of the random starts.
+    division
+        How, where a recipe is given: one of :data:`~specklegen.models.retrieval.wiener.DIVISIONS`, or "expected": what
+        each image's own lags promise most of, which may be not to divide.
+    apodise
+        Apodise by the window's transfer function, which a laboratory knows: aims at the diffraction-limited object.
     """
 
     def method(batch: Batch) -> Tensor:
         settings = retrieval or Retrieval()
         if settings.extent is None:
             settings = settings.replace(extent=max(batch["object"].shape[-2:]))
-        lags = resampled_lags(speckle_autocorrelation(batch["image"].double()), steps_of(batch), FRAME)
-        lags = torch.fft.ifftshift(without_background(lags), dim=(-2, -1))
-        if recipe is None:
-            return retrieve(lags, settings, seed=seed).image
+        seen = seen_lags(batch)
         made = []
-        for n, grains in enumerate(grain_pixels(batch).tolist()):
-            drawn = {name: float(values[n]) for name, values in batch["parameters"].items()}
-            slab = recipe.material.slab_of(drawn)
-            kernel = recipe.material.known(slab).kernel
-            c_i = memory_effect_at_lags(kernel, drawn["wavelength"], drawn["object_pitch"], FRAME)
-            transfer = transfer_function(FRAME, grains, recipe.profile)
-            made.append(retrieve(lags[n : n + 1], settings, memory_effect=c_i, transfer=transfer, seed=seed).image)
+        for n, grains in enumerate(seen.grain.tolist()):
+            lags = seen.lags[n : n + 1]
+            if recipe is not None:
+                drawn = {name: float(values[n]) for name, values in batch["parameters"].items()}
+                kernel = recipe.material.known(recipe.material.slab_of(drawn)).kernel
+                c_i = memory_effect_at_lags(kernel, drawn["wavelength"], drawn["object_pitch"], FRAME)
+                about = dict(side=float(settings.extent or FRAME), grain=seen.grain[n : n + 1])
+                chosen = choice(lags, c_i, seen.variance[n : n + 1], **about)[0] if division == "expected" else division
+                lags = lags * weights(lags, c_i, seen.variance[n : n + 1], guess=chosen, **about)
+            transfer = transfer_function(FRAME, grains, _profile(recipe)) if apodise else None
+            made.append(retrieve(lags, settings, transfer=transfer, seed=seed).image)
         return torch.cat(made)
 
     return method
+
+
+class SeenLags(NamedTuple):
+    """Autocorrelations of a batch on the pitch of the object.
+
+    Attributes
+    ----------
+    lags : float64[B, FRAME, FRAME]
+        The zero lag first, without camera noise and background; over the zero lag before the pitch was changed.
+    variance : float64[B]
+        Of a lag.
+    grain : float64[B]
+        Object pixels in a grain.
+    """
+
+    lags: Tensor
+    variance: Tensor
+    grain: Tensor
+
+
+def seen_lags(batch: Batch) -> SeenLags:
+    """Lags of the images of a batch."""
+    images = batch["image"].double()
+    flat = images / images.mean((-2, -1), keepdim=True)
+    step, grain = steps_of(batch).double(), grain_pixels(batch).double()
+    rows, columns = flat.shape[-2:]
+    every = lag_means(flat - 1, (rows - 1, columns - 1))
+    every[..., 0, 0] -= camera_noise(flat, grain * step)
+    peak = every[..., 0, 0].clamp_min(torch.finfo(every.dtype).tiny)
+    lags = resampled_lags(torch.fft.fftshift(every / peak[:, None, None], dim=(-2, -1)), step, FRAME)
+    return SeenLags(
+        torch.fft.ifftshift(without_background(lags), dim=(-2, -1)), lag_variance(images) / peak.square(), grain
+    )
+
+
+def _profile(recipe: HiddenObject | None) -> Profile:
+    return "square" if recipe is None else recipe.profile

@@ -11,15 +11,16 @@ from specklegen.pictures import _figure, _save, _show
 
 
 def training_curves(runs: Mapping[str, Sequence[Mapping[str, float]]], out: Path) -> Path:
-    """Draw loss and validation over processor time, a colour a run; rows as in a run's log.csv."""
+    """Draw loss and validation over time, a colour a run; rows as in a run's log.csv."""
     figure, axes = _figure(1, 2, 5.0, 3.6)
     for label, rows in runs.items():
         minutes = [row["seconds"] / 60 for row in rows]
         axes[0, 0].plot(minutes, [row["train_loss"] for row in rows], "o-", ms=3, label=label)
-        axes[0, 1].plot(minutes, [row["validation_pearson"] for row in rows], "o-", ms=3, label=label)
-    for axis, title in zip(axes[0], ("training loss", "Pearson correlation, validation media"), strict=True):
+        (score,) = {name for row in rows for name in row if name.startswith("validation_")}
+        axes[0, 1].plot(minutes, [row[score] for row in rows], "o-", ms=3, label=f"{label}, {score[11:]}")
+    for axis, title in zip(axes[0], ("training loss", "validation media"), strict=True):
         axis.set_title(title, fontsize=10)
-        axis.set_xlabel("processor time, minutes")
+        axis.set_xlabel("time, minutes")
         axis.grid(alpha=0.3)
     axes[0, 1].legend(frameon=False)
     return _save(figure, out)

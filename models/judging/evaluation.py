@@ -1,5 +1,8 @@
 """Evaluation: every method on the same images, against both targets, with intervals over media.
 
+Beside every table stand the level of chance (another object, the mean image), and how often a method's image names
+its object among 32.
+
 Two targets, named in every table: "sharp" is the object itself; "diffraction-limited" is the object as a lens as wide
 as the illuminated window would show it, which is all that speckle of that grain carries. Everything is put on a frame
 of 64 pixels, moved onto the target by all shifts and the flip, and scored on the object's own pixels; brightness is 0
@@ -23,6 +26,10 @@ from specklegen.models.retrieval.apodisation import diffraction_limited, framed,
 from specklegen.scene.window import Profile
 
 TARGETS = ("sharp", "diffraction-limited")
+CANDIDATES = 32
+"""Objects among which a method has to name its own."""
+EXTENTS = (0.0, 0.5, 1.0, 2.0, float("inf"))
+"""Ends of the parts of a table by extent, memory-effect ranges."""
 
 
 def targets_of(batch: Batch, profile: Profile = "square") -> dict[str, Tensor]:
@@ -41,9 +48,13 @@ def aligned_to(made: Tensor, target: Tensor, shape: tuple[int, int]) -> Tensor:
     The margin goes on as dark as the reconstruction's edge, the median of its outermost pixels: scores forget an offset
     of brightness, and a method should not be found out by the box that the offset would make.
     """
+    return align(framed(_darkened(made), FRAME), target)[..., : shape[0], : shape[1]]
+
+
+def _darkened(made: Tensor) -> Tensor:
+    """Images less the median of their outermost pixels."""
     edge = [made[..., 0, :], made[..., -1, :], made[..., :, 0], made[..., :, -1]]
-    dark = torch.cat(edge, dim=-1).median(-1).values[..., None, None]
-    return align(framed((made - dark).float(), FRAME), target)[..., : shape[0], : shape[1]]
+    return (made - torch.cat(edge, dim=-1).median(-1).values[..., None, None]).float()
 
 
 class Evaluation(NamedTuple):
@@ -55,19 +66,53 @@ class Evaluation(NamedTuple):
         By method, target and score.
     media : int64[n]
         Medium of each image.
+    labels : int64[n]
+        Character, or another class, of each; -1 where there is none.
+    extents : float64[n]
+        Extent of each object over the memory-effect range.
+    families : int64[n]
+        Number of the family of each, in a mixture.
+    identified : dict[str, bool[n]]
+        By method: whether the reconstruction is more like its own object than like any other of its
+        :data:`CANDIDATES`.
     """
 
     values: dict[str, dict[str, dict[str, np.ndarray]]]
     media: np.ndarray
+    labels: np.ndarray
+    extents: np.ndarray
+    families: np.ndarray
+    identified: dict[str, np.ndarray]
 
     def interval(self, method: str, target: str = "sharp", score: str = "pearson") -> Interval:
-        """Mean with its 95 % interval over media."""
-        return bootstrap(self.values[method][target][score], self.media)
+        """Mean with its 95 % interval over media and characters."""
+        return bootstrap(self.values[method][target][score], self.media, self.labels)
 
     def gain(self, method: str, over: str, target: str = "sharp", score: str = "pearson") -> Interval:
-        """Mean of the paired difference of two methods, with its 95 % interval over media."""
+        """Mean of the paired difference of two methods, with its 95 % interval over media and characters."""
         values = self.values
-        return bootstrap(values[method][target][score] - values[over][target][score], self.media)
+        return bootstrap(values[method][target][score] - values[over][target][score], self.media, self.labels)
+
+    def part(self, chosen: np.ndarray) -> "Evaluation":
+        """Evaluation of some of the images, bool[n]."""
+        values = {
+            method: {target: {name: found[chosen] for name, found in scores.items()} for target, scores in each.items()}
+            for method, each in self.values.items()
+        }
+        identified = {method: found[chosen] for method, found in self.identified.items()}
+        return Evaluation(
+            values, self.media[chosen], self.labels[chosen], self.extents[chosen], self.families[chosen], identified
+        )
+
+    def parts(self) -> dict[str, "Evaluation"]:
+        """Images by the extent of their objects, and by family where there are several; of two media at least."""
+        chosen = {
+            f"{low:g} to {high:g} ranges" if high < np.inf else f"above {low:g} ranges": (low < x) & (x <= high)
+            for x in [np.round(self.extents, 9)] for low, high in zip(EXTENTS[:-1], EXTENTS[1:], strict=True)
+        }  # fmt: skip
+        if len(np.unique(self.families)) > 1:
+            chosen |= {f"family {number}": self.families == number for number in np.unique(self.families)}
+        return {name: self.part(mask) for name, mask in chosen.items() if len(np.unique(self.media[mask])) > 1}
 
     def rows(self) -> list[dict[str, str | float]]:
         """One row for each method, target and score."""
@@ -79,13 +124,23 @@ class Evaluation(NamedTuple):
 
     def markdown(self) -> str:
         """Table with a row for each method and target, a column for each score."""
-        lines = [f"{len(self.media)} images, {len(np.unique(self.media))} media; mean [95 % interval over media].", ""]
+        kinds = len(np.unique(self.labels[self.labels >= 0]))
+        over = f"{len(np.unique(self.media))} media" + (f", {kinds} characters" if kinds else "")
+        lines = [f"{len(self.media)} images, {over}; mean [95 % interval over {'both' if kinds > 1 else 'media'}].", ""]
         lines += ["| method | target | " + " | ".join(SCORES) + " |", "|---" * (2 + len(SCORES)) + "|"]
         for method, targets in self.values.items():
             for target in targets:
                 cells = [self.interval(method, target, score) for score in SCORES]
                 text = " | ".join(f"{c.mean:.3f} [{c.low:.3f}, {c.high:.3f}]" for c in cells)
                 lines.append(f"| {cell(method)} | {target} | {text} |")
+        parts = self.parts()
+        heads = " | ".join(f"{name} ({len(part.media)})" for name, part in parts.items())
+        candidates = min(CANDIDATES, len(self.media))
+        lines += ["", f"Which of {candidates} objects is it, and Pearson correlation (sharp) by part:", ""]
+        lines += [f"| method | named rightly | {heads} |", "|---" * (2 + len(parts)) + "|"]
+        for method, right in self.identified.items():
+            each = " | ".join("{:.3f} [{:.3f}, {:.3f}]".format(*part.interval(method)) for part in parts.values())
+            lines.append(f"| {cell(method)} | {100 * right.mean():.0f} % | {each} |")
         return "\n".join(lines) + "\n"
 
     def write(self, folder: Path) -> None:
@@ -99,11 +154,12 @@ class Evaluation(NamedTuple):
             table.writerows(row | {"method": csv_cell(str(row["method"]))} for row in rows)
         with (folder / "images.csv").open("w", newline="") as file:
             plain = csv.writer(file)
-            plain.writerow(["image", "medium", "method", "target", *SCORES])
+            plain.writerow(["image", "medium", "label", "extent", "method", "target", *SCORES])
             for method, targets in self.values.items():
                 for target, found in targets.items():
                     for n, scores in enumerate(zip(*found.values(), strict=True)):
-                        plain.writerow([n, self.media[n], csv_cell(method), target, *(f"{v:.6g}" for v in scores)])
+                        about = (n, self.media[n], self.labels[n], f"{self.extents[n]:.6g}")
+                        plain.writerow([*about, csv_cell(method), target, *(f"{v:.6g}" for v in scores)])
 
 
 class Case(NamedTuple):
@@ -144,25 +200,31 @@ def evaluate(
     values: dict[str, dict[str, dict[str, list[Tensor]]]] = {
         method: {target: {score: [] for score in SCORES} for target in TARGETS} for method in methods
     }
-    media: list[Tensor] = []
+    told: dict[str, list[Tensor]] = {name: [] for name in ("medium", "label", "extent_over_range", "family")}
+    answers: dict[str, list[Tensor]] = {method: [] for method in methods}
+    objects: list[Tensor] = []
     cases: list[Case] = []
     for batch in batches:
         if "image" not in batch or "object" not in batch:
             reject("evaluate batch", 'one with "object" and "image"', sorted(batch), "Films and stacks have several.")
-        media.append(batch["parameters"]["medium"].long())
+        nothing = torch.full((len(batch["object"]),), -1.0, dtype=torch.float64)
+        for name, values_ in told.items():
+            values_.append(batch["parameters"].get(name, nothing))
         truths = targets_of(batch, profile)
         shape = (batch["object"].shape[-2], batch["object"].shape[-1])
         shown: dict[str, Tensor] = {}
         for name, method in methods.items():
             made = method(batch)
+            answers[name].append(framed(_darkened(made), FRAME))
             aligned = {target: aligned_to(made, truth, shape) for target, truth in truths.items()}
             shown[name] = aligned["sharp"]
             for target, truth in truths.items():
                 for score, function in SCORES.items():
                     found = function(aligned[target], truth[..., : shape[0], : shape[1]])
                     values[name][target][score].append(found)
+        objects.append(truths["sharp"])
         cases += _cases(batch, shown, {name: values[name]["sharp"]["pearson"][-1] for name in methods})
-    if not media:
+    if not cases:
         reject("evaluate batches", "at least one", 0)
     joined = {
         method: {
@@ -171,7 +233,31 @@ def evaluate(
         }
         for method, targets in values.items()
     }
-    return Evaluation(joined, torch.cat(media).numpy()), cases
+    column = {name: torch.cat(parts).numpy() for name, parts in told.items()}
+    whole = {name: column[name].astype(np.int64) for name in ("medium", "label", "family")}
+    named = {method: identified(torch.cat(made), torch.cat(objects)).numpy() for method, made in answers.items()}
+    found = Evaluation(
+        joined, whole["medium"], whole["label"], column["extent_over_range"], whole["family"], named
+    )  # fmt: skip
+    return found, cases
+
+
+def identified(made: Tensor, objects: Tensor) -> Tensor:
+    """Whether reconstructions float[n, H, W] are most like their own of the objects, bool[n].
+
+    Candidates are the other objects of the same :data:`CANDIDATES`; likeness is the largest Pearson correlation over
+    all shifts and the flip. Of equally alike ones, as of an even image, the first is taken.
+    """
+    right = []
+    for some, candidates in zip(made.split(CANDIDATES), objects.split(CANDIDATES), strict=True):
+        rows, columns = some.shape[-2:]
+        a, b = (x - x.mean((-2, -1), keepdim=True) for x in (some.float(), candidates.float()))
+        norms = b.square().sum((-2, -1)).sqrt().clamp_min(torch.finfo(b.dtype).tiny)
+        one, two = torch.fft.rfft2(a), torch.fft.rfft2(b)
+        for n in range(len(some)):
+            lags = torch.fft.irfft2(torch.stack([one[n].conj() * two, one[n] * two]), s=(rows, columns))
+            right.append(int((lags.amax((0, -2, -1)) / norms).argmax()) == n)
+    return torch.tensor(right)
 
 
 def _cases(batch: Batch, shown: Mapping[str, Tensor], scores: Mapping[str, Tensor]) -> list[Case]:

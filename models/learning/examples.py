@@ -1,7 +1,7 @@
 """Examples: what a network sees and what it should show, ready in memory."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import torch
@@ -11,8 +11,11 @@ from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets import Recipe, SpeckleCache, SpeckleStream
 from specklegen.datasets.loading.stream import tensors
 from specklegen.models.learning.inputs import network_input
+from specklegen.models.learning.targets import TARGETS
 
 _CHUNK = 64
+SHARED_BY = 8
+"""Neighbouring samples of a training stream that share a medium: preparing one costs more than an image."""
 
 
 class Examples(NamedTuple):
@@ -23,7 +26,7 @@ class Examples(NamedTuple):
     inputs : float16[n, C, H, W] or float16[n, T, C, H, W]
         Of :func:`~specklegen.models.learning.inputs.network_input`; half precision keeps them in memory.
     targets : float32[n, h, w]
-        Objects.
+        Objects, or what else a network is to tell (:mod:`specklegen.models.learning.targets`).
     media : int64[n]
         Medium of each.
     """
@@ -33,10 +36,13 @@ class Examples(NamedTuple):
     media: Tensor
 
 
-def batches_of(source: Recipe | SpeckleCache, samples: int, seed: int = 0, split: str = "test") -> Iterator[dict]:
-    """First ``samples`` samples of a store, or of a split of a recipe, in batches of tensors."""
-    for first in range(0, samples, _CHUNK):
-        indices = range(first, min(first + _CHUNK, samples))
+def batches_of(
+    source: Recipe | SpeckleCache, samples: int | Sequence[int], seed: int = 0, split: str = "test"
+) -> Iterator[dict]:
+    """First ``samples`` samples of a store, or of a split of a recipe, or those of some numbers, as tensors."""
+    numbers = range(samples) if isinstance(samples, int) else samples
+    for first in range(0, len(numbers), _CHUNK):
+        indices = numbers[first : first + _CHUNK]
         if isinstance(source, SpeckleCache):
             yield source.batch(indices)
         else:
@@ -45,8 +51,9 @@ def batches_of(source: Recipe | SpeckleCache, samples: int, seed: int = 0, split
 
 
 def examples(
-    source: Recipe | SpeckleCache, kind: str, samples: int | None = None, seed: int = 0, split: str = "train"
-) -> Examples:
+    source: Recipe | SpeckleCache, kind: str, samples: int | None = None, seed: int = 0, split: str = "train",
+    target: str = "object",
+) -> Examples:  # fmt: skip
     """Read or render samples and turn them into a network's input, once.
 
     Parameters
@@ -54,24 +61,34 @@ def examples(
     source
         A store, or a recipe.
     kind
-        "camera" or "autocorrelation".
+        "camera" or "autocorrelation"; of stacks "registered" or "registered+power".
     samples
         How many; by default all of a store, or an epoch of the split.
     seed, split
         Of a recipe.
+    target
+        "object", "label" or "material".
     """
+    values = TARGETS[target].values
     count = samples or (len(source) if isinstance(source, SpeckleCache) else source.length(split))
     parts = [
-        Examples(network_input(batch, kind).half(), batch["object"].float(), batch["parameters"]["medium"].long())
+        Examples(network_input(batch, kind).half(), values(batch), batch["parameters"]["medium"].long())
         for batch in batches_of(source, count, seed, split)
     ]
     return Examples(*(torch.cat(field) for field in zip(*parts, strict=True)))
 
 
+def sharing_media(recipe: Recipe, samples: int = SHARED_BY) -> Recipe:
+    """Let so many neighbouring samples share a medium, where media are never seen again and the recipe shares none."""
+    alone = recipe.media is None and recipe.media_group == 1
+    return recipe.replace(media_group=samples).on(recipe.device) if alone and samples > 1 else recipe
+
+
 class Streamed:
     """Batches of a stream, as a function of (epoch, first step); ``identity`` says what of."""
 
-    def __init__(self, stream: SpeckleStream, kind: str, workers: int = 0) -> None:
+    def __init__(self, stream: SpeckleStream, kind: str, workers: int = 0, target: str = "object") -> None:
+        self.values = TARGETS[target].values
         self.kind, self.loader = kind, stream.loader(num_workers=workers)
         recipe = json.loads(stream.recipe.canonical_json())
         self.identity: dict[str, Any] = stream.identity() | {"batch_size": stream.batch_size, "recipe": recipe}
@@ -80,12 +97,14 @@ class Streamed:
         """Batches of an epoch from step ``first`` on."""
         self.loader.load_state_dict(self.loader.state_dict() | {"epoch": epoch, "next_batch": first})
         for batch in self.loader:
-            yield network_input(batch, self.kind), batch["object"].float()
+            yield network_input(batch, self.kind), self.values(batch)
 
 
-def streamed(stream: SpeckleStream, kind: str, workers: int = 0) -> tuple[Streamed, int]:
+def streamed(
+    stream: SpeckleStream, kind: str, workers: int = 0, target: str = "object"
+) -> tuple[Streamed, int]:
     """Batches that are rendered while the network trains, for ``train``: every epoch is new."""
-    return Streamed(stream, kind, workers), len(stream)
+    return Streamed(stream, kind, workers, target), len(stream)
 
 
 def mirrored(inputs: Tensor, targets: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:

@@ -6,10 +6,12 @@ the pitch at which the object is to be reconstructed (``object_pitch``, chosen b
 does not tell it). That takes scale out of the problem, and averages over pixels where they are finer than that pitch.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 from specklegen.core.errors import reject
@@ -50,6 +52,47 @@ def resampled_lags(lags: Tensor, step: Tensor, size: int) -> Tensor:
     return rows @ lags @ columns.transpose(-2, -1)
 
 
+def object_lags(images: Tensor, step: Tensor, size: int) -> Tensor:
+    """Autocorrelations of fluctuations on the object's pitch, float[B, size, size]; zero lag at [size // 2, size // 2].
+
+    ``resampled_lags(speckle_autocorrelation(images), step, size)``, but of the lags that are kept alone: the transform
+    is as long as they need, and of two opposite lags one is made. On the CPU image by image, so that companions do not
+    change an image's last bits.
+
+    Parameters
+    ----------
+    images
+        float[B, H, W].
+    step
+        Camera pixels in an object pixel, float[B].
+    size
+        Side of the result, even.
+    """
+    if images.device.type != "cpu":
+        return resampled_lags(speckle_autocorrelation(images), step, size)
+    return torch.stack([_half_by_half(image, each, size) for image, each in zip(images, step, strict=True)])
+
+
+def _half_by_half(image: Tensor, step: Tensor, size: int) -> Tensor:
+    """One image float[H, W]; only lags with a row of at least 0 are summed, the others are these turned about."""
+    shape, half = image.shape, size // 2
+    reach = [min(n - 1, math.ceil(half * float(step) + max(float(step), 1.0))) for n in shape]
+    padded = [int(next_fast_len(n + far, real=True) or 0) for n, far in zip(shape, reach, strict=True)]
+    spectrum = torch.view_as_real(torch.fft.rfft2(image - image.mean(), s=padded)).square_()
+    sums = torch.fft.irfft2((spectrum[..., 0] + spectrum[..., 1]).to(image.dtype.to_complex()), s=padded)
+    pairs = [n - torch.arange(-far, far + 1, dtype=image.dtype).abs() for n, far in zip(shape, reach, strict=True)]
+    kept = torch.cat([sums[: reach[0] + 1, -reach[1] :], sums[: reach[0] + 1, : reach[1] + 1]], dim=1)
+    kept = kept / (pairs[0][reach[0] :, None] * pairs[1])
+    kept = kept / kept[0, reach[1]].clamp_min(torch.finfo(kept.dtype).tiny)
+    # Triangles about rows near 0 reach over to rows below, which are those above turned about.
+    rows, columns = (_triangles(2 * far + 1, step[None].to(image), size + 2)[0, 1:] for far in reach)
+    down, up = rows[half:, reach[0] :], rows[half:, : reach[0]].flip(1)
+    found = down @ kept @ columns.T
+    found += (up @ kept[1:].flip(1)) @ columns.T
+    upper = found[1 : half + 1].flip((0, 1))
+    return torch.cat([upper[:, :size], found[:half, :size]])
+
+
 def _triangles(count: int, step: Tensor, size: int) -> Tensor:
     """Weights float[B, size, count] of one axis."""
     old = torch.arange(count, device=step.device, dtype=step.dtype) - count // 2
@@ -83,7 +126,7 @@ def camera_input(images: Tensor, step: Tensor) -> Tensor:
 
 def autocorrelation_input(images: Tensor, step: Tensor) -> Tensor:
     """Channels float[B, 2, LAGS, LAGS]: the autocorrelation on the object's pitch, and the scale."""
-    return _with_scale(resampled_lags(speckle_autocorrelation(images), step, LAGS), step)
+    return _with_scale(object_lags(images, step, LAGS), step)
 
 
 def _with_scale(picture: Tensor, step: Tensor) -> Tensor:
@@ -98,25 +141,75 @@ INPUTS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
 """Name to function of (images float[B, H, W], camera pixels in an object pixel float[B])."""
 
 
+def registered_input(batch: Mapping[str, Any]) -> Tensor:
+    """Features float[B, 2 (T - 1)] of stacks under T equally spaced tilts: how the speckle decorrelates.
+
+    The pattern follows the tilt, so each image is moved back by the tilts' difference, to the nearest pixel, before two
+    are correlated where both see it. The mean over all pairs n tilts apart is C_I there: C and log10(1 - C) for
+    n = 1 to T - 1. Images that no longer overlap count as uncorrelated.
+    """
+    for name in ("stack", "tilts"):
+        if name not in batch:
+            reject("batch", 'one with "stack" and "tilts"', sorted(batch), "Such as those of registered-tilts.")
+    stack, sines = batch["stack"].float(), torch.sin(batch["tilts"])
+    moved = ((sines - sines[:, :1]) / batch["parameters"]["camera_pitch"][:, None, None]).round().long()
+    count = stack.shape[1]
+    made = []
+    for images, places in zip(stack, moved.tolist(), strict=True):
+        means = []
+        for apart in range(1, count):
+            pairs = [_registered(images[n], images[n + apart], places[n], places[n + apart])
+                     for n in range(count - apart)]  # fmt: skip
+            means.append(torch.stack(pairs).mean())
+        made.append(torch.stack(means))
+    found = torch.stack(made)
+    return torch.cat([found, (1 - found).clamp(1e-5, 2).log10()], dim=1)
+
+
+def _registered(one: Tensor, other: Tensor, here: list[int], there: list[int]) -> Tensor:
+    """Pearson correlation of two images [H, W] whose patterns were moved by (x, y) pixels, where they overlap."""
+    for axis, shift in ((1, there[0] - here[0]), (0, there[1] - here[1])):
+        length = one.shape[axis] - abs(shift)
+        if length < 2:
+            return one.new_zeros(())
+        one, other = one.narrow(axis, max(-shift, 0), length), other.narrow(axis, max(shift, 0), length)
+    return torch.corrcoef(torch.stack([one.flatten(), other.flatten()]))[0, 1]
+
+
+def registered_and_power_input(batch: Mapping[str, Any]) -> Tensor:
+    """Features of :func:`registered_input`, and log10 of the radiance straight ahead over the irradiance."""
+    power = batch["parameters"]["forward_radiance"] * batch["stack"].double().mean((1, 2, 3))
+    return torch.cat([registered_input(batch), power.log10()[:, None].float()], dim=1)
+
+
+FEATURES: dict[str, Callable[[Mapping[str, Any]], Tensor]] = {
+    "registered": registered_input,
+    "registered+power": registered_and_power_input,
+}
+"""Name to function of a batch of stacks, float[B, F]."""
+
+
 def steps_of(batch: Mapping[str, Any]) -> Tensor:
     """Camera pixels in an object pixel, float64[B]."""
     return batch["parameters"]["object_pitch"] / batch["parameters"]["camera_pitch"]
 
 
 def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
-    """Turn a batch of a hidden-object recipe into a network's input.
+    """Turn a batch into a network's input.
 
     Returns
     -------
-    float[B, 2, H, W], or float[B, T, 2, H, W] for recipes with "stack" or "frames".
+    float[B, 2, H, W], or float[B, T, 2, H, W] for recipes with "stack" or "frames"; of :data:`FEATURES` float[B, F].
 
     Raises
     ------
     RuleError
         If there is no such input, or the batch has no images of a hidden object.
     """
+    if kind in FEATURES:
+        return FEATURES[kind](batch)
     if kind not in INPUTS:
-        reject("input", f"one of {', '.join(INPUTS)}", kind)
+        reject("input", f"one of {', '.join([*INPUTS, *FEATURES])}", kind)
     name = next((name for name in ("image", "stack", "frames") if name in batch), None)
     if name is None or "object" not in batch:
         reject("batch", 'one with "object", and "image", "stack" or "frames"', sorted(batch))

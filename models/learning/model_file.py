@@ -92,3 +92,36 @@ def _tensor(entry: Mapping[str, Any], data: bytes) -> Tensor:
     if not 0 <= start <= stop <= len(data) or prod(shape) * dtype.itemsize != stop - start:
         raise ValueError("a tensor that does not lie in the file")
     return torch.from_numpy(np.frombuffer(data[start:stop], dtype).reshape(shape).copy())
+
+
+_SCALE = ":scale"
+"""Ends the name of the scales that belong to a rounded weight."""
+
+
+def rounded(key: str, weight: Tensor) -> dict[str, Tensor]:
+    """A weight as int8 rows and their scales; what has no rows as float16."""
+    if weight.ndim < 2:
+        return {key: weight.half()}
+    scale = weight.flatten(1).abs().amax(1).clamp_min(torch.finfo(weight.dtype).tiny) / 127
+    rows = (weight / scale.reshape(-1, *[1] * (weight.ndim - 1))).round().to(torch.int8)
+    return {key: rows, key + _SCALE: scale}
+
+
+def restored(kept: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Weights float32 of the tensors of a file, rounded or not.
+
+    Raises
+    ------
+    RuleError
+        If rows and scales do not belong together.
+    """
+    return {key: _restored(key, kept) for key in kept if not key.endswith(_SCALE)}
+
+
+def _restored(key: str, kept: Mapping[str, Tensor]) -> Tensor:
+    if key + _SCALE not in kept:
+        return kept[key].float()
+    rows, scale = kept[key], kept[key + _SCALE]
+    if len(scale) != len(rows):
+        reject("model", "a file with a scale for each row", key)
+    return rows * scale.reshape(-1, *[1] * (rows.ndim - 1))

@@ -12,9 +12,10 @@ from torch import Tensor, nn
 from specklegen.core.arguments import whole_number
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
-from specklegen.models.learning.inputs import INPUTS, network_input
-from specklegen.models.learning.model_file import read_model, write_model
+from specklegen.models.learning.inputs import FEATURES, INPUTS, network_input
+from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks import build
+from specklegen.models.learning.targets import TARGETS, in_units
 
 PRETRAINED = "unknown-slab"
 """Model that comes with the package; its card lies beside it, and in docs/networks.md."""
@@ -30,20 +31,26 @@ class Reconstructor:
         How to build the network again.
     input : str
         "camera" or "autocorrelation".
+    target : str
+        What it tells: "object", "label" or "material".
+    trained_on : dict
+        Table of the objects that it was trained on, as in a recipe; empty where that is not known.
     """
 
     def __init__(
         self, network: nn.Module, name: str, input: str, width: int, side: int, shape: tuple[int, int],
-        device: torch.device | str = "cpu",
+        device: torch.device | str = "cpu", trained_on: Mapping[str, Any] | None = None, target: str = "object",
     ) -> None:  # fmt: skip
-        self.network, self.device = network, torch.device(device)
+        self.target = target
+        self.network, self.device, self.trained_on = network, torch.device(device), dict(trained_on or {})
         self.name, self.input, self.width, self.side, self.shape = name, input, width, side, tuple(shape)
 
     def __call__(self, inputs: Tensor) -> Tensor:
-        """Brightness 0 to 1, float32[B, h, w], of prepared inputs float32[B, ...]."""
+        """Answer to prepared inputs float32[B, ...]: brightness 0 to 1, float32[B, h, w], or a row float32[B, 1, K]."""
         self.network.eval()
         with torch.inference_mode():
-            return centred(self.network(inputs.to(self.device)).float().sigmoid())
+            made = TARGETS[self.target].answer(self.network(inputs.to(self.device)).float())
+            return centred(made) if self.target == "object" else made
 
     def reconstruct(self, batch: Mapping[str, Any]) -> Tensor:
         """Brightness of the objects in a batch of a hidden-object recipe, up to shift and 180-degree flip.
@@ -53,18 +60,41 @@ class Reconstructor:
         RuleError
             If the batch has no images of hidden objects, or images of another size than in training.
         """
+        if self.target != "object":
+            reject("reconstruct model", "one that shows objects", f"one that tells the {self.target}", "Use `tell`.")
         inputs = network_input(batch, self.input)
         if inputs.shape[-1] != self.side or inputs.shape[-2] != self.side:
             reject("reconstruct images", f"of {self.side} x {self.side} pixels", tuple(inputs.shape[-2:]))
         return self(inputs)
 
+    def tell(self, batch: Mapping[str, Any]) -> Tensor:
+        """What the network was trained to tell of a batch.
+
+        Returns
+        -------
+        float32[B, K]
+            Probabilities of the classes; or log10 of range (radians), thickness and optical depth, and g.
+
+        Raises
+        ------
+        RuleError
+            If it shows objects, or the batch is not of its kind.
+        """
+        if self.target == "object":
+            reject("tell model", "one that tells a label or a material", "one that shows objects", "Use `reconstruct`.")
+        inputs = network_input(batch, self.input)
+        if inputs.shape[-1] != self.side:
+            reject("tell batch", f"as in training, {self.side} numbers along the last axis", tuple(inputs.shape))
+        made = self(inputs)
+        return in_units(made) if self.target == "material" else made[:, 0]
+
     def save(self, path: str | os.PathLike, compact: bool = False) -> None:
         """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter."""
         stated = {name: getattr(self, name) for name in ("name", "input", "width", "side")}
-        stated |= {"shape": list(self.shape)}
+        stated |= {"shape": list(self.shape), "trained_on": self.trained_on, "target": self.target}
         kept: dict[str, Tensor] = {}
         for key, weight in self.network.state_dict().items():
-            kept |= _rounded(key, weight) if compact else {key: weight}
+            kept |= rounded(key, weight) if compact else {key: weight}
         write_model(Path(path), stated, kept)
 
     @classmethod
@@ -78,9 +108,13 @@ class Reconstructor:
         """
         stated, kept = read_model(Path(path))
         device = checked_device("Reconstructor.device", device)
-        weights = {key: _restored(key, kept) for key in kept if not key.endswith(_SCALE)}
+        weights = restored(kept)
         network = _network_of(stated, weights, str(path)).to(device)
-        return cls(network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device)
+        about = stated.get("trained_on")
+        return cls(
+            network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device,
+            about if isinstance(about, dict) else None, stated.get("target", "object"),
+        )  # fmt: skip
 
 
 def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: str) -> nn.Module:
@@ -96,7 +130,7 @@ def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: 
         with torch.device("meta"):
             promised = build(stated["name"], stated["side"], (rows, columns), stated["width"], seed=0).state_dict()
         fits = {key: value.shape for key, value in promised.items()} == {k: w.shape for k, w in weights.items()}
-        known = stated["input"] in INPUTS
+        known = stated["input"] in [*INPUTS, *FEATURES] and stated.get("target", "object") in TARGETS
     except (KeyError, TypeError, ValueError, RuntimeError):
         fits = known = False
     if not (fits and known):
@@ -104,28 +138,6 @@ def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: 
     network = build(stated["name"], stated["side"], (rows, columns), stated["width"], seed=0)
     network.load_state_dict(dict(weights))
     return network
-
-
-_SCALE = ":scale"
-"""Ends the name of the scales that belong to a rounded weight."""
-
-
-def _rounded(key: str, weight: Tensor) -> dict[str, Tensor]:
-    """Rows as int8 and their scales; what has no rows as float16."""
-    if weight.ndim < 2:
-        return {key: weight.half()}
-    scale = weight.flatten(1).abs().amax(1).clamp_min(torch.finfo(weight.dtype).tiny) / 127
-    rows = (weight / scale.reshape(-1, *[1] * (weight.ndim - 1))).round().to(torch.int8)
-    return {key: rows, key + _SCALE: scale}
-
-
-def _restored(key: str, kept: Mapping[str, Tensor]) -> Tensor:
-    if key + _SCALE not in kept:
-        return kept[key].float()
-    rows, scale = kept[key], kept[key + _SCALE]
-    if len(scale) != len(rows):
-        reject("model", "a file with a scale for each row", key)
-    return rows * scale.reshape(-1, *[1] * (rows.ndim - 1))
 
 
 def centred(images: Tensor) -> Tensor:

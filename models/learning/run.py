@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from specklegen.models.learning.losses import Loss
 from specklegen.models.learning.networks import build
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.run_record import require_same_run, write_record
-from specklegen.models.metrics import align, pearson
+from specklegen.models.learning.targets import TARGETS
 
 if TYPE_CHECKING:
     from specklegen.models.learning.training import Training
@@ -30,8 +31,9 @@ class Run:
     """State of a run; all of it is in the checkpoint."""
 
     def __init__(
-        self, training: "Training", validation: Examples, folder: Path, device: str, record: dict[str, Any]
-    ) -> None:
+        self, training: "Training", validation: Examples, folder: Path, device: str, record: dict[str, Any],
+        begun: float,
+    ) -> None:  # fmt: skip
         folder.mkdir(parents=True, exist_ok=True)
         self.record = record
         self.training, self.validation, self.folder, self.device = training, validation, folder, torch.device(device)
@@ -49,7 +51,13 @@ class Run:
         self.rows: list[dict[str, float]] = []
         if (folder / "checkpoint.pt").exists():
             self.restore()
+        self.counted = begun
         write_record(folder, record)
+
+    def count_time(self) -> None:
+        """Add what has passed by the clock since the last count."""
+        now = time.perf_counter()
+        self.spent, self.counted = self.spent + now - self.counted, now
 
     def take_step(self, inputs: Tensor, targets: Tensor, loss_of: Loss, rate: float) -> None:
         """One step of the optimiser at a share of the learning rate."""
@@ -75,11 +83,12 @@ class Run:
         """Validate, log, keep the best, save."""
         model = self.reconstructor()
         found = validated(model, self.validation)
+        self.count_time()
         row = {
             "epoch": self.epoch,
             "seconds": round(self.spent, 3),
             "train_loss": self.summed / max(self.step, 1),
-            "validation_pearson": found,
+            f"validation_{TARGETS[self.training.target].scored}": found,
             "learning_rate": self.optimiser.param_groups[0]["lr"],
         }
         self.rows.append(row)
@@ -101,13 +110,15 @@ class Run:
         """The network as it is, ready to be used."""
         training = self.training
         return Reconstructor(
-            self.network, training.network, training.input, training.width, self.side, self.shape, self.device
-        )
+            self.network, training.network, training.input, training.width, self.side, self.shape, self.device,
+            self.record["data"].get("recipe", {}).get("objects"), training.target,
+        )  # fmt: skip
 
     _COUNTERS = ("epoch", "step", "stale", "spent", "summed", "best", "finished", "rows")
 
     def save(self) -> None:
         """Write the checkpoint whole, or not at all."""
+        self.count_time()
         state: dict[str, Any] = {name: getattr(self, name) for name in self._COUNTERS}
         state |= {"record": json.dumps(self.record), "side": self.side, "shape": list(self.shape)}
         state |= {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
@@ -130,10 +141,12 @@ class Run:
 
 
 def validated(model: Reconstructor, examples: Examples) -> float:
-    """Mean Pearson correlation after alignment."""
-    found = [
-        pearson(align(made, targets), targets)
-        for inputs, targets in zip(examples.inputs.split(_CHUNK), examples.targets.split(_CHUNK), strict=True)
-        for made in [model(inputs.float()).cpu()]
-    ]
-    return float(torch.cat(found).mean())
+    """Score of the model's answers; of objects their mean Pearson correlation after alignment."""
+    made = torch.cat([model(inputs.float()).cpu() for inputs in examples.inputs.split(_CHUNK)])
+    return TARGETS[model.target].score(made, examples.targets)
+
+
+def read_log(folder: Path) -> list[dict[str, float]]:
+    """Rows of a run's log, an epoch each."""
+    with (folder / "log.csv").open(newline="") as file:
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]

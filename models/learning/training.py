@@ -2,11 +2,12 @@
 
 Everything random is a function of (seed, epoch, step): first weights, order of the samples, mirroring. So a run is
 repeated by its settings, and one that was stopped goes on to the same bits. The one exception is a budget in seconds:
-there the learning rate falls with the time spent, so that a run ends well whenever it ends.
+there the learning rate falls with the time spent, so that a run ends well whenever it ends. Seconds are those of a
+clock on the wall, and count everything: reading or rendering, learning, validating, saving.
 
 Files in the folder of a run: ``run.json`` (settings and data; nothing else goes on with the run), ``checkpoint.pt``
 (all that is needed to go on: after each epoch, every few minutes, and on Ctrl-C), ``best.pt`` (the model with the best
-Pearson correlation on validation media), ``log.csv``.
+score on validation media, of objects the Pearson correlation), ``log.csv``.
 """
 
 import math
@@ -29,6 +30,7 @@ from specklegen.models.learning.losses import loss_named
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.run import Run
 from specklegen.models.learning.run_record import alone, record
+from specklegen.models.learning.targets import TARGETS
 
 WARM_UP = 50
 """Steps over which the learning rate rises from 0."""
@@ -39,14 +41,19 @@ class Training(Value):
 
     Parameters
     ----------
+    target
+        What it is to tell: the "object", its "label" (a class), or the "material" (range, thickness, optical depth, g).
     input
-        What the network sees: "autocorrelation" or "camera".
+        What the network sees: "autocorrelation" or "camera"; of stacks of tilts "registered", how their speckle
+        decorrelates, or "registered+power", with the transmitted power.
     network
-        "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample) or "dense".
+        "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample), "dense", or
+        "perceptron" (for registered stacks).
     width
         Channels at the top of the U-Net, or a sixteenth of the units of the other two.
     loss
-        A name in :data:`specklegen.models.learning.losses.LOSSES`.
+        A name in :data:`specklegen.models.learning.losses.LOSSES`, for objects; the other targets have losses of their
+        own.
     learning_rate
         Largest, of AdamW; it rises over 50 steps, then falls to 0 along a cosine.
     weight_decay
@@ -63,8 +70,9 @@ class Training(Value):
         Of first weights, order and mirroring.
     """
 
-    input: Literal["autocorrelation", "camera"] = "autocorrelation"
-    network: Literal["residual", "unet", "stack-unet", "dense"] = "unet"
+    target: Literal["object", "label", "material"] = "object"
+    input: Literal["autocorrelation", "camera", "registered", "registered+power"] = "autocorrelation"
+    network: Literal["residual", "unet", "stack-unet", "dense", "perceptron"] = "unet"
     width: PositiveInt = 16
     loss: str = "pearson-invariant"
     learning_rate: Positive = 3e-3
@@ -79,6 +87,14 @@ class Training(Value):
     def _check(self) -> Self:
         if self.network == "residual" and self.input != "autocorrelation":
             reject("Training.input", '"autocorrelation" for the residual net', self.input, "Or train another.")
+        if (self.network == "perceptron") != self.input.startswith("registered"):
+            reject("Training.network", '"perceptron" for registered stacks, and for nothing else', self.network)
+        if self.target == "label" and self.network not in ("residual", "dense"):
+            reject("Training.network", '"residual" or "dense" for labels', self.network)
+        if self.target == "material" and self.network != "perceptron":
+            reject("Training.input", '"registered" or "registered+power" for materials', self.input)
+        if self.target != "object" and self.mirror:
+            reject("Training.mirror", "false where the target is no object", self.mirror)
         return self
 
 
@@ -111,6 +127,7 @@ def train(
     about: Mapping[str, Any] | None = None,
     save_every: float = 300.0,
     stop_after: int | None = None,
+    begun: float | None = None,
 ) -> Reconstructor:
     """Train a network, or go on where the run in this folder was stopped.
 
@@ -128,19 +145,23 @@ def train(
     folder
         Of the run.
     seconds
-        Processor time to spend, all threads together (on a CUDA device: time by the clock). None: all epochs.
+        Time to spend by the clock, everything included, in all calls for this run together. None: all epochs.
     device
         Torch device. On CUDA the forward pass runs in bfloat16, which the CPU would only emulate.
     progress
         Called with each row of the log.
     steps
-        Called with (steps done, steps in all epochs) after every step.
+        Called after every step with (steps done, steps in all): of all epochs, or as many as the seconds will do for at
+        the pace so far.
     about
         What "data" and "validation" are, as tables of JSON: recorded with the run, and named where another run differs.
     save_every
         Seconds between checkpoints inside an epoch.
     stop_after
         Steps after which to stop, as if interrupted; the checkpoint is exact.
+    begun
+        Reading of ``time.perf_counter`` from which this call's seconds count, for callers who have prepared something
+        before. By default now.
 
     Returns
     -------
@@ -155,6 +176,7 @@ def train(
     KeyboardInterrupt
         On Ctrl-C, after the step that was being made and a checkpoint.
     """
+    begun = time.perf_counter() if begun is None else begun
     here = record(training, data if isinstance(data, Examples) else data[0], validation, about)
     if isinstance(data, Examples):
         data = shuffled(data, training), math.ceil(len(data.targets) / training.batch_size)
@@ -162,7 +184,7 @@ def train(
     if not length or not len(validation.targets):
         reject("train examples", "at least one, and one for validation", (length, len(validation.targets)))
     with alone(Path(folder)), deferred() as interrupt:
-        run = Run(training, validation, Path(folder), device, here)
+        run = Run(training, validation, Path(folder), device, here, begun)
         return _trained(run, batches, length, interrupt, seconds, save_every, stop_after, progress, steps)
 
 
@@ -178,20 +200,19 @@ def _trained(
     steps: Callable[[int, int], None] | None,
 ) -> Reconstructor:
     run.finished |= seconds is not None and run.spent >= seconds
-    clock = time.process_time if run.device.type == "cpu" else time.perf_counter
-    loss_of = loss_named(run.training.loss)
+    loss_of = TARGETS[run.training.target].loss or loss_named(run.training.loss)
     taken, total, saved = 0, length * run.training.epochs, time.monotonic()
     while not run.finished:
         try:
             for inputs, targets in batches(run.epoch, run.step):
-                begin = clock()
                 done = run.epoch * length + run.step
                 share = done / total if seconds is None else max(done / total, run.spent / seconds)
                 run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))
                 taken += 1
-                run.spent += clock() - begin
+                run.count_time()
                 if steps is not None:
-                    steps(done + 1, total)
+                    pace = 0.0 if seconds is None else run.spent / seconds / (done + 1)
+                    steps(done + 1, min(total, max(done + 1, round(1 / pace))) if pace else total)
                 if taken == stop_after:
                     run.save()
                     return run.reconstructor()
@@ -213,6 +234,7 @@ def _trained(
         if progress is not None:
             progress(row)
         interrupt.obey()
+        run.finished |= seconds is not None and run.spent >= seconds
     return Reconstructor.load(run.folder / "best.pt")
 
 

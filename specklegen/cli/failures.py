@@ -35,7 +35,7 @@ def _system(error: OSError) -> str:
 def _package(error: ImportError) -> str:
     name = (error.name or "").partition(".")[0]
     if name in _EXTRAS:
-        return f"this needs the package {name}: pip install 'specklegen[{_EXTRAS[name]}]'"
+        return f"this needs the package {name}: pip install 'specklegen-torch[{_EXTRAS[name]}]'"
     return str(error)
 
 

@@ -1,17 +1,35 @@
 """The commands that learn and judge: ``specklegen train`` and ``specklegen evaluate``."""
 
+import time
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from specklegen.cli.output import AsJson, echo_json, writable
-from specklegen.cli.recipe_options import RecipeOrStore, Seed, Set, Split, is_store, load_hidden, names_starting_with
+from specklegen.cli.recipe_options import (
+    Images,
+    Objects,
+    RecipeOrStore,
+    Seed,
+    Set,
+    Split,
+    is_store,
+    load,
+    load_hidden,
+    names_starting_with,
+)
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import counted, reject
 
-Input = Literal["autocorrelation", "camera"]
-Network = Literal["residual", "unet", "stack-unet", "dense"]
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from specklegen.models.learning.reconstructor import Reconstructor
+
+Target = Literal["object", "label", "material"]
+Input = Literal["autocorrelation", "camera", "registered", "registered+power"]
+Network = Literal["residual", "unet", "stack-unet", "dense", "perceptron"]
 
 
 def train(
@@ -21,7 +39,10 @@ def train(
         Path | None, typer.Option(help="Store of other media (needed with a store; a recipe has a split for it).")
     ] = None,
     validation_samples: Annotated[int, typer.Option(min=1, help="Of a recipe's validation split.")] = 256,
-    input: Annotated[Input, typer.Option(help="What the network sees.")] = "autocorrelation",
+    target: Annotated[Target, typer.Option(help="What the network is to tell.")] = "object",
+    input: Annotated[
+        Input, typer.Option(help="What the network sees; of stacks of tilts one of the last two.")
+    ] = "autocorrelation",
     network: Annotated[Network, typer.Option(help="Kind of network.")] = "unet",
     width: Annotated[
         int, typer.Option(min=1, max=4096, help="Channels at the top; of the dense nets, units over 16.")
@@ -32,17 +53,25 @@ def train(
     learning_rate: Annotated[float, typer.Option(help="Largest learning rate.")] = 3e-3,
     batch_size: Annotated[int, typer.Option(min=1, help="Samples a step.")] = 64,
     epochs: Annotated[int, typer.Option(min=1, help="Passes through the data.")] = 20,
-    seconds: Annotated[float | None, typer.Option(help="Processor time to spend (by default: all epochs).")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Time to spend by the clock, everything included (by default: all epochs).")
+    ] = None,
     mirror: Annotated[bool, typer.Option(help="Show half of the samples mirrored.")] = False,
     workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that render a stream.")] = 0,
+    media_group: Annotated[
+        int, typer.Option(min=1, help="Samples of a stream that share a medium, where each has one of its own.")
+    ] = 8,
     device: Annotated[str, typer.Option(help="Torch device.")] = "cpu",
     seed: Seed = 0,
     changes: Set = None,
+    images: Images = None,
+    objects: Objects = None,
 ) -> None:
     """Train a network to see through fog, on a recipe streamed meanwhile or on a store.
 
-    Checkpoint, log and curves lie in the folder of the run.
+    Checkpoint, log and curves lie in the folder of the run, and are renewed while it goes on.
     """
+    begun = time.perf_counter()
     checked_device("--device", device)
     if seconds is not None and not seconds > 0:
         reject("--seconds", "greater than 0", seconds)
@@ -51,40 +80,44 @@ def train(
 
     from specklegen.datasets import SpeckleCache, SpeckleStream
     from specklegen.models.judging.charts import training_curves
-    from specklegen.models.learning.examples import examples, streamed
+    from specklegen.models.learning.examples import examples, sharing_media, streamed
     from specklegen.models.learning.networks import parameter_count
+    from specklegen.models.learning.run import read_log
     from specklegen.models.learning.run_record import require_held_out
     from specklegen.models.learning.training import Training
     from specklegen.models.learning.training import train as fit
 
     settings = Training(
-        input=input, network=network, width=width, loss=loss, learning_rate=learning_rate,
+        target=target, input=input, network=network, width=width, loss=loss, learning_rate=learning_rate,
         batch_size=batch_size, epochs=epochs, mirror=mirror, seed=seed,
     )  # fmt: skip
     if is_store(what):
         if validation is None:
             reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
-        if changes:
-            reject("train --set", "left out with a store, which has its recipe", " ".join(changes))
+        for option, given in (("--set", changes), ("--images", images), ("--objects", objects)):
+            if given:
+                reject(f"train {option}", "left out with a store, which has its recipe", given)
         stored, judged = SpeckleCache(what), SpeckleCache(validation)
         require_held_out(stored, judged)
-        data, held_out = examples(stored, input), examples(judged, input)
+        data, held_out = examples(stored, input, target=target), examples(judged, input, target=target)
         about = {name: cache.identity | {"samples": len(cache)} for name, cache in
                  (("data", stored), ("validation", judged))}  # fmt: skip
     else:
         if validation is not None:
             reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
-        recipe = load_hidden(what, changes)
-        data = streamed(SpeckleStream(recipe, seed=seed, batch_size=batch_size), input, workers)
-        held_out = examples(recipe, input, validation_samples, seed, "validation")
+        recipe = (load if target == "material" else load_hidden)(what, changes, images, objects)
+        shown = sharing_media(recipe, media_group)
+        data = streamed(SpeckleStream(shown, seed=seed, batch_size=batch_size), input, workers, target)
+        held_out = examples(recipe, input, validation_samples, seed, "validation", target)
         about = {"validation": {"seed": seed, "split": "validation", "samples": validation_samples}}
     rows: list[dict[str, float]] = []
 
     def show(row: dict[str, float]) -> None:
         rows.append(row)
+        training_curves({network: read_log(out)}, out / "curves.png")
         tqdm.write(
             f"epoch {row['epoch']}: {row['seconds']:.0f} s, loss {row['train_loss']:.4f}, "
-            f"validation {row['validation_pearson']:.4f}"
+            f"validation {next(value for name, value in row.items() if name.startswith('validation_')):.4f}"
         )
 
     with tqdm(unit="step", disable=None, leave=False) as bar:
@@ -97,23 +130,26 @@ def train(
 
         try:
             model = fit(
-                settings, data, held_out, out, seconds=seconds, device=device, progress=show, steps=step, about=about
-            )
+                settings, data, held_out, out, seconds=seconds, device=device, progress=show, steps=step, about=about,
+                begun=begun,
+            )  # fmt: skip
         except KeyboardInterrupt:
             typer.echo(f"stopped; the same command goes on from {out / 'checkpoint.pt'}", err=True)
             raise typer.Exit(130) from None
     if not rows:
         typer.echo(f"The run in {out} was finished already: nothing was done. Ask for more --epochs to go on.")
-    if rows:
-        training_curves({network: rows}, out / "curves.png")
     typer.echo(f"{counted(parameter_count(model.network), 'parameter')}, {out / 'best.pt'}")
 
 
 def evaluate(
     models: Annotated[list[Path] | None, typer.Argument(help="Models (best.pt); by default the packaged one.")] = None,
     recipe: Annotated[
-        str, typer.Option(help="What to test on: a recipe.", autocompletion=names_starting_with)
-    ] = "unknown-slab",
+        str | None,
+        typer.Option(
+            help="What to test on (default: one-angular-size; characters-of-new-fonts for labels, registered-tilts for "
+            "materials).", autocompletion=names_starting_with,
+        ),
+    ] = None,
     split: Split = "test",
     samples: Annotated[int, typer.Option(min=1, help="Images.")] = 32,
     katz: Annotated[bool, typer.Option(help="Phase retrieval beside, plain and with C_I.")] = True,
@@ -121,33 +157,56 @@ def evaluate(
     out: Annotated[Path, typer.Option(help="Folder for tables and contact sheet.")] = Path("evaluation"),
     seed: Seed = 0,
     changes: Set = None,
+    images: Images = None,
+    objects: Objects = None,
     as_json: AsJson = False,
 ) -> None:
-    """Judge networks beside the mean image and phase retrieval, on media that none has seen."""
+    """Judge networks beside chance and phase retrieval, on media and characters that none has seen.
+
+    Images of characters that a network was trained on are passed over, except with --split train. Networks that tell
+    labels or materials are judged one at a time, by a table of confusions or of R^2.
+    """
     import torch
 
+    from specklegen.datasets.objects import Points
+    from specklegen.datasets.recipes.hidden_object import HiddenObject
     from specklegen.models.judging import baselines, evaluation
     from specklegen.models.judging.charts import contact_sheet
+    from specklegen.models.judging.points import localisation
+    from specklegen.models.judging.unseen import seen_by, unseen
     from specklegen.models.learning.examples import batches_of
     from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
     from specklegen.models.retrieval.phase_retrieval import Retrieval
 
-    loaded = load_hidden(recipe, changes)
-    if "image" not in loaded.images_layout():
-        reject("evaluate --recipe", "one with one image of each object", recipe)
-    if loaded.media_of(samples) < 2:
-        reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
     named = {_name(path, models): Reconstructor.load(path) for path in models or []}
     named = named or {"packaged network": load_pretrained()}
+    asked = {model.target for model in named.values()}
+    if len(asked) > 1:
+        reject("evaluate models", "networks that tell the same", sorted(asked))
+    (target,) = asked
+    recipe = recipe or _BENCHMARKS[target]
+    loaded = (load if target == "material" else load_hidden)(recipe, changes, images, objects)
+    if loaded.media_of(samples) < 2:
+        reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
+    if target != "object":
+        _judge_answers(named, batches_of(loaded, samples, seed, split), out, as_json)
+        return
+    assert isinstance(loaded, HiddenObject)
+    if "image" not in loaded.images_layout():
+        reject("evaluate --recipe", "one with one image of each object", recipe)
     writable(out)
-    objects = [torch.from_numpy(loaded.objects.image(seed, "train", n)) for n in range(256)]
-    methods: dict[str, baselines.Method] = {"mean image": baselines.mean_image(torch.stack(objects))}
+    seen = seen_by(model.trained_on for model in named.values()) if split != "train" else set()
+    chosen = unseen(loaded.objects, seed, split, samples, seen)
+    known = torch.stack([torch.from_numpy(loaded.objects.image(seed, "train", n)) for n in range(256)])
+    methods: dict[str, baselines.Method] = {
+        "another object": baselines.another_object(known), "mean image": baselines.mean_image(known),
+    }  # fmt: skip
     if katz:
         settings = Retrieval(restarts=restarts)
         methods |= {"Katz": baselines.katz(settings, seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
     methods |= {name: model.reconstruct for name, model in named.items()}
-    found, cases = evaluation.evaluate(methods, batches_of(loaded, samples, seed, split), loaded.profile)
+    found, cases = evaluation.evaluate(methods, batches_of(loaded, chosen, seed, split), loaded.profile)
     found.write(out)
     shown = evaluation.best_median_worst(cases, next(iter(named)))
     contact_sheet(shown, out / "cases.png")
@@ -155,7 +214,29 @@ def evaluate(
         echo_json(found.rows())
         return
     typer.echo(found.markdown())
+    if isinstance(loaded.objects, Points):
+        (out / "points.md").write_text(localisation(found, cases))
+        typer.echo((out / "points.md").read_text())
     typer.echo(f"{out / 'summary.md'}, {out / 'summary.csv'}, {out / 'images.csv'}, {out / 'cases.png'}")
+
+
+_BENCHMARKS = {"object": "one-angular-size", "label": "characters-of-new-fonts", "material": "registered-tilts"}
+
+
+def _judge_answers(named: "dict[str, Reconstructor]", batches: "Iterator[dict]", out: Path, as_json: bool) -> None:
+    """Print and write the table of a network that tells labels or materials."""
+    from specklegen.models.judging.answers import judge
+
+    if len(named) > 1:
+        reject("evaluate models", "one at a time where they tell no object", sorted(named))
+    writable(out)
+    found = judge(next(iter(named.values())), batches)
+    found.write(out)
+    if as_json:
+        echo_json(found.rows())
+        return
+    typer.echo(found.markdown())
+    typer.echo(f"{out / 'summary.md'}")
 
 
 def _name(path: Path, models: list[Path] | None) -> str:

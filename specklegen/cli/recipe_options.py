@@ -37,27 +37,42 @@ Set = Annotated[
     ),
 ]
 Images = Annotated[Path | None, typer.Option(help="Folder of your own images to hide (PNG, JPEG, TIFF, NPY).")]
+Objects = Annotated[
+    str | None,
+    typer.Option(metavar="FAMILY", help="Hide objects of another family: Glyphs, Points, Bars, Strokes, Digits, ..."),
+]
 Seed = Annotated[int, typer.Option(min=0, help="Whole number that the result is a function of.")]
 Split = Annotated[
     Literal["train", "validation", "test"], typer.Option(help="The three share no medium and no object.")
 ]
 
 
-def load(recipe: str, changes: list[str] | None, images: Path | None = None) -> "Recipe":
-    """Read a recipe with the command line's changes."""
+def load(
+    recipe: str, changes: list[str] | None, images: Path | None = None, objects: str | None = None
+) -> "Recipe":
+    """Read a recipe with the command line's changes; other objects keep the recipe's shape, and none of its fields."""
     from specklegen.datasets import load_recipe
+    from specklegen.datasets.recipes.hidden_object import HiddenObject
     from specklegen.datasets.recipes.overrides import changes_of
 
     table = changes_of(changes or [])
-    if images is not None:
-        objects = table.setdefault("objects", {})
-        if not isinstance(objects, dict):
-            reject("--set objects", "a table where --images is given", objects)
-        objects.update({"type": "Folder", "path": str(images)})
-    return load_recipe(recipe, table)
+    if images is None and objects is None:
+        return load_recipe(recipe, table)
+    if images is not None and objects is not None:
+        reject("--objects", "left out where --images is given", objects)
+    fields = table.pop("objects", {})
+    if not isinstance(fields, dict):
+        reject("--set objects", "a table where --images or --objects is given", fields)
+    loaded = load_recipe(recipe, table)
+    if not isinstance(loaded, HiddenObject):
+        reject("recipe", "one with hidden objects where --images or --objects is given", recipe)
+    family = {"type": objects} if images is None else {"type": "Folder", "path": str(images)}
+    return loaded.replace(objects={"shape": loaded.objects.shape} | fields | family)
 
 
-def load_hidden(recipe: str, changes: list[str] | None, images: Path | None = None) -> "HiddenObject":
+def load_hidden(
+    recipe: str, changes: list[str] | None, images: Path | None = None, objects: str | None = None
+) -> "HiddenObject":
     """Read a recipe that hides objects.
 
     Raises
@@ -67,7 +82,7 @@ def load_hidden(recipe: str, changes: list[str] | None, images: Path | None = No
     """
     from specklegen.datasets.recipes.hidden_object import HiddenObject
 
-    loaded = load(recipe, changes, images)
+    loaded = load(recipe, changes, images, objects)
     if not isinstance(loaded, HiddenObject):
         reject("recipe", "one with hidden objects", recipe, "`specklegen recipes` lists what there is.")
     return loaded

@@ -74,13 +74,13 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Tell how a recipe's scenes are rendered, what is left out and why, and what it costs."""
-    from specklegen.datasets.store.estimate import estimate
-
     loaded = load(recipe, changes, images)
     plans = loaded.plans()
     if not as_json:
         for made in plans:
             typer.echo(made.explain() + "\n")
+    from specklegen.datasets.store.estimate import estimate  # with zarr and torch, after the plans are read
+
     count = samples if samples is not None else loaded.length("train")
     cost = estimate(loaded, count)
     # This process has just rendered and stored a few samples: what it took, any other takes too.

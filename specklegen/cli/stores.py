@@ -9,7 +9,7 @@ import typer
 
 from specklegen.cli.failures import INTERRUPTED, NOT_WHOLE
 from specklegen.cli.output import AsJson, Progress, echo_json, picture_file
-from specklegen.cli.recipe_options import Images, RecipeName, RecipeOrStore, Seed, Set, Split, is_store, load
+from specklegen.cli.recipe_options import Images, Objects, RecipeName, RecipeOrStore, Seed, Set, Split, is_store, load
 from specklegen.core.errors import counted, reject
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ def generate(
     seed: Seed = 0,
     changes: Set = None,
     images: Images = None,
+    objects: Objects = None,
     processes: Annotated[int | None, typer.Option(min=1, help="Worker processes (default: all cores).")] = None,
     shard_range: Annotated[
         str, typer.Option(metavar="I/N", help="Do part I of N, for N machines with one folder.")
@@ -37,7 +38,7 @@ def generate(
     """Fill a zarr store with samples of a recipe; run it again to go on where it stopped."""
     from specklegen.datasets.store.generate import generate as fill
 
-    loaded = load(recipe, changes, images)
+    loaded = load(recipe, changes, images, objects)
     count = samples if samples is not None else loaded.length(split)
     part = _part(shard_range)
     begin = time.perf_counter()

@@ -19,7 +19,7 @@ import warnings
 from typing import Literal
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from specklegen.core.errors import reject
 
@@ -196,7 +196,7 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
         reject("number_of_modes energy", "less than 1", energy, "A finite share needs finitely many modes.")
     if a_over_sigma == 0:
         return 1
-    quantile = float(norm.ppf((1 + energy) / 2))
+    quantile = float(ndtri((1 + energy) / 2))
     return math.ceil(2 * quantile * a_over_sigma / math.pi) + math.ceil(-math.log10(1 - energy) / 2)
 
 

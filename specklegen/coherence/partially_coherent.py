@@ -29,7 +29,6 @@ With K of `MemoryEffectCorrelation` and A(s) the autocorrelation of p over (sum 
 import math
 
 import numpy as np
-from scipy.signal import correlate
 
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
@@ -148,6 +147,8 @@ def effective_source_modes(
         Inside the medium.
     """
     brightness = np.asarray(brightness, dtype=np.float64)
+    from scipy.signal import correlate  # half a second, which a plan does not need
+
     lags = np.maximum(correlate(brightness, brightness, method="fft"), 0)
     y, x = ((np.arange(n) - n // 2) * pitch / wavelength for n in lags.shape)
     shared = Window(profile, width).coherence(*np.meshgrid(x, y))

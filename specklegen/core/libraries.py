@@ -2,6 +2,8 @@
 
 from importlib.metadata import PackageNotFoundError, version
 
+DISTRIBUTION = "specklegen-torch"
+"""What pip knows this package as; on the package index ``specklegen`` is somebody else's."""
 DECIDING = ("specklegen", "numpy", "scipy", "torch", "numba", "llvmlite", "finufft", "pillow", "matplotlib")
 """Arithmetic, transforms and compilers; Pillow and Matplotlib draw and resample the hidden objects."""
 
@@ -11,7 +13,7 @@ def library_versions() -> dict[str, str]:
     found = {}
     for name in DECIDING:
         try:
-            found[name] = version(name)
+            found[name] = version(DISTRIBUTION if name == "specklegen" else name)
         except PackageNotFoundError:  # specklegen itself, in a clone that is not installed
             continue
     return found

@@ -25,16 +25,18 @@ the image of the object fills the camera (h = s), phi_4 is 3/4 k_0 x_o**2 (D/2)*
 """
 
 import math
-from typing import Self
+import warnings
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import model_validator
+from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from specklegen.core.errors import reject
+from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
+from specklegen.scene.faces import Faces
 from specklegen.scene.illumination import IncoherentObject
-from specklegen.scene.media import Medium
+from specklegen.scene.media import Medium, Slab
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.scene.window import Profile
@@ -69,6 +71,11 @@ class LabSetup(Value):
         Full width of the spectrum in vacuum wavelength, as a length.
     refractive_index
         Of the layer, n.
+    faces
+        What the step from n to the air does at the layer's faces: "fresnel" reflects, "matched" (a layer between index
+        oil, say) does not.
+    wall
+        Refractive index of thin plates over both faces; None for a bare layer.
 
     Raises
     ------
@@ -89,6 +96,18 @@ class LabSetup(Value):
     oversampling: PositiveInt = 1
     bandwidth: NonNegative = 0.0
     refractive_index: Positive = 1.0
+    faces: Literal["fresnel", "matched"] = "fresnel"
+    wall: Positive | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_matched_faces(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out what is said of faces where there is no step: such a laboratory is what it was without them."""
+        content = write(self)
+        if self.refractive_index == 1 and self.wall is None and self.faces == "fresnel":
+            content.pop("faces", None)
+        if self.wall is None:
+            content.pop("wall", None)
+        return content
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -150,6 +169,13 @@ class LabSetup(Value):
     def view_distance(self) -> float:
         """Distance v from the layer to the camera, or the focal length of the lens."""
         return self.camera_distance or self.focal_length or math.nan
+
+    @property
+    def layer_faces(self) -> Faces:
+        """Faces of the layer, towards the air."""
+        if self.faces == "matched":
+            return Faces()
+        return Faces(inside=self.refractive_index, wall=self.wall)
 
     @property
     def medium_wavelength(self) -> float:
@@ -248,8 +274,20 @@ class LabSetup(Value):
         """Scene of an object, float[h, w], behind a layer, as the engine sees it.
 
         Its views are the pixels times the oversampling; :func:`specklegen.instrument.camera.expose` brings them
-        together.
+        together. A slab gets the faces of :attr:`layer_faces`, unless it has faces of its own.
+
+        Warns
+        -----
+        DoubtWarning
+            For another medium between indices that differ: it has no faces that reflect.
         """
+        if isinstance(medium, Slab):
+            medium = medium.replace(faces=self.layer_faces) if medium.faces.matched else medium
+        elif not self.layer_faces.matched:
+            warnings.warn(
+                f"LabSetup.scene: the step to the refractive index {self.refractive_index:g} bends light but does not "
+                f'reflect it at a {medium.type}. Use a Slab, or faces="matched".', DoubtWarning, stacklevel=2,
+            )  # fmt: skip
         cells = np.asarray(brightness, dtype=np.float64)
         if cells.ndim != 2:
             reject("LabSetup.scene brightness", "of shape (h, w)", cells.shape)
@@ -276,7 +314,7 @@ class LabSetup(Value):
         object_sines: float,
         oversampling: int = 1,
         refractive_index: float = 1.0,
-        **laboratory: float,
+        **laboratory: Any,
     ) -> Self:
         """Laboratory that a scene describes: the inverse of the properties above.
 

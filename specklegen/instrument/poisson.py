@@ -9,7 +9,7 @@ Source: Chen and Asau, *AIIE Transactions* 6, 163 (1974), guide tables.
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import poisson
+from scipy.special import pdtr
 
 from specklegen.kernels import quantiles
 
@@ -32,7 +32,7 @@ def add_poisson_field(charge: np.ndarray, mean: float, key: tuple[int, int]) -> 
 def table(mean: float) -> tuple[np.ndarray, np.ndarray]:
     """P(N <= 0), P(N <= 1), ... as float64[n], the last above 1; and the first number of each part, int64[2048]."""
     count = int(mean + 10 * np.sqrt(mean)) + 25  # by Bennett's inequality what is above has less than 2**-53
-    cumulative = poisson.cdf(np.arange(count), mean)
+    cumulative = pdtr(np.arange(count), mean)
     cumulative[-1] = 2.0
     guide = np.searchsorted(cumulative, np.arange(_PARTS) / _PARTS, side="right")
     return cumulative, guide.astype(np.int64)

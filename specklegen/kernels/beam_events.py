@@ -13,6 +13,9 @@ from specklegen.kernels.beam_state import (
     DX,
     DY,
     DZ,
+    MX,
+    MY,
+    MZ,
     PX,
     PY,
     PZ,
@@ -40,7 +43,7 @@ from specklegen.kernels.trigonometry import sincos_turns
 _ONE = np.uint64(1)
 _AGAIN = 1024  # evanescent draws in a row
 _STEEP = 4.0  # rho / Sigma above which the curved phase would be undersampled
-_UNIFORM, _GAUSSIAN, _TRIES, _EVANESCENT, _LOCAL = 6, 7, 8, 9, 13  # rows of the statistics
+_NULL, _UNIFORM, _GAUSSIAN, _TRIES, _EVANESCENT, _LOCAL = 3, 6, 7, 8, 9, 13  # rows of the statistics
 
 
 @kernel
@@ -140,6 +143,11 @@ def diffract(
             local_y = chirp * (state[YX] * x + state[YY] * y + state[YZ] * w) / e
             chirp = 0.0
         paint(state, wide, depth, far, open_event, which, half_x, half_y, boxes, link, corners, facet, fine, mask)
+        if mask.sum() == 0.0:
+            # Seen along the mean nothing is open, though the ray, a little aslant, did pass: it goes on unbent.
+            statistics[_NULL] += 1
+            leave_region(state, z, least, state[MX], state[MY], state[MZ])
+            return counter, True
     nx = ny = nz = 0.0
     if uniform or not open_event:
         nx, ny, nz = normals[which, 0], normals[which, 1], normals[which, 2]

@@ -119,7 +119,7 @@ def find_region(state, packed, wavelength, z_ray, hit, z_hit, near, fresh, boxes
 def walk_beams(
     key0, key1, first, count, mode, amplitude, max_events, source, wavelength,
     boxes, link, corners, facet, across, loop, normals, whole, rims, rim_ends, holes, loops, loop_ends, most_edges,
-    material, materials, planes, first_cell, counts, fluence, squares, ends, statistics,
+    material, materials, planes, first_cell, counts, fluence, squares, ends, statistics, areas,
 ):  # fmt: skip
     """Walk beams; fill what receivers and the ledger count.
 
@@ -128,7 +128,7 @@ def walk_beams(
     material         : int32[n], row of ``materials`` float64[M, 4] of each place
     planes           : float64[R, 15]                 centre, axes x, y, normal, pitch, rows, columns
     counts, fluence, squares : int64, float64, float64[cells], added to: crossings, sum of 1 / |cos| and of its square
-    ends             : int64[ENDS];  statistics : int64[STATISTICS], added to
+    ends             : int64[ENDS];  statistics : int64[STATISTICS];  areas : float64[1], of regions; added to
     """
     k0, k1 = np.uint64(key0), np.uint64(key1)
     k = 2.0 * math.pi / wavelength
@@ -140,7 +140,7 @@ def walk_beams(
     places, wide = np.empty(256, np.int64), np.empty(CONE)
     flat = np.empty((max(most_edges, loop_ends.shape[0]), 4))
     fine, mask = np.empty((FINE, FINE), np.uint8), np.empty((GRID, GRID))
-    padded, power = np.empty((2 * GRID, 2 * GRID), np.complex128), np.empty((2 * GRID, 2 * GRID))
+    padded, power = np.empty((GRID, 2 * GRID), np.complex128), np.empty(2 * GRID)
     line, twiddles = np.empty(2 * GRID, np.complex128), np.empty(GRID, np.complex128)
     for m in range(GRID):
         twiddles[m] = complex(math.cos(math.pi * m / GRID), -math.sin(math.pi * m / GRID))
@@ -181,6 +181,7 @@ def walk_beams(
                         region, _ = collect(packed, depth, far, boxes, link, corners, places)
                     statistics[REGIONS] += 1
                     statistics[REGION_TRIANGLES] += region
+                    areas[0] += math.pi * (state[WIDTH] + depth * state[SLOPE]) ** 2 / state[STRETCH]
                     hole_number = census(
                         packed, depth, far, state[PX], state[PY], state[PZ], state[DX], state[DY], state[DZ],
                         own if z_hit <= far else -1, places, region, corners, facet, across, loop, loops, rims,
@@ -208,6 +209,7 @@ def walk_beams(
                     region, _ = collect(packed, depth, far, boxes, link, corners, places)
                 statistics[REGIONS] += 1
                 statistics[REGION_TRIANGLES] += region
+                areas[0] += math.pi * (state[WIDTH] + depth * state[SLOPE]) ** 2 / state[STRETCH]
                 hole_number = census(
                     packed, depth, far, state[PX], state[PY], state[PZ], state[DX], state[DY], state[DZ], own,
                     places, region, corners, facet, across, loop, loops, rims, seen, touched, found,

@@ -3,9 +3,9 @@
 A cone of frame (x, y, d) is { |(x, e y)| <= a + t z, a + t z >= 0 } in the coordinates of its origin: circular once y
 is multiplied by e = a / b. All helpers here work in these *scaled local* coordinates. The cone is convex, so what a
 triangle has in it is convex too, and its depths are one interval [least, most]. The ends of that interval are found
-among the ends of what each edge has in the cone, and the two points of the triangle's plane where the plane's conic
-has its least and greatest depth. A slab [near, far] then needs no clipping: the part meets it if
-least <= far and most >= near, and begins at max(near, least).
+among the ends of what each edge has in the cone, the two points of the triangle's plane where the plane's conic has
+its least and greatest depth, and the apex, where rounding may lose either. A slab [near, far] then needs no clipping:
+the part meets it if least <= far and most >= near, and begins at max(near, least).
 
 Source: S. Steinberg, M. Pharr, *Wave Tracing*, section on elliptic cones; the interval argument is our own.
 """
@@ -17,6 +17,7 @@ from specklegen.kernels import inlined, spliced
 # What a kernel knows of a cone, float64[CONE]: origin, three rows (x, e y, d), half-width a, slope t.
 ORIGIN, AXIS_X, AXIS_Y, AXIS_Z, WIDTH, SLOPE, CONE = 0, 3, 6, 9, 12, 13, 14
 _FLAT = 1e-24  # of the squared area over the fourth power of the length, below which a triangle is a line
+_APEX = 1e-14  # of sizes, within which a triangle passes through the apex
 _ACROSS = 1e-24  # of the squared slope of a plane, below which its section lies at one depth: 1e-12 of the width
 
 
@@ -88,6 +89,25 @@ def _inside(px, py, pz, x0, y0, z0, x1, y1, z1, x2, y2, z2, nx, ny, nz):
     if n > 0.0:
         return c0 >= 0.0 and c1 >= 0.0 and c2 >= 0.0
     return c0 <= 0.0 and c1 <= 0.0 and c2 <= 0.0
+
+
+@inlined
+def _holds(z, x0, y0, z0, x1, y1, z1, x2, y2, z2):
+    """Whether a triangle holds the point (0, 0, z) to rounding: at the apex edges and plane may all miss the cone."""
+    ux, uy, uz, vx, vy, vz = x1 - x0, y1 - y0, z1 - z0, x2 - x0, y2 - y0, z2 - z0
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    square = nx * nx + ny * ny + nz * nz
+    length = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
+    px, py, pz = -x0, -y0, z - z0
+    reach = math.sqrt(length) + math.sqrt(px * px + py * py + pz * pz)
+    off = nx * px + ny * py + nz * pz
+    if square <= _FLAT * length * length or off * off > square * (_APEX * reach) ** 2:
+        return False
+    # Barycentric coordinates of its foot, by n . (u x p) and n . (p x v), against n . n.
+    second = nx * (uy * pz - uz * py) + ny * (uz * px - ux * pz) + nz * (ux * py - uy * px)
+    first = nx * (py * vz - pz * vy) + ny * (pz * vx - px * vz) + nz * (px * vy - py * vx)
+    least = -_APEX * math.sqrt(square * length) * reach
+    return first >= least and second >= least and square - first - second >= least
 
 
 @inlined
@@ -184,6 +204,8 @@ def triangle_in_cone(ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, near,
     if min(y0, y1, y2) > r or max(y0, y1, y2) < -r:
         return math.inf, -math.inf
     low, high = triangle_interval(a, t, x0, y0, z0, x1, y1, z1, x2, y2, z2)
+    if t > 0.0 and a + t * near <= _APEX * a and _holds(-a / t, x0, y0, z0, x1, y1, z1, x2, y2, z2):
+        low, high = min(low, -a / t), max(high, -a / t)
     if low > far or high < near:
         return math.inf, -math.inf
     return max(low, near), min(high, far)

@@ -7,11 +7,11 @@ proposed under the larger envelope |e|^2 sinc^2(p|e|/2) 2/c, of mass 4 pi |e| / 
 down starts over from the choice of the component. The draws are as exact; the tries are more, and cheap.
 
 *Gaussian light*, `draw_raster`: the beam's own field on GRID x GRID cells over four half-widths, times the open
-share of each (of 4 x 4 points in it), transformed on twice as many; a cell of wavevectors is drawn by its power, and a
-place in it evenly. Beyond the grid's last wavevector Q the pattern is that of its rims alone: a rim of normal n carries
-|u|^2 / (pi q^2) a length and dq along n, so the share |u|^2 / (pi Q) a length of rim is drawn there, q = Q / uniform.
-What this costs: structure below 1/16 of the half-width is smoothed, variances grow by 2 % of those of the beam, and
-corners send no more than their rims.
+share of each (of 4 x 4 points in it), transformed on twice as many; a cell of wavevectors is drawn by its power, first
+its x and then its y, and a place in it evenly. Beyond the grid's last wavevector Q the pattern is that of its rims
+alone: a rim of normal n carries |u|^2 / (pi q^2) a length and dq along n, so the share |u|^2 / (pi Q) a length of rim
+is drawn there, q = Q / uniform. What this costs: structure below 1/16 of the half-width is smoothed, variances grow by
+2 % of those of the beam, and corners send no more than their rims.
 """
 
 import math
@@ -214,6 +214,19 @@ def _beyond(mask, half_x, half_y, target, v, w):
     return x, y
 
 
+@inlined
+def _drawn(weights, u):
+    """Place of ``weights`` at which their running sum passes the share u of the whole; of a positive weight."""
+    target, found = u * weights.sum(), 0
+    for n in range(weights.shape[0]):
+        if weights[n] > 0.0:
+            found = n
+            target -= weights[n]
+            if target <= 0.0:
+                break
+    return found
+
+
 @kernel
 def draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp, padded, power, twiddles, line):
     """One xi of the pattern of a Gaussian beam through a mask: (x, y, counter, found or not).
@@ -221,46 +234,51 @@ def draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp, padded, 
     mask           : float64[GRID, GRID]    share of each cell that is open
     half_x, half_y : float                  half sizes of the grid, six standard deviations of the beam's intensity
     chirp          : float                  of the field exp(i chirp (x^2 + y^2) / 2)
-    padded, power  : complex128, float64[2 GRID, 2 GRID];  twiddles : complex128[GRID];  line : complex128[2 GRID]
+    padded         : complex128[GRID, 2 GRID];  power : float64[2 GRID];  twiddles : complex128[GRID]
+    line           : complex128[2 GRID]
     """
     pitch_x, pitch_y = 2.0 * half_x / GRID, 2.0 * half_y / GRID
-    padded[:, :] = 0.0
+    across, along = np.empty(GRID, np.complex128), np.empty(GRID, np.complex128)
+    for n in range(GRID):
+        # Intensity exp(-x^2 / 2 s^2), s = half / 6; amplitude its root.
+        place = (n + 0.5) * (2.0 / GRID) - 1.0
+        size = math.exp(-9.0 * place * place)
+        x, y = 0.5 * chirp * (place * half_x) ** 2, 0.5 * chirp * (place * half_y) ** 2
+        across[n] = size * complex(math.cos(x), math.sin(x))
+        along[n] = size * complex(math.cos(y), math.sin(y))
+    power[:] = 0.0
     for row in range(GRID):
-        y = (row + 0.5) * pitch_y - half_y
+        lit = False
         for column in range(GRID):
-            if mask[row, column] > 0.0:
-                x = (column + 0.5) * pitch_x - half_x
-                # Intensity exp(-x^2 / 2 s^2), s = half / 6; amplitude its root.
-                size = mask[row, column] * math.exp(-9.0 * ((x / half_x) ** 2 + (y / half_y) ** 2))
-                turn = 0.5 * chirp * (x * x + y * y)
-                padded[row, column] = size * complex(math.cos(turn), math.sin(turn))
-        fourier(padded[row], twiddles)
-    total = 0.0
-    for column in range(_PADDED):
-        for row in range(_PADDED):
-            line[row] = padded[row, column]
-        fourier(line, twiddles)
-        for row in range(_PADDED):
-            value = line[row].real * line[row].real + line[row].imag * line[row].imag
-            power[row, column] = value
-            total += value
-    u, v, w, _ = uniforms(key0, key1, np.uint64(0), path, counter)
+            padded[row, column] = mask[row, column] * along[row] * across[column]
+            lit = lit or mask[row, column] > 0.0
+        padded[row, GRID:] = 0.0
+        if lit:
+            fourier(padded[row], twiddles)
+            for column in range(_PADDED):
+                value = padded[row, column]
+                power[column] += value.real * value.real + value.imag * value.imag
+    total = power.sum()
+    u, v, w, t = uniforms(key0, key1, np.uint64(0), path, counter)
     counter += _ONE
     if not total > 0.0:
         return 0.0, 0.0, counter, False
-    # Parseval: the grid's power is that of its cells, times their number.
-    rims, inner = _rim_power(mask, half_x, half_y), total / (_PADDED * _PADDED)
+    # Parseval along rows: the spectra's power is that of their cells, times the length of a transform.
+    rims, inner = _rim_power(mask, half_x, half_y), total / _PADDED
     if u * (rims + inner) >= inner:
         x, y = _beyond(mask, half_x, half_y, u * (rims + inner) - inner, v, w)
         return x, y, counter, True
-    target = u * (rims + inner) / inner * total
+    # The power at each x component is known before any transform along y: one column is transformed, that drawn.
+    column = _drawn(power, u * (rims + inner) / inner)
+    line[:] = 0.0
+    for row in range(GRID):
+        line[row] = padded[row, column]
+    fourier(line, twiddles)
     for row in range(_PADDED):
-        for column in range(_PADDED):
-            target -= power[row, column]
-            if target <= 0.0 and power[row, column] > 0.0:
-                m = column if column < GRID else column - _PADDED
-                n = row if row < GRID else row - _PADDED
-                x = (m + v - 0.5) * 2.0 * math.pi / (_PADDED * pitch_x)
-                y = (n + w - 0.5) * 2.0 * math.pi / (_PADDED * pitch_y)
-                return x, y, counter, True
-    return 0.0, 0.0, counter, False
+        power[row] = line[row].real * line[row].real + line[row].imag * line[row].imag
+    row = _drawn(power, t)
+    m = column if column < GRID else column - _PADDED
+    n = row if row < GRID else row - _PADDED
+    x = (m + v - 0.5) * 2.0 * math.pi / (_PADDED * pitch_x)
+    y = (n + w - 0.5) * 2.0 * math.pi / (_PADDED * pitch_y)
+    return x, y, counter, True

@@ -6,7 +6,8 @@ lights and far views it depends on the medium:
 * behind a slab or thin screens, beams: the total transmitted mean of a wide beam, e^(-OD/2) times the diffraction
   pattern of its window. At v = i its amplitude is (k / 2 pi)^((d-1)/2) A e^(-OD/2), and for a square window its
   first zero lies lambda / W away. The constant phase is chosen such that the field on the exit face is real and
-  positive at the window's centre for a beam along the axis;
+  positive at the window's centre for a beam along the axis. Refracting faces let the root of
+  (1 - R(i)) (1 - R(v)) through; echoes between them are left out;
 * of a box or a voxel grid: the field *scattered* by it, for the light that misses or crosses it is not limited by
   it (that of a plane wave is a delta at v = i): see :mod:`specklegen.mean.finite`.
 """
@@ -18,6 +19,7 @@ from specklegen.core.errors import reject
 from specklegen.kernels import mean_integrals
 from specklegen.mean.finite import scattered_mean
 from specklegen.paths.endpoints import light_endpoints, view_endpoints
+from specklegen.paths.faces import reflectance
 from specklegen.paths.volumes import volume_of
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources
 from specklegen.scene.media import Slab
@@ -84,9 +86,10 @@ def _layer(scene: Scene, beams: CollimatedBeams) -> np.ndarray:
         turns = difference @ (direction / direction[-1] * scene.thickness)
         pattern = beams.window.transform(*difference[:, :-1].T)
         attenuation = np.exp(-0.5 * depth)
+        crossed = np.sqrt(_crossing(scene, direction[-1:]) * _crossing(scene, views[:, -1]))
         obliquity = np.sqrt(direction[-1])  # face area to cross section
         scale = obliquity * attenuation / wavelength ** (difference.shape[-1] / 2 - 0.5)
-        tilt[...] = np.where(views[:, -1] > 0, scale * pattern * np.exp(2j * np.pi * turns), 0)
+        tilt[...] = np.where(views[:, -1] > 0, scale * crossed * pattern * np.exp(2j * np.pi * turns), 0)
     return field
 
 
@@ -99,7 +102,24 @@ def _depths(scene: Scene) -> np.ndarray:
 
 
 def ballistic_fraction(scene: Scene) -> float:
-    """e^(-OD), the share of the light that crosses the medium without a collision, at the steepest tilt."""
-    if not len(scene.beams.directions):
+    """e^(-OD), the share of the light that crosses the medium without a collision, at the steepest tilt.
+
+    Of a slab with refracting faces, what both let through of it at the first pass.
+    """
+    directions = scene.beams.directions
+    if not len(directions):
         return float(np.exp(-scene.optical_depth))
-    return float(np.exp(-_depths(scene)[scene.beams.directions[:, -1].argmax()]))
+    steepest = directions[:, -1].argmax()
+    straight = float(np.exp(-_depths(scene)[steepest]))
+    return straight * float(_crossing(scene, directions[steepest, -1:])[0]) ** 2
+
+
+def straight_through(slab: Slab) -> float:
+    """Share of light along the axis that crosses a slab without a collision and without an echo."""
+    return float(np.exp(-slab.optical_depth) * (1 - reflectance(slab.faces, np.ones(1))[0]) ** 2)
+
+
+def _crossing(scene: Scene, cosines: np.ndarray) -> np.ndarray:
+    """1 - R float64[n] of a slab's faces at cosines inside; 1 of what has none."""
+    medium = scene.medium
+    return 1 - reflectance(medium.faces, cosines) if isinstance(medium, Slab) else np.ones(np.shape(cosines))

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import RuleError
@@ -112,5 +111,7 @@ def _nearest_tilt(scene: Scene) -> np.ndarray:
         inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
         gap = np.linalg.norm(directions[:, :2] - inside, axis=1)
     else:
+        from scipy.spatial import KDTree
+
         gap, _ = KDTree(scene.views).query(directions)
     return directions[np.lexsort((-directions[:, 2], gap))[0]]

@@ -23,6 +23,9 @@ class PathBank:
         Number of the path.
     types : int32[M, 2]
         Types of the first and of the last particle; 0 where there is one.
+    bounces : int8[M, 2]
+        Reflections by the faces of a slab, of the first leg before x1 and of the last one behind x_B. Vertices are then
+        unfolded: the images from which the leg is straight, with directions to match. 0 where faces are matched.
     count : int
         Paths traced.
     events : int
@@ -37,6 +40,7 @@ class PathBank:
     orders: np.ndarray
     paths: np.ndarray
     types: np.ndarray
+    bounces: np.ndarray
     count: int
     events: int = 0
     unfinished: int = 0
@@ -98,7 +102,7 @@ class PathBank:
         records[:, walk.EXIT : walk.EXIT + 3] = bank.entry
         records[:, walk.EXIT_DIRECTION : walk.EXIT_DIRECTION + 3] = -bank.entry_direction
         records[:, walk.WEIGHT :] = bank.records[:, walk.WEIGHT :]
-        return replace(bank, records=records, types=bank.types[:, ::-1])
+        return replace(bank, records=records, types=bank.types[:, ::-1], bounces=bank.bounces[:, ::-1])
 
 
 def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
@@ -106,11 +110,12 @@ def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
     ends = np.cumsum([0, *map(len, banks)])
     total = ends[-1]
     records, orders, paths = np.empty((total, walk.RECORD)), np.empty(total, np.int32), np.empty(total, np.int64)
-    types = np.empty((total, 2), np.int32)
+    types, bounces = np.empty((total, 2), np.int32), np.empty((total, 2), np.int8)
 
     def copy(n: int) -> None:
         to, bank = slice(ends[n], ends[n + 1]), banks[n]
         records[to], orders[to], paths[to], types[to] = bank.records, bank.orders, bank.paths, bank.types
+        bounces[to] = bank.bounces
 
     map_blocks(copy, range(len(banks)), threads)
     return PathBank(
@@ -118,6 +123,7 @@ def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
         orders=orders,
         paths=paths,
         types=types,
+        bounces=bounces,
         count=sum(b.count for b in banks),
         events=sum(b.events for b in banks),
         unfinished=sum(b.unfinished for b in banks),

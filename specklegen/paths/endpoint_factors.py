@@ -14,6 +14,7 @@ from specklegen.kernels import endpoints as kernels
 from specklegen.kernels import walk
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoints import Endpoints
+from specklegen.paths.faces import crossing_factors
 from specklegen.paths.layout import Layout
 from specklegen.paths.phases import reversal_phases
 
@@ -33,7 +34,7 @@ def endpoint_factors(
     threads: Threads = 1,
     turns: np.ndarray | None = None,
 ) -> np.ndarray:
-    """complex128[n, M]: profile, attenuation, phase, decay and scattering between one end and each endpoint.
+    """complex128[n, M]: profile, attenuation, faces, phase, decay and scattering between one end and each endpoint.
 
     Parameters
     ----------
@@ -56,6 +57,8 @@ def endpoint_factors(
             vectors[start:stop], turns[start:stop], endpoints.wavelength, endpoints.footprint, endpoints.radius,
             out[start:stop],
         )  # fmt: skip
+        if not layout.faces.matched:
+            out[start:stop] *= crossing_factors(layout.faces, vectors[start:stop], bank.bounces[:, side])
 
     map_blocks(part, range(0, len(out), _VIEWS_AT_ONCE), threads)
     return out
@@ -76,14 +79,25 @@ def light_strengths(layout: Layout, bank: PathBank, factors: np.ndarray, threads
 def single_factors(layout: Layout, bank: PathBank) -> np.ndarray:
     """complex128[T, V, M], s(i . v) of connections of single scattering; [T, V, 1] where all share it."""
     lights, views = layout.lights, layout.views
+    turned = turned_over(bank)
+    if turned.any() and not turned.all():
+        out = np.empty((len(lights), len(views), len(bank)), np.complex128)
+        out[..., turned], out[..., ~turned] = (single_factors(layout, bank.select(one)) for one in (turned, ~turned))
+        return out
     if not (lights.near or views.near) and len(layout.table.kinds) == 1:
         bank = bank.select(slice(0, 1))
     out = np.empty((len(lights), len(views), len(bank)), np.complex128)
+    seen = views.vectors * np.array([1.0, 1.0, -1.0]) if turned.any() else views.vectors
     kernels.single_factors(
         layout.table, bank.records, bank.types, lights.near, np.ascontiguousarray(lights.vectors),
-        views.near, np.ascontiguousarray(views.vectors), out,
+        views.near, np.ascontiguousarray(seen), out,
     )  # fmt: skip
     return out
+
+
+def turned_over(bank: PathBank) -> np.ndarray:
+    """bool[M], connections whose legs are reflected an odd number of times in all: i . v is that of a mirrored view."""
+    return bank.bounces.sum(axis=1) % 2 == 1
 
 
 def single_amplitudes(layout: Layout, bank: PathBank, threads: Threads = 1) -> np.ndarray:

@@ -40,6 +40,8 @@ class Endpoints:
         Beam profile on the entrance plane; radius 0 is none.
     reference : float64[3]
         Unit vector that phases of directions are relative to; 0 for absolute ones.
+    tilted : float64[n, 3] or None
+        Directions of the phases, where all else is to stay as at :attr:`given` (:mod:`specklegen.paths.far_field`).
     """
 
     near: bool
@@ -48,6 +50,7 @@ class Endpoints:
     footprint: int = UNLIMITED
     radius: float = 0.0
     reference: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    tilted: np.ndarray | None = None
 
     def __len__(self) -> int:
         return int(np.prod(self.given.shape)) if isinstance(self.given, FarFieldGrid) else len(self.given)
@@ -60,9 +63,10 @@ class Endpoints:
     @property
     def turns(self) -> np.ndarray:
         """float64[n, 3], turns per unit length of each direction beside the reference."""
+        vectors = self.vectors if self.tilted is None else self.tilted
         if not self.reference.any():
-            return self.vectors / self.wavelength
-        return offsets(self.vectors, self.reference, self.wavelength)
+            return vectors / self.wavelength
+        return offsets(vectors, self.reference, self.wavelength)
 
     def of(self, chosen: np.ndarray | slice) -> Self:
         """Those of these numbers."""

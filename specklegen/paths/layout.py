@@ -1,6 +1,6 @@
 """A scene as the arrays that kernels read, laid out once: its medium, its particles, both ends of every connection."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -10,7 +10,8 @@ from specklegen.kernels.volume import Volume
 from specklegen.paths.endpoints import Endpoints, light_endpoints, plane_endpoints, view_endpoints
 from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.volumes import materials, volume_of
-from specklegen.scene.media import Slab
+from specklegen.scene.faces import Faces
+from specklegen.scene.media import Medium, Slab
 from specklegen.scene.scene import Scene
 
 
@@ -25,6 +26,8 @@ class Layout:
     lights, views : Endpoints
         The two ends of every connection.
     wavelength : float
+    faces : Faces
+        Of a slab; those of other media are matched.
     """
 
     volume: Volume
@@ -32,6 +35,7 @@ class Layout:
     lights: Endpoints
     views: Endpoints
     wavelength: float
+    faces: Faces = field(default_factory=Faces)
 
     def of_ends(self, lights: np.ndarray | slice, views: np.ndarray | slice) -> Self:
         """The same with only the lights and views of these numbers."""
@@ -48,6 +52,13 @@ class Layout:
     def at(self, light: np.ndarray, view: np.ndarray) -> Self:
         """The same with one light and one view, unit vectors of travel float64[3]."""
         return replace(self, lights=self.lights.at(-light), views=self.views.at(view))
+
+    def tilting(self, other: "Layout") -> Self:
+        """The same with only the phases of another layout's lights and views."""
+        return replace(
+            self, lights=replace(self.lights, tilted=other.lights.vectors),
+            views=replace(self.views, tilted=other.views.vectors),
+        )  # fmt: skip
 
     def probed(self) -> Self:
         """The same with only a few of the lights and views, which keep their beam profile."""
@@ -67,7 +78,12 @@ def scene_layout(scene: Scene) -> Layout:
         lights=light_endpoints(scene),
         views=view_endpoints(scene),
         wavelength=scene.wavelength,
+        faces=_faces(scene.medium),
     )
+
+
+def _faces(medium: Medium) -> Faces:
+    return medium.faces if isinstance(medium, Slab) else Faces()
 
 
 def plane_layout(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray) -> Layout:
@@ -81,4 +97,5 @@ def plane_layout(medium: Slab, wavelength: float, lights: np.ndarray, views: np.
         lights=plane_endpoints(-lights, wavelength, np.inf),
         views=plane_endpoints(views, wavelength),
         wavelength=wavelength,
+        faces=medium.faces,
     )

@@ -9,19 +9,21 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.layout import Layout
 
 _BLOCK = 16384
+_IMAGE = 27  # bits of an address below the number of reflections: more than the vertices of any path
 
 
 def random_phases(
     bank: PathBank, seed: Seed, sample: int = 0, *, backwards: bool = False, threads: Threads = 1
 ) -> np.ndarray:
-    """complex128[M], one unit phasor z per (path, order), the same for every light and view.
+    """complex128[M], one unit phasor z per (path, order, reflections), the same for every light and view.
 
     ``backwards`` gives those of the same paths walked backwards, where the two ways are incoherent.
     """
     z = np.empty(len(bank), np.complex128)
     key = stream_key(seed, Stream.PHASES)
-    # Orders are positive: the negative ones address other draws.
-    orders = -bank.orders if backwards else bank.orders
+    # A path has one first leg; its last ones by their reflections. Orders are positive: negative ones are other draws.
+    orders = bank.orders + (bank.bounces[:, 1].astype(np.int32) << _IMAGE)
+    orders = -orders if backwards else orders
     map_blocks(
         lambda part: sums.random_phases(*key, sample, orders[part], bank.paths[part], z[part]),
         slices(len(bank), _BLOCK), threads,

@@ -13,7 +13,8 @@ import numpy as np
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads, map_blocks
 from specklegen.core.random_streams import Seed, Stream, stream_key
-from specklegen.kernels import walk
+from specklegen.kernels import faced_walk, walk
+from specklegen.paths import faces
 from specklegen.paths.bank import PathBank, concatenate, empty_bank
 from specklegen.paths.layout import Layout
 from specklegen.paths.phase_tables import walk_lobes
@@ -63,9 +64,12 @@ def default_max_order(medium: Medium) -> int:
 
 
 def events_per_path(medium: Slab) -> float:
-    """Scattering events of a path at most, on average: 2.5 OD, fewer where they absorb."""
-    lost = 1 - medium.albedo
-    return min(1 + 2.5 * medium.optical_depth, 1 / lost if lost > 0 else math.inf)
+    """Scattering events of a path at most, on average: 2.5 OD, fewer where they absorb, more between reflecting faces.
+
+    Diffuse light in equilibrium is n^2 times as bright inside an index step of n, and scatters as often.
+    """
+    lost, step = 1 - medium.albedo, max(1.0, medium.faces.inside / medium.faces.outside)
+    return min(1 + 2.5 * medium.optical_depth * step**2, 1 / lost if lost > 0 else math.inf)
 
 
 def require_traceable(medium: Slab) -> None:
@@ -137,28 +141,37 @@ def trace(
         return empty_bank(count)
     require_traceable(medium)
     key = stream_key(seed, stream)
-    probes = _with_escape(proposal.probes, medium)
+    images = faces.images(medium, np.concatenate([proposal.reference[None], proposal.probes]))
+    probes = faces.seen_through(medium, proposal.probes, images)
+    upwards = bool(len(proposal.probes) and proposal.probes[0, 2] > 0)
     shares = np.array([share for _, share in medium.scatterer.components])
 
     def block(start: int) -> PathBank:
         size = min(BLOCK, first + count - start)
         capacity = 2 * size if proposal.threshold else int(size * (4 + 2 * events_per_path(medium)))
         while True:
-            records = np.empty((capacity, walk.RECORD))
+            records, bounces = np.empty((capacity, walk.RECORD)), np.zeros((capacity, 2), np.int8)
             orders = np.empty(capacity, np.int32)
             paths, ranks = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
-            found, events, unfinished, unfinished_weight = walk.trace_slab(
-                *key, sample, start, size,
-                medium.thickness, medium.extinction, medium.albedo, *walk_lobes(medium.scatterer),
-                *proposal.reference, proposal.footprint, proposal.extent, proposal.radius, probes,
-                int(proposal.bidirectional), proposal.threshold, proposal.max_order, records, orders, paths, ranks,
-            )  # fmt: skip
+            slab = medium.thickness, medium.extinction, medium.albedo
+            light = *proposal.reference, proposal.footprint, proposal.extent, proposal.radius
+            rules = int(proposal.bidirectional), proposal.threshold, proposal.max_order
+            if medium.faces.matched:
+                found, events, unfinished, unfinished_weight = walk.trace_slab(
+                    *key, sample, start, size, *slab, *walk_lobes(medium.scatterer), *light, probes, *rules,
+                    records, orders, paths, ranks,
+                )  # fmt: skip
+            else:
+                found, events, unfinished, unfinished_weight = faced_walk.trace_faced_slab(
+                    *key, sample, start, size, *slab, *medium.faces.indices, images, *walk_lobes(medium.scatterer),
+                    *light, probes, int(upwards), *rules, records, bounces, orders, paths, ranks,
+                )  # fmt: skip
             if found <= capacity:
                 break
             capacity = found
-        records, orders, paths = (a.take(ranks[:found], axis=0) for a in (records, orders, paths))
+        records, bounces, orders, paths = (a.take(ranks[:found], axis=0) for a in (records, bounces, orders, paths))
         types = _types(shares, seed, sample, orders, paths)
-        return PathBank(records, orders, paths, types, size, events, unfinished, unfinished_weight)
+        return PathBank(records, orders, paths, types, bounces, size, events, unfinished, unfinished_weight)
 
     return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads), threads)
 
@@ -169,15 +182,6 @@ def _types(shares: np.ndarray, seed: Seed, sample: int, orders: np.ndarray, path
     if len(shares) > 1:
         walk.draw_types(*stream_key(seed, Stream.TYPES), sample, orders, paths, np.cumsum(shares) / shares.sum(), types)
     return types
-
-
-def _with_escape(views: np.ndarray, medium: Slab) -> np.ndarray:
-    """Views float64[n, 3] with the optical depth to the outside along each, as (at z = 0, per length of z)."""
-    vz = views[:, 2]
-    with np.errstate(divide="ignore"):
-        slope = np.where(vz == 0, 0.0, -medium.extinction / np.where(vz == 0, 1.0, vz))
-        far = np.where(vz > 0, medium.optical_depth / np.where(vz > 0, vz, 1.0), np.where(vz < 0, 0.0, np.inf))
-    return np.column_stack([views, far, slope])
 
 
 @dataclass(frozen=True)

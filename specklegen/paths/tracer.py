@@ -8,6 +8,7 @@ from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
+from specklegen.paths.faces import require_reflection
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
 from specklegen.paths.roulette import capacious, slab_roulette, volume_roulette
 from specklegen.paths.slab_tracer import (
@@ -79,6 +80,8 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
 def slab_tracer(scene: Scene, reverse: bool) -> SlabTracer:
     """Tracer of beams through a slab."""
     views = probe_views(scene)
+    if reverse:
+        require_reflection(scene.slab, views)
     proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse)
     tracer = SlabTracer(scene_layout(scene), scene.slab, proposal)
     if not len(views) or not len(scene.beams.directions):
@@ -87,13 +90,15 @@ def slab_tracer(scene: Scene, reverse: bool) -> SlabTracer:
 
 
 @remembered(32)
-def volume_tracer(scene: Scene, reverse: bool) -> VolumeTracer:
-    """Tracer of any scene.
+def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
+    """Tracer of any scene; of a slab with refracting faces, which only paths in lock step know, that of beams.
 
     Connections are not thinned where sensor points lie close: what is bright there is not known from a few
     of them.
     """
     if isinstance(scene.medium, Slab):
+        if not scene.medium.faces.matched:
+            return slab_tracer(scene, reverse)
         require_traceable(scene.medium)
     layout = scene_layout(scene)
     tracer = VolumeTracer(
@@ -112,6 +117,8 @@ def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.
 
     Weights are per unit area of the face. Roulette judges the first view, but not where paths serve both ways.
     """
+    if reverse:
+        require_reflection(medium, views)
     axis = np.array([0.0, 0.0, 1.0])
     proposal = plane_proposal(medium, axis, views[:1], bidirectional=reverse)
     tracer = SlabTracer(plane_layout(medium, wavelength, lights, views), medium, proposal)

@@ -75,7 +75,7 @@ class VolumeTracer:
                 capacity = found
             return PathBank(
                 records[:found].copy(), orders[:found].copy(), paths[:found].copy(), types[:found].copy(),
-                size, events, unfinished, unfinished_weight,
+                np.zeros((found, 2), np.int8), size, events, unfinished, unfinished_weight,
             )  # fmt: skip
 
         banks = map_blocks(block, range(first, first + count, BLOCK), threads)

@@ -1,19 +1,20 @@
 """Media: where the scatterers are and how dense."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, NonNegative, Positive, UnitInterval, Value, position_vectors
+from specklegen.scene.faces import Faces
 from specklegen.scene.scatterers import AnyScatterer
 from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack
 from specklegen.scene.unitless import unitless_fingerprint
 
 
 class Slab(Value):
-    """A plane-parallel scattering layer, 0 <= z <= thickness, infinite sideways, index-matched.
+    """A plane-parallel scattering layer, 0 <= z <= thickness, infinite sideways.
 
     Parameters
     ----------
@@ -25,6 +26,9 @@ class Slab(Value):
         Share of collisions that scatter; the rest absorb.
     scatterer
         What one particle does with the light that it scatters.
+    faces
+        The step of the refractive index at both faces; by default there is none. Wavelengths, wavenumbers and
+        directions are always those inside.
     """
 
     type: Literal["Slab"] = "Slab"
@@ -32,11 +36,20 @@ class Slab(Value):
     mean_free_path: Positive
     albedo: UnitInterval = 1.0
     scatterer: AnyScatterer
+    faces: Faces = Faces()
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         _require_density("Slab", self.mean_free_path)
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_matched_faces(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out faces that do nothing: the slab is then what it was before it could have any."""
+        content = write(self)
+        if self.faces.matched:
+            content.pop("faces", None)
+        return content
 
     @property
     def optical_depth(self) -> float:

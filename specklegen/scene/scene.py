@@ -73,7 +73,29 @@ class Scene(Value, Pictured):
             self._require_apart(self.illumination.points, self.views)
         self._require_wavelength()
         self._require_lengths()
+        self._require_crossing()
         return self
+
+    def _require_crossing(self) -> None:
+        """Refuse what a slab with refracting faces does not serve, and directions that do not cross them."""
+        if not isinstance(self.medium, Slab) or self.medium.faces.matched:
+            return
+        beams = isinstance(self.illumination, CollimatedBeams | IncoherentObject)
+        if not beams or isinstance(self.sensor, NearField) or self.dimension == 2:
+            reject(
+                "Slab.faces", "matched, unless beams in space are seen from afar", self.medium.faces,
+                "Points beyond a refracting face and flatland are not modelled: leave faces out, or use "
+                "CollimatedBeams or an IncoherentObject with a far-field sensor.",
+            )  # fmt: skip
+        self.medium.faces.require_crossing(f"{self.illumination.type}.directions", self.lights)
+        grid = self.sensor
+        seen = grid.corner_directions if isinstance(grid, FarFieldGrid) else self.views
+        if seen[..., 2].min(initial=0.0) < 0 < seen[..., 2].max(initial=0.0):
+            reject(
+                f"{grid.type}.directions", "all on one side of a slab with refracting faces", "views on both",
+                "Make a scene of either side: light of the same seed is the same.",
+            )  # fmt: skip
+        self.medium.faces.require_crossing(f"{grid.type}.directions", seen)
 
     def _require_thin(self) -> None:
         """Refuse a thin medium where its model does not hold, and lights and sensors that it does not serve."""

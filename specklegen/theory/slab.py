@@ -1,6 +1,7 @@
 """Closed forms for a slab at normal incidence: what the Monte Carlo must reproduce.
 
-All but the first assume isotropic scatterers, albedo 1 and no index step at the faces. Intensity correlations
+All but the first assume isotropic scatterers and albedo 1, and those without ``_at_faces`` no step of the index.
+Intensity correlations
 are |K|^2 between two tilts, at q = k L sin(tilt) (physics.md 4).
 """
 
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.errors import reject
+from specklegen.kernels.fresnel import reflectances
 
 EXTRAPOLATION = 0.7104
 """Milne's extrapolation length z0 over the transport length: where a diffuse intensity extrapolates to zero."""
@@ -107,3 +109,78 @@ def _x_over_sinh(x: np.ndarray) -> np.ndarray:
 def _require_depth(owner: str, optical_depth: float) -> None:
     if not (np.isfinite(optical_depth) and optical_depth > 0):
         reject(f"{owner} optical_depth", "greater than 0", optical_depth)
+
+
+def internal_reflection(inside: float, outside: float = 1.0, wall: float | None = None) -> float:
+    """Rbar = (R_phi + R_j) / (2 - R_phi + R_j): the share of diffuse light that a face turns back.
+
+    R_phi = 2 int R mu dmu, R_j = 3 int R mu^2 dmu, R that of unpolarised light. Zhu, Pine and Weitz, Phys. Rev. A 44,
+    3948 (1991); Haskell et al., JOSA A 11, 2727 (1994). 0.4311, 0.4935, 0.5678 at indices of 1.33, 1.4, 1.5 in air.
+
+    Parameters
+    ----------
+    inside, outside, wall
+        Refractive indices, as those of :class:`specklegen.Faces`.
+    """
+    indices = inside, inside if wall is None else wall, outside
+    # R has a root at the critical cosine: two pieces, nodes dense on both sides of it.
+    critical = np.sqrt(max(0.0, 1 - min(1.0, min(indices) / inside) ** 2))
+    t, weights = np.polynomial.legendre.leggauss(200)
+    u, du = (t + 1) / 2, weights / 2
+    found = np.zeros(2)
+    for low, high, near in ((0.0, critical, critical), (critical, 1.0, critical)):
+        span = high - low
+        mu = high - span * u**2 if near == high else low + span * u**2
+        r = np.empty_like(mu)
+        reflectances(mu, *indices, r)
+        found += np.array([2 * (r * mu) @ (2 * u * du), 3 * (r * mu**2) @ (2 * u * du)]) * span
+    phi, current = found
+    return float((phi + current) / (2 - phi + current))
+
+
+def extrapolation_at_faces(inside: float, outside: float = 1.0, wall: float | None = None) -> float:
+    """Extrapolation length over the transport length, h = z0 + (4/3) Rbar / (1 - Rbar), z0 Milne's 0.7104."""
+    back = internal_reflection(inside, outside, wall)
+    return EXTRAPOLATION + 4 / 3 * back / (1 - back)
+
+
+def memory_effect_at_faces(q: ArrayLike, optical_depth: float, extrapolation: float) -> np.ndarray:
+    """C_I = K^2 of a slab whose faces reflect, float64 of the shape of ``q``.
+
+    K = (OD + 2h) kappa / {(1 - kappa^2)^2 [(1 + h^2 kappa^2) sinh(kappa OD) + 2 h kappa cosh(kappa OD)]} with
+    kappa = q / OD: diffusion with exponential depths of first and last vertices. Within 0.004 at an optical depth of 20
+    and 0.015 at 10.
+
+    Parameters
+    ----------
+    q
+        k L sin(tilt), any shape, |q| <= 0.4 OD.
+    optical_depth
+        Thickness over mean free path.
+    extrapolation
+        h, of :func:`extrapolation_at_faces`.
+
+    Raises
+    ------
+    RuleError
+        For an optical depth not above 0, or a q beyond the formula's reach.
+    """
+    _require_depth("memory_effect_at_faces", optical_depth)
+    q = np.asarray(q, dtype=np.float64)
+    if not (np.abs(q) <= 0.4 * optical_depth).all():
+        reject("memory_effect_at_faces q", f"at most 0.4 OD = {0.4 * optical_depth:.4g} in modulus", q)
+    kappa, h = q / optical_depth, extrapolation
+    over = _x_over_sinh(q)  # x / sinh x, x = kappa OD = q
+    # Both terms over sinh(x) / kappa: the second is 2 h kappa^2 coth x = 2 h kappa (x coth x) / OD.
+    coth = np.where(q == 0, 1.0, q / np.tanh(np.where(q == 0, 1.0, q)))
+    whole = (1 + (h * kappa) ** 2) * optical_depth + 2 * h * coth
+    return ((optical_depth + 2 * h) * over / ((1 - kappa**2) ** 2 * whole)) ** 2
+
+
+def transmission_at_faces(optical_depth: float, extrapolation: float, anisotropy: float = 0.0) -> float:
+    """Share of the light that has entered a slab whose faces reflect, and goes through: (1 + h) / (OD (1 - g) + 2h).
+
+    By diffusion, 2 % above random walks at an optical depth of 10 and isotropic scatterers.
+    """
+    _require_depth("transmission_at_faces", optical_depth)
+    return (1 + extrapolation) / (optical_depth * (1 - anisotropy) + 2 * extrapolation)

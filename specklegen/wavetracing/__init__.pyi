@@ -38,5 +38,6 @@ from .tracing import Statistics as Statistics
 from .tracing import WaveTrace as WaveTrace
 from .tracing import trace as trace
 from .wedge import geometric_shares as geometric_shares
+from .wedge import lossy_wedge_field as lossy_wedge_field
 from .wedge import wedge_coefficients as wedge_coefficients
 from .wedge import wedge_field as wedge_field

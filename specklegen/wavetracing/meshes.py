@@ -120,7 +120,6 @@ def perforated_screen(
     RuleError
         For polygons that cross themselves or each other, or that have no area.
     """
-    import mapbox_earcut
     import shapely
 
     def corners(name: str, given: np.ndarray) -> np.ndarray:
@@ -133,9 +132,11 @@ def perforated_screen(
     shape = shapely.Polygon(rings[0], rings[1:])
     if not shape.is_valid or not shape.area > 0:
         reject("perforated_screen", "an outline with holes inside and apart", shapely.is_valid_reason(shape))
-    points = np.concatenate(rings)
-    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
-    faces = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3).astype(np.int64)
+    # Delaunay triangles stay near their holes; slivers across the screen would lie in the cone of every beam.
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
+    triangles = np.array([shapely.get_coordinates(part)[:3] for part in parts])
+    points, where = np.unique(triangles.reshape(-1, 2), axis=0, return_inverse=True)
+    faces = where.reshape(-1, 3)
     a, b, c = (points[faces[:, n]] for n in range(3))
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     faces[area < 0] = faces[area < 0][:, ::-1]

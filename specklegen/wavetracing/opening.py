@@ -64,7 +64,7 @@ class Rim:
             from mapbox_earcut import triangulate_float64
         except ImportError:
             raise ModuleNotFoundError(
-                "An opening that is not a triangle is triangulated by mapbox-earcut: install specklegen[mesh]."
+                "An opening that is not a triangle is triangulated by mapbox-earcut: install specklegen-torch[mesh]."
             ) from None
         found = []
         for outer, holes in self._nested():

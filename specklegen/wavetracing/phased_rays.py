@@ -5,9 +5,15 @@ All paths from a point source to given points are found, none is sampled: up to 
     u = sum over paths of a e^{ik |path|},   |u|^2 the power flux,
 
 a = sqrt(P / 4 pi) / |path| for images, times -1 for each reflection if soft (u = 0 there), +1 if hard (du/dn = 0).
-A path by an edge carries u_i(Q) D A e^{iks}, A = sqrt(s' / (s (s + s'))), with reflections before and behind; a path by
-two edges takes the first edge's wave, of radius s' + s, as what meets the second, and may be reflected in between. That
-is not quite reciprocal: the two distance parameters are not symmetric.
+A path by an edge carries u_i(Q) D A e^{iks}, with reflections before and behind; a path by two edges takes the first
+edge's wave as what meets the second, and may be reflected in between. A wave of principal radii r1 and r2, and of
+radius re in the plane of ray and edge, 1/re = cos^2 psi / r1 + sin^2 psi / r2, is diffracted with
+
+    A = sqrt(re / (s (re + s))),   L = s (re + s) r1 r2 sin^2 beta / (re (r1 + s) (r2 + s)).
+
+From a point r1 = r2 = re = s'. From an edge, s behind it, r2 = s across the edge and r1 = s' + s along it: for parallel
+edges L = s1 s2 / (s1 + s2), as of a line of light. Paths by one edge, and by parallel edges, are reciprocal; by others
+not quite, since the first edge's L does not know where the light goes behind the second.
 
 Sources: J. B. Keller, J. Opt. Soc. Am. 52, 116 (1962); R. G. Kouyoumjian, P. H. Pathak, Proc. IEEE 62, 1448 (1974);
 S. Steinberg, M. Pharr, *Wave Tracing*, section on bilinear path tracing. Every surface is perfect, whatever its
@@ -35,6 +41,7 @@ from specklegen.wavetracing.wedge import NEAREST, wedge_coefficients
 _CLEAR = 1e-7  # of a leg's length, at both of its ends, in which nothing blocks it
 _MOST = 20_000  # sequences of facets, and pairs of edges
 _ROUNDS = 60  # of unfolding at one edge, then the other
+_STILL = 1e-14  # of an edge's length: a step of that unfolding that is none
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,12 @@ class _Mirrors:
             last = found[-1]
             found.append(last - 2 * ((last - self.point[f]) @ self.normal[f])[..., None] * self.normal[f])
         return found
+
+    def turned(self, direction: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
+        """A direction float64[3] behind reflection in the facets in turn."""
+        for f in sequence:
+            direction = direction - 2 * (direction @ self.normal[f]) * self.normal[f]
+        return direction
 
     def clear(self, start: np.ndarray, end: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
         """Whether light from ``start`` gets to ``end``, float64[P, 3] each, by reflection in the facets in turn."""
@@ -110,6 +123,11 @@ class _Edge:
     n: float
     normal: np.ndarray
     inward: np.ndarray
+    facets: frozenset[int]  # in whose planes it lies: none of them mirrors light that comes from it
+
+    def leaves(self, facets: tuple[int, ...]) -> bool:
+        """Whether light may run between the edge and each of the facets."""
+        return self.facets.isdisjoint(facets)
 
     def crossing(self, source: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the shortest path by the edge's line meets it, float64[P, 3]; whether that is within the edge."""
@@ -129,7 +147,8 @@ class _Edge:
         return np.where(phi > top, np.where(phi - top < 2 * np.pi - phi, top, 0.0), phi)
 
 
-def _edges(scene: Geometry) -> list[_Edge]:
+def _edges(mirrors: _Mirrors) -> list[_Edge]:
+    scene = mirrors.scene
     found, unit = scene.edges, normals(scene.vertices, scene.faces)
     edges = []
     for ends, face, n in zip(found.ends, found.faces[:, 0], found.wedge, strict=True):
@@ -137,7 +156,9 @@ def _edges(scene: Geometry) -> list[_Edge]:
         along = (ends[1] - ends[0]) / length
         inward = scene.vertices[scene.faces[face]].mean(axis=0) - ends[0]
         inward = inward - (inward @ along) * along
-        edges.append(_Edge(ends[0], along, length, float(n), unit[face], inward / np.linalg.norm(inward)))
+        heights = np.abs(((ends[:, None] - mirrors.point) * mirrors.normal).sum(axis=2)).max(axis=0)
+        facets = frozenset(np.flatnonzero(heights <= _CLEAR * length).tolist())
+        edges.append(_Edge(ends[0], along, length, float(n), unit[face], inward / np.linalg.norm(inward), facets))
     return edges
 
 
@@ -185,7 +206,8 @@ def phase_rays(
         reject("phase_rays reflections, diffractions", "0 to 4, and 0 to 2", (reflections, diffractions))
     if polarisation not in ("soft", "hard"):
         reject("phase_rays polarisation", "'soft' or 'hard'", polarisation)
-    mirrors, edges = _mirrors(geometry), _edges(geometry) if diffractions else []
+    mirrors = _mirrors(geometry)
+    edges = _edges(mirrors) if diffractions else []
     facets = len(mirrors.normal)
     for name, count in (
         ("reflections", facets**reflections * (len(edges) + 1)),
@@ -206,21 +228,25 @@ def phase_rays(
     for edge in edges:
         for before in sequences:
             for behind in sequences:
-                if len(before) + len(behind) <= reflections:
+                if len(before) + len(behind) <= reflections and edge.leaves(before[-1:] + behind[-1:]):
                     part = _by_edge(mirrors, edge, start, flat, before, behind, k, polarisation)
                     u += sign ** (len(before) + len(behind)) * part
     if diffractions == 2:
         for one, two in product(edges, edges):
             for before, between, behind in product(sequences, repeat=3):
                 count = len(before) + len(between) + len(behind)
-                if count <= reflections and (one is not two or between):
+                apart = one.leaves(before[-1:] + between[:1]) and two.leaves(between[-1:] + behind[-1:])
+                if count <= reflections and apart and (one is not two or between):
                     part = _by_two(mirrors, one, two, start, flat, before, between, behind, k, polarisation)
                     u += sign**count * part
     return (np.sqrt(source.power / (4 * np.pi)) * u).reshape(points.shape[:-1])
 
 
-def _wave(edge: _Edge, q, source, point, curvature, k: float, polarisation: str) -> np.ndarray:
-    """D A e^{iks} at points of the wave that meets an edge at q with a radius of curvature; all float64[P, 3]."""
+def _wave(edge: _Edge, q, source, point, radii, k: float, polarisation: str) -> np.ndarray:
+    """D A e^{iks} at points of the wave from ``source`` that meets an edge at q; places float64[P, 3].
+
+    radii : its radii in the plane of ray and edge, and the two principal ones, float64[P] each
+    """
     came, goes = source - q, point - q
     s1, s = np.linalg.norm(came, axis=1), np.linalg.norm(goes, axis=1)
     if (k * s < NEAREST).any() or (k * s1 < NEAREST).any():
@@ -230,11 +256,12 @@ def _wave(edge: _Edge, q, source, point, curvature, k: float, polarisation: str)
         )  # fmt: skip
     cosine = (goes @ edge.along) / s
     sine = np.sqrt(np.maximum(1 - cosine**2, 1e-24))
-    length = s * curvature / (s + curvature) * sine**2
+    within, one, two = radii
+    length = s * (within + s) / within * one / (one + s) * two / (two + s) * sine**2
     soft, hard = wedge_coefficients(
         edge.n, edge.angle(goes), edge.angle(came), length, k, np.arcsin(np.minimum(sine, 1.0))
     )
-    return (soft if polarisation == "soft" else hard) * np.sqrt(curvature / (s * (s + curvature))) * np.exp(1j * k * s)
+    return (soft if polarisation == "soft" else hard) * np.sqrt(within / (s * (s + within))) * np.exp(1j * k * s)
 
 
 def _by_edge(mirrors, edge, start, end, before, behind, k, polarisation) -> np.ndarray:
@@ -247,7 +274,7 @@ def _by_edge(mirrors, edge, start, end, before, behind, k, polarisation) -> np.n
     if good.any():
         q, source, point = q[good], source[good], point[good]
         r = np.linalg.norm(source - q, axis=1)
-        u[good] = np.exp(1j * k * r) / r * _wave(edge, q, source, point, r, k, polarisation)
+        u[good] = np.exp(1j * k * r) / r * _wave(edge, q, source, point, (r, r, r), k, polarisation)
     return u
 
 
@@ -257,8 +284,11 @@ def _by_two(mirrors, one, two, start, end, before, between, behind, k, polarisat
     p, first = np.broadcast_to(one.start + one.length / 2 * one.along, end.shape), np.ones(len(end), bool)
     q, second = point, first
     for _ in range(_ROUNDS):
+        before_p = p
         q, second = two.crossing(mirrors.images(p, between)[-1], point)
         p, first = one.crossing(source, mirrors.images(q, between[::-1])[-1])
+        if np.abs(p - before_p).max() <= _STILL * one.length:
+            break
     good = first & second & (np.linalg.norm(mirrors.images(p, between)[-1] - q, axis=1) * k > NEAREST)
     for a, b, sequence in ((start, p, before), (p, q, between), (end, q, behind)):
         if good.any():
@@ -267,8 +297,13 @@ def _by_two(mirrors, one, two, start, end, before, between, behind, k, polarisat
     if good.any():
         p, q, source, point = p[good], q[good], source[good], point[good]
         seen, ahead = mirrors.images(p, between)[-1], mirrors.images(q, between[::-1])[-1]
-        r = np.linalg.norm(source - p, axis=1)
-        total = r + np.linalg.norm(seen - q, axis=1)
-        u[good] = np.exp(1j * k * r) / r * _wave(one, p, source, ahead, r, k, polarisation)
-        u[good] *= _wave(two, q, seen, point, total, k, polarisation)
+        r, s = np.linalg.norm(source - p, axis=1), np.linalg.norm(seen - q, axis=1)
+        ray = (q - seen) / s[:, None]
+        u[good] = np.exp(1j * k * r) / r * _wave(one, p, source, ahead, (r, r, r), k, polarisation)
+        # Both edges across the ray: the angle between them is that of their planes with it.
+        first, second = (a - (ray @ a)[:, None] * ray for a in (mirrors.turned(one.along, between), two.along))
+        cosine = (first * second).sum(axis=1)
+        share = cosine**2 / np.maximum((first * first).sum(axis=1) * (second * second).sum(axis=1), 1e-300)
+        within = 1 / (share / (r + s) + (1 - share) / s)
+        u[good] *= _wave(two, q, seen, point, (within, r + s, s), k, polarisation)
     return u

@@ -46,7 +46,7 @@ class Ledger:
     stopped : int
         After ``max_events`` interactions.
     failed : int
-        No wavevector could be drawn: the opening has no area as the beam sees it, or every try was refused.
+        No wavevector could be drawn: the opening has no area, or every try was refused.
     """
 
     received: int
@@ -68,7 +68,8 @@ class Statistics:
     Attributes
     ----------
     surface, open, matter, null : int
-        Ordinary surface events; regions passed; regions in which matter was hit; regions without edge or hit.
+        Ordinary surface events; regions passed; regions in which matter was hit; regions that changed nothing: without
+        edge or hit, or with nothing open as the mean of the beam sees them.
     restarts, plain_rays : int
         Stretches lengthened because the cone touched at once; beams that went on as a plain ray after 16 of them.
     uniform, gaussian, local_chirp : int
@@ -78,6 +79,8 @@ class Statistics:
         Proposals of the sampler of uniform patterns; draws above the wavenumber, drawn again.
     regions, region_triangles, crossings : int
         Regions looked at, triangles in them, and crossings of receivers.
+    region_area : float
+        Mean cross-section of a region (an area); 0 without any.
     """
 
     surface: int
@@ -94,6 +97,12 @@ class Statistics:
     regions: int
     crossings: int
     local_chirp: int
+    region_area: float
+
+    @property
+    def ballistic_share(self) -> float:
+        """Share of interactions that were ordinary surface events, outside all regions."""
+        return self.surface / max(1, self.surface + self.open + self.matter)
 
 
 @dataclass(frozen=True)
@@ -200,12 +209,13 @@ def trace(
     def block(part: tuple[int, int], _: Threads) -> tuple[np.ndarray, ...]:
         counts, fluence, squares = np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells)
         ends, statistics = np.zeros(beam_walk.ENDS, np.int64), np.zeros(beam_walk.STATISTICS, np.int64)
+        areas = np.zeros(1)
         beam_walk.walk_beams(
             *key, part[0], part[1], _MODES[mode], _AMPLITUDES[amplitude], max_events, source, emitter.wavelength,
             geometry.boxes, geometry.link, geometry.corners, *facets[:10], facets.most_edges,
-            facets.material, materials, packed, first_cell, counts, fluence, squares, ends, statistics,
+            facets.material, materials, packed, first_cell, counts, fluence, squares, ends, statistics, areas,
         )  # fmt: skip
-        return counts, fluence, squares, ends, statistics
+        return counts, fluence, squares, ends, statistics, areas
 
     # Sums of floats depend on the blocks, so these depend on the number of beams alone.
     size = max(_BLOCK, -(-int(beams) // _BLOCKS))
@@ -215,7 +225,7 @@ def trace(
     for found in in_turn(block, parts, workers):
         total = found if total is None else tuple(a + b for a, b in zip(total, found, strict=True))
     assert total is not None
-    counts, fluence, squares, ends, statistics = total
+    counts, fluence, squares, ends, statistics, areas = total
     share = emitter.power / beams
     images: list[list[np.ndarray]] = [[], [], [], []]
     for plane, start in zip(planes, first_cell, strict=False):
@@ -226,9 +236,8 @@ def trace(
             deviation = np.sqrt(np.maximum(second - values * (values / beams), 0.0))
             images[n].append((scale * values).reshape(plane.shape))
             images[n + 1].append((scale * deviation).reshape(plane.shape))
-    return WaveTrace(
-        images[0], images[1], images[2], images[3], Ledger(*ends.tolist()), Statistics(*statistics.tolist())
-    )
+    found = Statistics(*statistics.tolist(), float(areas[0]) / max(1, int(statistics[beam_walk.REGIONS])))
+    return WaveTrace(images[0], images[1], images[2], images[3], Ledger(*ends.tolist()), found)
 
 
 def _packed(plane: Plane) -> np.ndarray:

@@ -163,7 +163,7 @@ def test_errors_of_the_system_are_told_and_defects_are_not():
     assert told(DamagedShard("shard 3 is damaged")) == "shard 3 is damaged"
     assert told(MissingSample("sample 3")) == "sample 3"
     assert "nested" in str(told(RecursionError()))
-    assert "pip install 'specklegen[dask]'" in str(told(ModuleNotFoundError("no", name="distributed")))
+    assert "pip install 'specklegen-torch[dask]'" in str(told(ModuleNotFoundError("no", name="distributed")))
     assert told(TypeError("a defect")) is None
 
 

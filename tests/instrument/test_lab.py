@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import t as student
 
+import specklegen as sg
 from specklegen.instrument.lab import PHASE_LIMIT, LabSetup
 
 FALSE_ALARM = 1e-6  # chance that a right build fails, per test
@@ -230,9 +231,35 @@ def test_to_engine_terms_and_back(position, refractive_index, oversampling):
     )
     for name in LabSetup.model_fields:
         there, here = getattr(back, name), getattr(setup, name)
-        assert there == (None if here is None else pytest.approx(here, rel=1e-14)), name
+        assert there == (here if here is None or isinstance(here, str) else pytest.approx(here, rel=1e-14)), name
     assert setup.object_position(setup.light_sine(position)) == pytest.approx(position, rel=1e-9, abs=1e-12)
     assert setup.camera_position(setup.view_sine(position)) == pytest.approx(position, rel=1e-9, abs=1e-12)
+
+
+def test_the_layer_has_the_faces_of_its_index():
+    """A slab between indices reflects; between matched ones, or with faces of its own, it stays as it was."""
+    slab = sg.Slab(thickness=0.1, mean_free_path=0.01, scatterer=sg.HenyeyGreenstein(g=0.9))
+    brightness = np.ones((20, 20))
+
+    def medium(**lab):
+        return LabSetup(**EXAMPLE, **lab).scene(slab, brightness).medium
+
+    assert medium() == slab
+    assert medium(refractive_index=1.33).faces == sg.Faces(inside=1.33)
+    assert medium(refractive_index=1.33, wall=1.52).faces == sg.Faces(inside=1.33, wall=1.52)
+    assert medium(refractive_index=1.33, faces="matched") == slab
+    own = slab.replace(faces=sg.Faces(inside=1.5, outside=1.33))
+    assert LabSetup(**EXAMPLE, refractive_index=1.5).scene(own, brightness).medium == own
+    box = sg.Box(lower=[0, 0, 0], upper=[1, 1, 0.1], mean_free_path=0.01, scatterer=sg.Isotropic())
+    with pytest.warns(sg.DoubtWarning, match="does not reflect it at a Box"):
+        LabSetup(**EXAMPLE, refractive_index=1.33).scene(box, brightness)
+
+
+def test_a_laboratory_without_a_step_is_written_as_before_faces():
+    assert not {"faces", "wall"} & set(LabSetup(**EXAMPLE).model_dump())
+    for lab in ({"refractive_index": 1.4}, {"refractive_index": 1.4, "faces": "matched"}, {"wall": 1.5}):
+        setup = LabSetup(**EXAMPLE, **lab)
+        assert LabSetup.from_json(setup.canonical_json()) == setup
 
 
 def test_engine_terms_of_the_example():

@@ -162,3 +162,22 @@ def test_bootstrap_is_a_function_of_its_seed():
 def test_bootstrap_refuses_what_it_cannot_judge(values, media, message):
     with pytest.raises(ValueError, match=message):
         metrics.bootstrap(np.array(values), np.array(media))
+
+
+def test_intervals_over_characters_cover_where_those_over_media_do_not():
+    """Ten characters, each a medium of its own to every image, with an effect of their own: 95 % intervals of the mean.
+
+    300 tables. Resampling media alone covers the true mean in 62 %, both in 94 %. Bounds are five standard errors of
+    a share (0.028, 0.014) away.
+    """
+    rng = np.random.default_rng(0)
+    character = np.repeat(np.arange(10), 8)
+    media = np.arange(80)
+    covered = {"media": 0, "both": 0}
+    for n in range(300):
+        values = 0.8 + 0.05 * rng.standard_normal(10)[character] + 0.05 * rng.standard_normal(80)
+        for name, kinds in (("media", None), ("both", character)):
+            found = metrics.bootstrap(values, media, kinds, resamples=300, seed=n)
+            covered[name] += found.low <= 0.8 <= found.high
+    assert covered["both"] / 300 > 0.94 - 5 * 0.014
+    assert covered["media"] / 300 < 0.62 + 5 * 0.028

@@ -212,7 +212,7 @@ def test_lengths_of_a_sphere_are_relative():
 
 def test_without_miepython_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "miepython", None)
-    with pytest.raises(ImportError, match=r'pip install "specklegen\[mie\]"'):
+    with pytest.raises(ImportError, match=r'pip install "specklegen-torch\[mie\]"'):
         sphere(3.0, 1.4).amplitude(1.0)
 
 

@@ -111,6 +111,31 @@ def test_an_end_at_the_apex_to_the_last_bit():
         assert low[0] == pytest.approx(spot, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("a", "t", "corners"),
+    [
+        (1.0579128861102294, 0.673696490109339, [[0, 0, -1.5703108174699458], [-0.875981353247911, 3.066137255925853,
+         3.1101543520557984], [-5.745134223879191, -2.7758454273100845, -1.306437662002632]]),
+        (1.8076592775536267, 0.972309487140929, [[0, 0, -1.8591398124367167], [6.354200477398507, -2.286134411363747,
+         2.041622578685769], [-4.983792385235146, -0.1371007275848608, 2.5720937592834225]]),
+        (1.0, 0.3, [[-7, 1, -1 / 0.3 - 2], [7, -1, -1 / 0.3 + 2], [3, 1, 40]]),
+    ],
+)  # fmt: skip
+def test_a_triangle_through_the_apex_begins_there(a, t, corners):
+    """Its edges, and the extremes of its section, may all miss the cone by their rounding: a corner, then an edge.
+
+    A million random pairs had found the first two, which began 4 too late. In a slab behind the apex nothing changes.
+    """
+    cone = np.zeros((1, CONE))
+    cone[0, [3, 7, 11, 12, 13]] = 1, 1, 1, a, t
+    low, high = np.empty((2, 1))
+    corners = np.array(corners)
+    triangles_in_cones(cone, np.array([-100.0]), np.array([50.0]), corners.reshape(1, 9), low, high)
+    assert low[0] == pytest.approx(-a / t, abs=1e-12)
+    triangles_in_cones(cone, np.array([0.0]), np.array([50.0]), corners.reshape(1, 9), low, high)
+    assert low[0] >= 0
+
+
 def test_touching_is_a_hit():
     """A triangle that touches the cone's surface with a corner, an edge, or the end of the slab."""
     assert depth_of(1, 1, 0, [(1, 0, 5), (2, 1, 5), (2, -1, 5)]) == 5

@@ -85,12 +85,15 @@ def test_edge_of_a_solid():
 
 @pytest.mark.parametrize("polarisation", ["soft", "hard"])
 def test_reciprocity(polarisation):
-    """Source and receiver may change places: by an edge, and by an edge and a mirror; by two edges nearly."""
+    """Source and receiver may change places: by an edge, an edge and a mirror, two parallel edges; by others nearly."""
     strip = sheet([[-3, -50, 0], [3, -50, 0], [3, 50, 0], [-3, 50, 0]])
     mirror = sheet([[20, -50, -40], [20, 50, -40], [20, 50, 40], [20, -50, 40]])
-    scene = Geometry([strip, mirror])
+    crossed = Geometry([strip, mirror])
     a, b = np.array([1.0, 2.0, 9.0]), np.array([-2.0, 5.0, -12.0])
-    for mirrors, diffractions, tolerance in ((1, 1, 1e-9), (0, 2, 2e-2)):  # two edges: parameters are not symmetric
+    long = 5e7  # so that its ends send 1e-9 of what its sides do
+    parallel = Geometry(sheet([[-3, -long, 0], [3, -long, 0], [3, long, 0], [-3, long, 0]]))
+    cases = (crossed, 1, 1, 1e-9), (parallel, 0, 2, 1e-7), (crossed, 0, 2, 2e-2)
+    for scene, mirrors, diffractions, tolerance in cases:
         there = phase_rays(scene, lamp(a), b[None], mirrors, diffractions, polarisation)
         back = phase_rays(scene, lamp(b), a[None], mirrors, diffractions, polarisation)
         assert abs(there[0]) > 1e-3
@@ -115,6 +118,26 @@ def test_a_second_edge_improves_soft_slits():
         errors.append(np.linalg.norm(found - exact) / np.linalg.norm(exact))
     assert errors[0] < 1.5 * 5.5e-3
     assert errors[1] < 0.6 * errors[0]
+
+
+def test_two_stages_against_the_wave_solver():
+    """Slits, then a reflector (scene A of [Steinberg], Fig. 3): the first edge's wave is a line of light to the second.
+
+    With the radius of a point source there instead, the second order would leave 2.2e-2.
+    """
+    strips = [((-30, 0), (-9.5, 0)), ((-4.5, 0), (4.5, 0)), ((9.5, 0), (30, 0)), ((16, 40), (22, 80))]
+    x, long, far = np.linspace(-60, 60, 61) + 0.0137, 3e5, 1e7
+    exact = np.abs(strip_solver(strips).field(np.stack([x, 0 * x + 150], axis=1))) ** 2
+    scene = Geometry([
+        sheet([[a, -long, y], [b, -long, z], [b, long, z], [a, long, y]]) for (a, y), (b, z) in strips
+    ])
+    points = np.stack([x, 0 * x, 0 * x + 150], axis=1)
+    errors = []
+    for diffractions in (1, 2):
+        found = np.abs(phase_rays(scene, lamp([0, 0, -far]), points, 1, diffractions) * far) ** 2
+        errors.append(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+    assert errors[0] > 4e-2
+    assert errors[1] < 8.9e-3
 
 
 def test_refused():

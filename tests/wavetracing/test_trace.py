@@ -108,6 +108,30 @@ def test_no_region_where_a_ray_grazes():
         assert np.isfinite(found.fluence[0]).all()
 
 
+def test_a_ray_passes_though_the_beam_sees_a_wall():
+    """Past a corner of blocks a ray may pass where all is closed as the mean of its beam sees it: it goes on unbent."""
+    blocks = [box((40, 30, 20), (x, y, 10)) for x in (-26, 26) for y in (-21, 21)]
+    source = PointEmitter([-38, 0, 4.0], 0.33, beam_angle=0.05)
+    found = trace(Geometry(blocks), source, RECEIVER, 1500, 0)
+    assert found.statistics.open > 100
+    assert found.ledger.failed == 0
+    assert found.ledger.total == 1500
+
+
+def test_statistics_of_regions():
+    """A wide beam on a closed screen: a region of its own cross-section, or a surface where ray and cone meet it at
+    one depth to rounding; a ray has no region."""
+    beams = 300
+    found = trace(Geometry(wall(1e4, 0)), window(8, radius=30.0), RECEIVER, beams, 0).statistics
+    assert found.regions == found.matter > beams / 2
+    assert found.matter + found.surface == beams
+    assert found.ballistic_share == found.surface / beams
+    assert found.region_area == pytest.approx(np.pi * 30.0**2, rel=0.05)  # rays outside widen their cones
+    ray = trace(Geometry(wall(1e4, 0)), window(8), RECEIVER, beams, 0, mode="ray").statistics
+    assert ray.ballistic_share == 1
+    assert ray.region_area == 0
+
+
 def test_a_tilted_mirror_sends_light_aside():
     """A conductor at 45 degrees, wider than the beams: everything arrives on a receiver at its side."""
     turn = np.array([[np.cos(np.pi / 4), 0, -np.sin(np.pi / 4)], [0, 1, 0], [np.sin(np.pi / 4), 0, np.cos(np.pi / 4)]])

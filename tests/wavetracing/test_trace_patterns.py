@@ -6,7 +6,7 @@ from scipy.stats import chi2
 from wavetracing.screens import FAR, HEXAGRAM, HEXAGRAM_AREA, rim_intensity, screen, slit
 from zscore import FALSE_ALARM, assert_z
 
-from specklegen.kernels.region_patterns import draw_polygons
+from specklegen.kernels.region_patterns import GRID, draw_polygons, draw_raster
 from specklegen.wavetracing import CollimatedEmitter, Geometry, Mesh, Plane, trace
 
 K = 2 * np.pi
@@ -161,3 +161,43 @@ def test_power_of_a_square_within_circles():
     mass = np.pi * (c * 100) ** 2 + 4 * 4 * np.pi * 40 / c
     expected = mass / (4 * np.pi**2 * 100)
     assert_z(tries / count, expected, np.sqrt(expected * (expected - 1) / count))
+
+
+def raster_excess(mask, chirp, assumed, draws=6000):
+    """Chi^2 of drawn cells of wavevectors against |DFT|^2 of the masked beam, over cells of 10 counts and more."""
+    half, n = 30.0, GRID
+    padded, power = np.empty((n, 2 * n), complex), np.empty(2 * n)
+    line, twiddles = np.empty(2 * n, complex), np.exp(-1j * np.pi * np.arange(n) / n)
+    step = 2 * np.pi / (2 * n * (2 * half / n))
+    counts = np.zeros((2 * n, 2 * n))
+    for path in range(draws):
+        x, y, _, good = draw_raster(
+            np.uint64(1), np.uint64(2), np.uint64(path), np.uint64(0), mask, half, half, chirp, padded, power,
+            twiddles, line,
+        )  # fmt: skip
+        assert good
+        column, row = round(x / step), round(y / step)
+        if max(abs(column), abs(row)) < n:  # else beyond the grid, from the rims
+            counts[row, column] += 1
+    place = ((np.arange(n) + 0.5) / n * 2 - 1) * half
+    square = (place / half) ** 2
+    phase = 0.5j * assumed * (place[:, None] ** 2 + place**2)
+    field = mask * np.exp(-9 * (square[:, None] + square) + phase)
+    expected = np.abs(np.fft.fft2(field, (2 * n, 2 * n))) ** 2
+    expected *= counts.sum() / expected.sum()
+    many = expected > 10
+    rest = [counts[~many].sum()], [expected[~many].sum()]
+    counts, expected = np.append(counts[many], rest[0]), np.append(expected[many], rest[1])
+    return ((counts - expected) ** 2 / expected).sum(), len(counts) - 1
+
+
+def test_gaussian_patterns_are_those_of_the_transform():
+    """A mask without any symmetry under a curved beam: cells of wavevectors by chi^2; half as curved again is seen."""
+    x, y = np.meshgrid(np.arange(GRID), np.arange(GRID))
+    mask = ((x > 20) & (y > 26) & (x + 2 * y < 130)).astype(float)
+    mask[36, 40] = 0.3
+    value, degrees = raster_excess(mask, 0.02, 0.02)
+    assert degrees > 30
+    assert value < chi2.isf(FALSE_ALARM, degrees)
+    value, degrees = raster_excess(mask, 0.02, 0.03)
+    assert value > chi2.isf(FALSE_ALARM, degrees)

@@ -157,6 +157,7 @@ class KnownDiffuser:
             "rms_angle": self.slab.rms_angle(wavelength),
             "ballistic_fraction": float(np.exp(-self.slab.optical_depth(wavelength))),
             "single_share": self.kernel.single_share,
+            "forward_radiance": float(self.kernel.weights.sum()),
             "memory_effect_range": float(np.arcsin(min(sine, 1.0))) if np.isfinite(sine) else np.inf,
             "estimator": float(self.estimator),
         }

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import pilot_seed
@@ -21,9 +21,11 @@ from specklegen.datasets.recipes.parts.particles import (
     scatterer_with,
 )
 from specklegen.datasets.split import SPLITS, Split
+from specklegen.mean.field import straight_through
 from specklegen.samplers.stationary.atlas import correlation_for
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.samplers.stationary.spectrum import LightModes, Spectrum, estimate_spectral_correlation, light_modes
+from specklegen.scene.faces import Faces
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein, Scatterer
 
@@ -82,12 +84,16 @@ class Material(Value):
         memory-effect range of two scatterers of one g differs, by up to a factor of five.
     albedo
         Share of collisions that scatter.
+    faces
+        The step of the refractive index at the slab's faces, as in ``faces = {inside = 1.33, outside = 1.0}``; by
+        default there is none, and in a recipe with a ``[lab]`` table that of the laboratory.
     kernel_paths
         Paths from which the memory-effect kernel of each material is estimated; the relative error of C_I at
         half range is about sqrt(60 / kernel_paths).
     kernel
         "estimate" traces those paths for every material; "atlas" takes the kernel from the table of materials
-        where its error of C_I is at most ``kernel_tolerance``, and traces (and keeps on disk) only the others.
+        where its error of C_I is at most ``kernel_tolerance``, and traces (and keeps on disk) only the others. The
+        table holds slabs of matched faces: with a step, ask for "estimate".
     kernel_tolerance
         Stated error of C_I (two sigma) up to which the atlas will do. At the default it serves all but a few of a
         thousand materials of its range; a fresh estimate that good takes some 1e5 paths.
@@ -101,6 +107,7 @@ class Material(Value):
     g: Draw | None = None
     scatterer: Particles | None = None
     albedo: Draw = 1.0
+    faces: Faces = Faces()
     kernel_paths: Annotated[int, Field(ge=64, le=10**9)] = 100_000
     kernel: KernelSource = "estimate"
     kernel_tolerance: Positive = 0.02
@@ -117,6 +124,9 @@ class Material(Value):
             smallest, largest = ends(getattr(self, name))
             if not low < smallest <= largest < high:
                 reject(f"Material.{name}", f"between {low} and {high}, both excluded", getattr(self, name))
+        if self.kernel == "atlas" and not self.faces.matched:
+            reject("Material.kernel", '"estimate" for faces with a step of the index, of which the atlas has no table',
+                   self.kernel, 'Write kernel = "estimate"; kernel_paths sets what a material takes.')  # fmt: skip
         if not 0 < ends(self.albedo)[0] <= ends(self.albedo)[1] <= 1:
             reject("Material.albedo", "above 0 and at most 1", self.albedo)
         if self.by_split is not None:
@@ -127,6 +137,14 @@ class Material(Value):
                     reject(f"Material.by_split.{split}", f"within {self.by_split.parameter}, {low:g} to {high:g}",
                            (smallest, largest))  # fmt: skip
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_matched_faces(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out faces that do nothing, as a slab does."""
+        content = write(self)
+        if self.faces.matched:
+            content.pop("faces", None)
+        return content
 
     @property
     def varies(self) -> bool:
@@ -139,7 +157,7 @@ class Material(Value):
         """One slab of a split."""
         numbers = {name: drawn(self.source(name, split), rng) for name in _PARAMETERS}
         g = numbers.pop("g")
-        return self.slab(**numbers, scatterer=self._scatterer(g, rng))
+        return self.slab(**numbers, scatterer=self._scatterer(g, rng), faces=self.faces)
 
     def _scatterer(self, g: float, rng: np.random.Generator) -> Scatterer:
         return HenyeyGreenstein(g=g) if self.scatterer is None else drawn_scatterer(self.scatterer, rng)
@@ -163,9 +181,9 @@ class Material(Value):
         """Slab of a sample, from its stored parameters."""
         shape = [parameters[name] for name in ("thickness", "optical_depth", "albedo")]
         if self.scatterer is None:
-            return self.slab(*shape, HenyeyGreenstein(g=parameters["g"]))
+            return self.slab(*shape, HenyeyGreenstein(g=parameters["g"]), self.faces)
         drawn_here = {n.removeprefix("scatterer_"): v for n, v in parameters.items() if n.startswith("scatterer_")}
-        return self.slab(*shape, scatterer_with(self.scatterer, drawn_here))
+        return self.slab(*shape, scatterer_with(self.scatterer, drawn_here), self.faces)
 
     def extremes(self) -> list[Slab]:
         """Slabs at the ends of every range: where a claim about all media is tested."""
@@ -176,14 +194,17 @@ class Material(Value):
             particles: list[Scatterer] = [HenyeyGreenstein(g=g) for g in sorted(set(ends(self.g)))]
         else:
             particles = extreme_scatterers(self.scatterer)
-        return [self.slab(t, d, albedo, s) for t in thicknesses for d in depths for s in particles]
+        return [self.slab(t, d, albedo, s, self.faces) for t in thicknesses for d in depths for s in particles]
 
     @staticmethod
-    def slab(thickness: float, optical_depth: float, albedo: float, scatterer: Scatterer) -> Slab:
+    def slab(
+        thickness: float, optical_depth: float, albedo: float, scatterer: Scatterer, faces: Faces = Faces()  # noqa: B008
+    ) -> Slab:
         """Slab of the engine."""
         return Slab(
-            thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo, scatterer=scatterer
-        )
+            thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo, scatterer=scatterer,
+            faces=faces,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -209,6 +230,11 @@ class KnownMaterial:
         """Sine of the memory-effect range; inf where there is none."""
         return self.half_range * wavelength / (2 * np.pi)
 
+    @property
+    def forward_radiance(self) -> float:
+        """Mean radiance that leaves straight ahead over the irradiance that comes in, 1/sr: a power meter tells it."""
+        return float(self.kernel.weights.sum() / self.kernel.paths)
+
     def parameters(self, wavelength: float) -> dict[str, float]:
         """What is stored with every sample: the material, and what it does to light."""
         slab = self.slab
@@ -220,8 +246,9 @@ class KnownMaterial:
             "optical_depth": slab.optical_depth,
             "g": slab.scatterer.mean_cosine(),
             "albedo": slab.albedo,
-            "ballistic_fraction": float(np.exp(-slab.optical_depth)),
+            "ballistic_fraction": straight_through(slab),
             "single_share": self.kernel.single_share,
+            "forward_radiance": self.forward_radiance,
             "memory_effect_range": float(np.arcsin(min(sine, 1.0))) if np.isfinite(sine) else np.inf,
             "estimator": float(self.estimator),
         }

@@ -34,8 +34,7 @@ from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import volume_pilot
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.slab_tracer import BLOCK
-from specklegen.paths.tracer import volume_tracer
-from specklegen.paths.volume_tracer import VolumeTracer
+from specklegen.paths.tracer import Tracer, volume_tracer
 from specklegen.samplers.covariance.single_scattering import Orders, all_quadruples, single_covariance, single_decision
 from specklegen.scene.scene import Scene
 from specklegen.scene.validity import warn_of_dependence
@@ -313,7 +312,7 @@ def _rows(part: slice, n: int) -> _Entries:
     return _Entries((part.stop - part.start, n), rows, lambda power: np.sqrt(np.outer(power[part], power)))
 
 
-def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[VolumeTracer, Decision]:
+def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, Decision]:
     if not 0 < tolerance < 1:
         reject("covariance tolerance", "between 0 and 1", tolerance)
     reversal = scene_reversal(scene, reverse, tolerance)
@@ -321,7 +320,7 @@ def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[VolumeTr
 
 
 def _estimate(
-    tracer: VolumeTracer,
+    tracer: Tracer,
     seen: Layout,
     paths: int,
     seed: Seed,

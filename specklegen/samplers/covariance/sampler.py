@@ -11,6 +11,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES
+from specklegen.paths.far_field import far_field_decision
 from specklegen.paths.gaussianity import EXACT, Gaussianity
 from specklegen.paths.pilot import Pilot, volume_pilot
 from specklegen.paths.slab_tracer import BLOCK
@@ -33,7 +34,8 @@ def consider(scene: Scene, wish: Wish) -> tuple["Eigenfields", list[Decision]]:
     paths = wish.paths
     if paths is None:
         paths = DEFAULT_PATHS if wish.rel_error is None else pilot.moments.paths_for(wish.rel_error)
-    return Eigenfields(scene, paths, pilot, wish.reverse), []
+    doubt = far_field_decision(scene)
+    return Eigenfields(scene, paths, pilot, wish.reverse), [doubt] if doubt else []
 
 
 @dataclass(frozen=True)

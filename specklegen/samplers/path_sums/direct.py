@@ -12,6 +12,7 @@ from specklegen.kernels.phase_table import HENYEY_3D, ISOTROPIC_3D
 from specklegen.kernels.volume import VOXELS
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import endpoint_factors, light_strengths, single_factors
+from specklegen.paths.faces import crossing_factors
 from specklegen.paths.layout import Layout
 from specklegen.paths.phases import random_phases, reversal_phases
 from specklegen.paths.tracer import Tracer
@@ -99,6 +100,18 @@ def _add_fused(
     """The same in one pass for a plain slab: factors of the views are found and summed at once, never held."""
     if len(bank) == 0 or field.size == 0:
         return
+    if not layout.faces.matched and bank.bounces.any():
+        kinds, which = np.unique(bank.bounces, axis=0, return_inverse=True)
+        for n in range(len(kinds)):
+            _add_like(layout, bank.select(which == n), factors[which == n], field, threads)
+        return
+    _add_like(layout, bank, factors, field, threads)
+
+
+def _add_like(
+    layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads
+) -> None:
+    """The same for connections of equal numbers of reflections."""
     single = bool(bank.orders[0] == 1)
     total = np.zeros(field.shape[::-1], np.complex128)
     strengths = np.ascontiguousarray(light_strengths(layout, bank, factors, threads).T)
@@ -113,4 +126,6 @@ def _add_fused(
 
     step = max(1, min(256, len(views) // 8))
     map_blocks(block, [slice(a, a + step) for a in range(0, len(views), step)], threads)
+    if not layout.faces.matched:
+        total *= crossing_factors(layout.faces, views, bank.bounces[:1, 1])
     field += total.T * single_factors(layout, bank)[..., 0] if single else total.T

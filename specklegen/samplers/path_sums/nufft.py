@@ -16,7 +16,7 @@ from specklegen.core.parallel import Threads, map_blocks, slices
 from specklegen.kernels import sums
 from specklegen.paths.bank import PathBank
 from specklegen.paths.chunks import CONNECTIONS
-from specklegen.paths.endpoint_factors import BLOCK, light_strengths, single_factors
+from specklegen.paths.endpoint_factors import BLOCK, light_strengths, single_factors, turned_over
 from specklegen.paths.endpoints import offsets
 from specklegen.paths.layout import Layout
 from specklegen.samplers.path_sums.tiling import Tile, Tiling
@@ -115,8 +115,11 @@ def build_nufft_plan(
 def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:
     """The same with single scattering among the rest; None where that leaves the tolerance.
 
-    It saves the transforms of single scattering, but spreads it at the rank of multiple scattering.
+    Nor where faces reflect. It saves the transforms of single scattering, but spreads it at the rank of multiple
+    scattering.
     """
+    if not layout.faces.matched:
+        return None  # connections differ in s(i . v) by their reflections
     error = error_of_single(layout, summation.multiple, summation.tiling)
     return replace(summation, single=None) if error <= _FACTOR_SHARE * summation.tolerance else None
 
@@ -193,8 +196,10 @@ def _lights(
         strengths = light_strengths(layout, bank, phases, threads)
         lights = [_Light(summation.multiple, bank, strengths, False, np.flatnonzero(is_single))]
     else:
-        lights = []
-        for factor, chosen, alone in ((summation.multiple, ~is_single, False), (summation.single, is_single, True)):
+        lights, turned = [], turned_over(bank)  # by faces: connections of another s(i . v)
+        kinds = (is_single & ~turned, is_single & turned) if turned.any() else (is_single,)
+        parts = [(summation.multiple, ~is_single, False), *((summation.single, kind, True) for kind in kinds)]
+        for factor, chosen, alone in parts:
             own = bank.select(chosen)
             strengths = light_strengths(layout, own, phases[chosen], threads)
             lights.append(_Light(factor, own, strengths, alone, np.empty(0, np.int64)))

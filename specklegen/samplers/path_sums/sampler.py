@@ -17,6 +17,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.parallel import Threads, in_turn, one_blas_thread, slices, thread_count
 from specklegen.core.random_streams import Seed
 from specklegen.paths.bank import PathBank
+from specklegen.paths.far_field import far_field_decision
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.paths.pilot import Pilot, scene_pilot
 from specklegen.paths.tracer import Tracer, lock_step_obstacle
@@ -65,7 +66,8 @@ def consider(scene: Scene, wish: Wish) -> tuple["PathSums", list[Decision]]:
         plain=is_plain_slab(pilot.tracer.layout),
         streamed=wish.streamed,
     )
-    return PathSums(scene, work, pilot, wish.reverse), [decision]
+    doubt = far_field_decision(scene)
+    return PathSums(scene, work, pilot, wish.reverse), [decision] + ([doubt] if doubt else [])
 
 
 @dataclass(frozen=True)

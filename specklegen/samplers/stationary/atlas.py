@@ -93,7 +93,9 @@ class Atlas:
         return np.log(self.depths), np.log(self.drops), self.absorptions
 
     def place(self, slab: Slab) -> tuple[float, float, float] | None:
-        """Coordinates of a slab; None outside the table."""
+        """Coordinates of a slab; None outside the table, which holds slabs of matched faces."""
+        if not slab.faces.matched:
+            return None
         depth, drop = slab.optical_depth, 1 - slab.scatterer.mean_cosine()
         if depth <= 0 or slab.albedo <= 0 or slab.scatterer.type not in ("HenyeyGreenstein", "Isotropic"):
             return None

@@ -224,7 +224,9 @@ class ObjectSampler:
                 flat = torch.view_as_real(draw).reshape(self.rank, -1)
                 fields = torch.view_as_complex((modes[:, chunk].T @ flat).reshape(len(chunk), *draw.shape[1:], 2))
                 views = torch.fft.ifft2(fields * ramps, s=self.lags, norm="forward")
-                total += torch.tensordot(bright[chunk], torch.view_as_real(views).square_().sum(-1), dims=1)
+                power = torch.view_as_real(views).square_()
+                power = power[..., 0] + power[..., 1]  # sum(-1), four times as fast
+                total += torch.tensordot(bright[chunk], power, dims=1)
         return torch.fft.rfft2(total, norm="forward")
 
     def _ramps(self) -> tuple[torch.Tensor, torch.Tensor]:

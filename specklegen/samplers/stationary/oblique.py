@@ -39,12 +39,15 @@ class ObliqueCorrelation:
         Number of the path of each connection.
     paths : int
         What to divide the sum of the weights by for the intensity per unit area: the paths behind them.
+    single_share : float
+        Share of single scattering in the intensity.
     """
 
     displacement: np.ndarray
     weights: np.ndarray
     owners: np.ndarray
     paths: int
+    single_share: float = float("nan")
 
     def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
         """Matrix complex128[T, T] of K_v(k(i_a - i_b)) between beams at direction sines float64[T, 2].
@@ -83,4 +86,7 @@ def estimate_oblique_correlation(
     tracer = SlabTracer(layout, medium, plane_proposal(medium, light, view))
     tracer = slab_roulette(tracer, light, pilot_seed(medium.unitless_fingerprint()))
     bank = tracer.trace(seed, paths, threads=threads)
-    return ObliqueCorrelation(face_to_face(bank, medium, light, view), contributions(layout, bank), bank.paths, paths)
+    weights = contributions(layout, bank)
+    total = weights.sum()
+    single = float(weights[bank.orders == 1].sum() / total) if total else 0.0
+    return ObliqueCorrelation(face_to_face(bank, medium, light, view), weights, bank.paths, paths, single)

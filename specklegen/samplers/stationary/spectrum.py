@@ -152,7 +152,7 @@ def estimate_spectral_correlation(
     weight = contributions(tracer.layout, bank)
     radius = lateral_distance(bank)
     single = bank.orders == 1
-    excess = np.where(single, 0.0, bank.entry[:, 2] + bank.length - bank.exit[:, 2])
+    excess = bank.entry[:, 2] + bank.length - bank.exit[:, 2]  # single scattering: 0, or the ways between faces
     far = _geometric(radius, medium.thickness + medium.transport_length)
     late = _quantiles(excess, weight)
     batches = min(BATCHES, max(paths, 1))

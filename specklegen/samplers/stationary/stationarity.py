@@ -6,6 +6,7 @@ in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the m
     C_exact = W^(kappa) E[sqrt(w_1 w_2) e^(-ik dv . r + ik(di_z z1 - dv_z(z_B - L)))] / sqrt(E w_1 E w_2)
     C_model = W^(kappa) K(di)
 
+(w_1 for both where segments are in the near field of a narrow lobe, :mod:`specklegen.paths.far_field`)
 with W^ the Fourier transform of the window's intensity and K either that of the axis or the oblique one about the
 middle of the beams and of the views. physics.md 9.
 """
@@ -18,6 +19,7 @@ from specklegen.core.random_streams import Stream, pilot_seed
 from specklegen.core.statistics import BATCHES, batch_sums, jackknife
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
+from specklegen.paths.far_field import lobe_loss
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.stationary.oblique import face_to_face
 from specklegen.scene.illumination import directions_of_sines, reference_direction
@@ -100,9 +102,12 @@ def pilot_error(scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool =
             for kappa, gain in _probe_mismatches(scene):
                 other = view - tilt - kappa
                 if np.hypot(*other) < 1:
-                    root = np.sqrt(pilot.weight(view) * pilot.weight(other))
+                    # Tilted light keeps its angle to a lobe that is narrower, where the lobe is not in its far field.
+                    kept = lobe_loss(scene.slab, scene.wavelength, float(np.hypot(*tilt))).spurious
+                    like = view if kept else other
+                    root = np.sqrt(pilot.weight(view) * pilot.weight(like))
                     product = pilot.sums(root * np.exp(1j * pilot.phase(view, other, tilt)))
-                    sums.append([product, pilot.intensity(view), pilot.intensity(other), modelled, norm])
+                    sums.append([product, pilot.intensity(view), pilot.intensity(like), modelled, norm])
                     gains.append(gain)
     n, gain = len(gains), np.array(gains)
 

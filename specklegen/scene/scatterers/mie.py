@@ -154,5 +154,5 @@ def _miepython() -> ModuleType:
     try:
         import miepython  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise ImportError('Mie needs miepython: pip install "specklegen[mie]"') from None
+        raise ImportError('Mie needs miepython: pip install "specklegen-torch[mie]"') from None
     return miepython

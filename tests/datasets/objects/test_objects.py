@@ -14,12 +14,17 @@ from skimage.io import imsave
 
 from specklegen.datasets.objects import (
     Bars,
+    Blobs,
     Digits,
+    Families,
     Folder,
     Glyphs,
     HiddenObjects,
     Photographs,
     Points,
+    Polygons,
+    Silhouettes,
+    Strokes,
     glyphs,
     outlines,
 )
@@ -47,7 +52,10 @@ def folder(tmp_path_factory):
     return path
 
 
-FAMILIES = ["glyphs", "photographs", "folder", "digits", "points", "bars"]
+FAMILIES = [
+    "glyphs", "photographs", "silhouettes", "folder", "digits", "points", "bars", "strokes", "polygons", "blobs",
+    "families",
+]  # fmt: skip
 
 
 @pytest.fixture(params=FAMILIES)
@@ -60,6 +68,11 @@ def family(request, folder):
         "digits": lambda: pytest.importorskip("sklearn") and Digits(shape=shape),
         "points": lambda: Points(shape=shape),
         "bars": lambda: Bars(shape=shape),
+        "silhouettes": lambda: Silhouettes(shape=shape),
+        "strokes": lambda: Strokes(shape=shape),
+        "polygons": lambda: Polygons(shape=shape),
+        "blobs": lambda: Blobs(shape=shape),
+        "families": lambda: Families(shape=shape, families=(Glyphs(shape=shape), Points(shape=shape))),
     }[request.param]()
 
 
@@ -129,6 +142,67 @@ def test_glyph_splits_can_keep_fonts_or_characters_apart(disjoint, part):
     assert not seen[0] & seen[1]
     assert not seen[0] & seen[2]
     assert not seen[1] & seen[2]
+
+
+TEN = {"disjoint": "character", "test": "569BFMTVWt", "validation": "2KPbq"}
+
+
+def test_named_characters_are_held_out_in_every_font():
+    family = Glyphs(**TEN)
+    seen = {split: {source[1] for source in family.sources_of_split(split)} for split in SPLITS}
+    assert seen["test"] == set(TEN["test"])
+    assert seen["validation"] == set(TEN["validation"])
+    assert seen["train"] == set(CHARACTERS) - seen["test"] - seen["validation"]
+    assert all(len(family.sources_of_split(s)) == len(FONTS) * len(seen[s]) for s in SPLITS)
+    assert "test" not in Glyphs().identity()  # data sets made before characters could be named keep their fingerprint
+
+
+def test_labels_say_what_an_object_is():
+    """The same names for every sample; of glyphs the character, of a mixture the family too, of points none."""
+    family = Families(families=(Glyphs(**TEN), Points()))
+    for index in range(40):
+        source = family.source(0, "test", index)
+        told = family.labels(source)
+        assert list(told) == ["family", "label"]
+        expected = CHARACTERS.index(source[2]) if source[0] == 0 else -1
+        assert told == {"family": source[0], "label": expected}
+    digits = pytest.importorskip("sklearn.datasets").load_digits()
+    assert Digits().labels((17,)) == {"label": float(digits.target[17])}
+    assert Photographs().labels((PHOTOGRAPHS[3],)) == Silhouettes().labels((PHOTOGRAPHS[3],)) == {"label": 3.0}
+
+
+def test_a_mixture_shows_what_its_members_show_as_often_as_asked():
+    """Chi-square of the families over 2000 samples; every picture is that of the member."""
+    members = (Points(count=3), Bars(), Points(count=7))
+    family = Families(families=members, weights=(1, 2, 5))
+    drawn = [family.member(0, "train", n) for n in range(2000)]
+    expected = 2000 * np.array([1, 2, 5]) / 8
+    found = np.bincount(drawn, minlength=3)
+    assert chi2.sf((np.square(found - expected) / expected).sum(), 2) > FALSE_ALARM
+    assert chi2.sf((np.square(found - 2000 / 3) / (2000 / 3)).sum(), 2) < FALSE_ALARM  # power: even shares are others
+    for n in range(20):
+        np.testing.assert_array_equal(family.image(0, "train", n), members[drawn[n]].image(0, "train", n))
+
+
+def test_a_silhouette_lights_the_brightest_part_of_a_photograph():
+    """Of one brightness but for pixels on its edge: those are few, and none of a photograph's are as even."""
+    lit = [Silhouettes().image(0, "train", n) for n in range(100)]
+    grey = [Photographs().image(0, "train", n) for n in range(100)]
+    edge = lambda images: np.mean([(0.01 < x) & (x < 0.99) for x in images])  # noqa: E731
+    assert edge(lit) < 0.5 < 0.9 < edge(grey)
+    assert 0.05 < np.mean(lit) < 0.4
+
+
+def test_strokes_are_as_wide_as_their_pen():
+    """A straight level stroke between two points covers its length times twice the pen, and its round ends."""
+
+    class Level(Strokes):
+        def drawn(self, rng):
+            return np.clip(1.5 + 0.5 - self._distance(np.array([[10.5, 5.5], [10.5, 20.5]])), 0, 1)
+
+    # The edge of a pixel is 1 wide: the half-discs' area is that of the radius, smoothed, + pi/12 in all.
+    covered = Level().picture((0,), np.random.default_rng())
+    assert covered.sum() == pytest.approx(15 * 3 + np.pi * (1.5**2 + 1 / 12), rel=0.01)
 
 
 def test_every_font_holds_every_character_and_no_two_outlines_are_alike():
@@ -293,7 +367,7 @@ def test_digits_name_the_extra_where_scikit_learn_is_missing(monkeypatch):
 
     digits._digits.cache_clear()
     monkeypatch.setitem(sys.modules, "sklearn.datasets", None)
-    with pytest.raises(ImportError, match=r'pip install "specklegen\[digits\]"'):
+    with pytest.raises(ImportError, match=r'pip install "specklegen-torch\[digits\]"'):
         Digits().image(0, "train", 0)
 
 
@@ -470,6 +544,13 @@ def test_bars_fit_their_frame_exactly():
         (lambda: Glyphs(size=(0.0, 0.4)), r"Glyphs\.size\.0 must be greater than 0"),
         (lambda: Glyphs(shape=(0, 4)), r"Glyphs\.shape\.0 must be at least 1"),
         (lambda: Glyphs(disjoint="case"), r"Glyphs\.disjoint must be one of"),
+        (lambda: Glyphs(test="5", validation="6"), r"Glyphs\.disjoint must be \"character\" where"),
+        (lambda: Glyphs(disjoint="character", test="5"), r"Glyphs\.validation must be different characters of 0123"),
+        (lambda: Glyphs(disjoint="character", test="5I", validation="6"), r"Glyphs\.test must be different char"),
+        (lambda: Glyphs(disjoint="character", test="56", validation="6"), r"Glyphs\.test must be different char"),
+        (lambda: Families(families=()), r"Families\.families must be at least one family"),
+        (lambda: Families(families=(Points(), Bars(shape=(9, 9)))), r"Families\.families must be of the mixture's"),
+        (lambda: Families(families=(Points(),), weights=(1, 2)), r"Families\.weights must be one for each of 1"),
         (lambda: Photographs(size=(0.5, 0.2)), r"Photographs\.size must be"),
         (lambda: Points(count=1), r"Points\.count must be at least 2"),
         (lambda: Points(shape=(2, 2), count=5).image(0, "train", 0), r"Points\.count must be at most"),

@@ -15,6 +15,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten
 from torch.utils.data import DataLoader
 
+from specklegen.core.errors import DoubtWarning
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.loading import stream as streams
 from specklegen.datasets.recipes.parts.material import known
@@ -119,10 +120,19 @@ def test_batches_lie_on_the_device():
 
 
 @pytest.mark.usefixtures("meta_is_a_device")
-def test_resuming_on_another_kind_of_device_is_refused():
-    state = SpeckleStream(Movable()).loader().state_dict()
+def test_resuming_on_another_kind_of_device_is_said_or_refused():
+    here = SpeckleStream(Movable(samples=6), batch_size=2).loader()
+    next(iter(here))
+    state = here.state_dict()
+    loader = SpeckleStream(Movable(samples=6), batch_size=2, device="meta").loader()
     with pytest.raises(ValueError, match=r"device \('cpu' there, 'meta' here\)"):
-        SpeckleStream(Movable(), device="meta").loader().load_state_dict(state)
+        loader.load_state_dict(state, strict_device=True)
+    with pytest.warns(DoubtWarning, match="saved on 'cpu' and goes on on 'meta'"):
+        loader.load_state_dict(state)
+    assert loader.state_dict() == state | {"device": "meta"}
+    assert len(list(loader)) == 2
+    with pytest.raises(ValueError, match="device"):  # no device at all is no position of a stream
+        loader.load_state_dict({key: value for key, value in state.items() if key != "device"})
 
 
 @pytest.mark.usefixtures("meta_is_a_device")

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from zscore import assert_mean
 
 from specklegen.cli.commands import app
+from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe, recipe_names
 from specklegen.datasets.recipes.medium_realization import medium_realization
 from specklegen.datasets.recipes.recipe import DATA_VERSION
@@ -19,6 +20,7 @@ from specklegen.datasets.sample_schema import Renderable, stored_arrays
 from specklegen.datasets.split import Purpose, substream
 from specklegen.instrument.camera import NoiseStreams, expose
 from specklegen.instrument.lab import LabSetup
+from specklegen.scene.faces import Faces
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein
 
@@ -244,6 +246,29 @@ def test_lab_setup_makes_a_scene():
         setup.scene(film, np.ones(3))
 
 
+def test_faces_of_a_material_reach_its_slab():
+    """Written in the material or taken from the laboratory; matched ones leave a recipe as it was."""
+    water = {"inside": 1.33, "outside": 1.0}
+    plain, faced = load_recipe("through-slab"), load_recipe("through-slab", {"material": {"faces": water}})
+    assert plain.material.extremes()[0].faces.matched
+    assert all(slab.faces == Faces(inside=1.33) for slab in faced.material.extremes())
+    assert faced.fingerprint() != plain.fingerprint()
+    same = load_recipe("through-slab", {"material": {"faces": {"inside": 1.33, "outside": 1.33}}})
+    assert same.fingerprint() == plain.fingerprint()
+    assert load_recipe("through-slab-lab").material.faces.matched  # its TOML says so
+    bench = load_recipe("through-slab-lab", {"lab": {"faces": "fresnel", "wall": 1.52}})
+    assert bench.material.extremes()[0].faces == Faces(inside=1.4, wall=1.52)
+    # Its memory-effect range is that behind glass, not that of a bare layer.
+    layer = bench.material.extremes()[0]
+    matched = layer.replace(faces=Faces())
+    ranges = [bench.material.known(each).half_range for each in (layer, matched)]
+    assert ranges[0] < 0.5 * ranges[1]
+    with pytest.raises(RuleError, match=r'Material.kernel must be "estimate" for faces'):
+        load_recipe("unseen-material", {"material": {"faces": water, "kernel": "atlas"}})
+    with pytest.raises(RuleError, match="Material.faces must be those of the lab"):
+        load_recipe("through-slab-lab", {"lab": {"faces": "fresnel"}, "material": {"faces": water}})
+
+
 def test_counts_are_the_exposed_image():
     """Each noise has a substream of the sample's own; the light is that of the recipe without noise."""
     noisy = fast("two-tilts", exposure=NOISE)
@@ -318,10 +343,16 @@ def test_shown_recipe_is_the_recipe(tmp_path):
 
 # First three pixels of the middle row (of the last image) of sample 0 of seed 0 of train, and the mean.
 GOLDEN = {
+    "any-object": (3, [0.9766359, 0.9419461, 0.9345398, 1.011487]),
     "beyond-memory-effect": (3, [1.067401, 1.066933, 1.026037, 0.9866341]),
+    "characters-of-new-fonts": (3, [1.074071, 1.074169, 1.076377, 1.009583]),
     "dynamic-slab": (3, [1.060347, 0.957501, 0.8386184, 0.9818138]),
+    "masked-light-slab": (3, [0.9826941, 0.7818297, 0.6188263, 1.013331]),
     "material-regression": (3, [0.9491832, 0.8015926, 0.2490684, 1.045898]),
+    "one-angular-size": (3, [0.908139, 0.8600472, 0.8339479, 1.012123]),
     "partially-coherent-slab": (3, [0.355565, 0.4181081, 0.5045242, 0.9638573]),
+    "points-beyond-range": (3, [0.8973294, 0.662657, 0.7019178, 1.013835]),
+    "registered-tilts": (3, [0.7689326, 0.228001, 0.03968719, 0.9849633]),
     "through-slab": (3, [0.9798522, 0.9635649, 0.8746147, 0.9977162]),
     "through-slab-lab": (3, [514, 491, 517, 467.8685]),
     "tilt-stack": (3, [0.6978172, 0.3607269, 0.230323, 1.010583]),

@@ -8,11 +8,15 @@ import torch
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
+from specklegen.core.errors import DoubtWarning
 from specklegen.datasets import load_recipe
 from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.objects.outlines import CHARACTERS
 from specklegen.models.judging import baselines, evaluation
 from specklegen.models.judging.charts import contact_sheet, score_curves, training_curves
+from specklegen.models.judging.unseen import character_of, seen_by, unseen
 from specklegen.models.learning import examples
+from specklegen.models.learning.reconstructor import load_pretrained
 from specklegen.models.retrieval.apodisation import framed
 from specklegen.models.retrieval.phase_retrieval import Retrieval
 
@@ -64,8 +68,9 @@ def katz():
                   "media": 8, "window": {"width": 2e4 / extent}, "field": {"extent_over_range": extent}}  # fmt: skip
         recipe = load_recipe("through-slab", SMALL | sparse)
         batch, options = tensors(recipe.batch(0, "test", range(8))), Retrieval(restarts=4, steps=3)
-        plain, divided = (baselines.katz(options, recipe=known)(batch) for known in (None, recipe))
-        methods = {"plain": plain, "C_I": divided, "another's": plain.roll(1, 0), "blank": torch.zeros_like(plain)}
+        plain, chosen = (baselines.katz(options, recipe=known)(batch) for known in (None, recipe))
+        divided = baselines.katz(options, recipe=recipe, division="floor")(batch)
+        methods = {"plain": plain, "C_I": divided, "chosen": chosen, "another's": plain.roll(1, 0), "blank": torch.zeros_like(plain)}
         found[extent], _ = evaluation.evaluate({name: lambda _, x=x: x for name, x in methods.items()}, [batch])
     return found
 
@@ -86,6 +91,7 @@ def test_division_by_the_memory_effect_helps_beyond_it(katz):
     """By 0.14 to 0.21 over four seeds, standard errors 0.02 to 0.03."""
     beyond = katz[2.0]
     assert beyond.gain("C_I", "plain", "diffraction-limited").low > 0
+    assert beyond.gain("chosen", "plain", "diffraction-limited").mean > 0
     assert beyond.interval("C_I", "diffraction-limited").low > 0.8
 
 
@@ -175,6 +181,61 @@ def test_bad_evaluations_are_refused_before_any_image(words, message, monkeypatc
     assert message in str(said.exception)
 
 
+def test_chance_names_one_object_in_all_and_a_perfect_method_every_one(judged):
+    found, _ = judged
+    assert found.identified["perfect"].all()
+    assert found.identified["mean image"].sum() == 1  # one answer to every question is right once
+    shifted = evaluation.identified(*(torch.eye(6).reshape(1, 6, 6).roll(n, 2).repeat(3, 1, 1) for n in (0, 2)))
+    assert shifted.tolist() == [True, False, False]  # alike in all: the first is taken
+
+
+def test_parts_of_a_table_are_its_images(judged):
+    """By extent, and their scores together are the whole's."""
+    found, _ = judged
+    np.testing.assert_allclose(found.extents, 0.5)
+    (part,) = found.parts().values()
+    assert list(found.parts()) == ["0 to 0.5 ranges"]  # whatever rounding made of a half
+    assert part.interval("Katz") == found.interval("Katz")
+    half = found.part(np.arange(7) < 3)
+    assert half.interval("Katz").mean == pytest.approx(found.values["Katz"]["sharp"]["pearson"][:3].mean())
+    mixed = found._replace(families=np.arange(7) % 2, extents=np.array([0.1, 0.1, 3, 3, 3, 2, 1.5]))
+    assert list(mixed.parts()) == ["0 to 0.5 ranges", "1 to 2 ranges", "above 2 ranges", "family 0", "family 1"]
+
+
+def test_another_object_is_chance(judged, batch):
+    method = baselines.another_object(torch.rand(5, 12, 12))
+    made = method(batch)
+    assert made.shape == (7, 12, 12)
+    assert torch.equal(made[0], made[5])
+    assert not torch.equal(made[0], made[1])
+    own = torch.rand(7, 12, 12)
+    answers = baselines.another_object(own)(batch)
+    assert not any(torch.equal(answer, mine) for answer, mine in zip(answers, own, strict=True))
+
+
+def test_images_of_characters_that_were_trained_on_are_passed_over():
+    """In any font, and upside down: without 6 in training 9 is no news to a network that knows 9, nor is 6."""
+    benchmark = load_recipe("one-angular-size").objects  # type: ignore[attr-defined]
+    shown = lambda numbers: {character_of(benchmark, benchmark.source(0, "test", n)) for n in numbers}  # noqa: E731
+    packaged = seen_by([load_pretrained().trained_on])
+    assert len(packaged) == 35
+    assert unseen(benchmark, 0, "test", 40, packaged) == list(range(40))
+    known = seen_by([{"type": "Glyphs", "disjoint": "character", "test": "56789", "validation": "BFT"},
+                     {"type": "Points"}, {}])  # fmt: skip
+    assert "9" not in known
+    assert "M" in known
+    fresh = shown(unseen(benchmark, 0, "test", 60, known))
+    assert fresh <= set("569BFT")
+    assert len(fresh) > 4
+    assert shown(range(60)) > fresh  # power
+    mixture = load_recipe("any-object").objects  # type: ignore[attr-defined]
+    assert seen_by([mixture.identity()]) >= set("ACDE")
+    chosen = unseen(mixture, 0, "test", 50, known)
+    assert {character_of(mixture, mixture.source(0, "test", n)) for n in chosen} <= {None, *"569BFT"}
+    with pytest.warns(DoubtWarning, match="the characters that they are judged on"):
+        assert unseen(benchmark, 0, "test", 3, set(CHARACTERS)) == [0, 1, 2]
+
+
 def test_one_alignment_a_target(batch, monkeypatch):
     seen = []
     monkeypatch.setattr(evaluation, "align", lambda image, target: seen.append(1) or target)
@@ -193,7 +254,12 @@ def test_train_and_evaluate_from_the_command_line(tmp_path):
     assert {"best.pt", "checkpoint.pt", "curves.png", "log.csv"} <= {path.name for path in run.iterdir()}
     words = ["evaluate", run / "best.pt", "--recipe", "through-slab", "--samples", 3, "--no-katz"]
     words += ["--out", tmp_path / "e"]
-    said = CliRunner().invoke(commands.app, [*map(str, words), *changes])
+    with pytest.warns(DoubtWarning, match="in other fonts"):
+        said = CliRunner().invoke(commands.app, [*map(str, words), *changes])
     assert said.exit_code == 0, said.output
     assert "| tiny | sharp |" in said.output
+    assert "| another object | sharp |" in said.output
+    assert "| tiny | " in said.output.split("Which of 3 objects is it")[1]
+    said = CliRunner().invoke(commands.app, [*map(str, words), "--objects", "Bars", *changes])
+    assert said.exit_code == 0, said.output  # no characters, so that nothing is passed over
     assert (tmp_path / "e" / "cases.png").stat().st_size > 5000

@@ -111,6 +111,18 @@ def test_autocorrelation_is_that_of_numpy():
     np.testing.assert_allclose(inputs.speckle_autocorrelation(images), slow, atol=1e-12)
 
 
+@pytest.mark.parametrize(("shape", "steps"), [((40, 40), (0.3, 1.0, 1.7)), ((31, 48), (0.9, 2.5, 6.0))])
+def test_lags_that_are_kept_alone_are_those_of_all_lags(shape, steps):
+    """Finer and coarser than the camera's pixels, within the camera and beyond; companions change no bit."""
+    images = torch.rand(3, *shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64) ** 3
+    step = torch.tensor(steps, dtype=torch.float64)
+    expected = inputs.resampled_lags(inputs.speckle_autocorrelation(images), step, 16)
+    found = inputs.object_lags(images, step, 16)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert torch.equal(inputs.object_lags(images[1:2], step[1:2], 16), found[1:2])
+    assert (inputs.object_lags(images, step * 1.01, 16) - expected).abs().max() > 1e-3  # power: 1 % of the pitch
+
+
 def test_resampling_at_the_same_pitch_copies_lags():
     lags = torch.rand(1, 31, 31, generator=RNG, dtype=torch.float64)
     found = inputs.resampled_lags(lags, torch.ones(1, dtype=torch.float64), 16)

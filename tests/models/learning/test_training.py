@@ -1,6 +1,7 @@
 """Training: repeatable, resumable to the bit, and able to learn."""
 
 import csv
+import time
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from small_runs import DATA, HELD_OUT, SETTINGS, TINY, assert_same_run, checkpoi
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
 from specklegen.datasets.store.generate import generate
-from specklegen.models.learning.examples import examples, streamed
+from specklegen.models.learning.examples import examples, sharing_media, streamed
 from specklegen.models.learning.reconstructor import Reconstructor, centred
 from specklegen.models.learning.training import Training, train
 from specklegen.models.metrics import align, pearson
@@ -89,6 +90,52 @@ def test_a_budget_ends_a_run(tmp_path):
     assert state["finished"]
     assert state["spent"] >= 0.02
     assert state["epoch"] < 10_000
+
+
+def test_seconds_count_everything(tmp_path):
+    """Batches that come slowly, and what was prepared before, use the budget up; a run that goes on counts on."""
+
+    def slow(epoch, first):
+        for n in range(first, 5):
+            time.sleep(0.05)
+            yield DATA.inputs[8 * n : 8 * n + 8].float(), DATA.targets[8 * n : 8 * n + 8]
+
+    settings = SETTINGS.replace(epochs=100)
+    train(settings, (slow, 5), HELD_OUT, tmp_path, seconds=0.2)
+    spent = checkpoint(tmp_path)["spent"]
+    assert 0.2 <= spent
+    assert checkpoint(tmp_path)["epoch"] * 5 + checkpoint(tmp_path)["step"] <= 5 + spent / 0.05
+    train(settings, (slow, 5), HELD_OUT, tmp_path, seconds=spent + 0.1, begun=time.perf_counter() - 50)
+    assert checkpoint(tmp_path)["spent"] >= spent + 50
+    assert checkpoint(tmp_path)["epoch"] == 2  # one step, and its epoch ends
+
+
+def test_steps_to_come_are_told(tmp_path):
+    """All epochs' without a budget; with one as many as it will do for."""
+    told = []
+    train(SETTINGS, DATA, HELD_OUT, tmp_path / "all", steps=lambda *n: told.append(n))
+    assert told == [(n + 1, 15) for n in range(15)]
+    told.clear()
+
+    def slow(epoch, first):
+        for n in range(first, 5):
+            time.sleep(0.02)
+            yield DATA.inputs[8 * n : 8 * n + 8].float(), DATA.targets[8 * n : 8 * n + 8]
+
+    many = SETTINGS.replace(epochs=1000)
+    train(many, (slow, 5), HELD_OUT, tmp_path / "some", seconds=0.5, steps=lambda *n: told.append(n))
+    assert all(done <= total <= 26 for done, total in told)
+    assert told[-1][0] == told[-1][1]
+
+
+def test_training_streams_share_media_where_none_is_shared():
+    recipe = load_recipe("unknown-slab")
+    assert sharing_media(recipe) == recipe.replace(media_group=8)
+    assert sharing_media(recipe, 1) == recipe
+    stated = recipe.replace(media_group=3)
+    assert sharing_media(stated) == stated
+    numbered = load_recipe("through-slab")
+    assert sharing_media(numbered) == numbered
 
 
 @pytest.mark.parametrize("kind", ["camera", "autocorrelation"])

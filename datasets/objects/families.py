@@ -1,0 +1,86 @@
+"""Families: objects of several families in one data set, the family of each sample drawn at random.
+
+A new family is one file, and its name in :data:`Family`.
+"""
+
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Positive
+from specklegen.datasets.objects.digits import Digits
+from specklegen.datasets.objects.drawings import Blobs, Polygons, Strokes
+from specklegen.datasets.objects.family import ObjectFamily, Source
+from specklegen.datasets.objects.folder import Folder
+from specklegen.datasets.objects.glyphs import Glyphs
+from specklegen.datasets.objects.meshes import Meshes
+from specklegen.datasets.objects.patterns import Bars, Points
+from specklegen.datasets.objects.photographs import Photographs, Silhouettes
+from specklegen.datasets.split import Purpose, Seed, Split, generator, substream
+
+Family = Glyphs | Photographs | Silhouettes | Folder | Digits | Points | Bars | Strokes | Polygons | Blobs | Meshes
+"""Every family of one kind of object."""
+
+
+class Families(ObjectFamily):
+    """A mixture of families; each keeps its own splits apart.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of an object, of every family.
+    families
+        At least one; a family that states no shape takes that of the mixture.
+    weights
+        How often each is shown, relative to the others; by default equally.
+    """
+
+    type: Literal["Families"] = "Families"
+    families: tuple[Annotated[Family, Field(discriminator="type")], ...]
+    weights: tuple[Positive, ...] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _share_shape(cls, table: Any) -> Any:
+        if not isinstance(table, dict) or "shape" not in table or not isinstance(table.get("families"), list | tuple):
+            return table
+        families = [
+            {"shape": table["shape"]} | each if isinstance(each, dict) else each for each in table["families"]
+        ]
+        return table | {"families": families}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.families:
+            reject("Families.families", "at least one family", self.families)
+        shapes = {family.shape for family in self.families}
+        if shapes != {self.shape}:
+            reject("Families.families", f"of the mixture's shape {self.shape}", sorted(shapes))
+        if self.weights is not None and len(self.weights) != len(self.families):
+            reject("Families.weights", f"one for each of {len(self.families)} families", self.weights)
+        return self
+
+    def identity(self) -> dict:
+        """Fields, and the identity of every family."""
+        return super().identity() | {"families": [family.identity() for family in self.families]}
+
+    def member(self, seed: Seed, split: Split, index: int) -> int:
+        """Number of the family of sample ``index``."""
+        weights = np.array(self.weights or np.ones(len(self.families)))
+        rng = generator(substream(seed, split, Purpose.FAMILY, index))
+        return int(rng.choice(len(weights), p=weights / weights.sum()))
+
+    def source(self, seed: Seed, split: Split, index: int) -> Source:
+        """(number of the family, what it shows)."""
+        number = self.member(seed, split, index)
+        return number, *self.families[number].source(seed, split, index)
+
+    def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
+        """Picture of the family's source."""
+        return self.families[int(source[0])].picture(source[1:], rng)
+
+    def labels(self, source: Source) -> dict[str, float]:
+        """Number of the family, and its label."""
+        return {"family": float(source[0])} | self.families[int(source[0])].labels(source[1:])

@@ -1,0 +1,44 @@
+"""Networks that look through fog. A new one is a file of this folder, and a line of :data:`NETWORKS`.
+
+Those of the table take pictures float[B, 2, H, W] (:mod:`specklegen.models.learning.inputs`) and return logits
+float[B, h, w]; the brightness is their sigmoid. The perceptron takes features float[B, F]. :mod:`unrolled` sees the
+likelihood, and is held by a :class:`~specklegen.models.learning.solver.Solver`.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import nn
+
+from specklegen.core.errors import reject
+from specklegen.models.learning.networks.dense import DenseNet
+from specklegen.models.learning.networks.perceptron import Perceptron
+from specklegen.models.learning.networks.residual import ResidualNet
+from specklegen.models.learning.networks.stack_unet import StackUNet
+from specklegen.models.learning.networks.unet import UNet
+
+NETWORKS: dict[str, Callable[..., nn.Module]] = {
+    "residual": ResidualNet, "unet": UNet, "stack-unet": StackUNet, "dense": DenseNet,
+    "perceptron": Perceptron,
+}  # fmt: skip
+"""Name to network of (side, shape, width)."""
+
+
+def parameter_count(network: nn.Module) -> int:
+    """Numbers that training changes."""
+    return sum(p.numel() for p in network.parameters() if p.requires_grad)
+
+
+def build(name: str, side: int, shape: tuple[int, int], width: int, seed: int) -> nn.Module:
+    """Make a network whose first weights are a function of the seed; the global generator is left as it was.
+
+    Raises
+    ------
+    RuleError
+        If there is no network of that name.
+    """
+    if name not in NETWORKS:
+        reject("network", f"one of {', '.join(NETWORKS)}", name)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return NETWORKS[name](side=side, shape=tuple(shape), width=width)

@@ -1,0 +1,1 @@
+"""The likelihood of camera images, given the object and the slab: what no other generator can tell."""

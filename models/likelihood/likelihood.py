@@ -1,0 +1,248 @@
+"""How probable a camera image is, given the object and the slab.
+
+The periodogram I of an image has nearly independent values, exponentially distributed about their mean S
+(:mod:`spectrum`); of several looks it has a gamma distribution. Their likelihood is Whittle's (1953),
+
+    -log L = looks * sum_f ( log S + I / S ) + constant,      S = a S_object + noise
+
+over half of the frequencies (the image is real), without f = 0, which the image's mean has taken, and inside the band
+that the window passes. The brightness a, which a bandwidth or a missing polariser lowers, is profiled out. The
+*deviance* is the mean of I / S - 1 - log(I / S); for the true object it is Euler's constant, .577 (one look), with
+nothing fitted, and that is how the whole chain is tested.
+
+C(d) multiplies and never divides: noise is not amplified, however far beyond the memory-effect range the object is.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from specklegen.core.errors import reject
+from specklegen.models.likelihood.periodogram import Periodogram
+from specklegen.models.likelihood.spectrum import Transforms, autocorrelation_of, transforms, waves
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+from specklegen.scene.window import Profile, Window
+
+BAND = 0.92
+"""Frequencies used, over the highest that the window passes along an axis."""
+PASSED = 0.005
+"""Smallest transfer function of the window at a frequency that is used."""
+_LEAST = 1e-9  # of the spectrum's peak: below is rounding
+_STEPS = 6  # of Fisher's scoring for the brightness
+
+
+class Optics(NamedTuple):
+    """How camera and object are laid out; each number for all objects, or one for each.
+
+    Attributes
+    ----------
+    step : float or float[B]
+        Camera pixels between object pixels.
+    grain : float or float[B]
+        Camera pixels in a speckle grain, wavelength / window width.
+    profile : str
+        Shape of the window.
+    pixel_integration : bool
+        Whether pixels collect light over their area, as those of a camera do.
+    """
+
+    step: float | Tensor
+    grain: float | Tensor
+    profile: Profile = "square"
+    pixel_integration: bool = False
+
+
+def memory_effect_between(
+    kernel: MemoryEffectCorrelation, wavelength: float, pitch: float, shape: tuple[int, int]
+) -> Tensor:
+    """C_I at every lag between the pixels of an object, float64[2 h - 1, 2 w - 1], lag 0 in the middle.
+
+    Parameters
+    ----------
+    kernel
+        Of the material.
+    wavelength
+        Inside the medium.
+    pitch
+        Direction sine between object pixels.
+    shape
+        (h, w) of the object.
+    """
+    rows, columns = (np.arange(1 - n, n) for n in shape)
+    unique, inverse = np.unique(np.hypot(rows[:, None], columns), return_inverse=True)
+    c_i = np.square(kernel(2 * np.pi / wavelength * pitch * unique))
+    return torch.from_numpy(c_i[inverse].reshape(len(rows), len(columns)))
+
+
+def expected_deviance(looks: float) -> float:
+    """Deviance of the true object: log n - psi(n) for n looks, Euler's constant for one."""
+    return math.log(looks) - float(torch.digamma(torch.tensor(looks, dtype=torch.float64)))
+
+
+class SpeckleLikelihood(nn.Module):
+    """Likelihood of periodograms, a function of objects that can be differentiated.
+
+    Parameters
+    ----------
+    seen
+        Periodograms of B objects.
+    shape
+        (h, w) of the objects that will be asked for.
+    optics
+        Steps, grains, window.
+
+    Attributes
+    ----------
+    used : bool[B, F, G]
+        Frequencies that count.
+
+    Raises
+    ------
+    RuleError
+        If steps or grains are not above 0, or not one for each object; or no frequency is left.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.models import Optics, SpeckleLikelihood, periodogram
+    >>> images = torch.rand(2, 1, 64, 64)
+    >>> likelihood = SpeckleLikelihood(periodogram(images), (8, 8), Optics(step=1.0, grain=3.0))
+    >>> likelihood(torch.ones(2, 8, 8)).shape
+    torch.Size([2])
+    """
+
+    step: Tensor
+    grain: Tensor
+    power: Tensor
+    noise: Tensor
+    used: Tensor
+    rows: Tensor
+    columns: Tensor
+
+    def __init__(self, seen: Periodogram, shape: tuple[int, int], optics: Optics) -> None:
+        super().__init__()
+        count, dtype = len(seen.power), seen.power.dtype
+        step, grain = (_each(name, getattr(optics, name), count, dtype) for name in ("step", "grain"))
+        self.shape, self.looks = (int(shape[0]), int(shape[1])), seen.looks
+        window = Window(optics.profile, 1.0)
+        highest = BAND / float(grain.min()) * (1.0 if window.sharp else 2.0)
+        reach = [min(int(highest * n), (n - 1) // 2) for n in seen.shape]
+        rows = torch.arange(-reach[0], reach[0] + 1)
+        columns = torch.arange(reach[1] + 1)
+        power = seen.power[:, rows % seen.shape[0]][..., : reach[1] + 1]
+        across, down = (x.double() / n for x, n in ((columns, seen.shape[1]), (rows, seen.shape[0])))
+        used = _used(down, across, grain.double().cpu(), optics.profile, seen.lowest)
+        used &= (columns > 0) | (rows > 0)[:, None]  # of two opposite frequencies one, and not f = 0
+        if not used.flatten(1).any(1).all():
+            reject("SpeckleLikelihood seen", "with a frequency inside the window's band", seen.shape,
+                   "Use a larger camera or tile, or a narrower envelope.")  # fmt: skip
+        made = transforms(
+            down.numpy(), across.numpy(), seen.shape, self.shape, step, grain, optics.profile, optics.pixel_integration
+        )
+        self.down, self.across, self.tile = down, across, seen.shape
+        self.register_buffer("step", step)
+        self.register_buffer("grain", grain)
+        self.register_buffer("power", power)
+        self.register_buffer("noise", seen.noise.to(dtype))
+        self.register_buffer("used", used.to(power.device))
+        self.register_buffer("rows", made.rows)
+        self.register_buffer("columns", made.columns)
+
+    def object_spectrum(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
+        """S of objects without noise, float[B, ..., F, G].
+
+        Parameters
+        ----------
+        objects
+            Brightness real[B, ..., h, w], at least 0; of any sum.
+        memory_effect
+            C_I between object pixels, real[2 h - 1, 2 w - 1] or with the objects' leading axes; by default 1, as
+            within the memory effect.
+        """
+        lags = autocorrelation_of(objects.to(self.power))
+        if memory_effect is not None:
+            lags = lags * memory_effect.to(self.power)
+        found = Transforms(self.rows, self.columns)(lags)
+        return found.clamp_min(_LEAST * float(found.detach().max()))
+
+    def spectrum(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
+        """S with the brightness that fits best, and noise, float[B, ..., F, G]: what the periodogram should be."""
+        alone = self.object_spectrum(objects, memory_effect)
+        extra = [1] * (alone.ndim - 3)
+        power, used = (x.reshape(len(x), *extra, *x.shape[1:]) for x in (self.power, self.used))
+        noise = self.noise.reshape(-1, *extra, 1, 1)
+        with torch.no_grad():
+            brightness = _brightness(alone, power, used, noise)
+        return brightness[..., None, None] * alone + noise
+
+    def forward(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
+        """Deviance a frequency, float[B, ...]; least for the most probable object."""
+        expected = self.spectrum(objects, memory_effect)
+        extra = [1] * (expected.ndim - 3)
+        power, used = (x.reshape(len(x), *extra, *x.shape[1:]) for x in (self.power, self.used))
+        ratio = torch.where(used, power / expected, 1.0).clamp_min(torch.finfo(expected.dtype).tiny)
+        return (ratio - 1 - ratio.log()).sum((-2, -1)) / used.sum((-2, -1))
+
+    def lags(self, size: int) -> Tensor:
+        """What was measured as an autocorrelation, float[B, n, n], between pixels of the object, the zero lag first.
+
+        Noise is taken off, and what is no frequency of the likelihood is left out, the background with it; every lag is
+        divided by the share of pixel pairs that it has, where that is at least a tenth.
+        """
+        steps = torch.fft.fftfreq(size, 1 / size).double()
+        turns = [waves(f.numpy(), steps.numpy(), self.step) for f in (self.down, self.across)]
+        power = torch.where(self.used, self.power - self.noise[:, None, None], 0.0)
+        found = 2 * Transforms(*turns).back(power) / (self.tile[0] * self.tile[1])
+        reach = (steps.to(found).abs() * self.step[:, None])
+        pairs = [(1 - reach / n).clamp_min(0.1) for n in self.tile]
+        return found / (pairs[0][:, :, None] * pairs[1][:, None])
+
+    def lag_variance(self) -> Tensor:
+        """Variance of a lag (Bartlett), float[B]; see :func:`specklegen.models.retrieval.wiener.lag_variance`."""
+        squares = torch.where(self.used, self.power, 0.0).square().sum((-2, -1))
+        return 2 * squares / (self.looks + 1) / (self.tile[0] * self.tile[1]) ** 2
+
+    @property
+    def frequencies(self) -> Tensor:
+        """How many frequencies count, int64[B]."""
+        return self.used.flatten(1).sum(1)
+
+    def log_likelihood(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
+        """Logarithm of the likelihood, less that of an S equal to the periodogram; float[B, ...], at most 0."""
+        deviance = self(objects, memory_effect)
+        return -self.looks * self.frequencies.reshape(-1, *[1] * (deviance.ndim - 1)) * deviance
+
+
+def _each(name: str, value: float | Tensor, count: int, dtype: torch.dtype) -> Tensor:
+    """One number for each object."""
+    found = torch.as_tensor(value, dtype=dtype)
+    if found.ndim > 1 or (found.ndim == 1 and len(found) != count) or not (found > 0).all():
+        reject(f"Optics.{name}", f"above 0, one number or one for each of {count} objects", value)
+    return found.expand(count)
+
+
+def _used(rows: Tensor, columns: Tensor, grain: Tensor, profile: Profile, lowest: float) -> Tensor:
+    """Frequencies inside the window's band and above an envelope's, bool[B, F, G]."""
+    window = Window(profile, 1.0)
+    v, u = rows[:, None] * grain[:, None, None], columns * grain[:, None, None]
+    inside = torch.from_numpy(window.overlap(u.numpy(), v.numpy())) >= PASSED
+    if window.sharp:
+        inside &= (u.abs() <= BAND) & (v.abs() <= BAND)
+    return inside & (torch.hypot(rows[:, None], columns) >= lowest)
+
+
+def _brightness(alone: Tensor, power: Tensor, used: Tensor, noise: Tensor) -> Tensor:
+    """Most probable a of S = a S_object + noise, at least 0, by Fisher's scoring; exact at once without noise."""
+    rest = torch.where(used, power - noise, 0.0)
+    tiny = torch.finfo(alone.dtype).tiny
+    if not noise.any():
+        return torch.where(used, power / alone, 0.0).sum((-2, -1)) / used.sum((-2, -1))
+    lit = torch.where(used, alone, 0.0).sum((-2, -1)).clamp_min(tiny)
+    found = (rest.sum((-2, -1)) / lit).clamp_min(1e-6)
+    for _ in range(_STEPS):
+        weight = torch.where(used, alone / (found[..., None, None] * alone + noise).square().clamp_min(tiny), 0.0)
+        found = ((weight * rest).sum((-2, -1)) / (weight * alone).sum((-2, -1)).clamp_min(tiny)).clamp_min(1e-6)
+    return found

@@ -1,0 +1,47 @@
+"""Fresnel reflection of unpolarised light at a face, plain or behind a thin wall.
+
+    R(mu) = (R_s + R_p) / 2
+    R_s = [(n mu - n' mu') / (n mu + n' mu')]^2,     R_p = [(n' mu - n mu') / (n' mu + n mu')]^2
+
+mu is the cosine inside, mu' that beyond the face, of equal n sine. Behind a wall of two faces R_1, R_2, whose echoes
+add up as powers, R = 1 - (1 - R_1)(1 - R_2) / (1 - R_1 R_2). Born and Wolf, *Principles of Optics*, sec. 1.5.
+"""
+
+import math
+
+from specklegen.kernels import inlined, kernel
+
+
+@inlined
+def fresnel(mu, inside, outside):
+    """R of one face: 1 where nothing goes through, exactly 0 between equal indices."""
+    if inside == outside:
+        return 0.0
+    ratio = inside / outside
+    beyond = 1.0 - (1.0 - mu * mu) * ratio * ratio
+    if beyond <= 0.0 or mu <= 0.0:
+        return 1.0
+    nu = math.sqrt(beyond)
+    s = (inside * mu - outside * nu) / (inside * mu + outside * nu)
+    p = (outside * mu - inside * nu) / (outside * mu + inside * nu)
+    return 0.5 * (s * s + p * p)
+
+
+@inlined
+def reflectance(mu, inside, wall, outside):
+    """R of light of cosine mu inside, at a face towards ``outside`` through a wall (``wall`` = ``inside``: none)."""
+    first = fresnel(mu, inside, wall)
+    if first >= 1.0:
+        return 1.0
+    ratio = inside / wall
+    second = fresnel(math.sqrt(max(1.0 - (1.0 - mu * mu) * ratio * ratio, 0.0)), wall, outside)
+    if first == 0.0 or second >= 1.0:
+        return second
+    return 1.0 - (1.0 - first) * (1.0 - second) / (1.0 - first * second)
+
+
+@kernel
+def reflectances(cosines, inside, wall, outside, out):
+    """Fill ``out`` float64[n] with R at cosines float64[n] inside."""
+    for n in range(cosines.shape[0]):
+        out[n] = reflectance(cosines[n], inside, wall, outside)

@@ -1,0 +1,89 @@
+"""What a connection gains and loses where its legs cross or meet the faces of a slab.
+
+    A_i -> A_i sqrt(1 - R(i)) R(i)^(m/2),     B_v -> B_v sqrt(1 - R(v)) R(v)^(m'/2)
+
+m, m' are the reflections of the first and the last leg, R that of unpolarised light
+(:mod:`specklegen.kernels.fresnel`). The factors are symmetric, so reciprocity holds, and with them |u|^2 stays per
+steradian *inside*; outside it is cos(theta_out) / (n^2 cos(theta_in)) times that. Phases of reflections go into the
+random phase of the connection, which each (m, m') has for itself. Legs that were reflected are unfolded in the bank:
+their images stand where the leg is straight, so that all else at the ends is as without faces.
+"""
+
+import math
+
+import numpy as np
+
+from specklegen.core.errors import reject
+from specklegen.kernels.fresnel import reflectances
+from specklegen.scene.faces import Faces
+from specklegen.scene.media import Slab
+
+MOST_IMAGES = 7
+_LEFT_OUT = 1e-4  # of the light of an end, in reflections that are not followed
+
+
+def reflectance(faces: Faces, cosines: np.ndarray) -> np.ndarray:
+    """R float64[...] at cosines inside, float64[...] of either sign."""
+    flat = np.abs(np.asarray(cosines, np.float64)).ravel()
+    out = np.empty(flat.size)
+    reflectances(flat, *faces.indices, out)
+    return out.reshape(np.shape(cosines))
+
+
+def images(medium: Slab, directions: np.ndarray) -> int:
+    """Reflections of a leg that are followed for lights and views float64[n, 3]: all but 1e-4 of the light."""
+    if medium.faces.matched or not len(directions):
+        return 0
+    cosines = np.abs(directions[:, 2])
+    share = float((reflectance(medium.faces, cosines) * np.exp(-medium.optical_depth / cosines)).max())
+    if not share > 0:
+        return 0
+    return min(MOST_IMAGES, max(0, math.ceil(math.log(_LEFT_OUT * (1 - share)) / math.log(share)) - 1))
+
+
+def seen_through(medium: Slab, views: np.ndarray, most: int) -> np.ndarray:
+    """Views float64[n, 3] as roulette judges by them: float64[(most + 1) n, 5].
+
+    One block for every number of reflections of the last leg. A row holds the direction in which the leg leaves its
+    vertex, and the optical depth from there to the outside as (at z = 0, per length of z), to which -ln of what the
+    faces leave is added.
+    """
+    rows = [_reached(medium, views, m) for m in range(most + 1)]
+    return np.ascontiguousarray(np.concatenate(rows))
+
+
+def _reached(medium: Slab, views: np.ndarray, m: int) -> np.ndarray:
+    up, slant = views[:, 2] > 0, np.abs(views[:, 2])
+    from_below = up == (m % 2 == 0)  # whether the leg leaves its vertex upwards
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.where(slant == 0, 0.0, np.where(from_below, -1.0, 1.0) * medium.extinction / slant)
+        far = np.where(from_below, m + 1.0, m) * medium.optical_depth / slant
+    far = np.where(slant == 0, np.inf, far)
+    if not medium.faces.matched:
+        r = reflectance(medium.faces, slant)
+        with np.errstate(divide="ignore"):
+            far -= np.log((1 - r) * r**m)
+    turned = views * np.array([1.0, 1.0, -1.0 if m % 2 else 1.0])
+    return np.column_stack([turned, far, slope])
+
+
+def crossing_factors(faces: Faces, vectors: np.ndarray, bounces: np.ndarray) -> np.ndarray:
+    """sqrt(1 - R) R^(m/2) float64[n, M] of lights or views float64[n, 3] after m = bounces int8[M] reflections."""
+    r = reflectance(faces, vectors[:, 2])
+    table = np.sqrt(1 - r)[:, None] * np.sqrt(r)[:, None] ** np.arange(MOST_IMAGES + 1)
+    return table[:, bounces]
+
+
+def require_reflection(medium: Slab, views: np.ndarray) -> None:
+    """Refuse reversed paths through a slab with faces: both ways then end behind different ones.
+
+    Raises
+    ------
+    RuleError
+        With the remedy.
+    """
+    if not medium.faces.matched and len(views) and (views[:, 2] > 0).any():
+        reject(
+            "reverse", 'False or "auto" in transmission through faces that reflect', True,
+            "There is no backscattering direction behind the slab, so reversed paths add nothing.",
+        )  # fmt: skip

@@ -1,0 +1,126 @@
+"""Segments of paths and the far field of a scatterer: when a narrow lobe may be looked up along a path's directions.
+
+Endpoint factors hold s(i . w_1): light of every tilt i arrives at x_1 and goes on along the *same* w_1, from point to
+point. That is the field far from x_1, beyond 1/(k theta^2) for a lobe of width theta. Nearer by, a scatterer is a thin
+screen that adds the same transverse momentum to light of any tilt: the ladder of multiple scattering conserves the
+difference k t of two waves at every collision, both keep their angle to the lobe, s(k_1 -> k_1 + p) s*(k_2 -> k_2 + p),
+and what is left of their correlation is the lateral way of the path alone, K = E[w e^(-i k t . R)] / E[w].
+
+The two agree while tilts are small beside the lobe. Beyond, the first loses the overlap of the lobes of both tilts,
+
+    A(t) = int s(w) s*(w_t) dw,      |C|^2 too low by 1 - |A|^4 at most (both ends)
+
+which is no physics where the mean free path l is below 1/(k theta^2); where it is far above, K is at its floor long
+before, since k t l theta = k l theta^2 for t = theta. docs/physics.md 10.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from specklegen.core.decision import Decision
+from specklegen.core.values import remembered
+from specklegen.scene.media import Slab
+from specklegen.scene.scatterers import Scatterer
+from specklegen.scene.scene import Scene
+
+FAR = 100.0
+"""k l theta^2 from which segments are in the far field of their scatterers, and K at its floor where lobes part."""
+SLANT = 0.01
+"""Tilt squared up to which keeping the angle to the lobe leaves slants and depths as they are."""
+NEGLIGIBLE = 2e-3
+"""1 - |A|^4 up to which it does not matter which of the two is asked."""
+_ALONG, _AROUND = 512, 96  # nodes of the angle to the lobe, by its logarithm, and on the circle about it
+
+
+class LobeLoss(NamedTuple):
+    """What endpoint factors make of a tilt beside the lobe.
+
+    Attributes
+    ----------
+    loss : float
+        1 - |A|^4: how much too low |C|^2 comes out at most.
+    far_field : float
+        k l theta^2, the mean free path over the distance from which the lobe is in its far field.
+    """
+
+    loss: float
+    far_field: float
+
+    @property
+    def negligible(self) -> bool:
+        """Whether the lobes of both tilts are one."""
+        return self.loss <= NEGLIGIBLE
+
+    @property
+    def spurious(self) -> bool:
+        """Whether that loss is none that light has."""
+        return not self.negligible and self.far_field < FAR
+
+
+def lobe_loss(medium: Slab, wavelength: float, tilt: float) -> LobeLoss:
+    """What endpoint factors lose between two lights a ``tilt`` (radians) apart."""
+    loss = 1 - overlap(medium.scatterer, float(f"{abs(tilt):.9g}")) ** 4
+    turns = 2 * np.pi * medium.mean_free_path / wavelength
+    return LobeLoss(loss, turns * lobe_width(medium.scatterer) ** 2)
+
+
+@remembered(256)
+def overlap(scatterer: Scatterer, tilt: float) -> float:
+    """|A| of two lobes a ``tilt`` apart, 1 at 0: of all types of particle, by their shares, to some 1e-4."""
+    if tilt == 0:
+        return 1.0
+    return abs(sum(share * _overlap(each, tilt) for each, share in scatterer.components))
+
+
+def _overlap(particle: Scatterer, tilt: float) -> complex:
+    """A(t) by nodes about one lobe, shared with those about the other by their distances squared: two equal halves."""
+    theta, weights = _quadrature(particle)
+    angle = (np.arange(_AROUND) + 0.5) * np.pi / _AROUND
+    own = np.sin(theta / 2)[:, None] ** 2  # (1 - cos) / 2 from either axis, without cancellation
+    other = np.sin((theta - tilt) / 2)[:, None] ** 2 + np.outer(np.sin(theta), np.sin(tilt) * np.sin(angle / 2) ** 2)
+    here, there = particle.amplitude(1 - 2 * own, 3), particle.amplitude(1 - 2 * other, 3)
+    product = other / (own + other) * (here * np.conj(there) + np.conj(here) * there)
+    return complex((weights[:, None] * product).sum() * 2 * np.pi / _AROUND)
+
+
+@remembered(32)
+def _quadrature(particle: Scatterer) -> tuple[np.ndarray, np.ndarray]:
+    """Angles float64[n] dense towards the axis, and weights for sin(theta) d theta."""
+    t, weights = np.polynomial.legendre.leggauss(_ALONG)
+    low, high = np.log(1e-9), np.log(np.pi)
+    theta = np.exp(low + (t + 1) / 2 * (high - low))
+    return theta, weights * (high - low) / 2 * theta * np.sin(theta)
+
+
+@remembered(64)
+def lobe_width(scatterer: Scatterer) -> float:
+    """Tilt in radians at which |A|^2 is 1/2: pi, and more than a lobe has, where it never falls so low."""
+    low, high = 1e-9, np.pi
+    if overlap(scatterer, high) ** 2 > 0.5:
+        return high
+    for _ in range(60):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if overlap(scatterer, float(f"{middle:.9g}")) ** 2 > 0.5 else (low, middle)
+    return float(high)
+
+
+def far_field_decision(scene: Scene) -> Decision | None:
+    """A doubt where path sums of several tilts lose what light keeps; None where they do not.
+
+    Views of one tilt do not matter: their grains are far finer than any lobe.
+    """
+    medium = scene.medium
+    if not isinstance(medium, Slab) or scene.dimension == 2 or len(scene.lights) < 2 or medium.albedo == 0:
+        return None
+    reach = float(np.linalg.norm(np.ptp(scene.lights[:, :2], axis=0)))
+    found = lobe_loss(medium, scene.wavelength, reach)
+    if not found.spurious:
+        return None
+    return Decision(
+        "far field of the scatterers", False,
+        f"not reached within a mean free path, {found.far_field:.2g} of what it takes: between tilts as far apart as "
+        f"{reach:.2g} beside a lobe {lobe_width(medium.scatterer):.2g} wide, path sums lose up to {found.loss:.2g} of "
+        "the intensity correlation that light keeps; the stationary sampler and memory_effect keep it",
+        doubt=True,
+    )  # fmt: skip

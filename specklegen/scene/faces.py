@@ -1,0 +1,69 @@
+"""The faces of a slab: a step of the refractive index, which reflects light on its way in and out."""
+
+from typing import Self
+
+import numpy as np
+from pydantic import model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Positive, Value
+
+
+class Faces(Value):
+    """Both faces of a slab: smooth, alike, and between two refractive indices. By default matched: no step.
+
+    Light of one wavelength is scalar here: a face reflects the mean of both polarisations.
+
+    Parameters
+    ----------
+    inside, outside
+        Refractive index of the slab, and of what is before and behind it.
+    wall
+        Of a thin plate (glass, say) over each face; by default there is none. Its echoes add up as powers at the place
+        where they left: right for plates much thinner than the slab.
+    """
+
+    inside: Positive = 1.0
+    outside: Positive = 1.0
+    wall: Positive | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("inside", "outside", "wall"):
+            index = getattr(self, name)
+            if index is not None and not 0.1 <= index <= 10:
+                reject(f"Faces.{name}", "a refractive index between 0.1 and 10", index)
+        return self
+
+    @property
+    def matched(self) -> bool:
+        """Whether nothing is reflected."""
+        return self.inside == self.outside and self.wall in (None, self.inside)
+
+    @property
+    def indices(self) -> tuple[float, float, float]:
+        """Refractive indices inside, of the wall (inside again where there is none), and outside."""
+        return self.inside, self.inside if self.wall is None else self.wall, self.outside
+
+    @property
+    def largest_sine(self) -> float:
+        """Direction sine inside up to which light enters and leaves; beyond, all of it is reflected."""
+        return min(1.0, min(self.indices[1:]) / self.inside)
+
+    def require_crossing(self, field: str, directions: np.ndarray) -> None:
+        """Refuse directions float64[..., 3] inside the slab that no light takes on its way in or out.
+
+        Raises
+        ------
+        RuleError
+            With the largest sine that does.
+        """
+        if self.matched or not directions.size:
+            return
+        sine = float(np.hypot(directions[..., 0], directions[..., 1]).max())
+        if sine >= self.largest_sine:
+            reject(
+                field,
+                f"of sines below {self.largest_sine:.4g}, where light crosses the faces of indices {self.indices}",
+                sine, "Sines are those inside the slab: outside they are inside / outside times as large.",
+            )  # fmt: skip

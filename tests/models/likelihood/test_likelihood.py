@@ -1,0 +1,223 @@
+"""The expected spectrum against a literal sum, and the likelihood by its own calibration: Euler's constant."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+import torch
+from zscore import assert_z
+
+from specklegen.core.errors import RuleError
+from specklegen.datasets import load_recipe
+from specklegen.models.likelihood.likelihood import (
+    Optics,
+    SpeckleLikelihood,
+    expected_deviance,
+    memory_effect_between,
+)
+from specklegen.models.likelihood.periodogram import Periodogram, periodogram
+from specklegen.scene.window import PROFILES, Window
+
+FAMILIES = (
+    {"type": "Glyphs"}, {"type": "Points"}, {"type": "Points", "count": 12}, {"type": "Strokes"},
+    {"type": "Polygons"}, {"type": "Blobs"}, {"type": "Bars"}, {"type": "Photographs"}, {"type": "Silhouettes"},
+)  # fmt: skip
+SPREAD = np.sqrt(np.pi**2 / 6 - 1)
+"""Of x - 1 - log x, x exponentially distributed: the spread of one frequency's deviance."""
+IMAGES = 45
+PHOTONS = 20.0
+
+
+def flat(shape, count=1, noise=0.0, looks=1.0):
+    """A periodogram of ones: for what does not depend on the data."""
+    power = torch.ones(count, shape[0], shape[1] // 2 + 1, dtype=torch.float64)
+    return Periodogram(power, torch.full((count,), noise, dtype=torch.float64), looks, shape)
+
+
+def objects(shape, seed=0, count=1):
+    return torch.from_numpy(np.random.default_rng(seed).random((count, *shape)))
+
+
+def literal(brightness, c_i, shape, step, grain, profile, pixel=False):
+    """S(f) by the sums of the definition; a pixel's area by a mean over 9 x 9 points of Gauss-Legendre."""
+    o = brightness / brightness.sum()
+    h, w = o.shape
+    lag_y, lag_x = np.arange(1 - shape[0], shape[0]), np.arange(1 - shape[1], shape[1])
+    tri = np.outer(1 - np.abs(lag_y) / shape[0], 1 - np.abs(lag_x) / shape[1])
+    nodes, weights = np.polynomial.legendre.leggauss(9)
+    # The autocorrelation of a pixel is a triangle: two halves, so that each is smooth.
+    places = np.concatenate([(nodes - 1) / 2, (nodes + 1) / 2]) if pixel else np.zeros(1)
+    share = np.concatenate([weights, weights]) / 2 * (1 - np.abs(places)) if pixel else np.ones(1)
+    window = Window(profile, 1.0)
+    covariance = np.zeros(tri.shape)
+    for dy in range(1 - h, h):
+        for dx in range(1 - w, w):
+            paired = sum(
+                o[y, x] * o[y + dy, x + dx]
+                for y in range(max(0, -dy), min(h, h - dy)) for x in range(max(0, -dx), min(w, w - dx))
+            )  # fmt: skip
+            for a, at in zip(share, places, strict=True):
+                for b, bt in zip(share, places, strict=True):
+                    y, x = (lag_y - dy * step + at) / grain, (lag_x - dx * step + bt) / grain
+                    grains = window.coherence(x[None], y[:, None]) ** 2
+                    covariance += a * b * paired * c_i[dy + h - 1, dx + w - 1] * grains
+    rows, columns = np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
+    down, across = (np.exp(-2j * np.pi * np.outer(f, lags)) for f, lags in ((rows, lag_y), (columns, lag_x)))
+    return (down @ (tri * covariance) @ across.T).real
+
+
+@pytest.mark.parametrize(("profile", "pixel"), [(p, False) for p in PROFILES] + [("square", True)])
+def test_the_expected_spectrum_is_the_sum_over_lags(profile, pixel):
+    """Up to the products that are left out, 1e-4 of the largest, and the Gaussian window beyond 1e-6."""
+    shape, side, step, grain = (16, 20), (3, 4), 1.7, 2.6
+    brightness = objects(side)
+    distance = np.hypot(np.arange(-2, 3)[:, None], np.arange(-3, 4))
+    c_i = np.exp(-0.3 * distance)
+    likelihood = SpeckleLikelihood(flat(shape), side, Optics(step, grain, profile, pixel))
+    found = likelihood.object_spectrum(brightness, torch.from_numpy(c_i))[0].numpy()
+    exact = literal(brightness[0].numpy(), c_i, shape, step, grain, profile, pixel)
+    reach = len(found) // 2
+    exact = exact[np.arange(-reach, reach + 1) % shape[0]][:, : found.shape[1]]
+    if pixel:
+        exact *= found.max() / exact.max()  # P(0) = 1 there, too: brightness is profiled out
+    slack = 2e-3 if profile == "disc" else 2e-5
+    assert np.abs(found - exact).max() < slack * exact.max()
+    assert np.abs(found * 1.01 - exact).max() > slack * exact.max()  # 1 % would be seen
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_gradients_are_those_of_differences(noise):
+    brightness = objects((3, 3), 2, 2)
+    likelihood = SpeckleLikelihood(flat((12, 12), 2, noise), (3, 3), Optics(1.2, 2.5))
+    spread = torch.from_numpy(np.random.default_rng(1).gamma(4.0, 0.25, likelihood.power.shape))
+    likelihood.power = (likelihood.object_spectrum(brightness) + noise) * spread
+    brightness.requires_grad_()
+    c_i = torch.from_numpy(np.exp(-0.2 * np.hypot(*np.mgrid[-2:3, -2:3]))).requires_grad_()
+    # The brightness is profiled out; where its scoring has converged, its own derivative adds nothing.
+    assert torch.autograd.gradcheck(lambda o, c: likelihood(o, c), (brightness, c_i), atol=1e-6)
+
+
+def test_several_objects_of_one_image_are_those_one_by_one():
+    likelihood = SpeckleLikelihood(flat((24, 24), 2, 0.1), (5, 5), Optics(torch.tensor([1.1, 1.4]), 3.0))
+    brightness = torch.stack([objects((5, 5), seed, 2) for seed in (1, 2, 3)], dim=1)
+    together = likelihood(brightness)
+    for n in range(3):
+        assert torch.allclose(together[:, n], likelihood(brightness[:, n]), rtol=1e-12)
+
+
+def test_shift_and_half_turn_change_nothing():
+    """Which is what an image alone cannot tell."""
+    likelihood = SpeckleLikelihood(flat((32, 32)), (9, 9), Optics(1.3, 3.0))
+    brightness = torch.nn.functional.pad(objects((5, 5)), (1, 3, 2, 2))
+    moved = torch.roll(brightness.flip((-2, -1)), (1, -1), (-2, -1))
+    assert torch.allclose(likelihood(brightness), likelihood(moved), rtol=1e-10)
+
+
+@lru_cache(maxsize=1)
+def scenes():
+    """Images of nine families behind five slabs up to three ranges wide, half of them with 20 photons a pixel."""
+    families = {"type": "Families", "shape": [28, 28], "families": list(FAMILIES)}
+    recipe = load_recipe("one-angular-size", {"objects": families, "media_group": 9, "mode_tolerance": 0.002})
+    batch = recipe.batch(3, "train", range(IMAGES))
+    drawn = batch["parameters"]
+    c_i = [
+        memory_effect_between(recipe.material_of(3, "train", int(medium)).kernel, wavelength, pitch, (28, 28))
+        for medium, wavelength, pitch in zip(drawn["medium"], drawn["wavelength"], drawn["object_pitch"], strict=True)
+    ]
+    images = batch["image"].astype(np.float64).clip(0)
+    images[::2] = np.random.default_rng(7).poisson(images[::2] * PHOTONS) / PHOTONS
+    optics = Optics(
+        torch.from_numpy(drawn["object_pitch"] / drawn["camera_pitch"]),
+        torch.from_numpy(drawn["wavelength"] / drawn["width"] / drawn["camera_pitch"]),
+    )
+    return torch.from_numpy(images)[:, None], torch.from_numpy(batch["object"]), torch.stack(c_i), optics
+
+
+def judged(images, brightness, c_i, optics, noise=1 / PHOTONS, tile=None):
+    seen = periodogram(images, tile=tile)
+    level = torch.zeros(len(images), dtype=torch.float64)
+    level[::2] = noise
+    likelihood = SpeckleLikelihood(seen._replace(noise=level), (28, 28), optics)
+    return likelihood, likelihood(brightness, c_i).numpy()
+
+
+def excess(likelihood, deviance):
+    """Mean deviance less that expected, and its standard error; the profiled brightness takes 1 / (2 n)."""
+    count = likelihood.frequencies.numpy()
+    return (deviance - np.euler_gamma + 0.5 / count).mean(), SPREAD * np.sqrt((1 / count).sum()) / len(count)
+
+
+def test_the_true_object_has_eulers_constant():
+    """The whole chain, nothing fitted: median within .02 of .577, and the mean by a z-score.
+
+    The memory effect is drawn with modes (tolerance .002) and read from the atlas: .002 of deviance is left for it.
+    """
+    likelihood, deviance = judged(*scenes())
+    assert abs(np.median(deviance) - np.euler_gamma) < 0.02
+    found, error = excess(likelihood, deviance)
+    assert_z(found, 0.0, error, slack=0.002)
+
+
+@pytest.mark.parametrize("wrong", ["noise", "memory effect", "object", "step"])
+def test_a_wrong_model_is_found_out(wrong):
+    """Half the noise, a memory effect of another shape, a mirrored object, objects 2 % wider: far less probable.
+
+    A wrong model is more probable than the true one by a factor of e^14 with a chance of e^-14 at most (Markov).
+    """
+    images, brightness, c_i, optics = scenes()
+    likelihood, deviance = judged(images, brightness, c_i, optics)
+    noise = 1 / PHOTONS
+    if wrong == "noise":
+        noise *= 0.5
+    elif wrong == "memory effect":
+        c_i = c_i**0.5
+    elif wrong == "object":
+        brightness = brightness.flip(-1)
+    else:
+        optics = optics._replace(step=optics.step * 1.02)
+    worse = judged(images, brightness, c_i, optics, noise)[1]
+    assert (likelihood.frequencies.numpy() * (worse - deviance)).sum() > 14
+
+
+def test_a_wrong_grain_is_found_out():
+    """20 % of it; other grains use other frequencies, so that this one is judged by the bound above."""
+    images, brightness, c_i, optics = scenes()
+    found, error = excess(*judged(images, brightness, c_i, optics._replace(grain=optics.grain * 1.2)))
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(found, 0.0, error, slack=0.002)
+
+
+def test_tiles_and_frames_have_the_deviance_of_their_looks():
+    """Four tiles are four looks; tiles that touch share a little light, which lowers the deviance by a few per cent."""
+    likelihood, deviance = judged(*scenes(), tile=64)
+    assert likelihood.looks == 4
+    assert np.median(deviance) == pytest.approx(expected_deviance(4), abs=0.02)
+    assert expected_deviance(1) == pytest.approx(np.euler_gamma)
+
+
+def test_paths_sampler_images_agree():
+    """Sums over paths know nothing of the likelihood's Gaussian statistics."""
+    recipe = load_recipe(
+        "beyond-memory-effect",
+        {"sampler": "paths", "camera": {"shape": [64, 64]}, "objects": {"shape": [10, 10]},
+         "field": {"extent_over_range": 2.0}, "media": 64},
+    )  # fmt: skip
+    batch = recipe.batch(0, "train", range(8))
+    drawn = batch["parameters"]
+    pitch = drawn["object_pitch"][0]
+    c_i = memory_effect_between(recipe.material_of(0, "train", 0).kernel, recipe.wavelength, pitch, (10, 10))
+    seen = periodogram(torch.from_numpy(batch["image"]).double()[:, None])
+    likelihood = SpeckleLikelihood(seen, (10, 10), Optics(float(pitch / drawn["camera_pitch"][0]), 3.0))
+    deviance = likelihood(torch.from_numpy(batch["object"]), c_i).numpy()
+    assert abs(np.median(deviance) - np.euler_gamma) < 0.02
+    found, error = excess(likelihood, deviance)
+    assert_z(found, 0.0, error, slack=0.01)  # of the paths: expected_error of the recipe
+
+
+def test_bad_optics_are_refused():
+    with pytest.raises(RuleError, match=r"Optics\.grain must be above 0"):
+        SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(1.0, 0.0))
+    with pytest.raises(RuleError, match=r"Optics\.step must be .* one for each of 1 objects"):
+        SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(torch.ones(3), 2.0))
+    with pytest.raises(RuleError, match="with a frequency inside"):
+        SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(1.0, 40.0))

@@ -1,0 +1,51 @@
+"""Camera noise read off images of speckle, against what was put in."""
+
+import numpy as np
+import pytest
+import torch
+from zscore import assert_mean
+
+from specklegen.core.errors import RuleError
+from specklegen.models.retrieval.camera_noise import camera_noise
+
+GRAIN = 3
+
+
+def speckle(count, side=64, seed=0):
+    """Intensities float64[count, side, side] of mean 1 behind a square window, of a longer period than the camera."""
+    period = 40 * GRAIN
+    cells = period // GRAIN
+    rng = np.random.default_rng(seed)
+    field = rng.standard_normal((count, cells, cells, 2)).view(np.complex128)[..., 0] / np.sqrt(2) / cells
+    return np.square(np.abs(np.fft.fft2(field, (period, period))))[:, :side, :side]
+
+
+def test_light_alone_has_none():
+    """What leaks through the Hann window is less than 1e-4 of the speckle's variance, 1."""
+    assert camera_noise(torch.from_numpy(speckle(50)), GRAIN).max() < 1e-4
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.25])
+def test_photons_background_and_readout_are_found(gain):
+    """In any unit: variance (photons + background + read^2) / (photons + background)^2, to first order in the mean."""
+    photons, background, read = 6.0, 2.0, 1.5
+    rng = np.random.default_rng(1)
+    light = speckle(200)
+    light /= light.mean((1, 2), keepdims=True)  # so that the mean of an image is known
+    counts = rng.poisson(photons * light + background) + read * rng.standard_normal(light.shape)
+    found = camera_noise(torch.from_numpy(counts / gain), GRAIN).numpy()
+    exact = (photons + background + read**2) / (photons + background) ** 2
+    assert_mean(found / exact, 1.0, slack=1e-3)  # of the square of the image's own mean
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(1.05 * found / exact, 1.0, slack=1e-3)
+
+
+def test_grains_may_differ():
+    images = torch.from_numpy(np.random.default_rng(2).poisson(5.0, (2, 48, 48)) / 5.0)
+    both = camera_noise(images, torch.tensor([3.0, 4.0]))
+    assert both[1].item() == pytest.approx(camera_noise(images[1:], 4.0)[0].item(), rel=1e-12)
+
+
+def test_a_camera_that_the_window_fills_is_refused():
+    with pytest.raises(RuleError, match=r"camera_noise grain must be above 2\.16"):
+        camera_noise(torch.ones(1, 64, 64), 2.0)

@@ -1,0 +1,72 @@
+"""Phase screens and free space against the closed form of forward volumes, and against published curves of one slab."""
+
+import numpy as np
+import pytest
+from zscore import assert_z
+
+import specklegen as sg
+from specklegen.core.errors import RuleError
+from specklegen.oracles.multi_slice import multi_slice
+
+# A Gaussian lobe of correlation length 4 wavelengths: concentration (2 pi 4)^2 / 2, Lambda = L / l* = 0.0158.
+LOBE = sg.VonMisesFisher(concentration=(2 * np.pi * 4) ** 2 / 2)
+# An independent program of phase screens, for this slab: |K| over all views, and on the axis, at q = 13.1 and 26.2.
+PUBLISHED = [0.649, 0.257], [0.935, 0.785]
+ERROR = 0.004, 0.012  # of a field over all views and on the axis, from the two programs' realizations
+
+
+def slab(optical_depth=5.0, scatterer=LOBE, thickness=400.0, albedo=1.0):
+    return sg.Slab(
+        thickness=thickness, mean_free_path=thickness / optical_depth, scatterer=scatterer, albedo=albedo
+    )
+
+
+def run(medium, realizations=2, **options):
+    grid = {"wavelength": 1.0, "pitch": 0.5, "size": 384, "bins": [1, 2], "reach": 0.025} | options
+    return multi_slice(medium, realizations=realizations, **grid)
+
+
+def test_another_program_finds_the_same_over_all_views():
+    found = run(slab())
+    np.testing.assert_allclose(2 * np.pi * found.sines * 400, [13.1, 26.2], rtol=2e-3)
+    assert_z(found.all_views.mean(axis=0), PUBLISHED[0], ERROR[0])
+    # Power: a lobe 10 % narrower fails.
+    other = run(slab(scatterer=sg.VonMisesFisher(concentration=1.21 * LOBE.concentration)), 1)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(other.all_views.mean(axis=0), PUBLISHED[0], ERROR[0])
+
+
+@pytest.mark.slow
+def test_another_program_finds_the_same_on_the_axis():
+    found = run(slab(), realizations=40)
+    assert_z(np.sqrt(found.on_axis.mean(axis=0)), PUBLISHED[1], ERROR[1])
+
+
+@pytest.mark.slow
+def test_many_scatterings_by_a_gaussian_lobe_follow_the_closed_form():
+    """|K| = e^(-q^2 Lambda / 6) over all views, where unscattered light is gone."""
+    medium = slab(20.0)
+    found = run(medium, realizations=4, pitch=0.4, size=480)
+    q = 2 * np.pi * found.sines * medium.thickness
+    expected = np.exp(-(q**2) * medium.thickness / medium.transport_length / 6)
+    # Fourth moments of the angles: a Gaussian of 0.25 rad is 1 % off at half range.
+    assert_z(found.all_views.mean(axis=0), expected, ERROR[0], slack=0.012)
+
+
+def test_realizations_have_seeds_of_their_own():
+    two, one = run(slab(), realizations=2, size=128), run(slab(), realizations=1, size=128)
+    assert np.array_equal(two.all_views[:1], one.all_views)
+    assert not np.array_equal(two.all_views[0], two.all_views[1])
+
+
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        (lambda: run(slab(albedo=0.9)), "slab.albedo must be 1"),
+        (lambda: run(slab(scatterer=sg.Isotropic())), "at most 0.2 transport lengths; got 5"),
+        (lambda: run(slab(), pitch=1.5), "pitch must be at most 0.99.*4 rms angles"),
+    ],
+)
+def test_what_lies_outside_its_domain_is_refused(ask, words):
+    with pytest.raises(RuleError, match=words):
+        ask()
