@@ -286,7 +286,8 @@ class Recipe(Value, Pictured):
     def material_of(self, seed: int, split: Split, medium: int) -> KnownMaterial | KnownDiffuser:
         """Material of one medium, with its kernel."""
         rng = generator(substream(seed, split, Purpose.MATERIAL, medium))
-        return self.material.known(self.material.draw(rng, split))
+        material: Any = self.material  # a slab's or a diffuser's: each knows what it draws
+        return material.known(material.draw(rng, split))
 
     @cached_property
     def rendering(self) -> Rendering | None:
