@@ -5,6 +5,8 @@ from .core.errors import RuleError as RuleError
 from .mean.field import mean_field as mean_field
 from .memory_curve import MemoryEffect as MemoryEffect
 from .memory_curve import memory_effect as memory_effect
+from .paths.joint_correlation import JointCorrelation as JointCorrelation
+from .paths.joint_correlation import joint_correlation as joint_correlation
 from .planning.planning import Plan as Plan
 from .planning.planning import plan as plan
 from .rendering import SpeckleStack as SpeckleStack

@@ -15,6 +15,7 @@ from specklegen.core.picturing import draw_images
 from specklegen.core.values import Value
 from specklegen.datasets.objects import HiddenObjects
 from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
+from specklegen.datasets.recipes.parts.diffuser import KnownDiffuser
 from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, require_above
 from specklegen.datasets.recipes.parts.light import draw_medium
 from specklegen.datasets.recipes.parts.material import KnownMaterial
@@ -23,8 +24,10 @@ from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
 from specklegen.datasets.recipes.rendering import MediumView, realization
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, Split, generator, substream
+from specklegen.samplers.screens.objects import ScreenObjects
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.scene.media import Slab
+from specklegen.scene.screens import ScreenStack
 
 if TYPE_CHECKING:
     import torch
@@ -144,7 +147,7 @@ class HiddenObject(Recipe):
             f"the sources of `{self.objects.type}` are dealt to the splits before any sample is drawn."
         )
 
-    def pitch(self, material: KnownMaterial, share: float) -> float:
+    def pitch(self, material: KnownMaterial | KnownDiffuser, share: float) -> float:
         """Direction sine between object pixels in front of a material.
 
         Parameters
@@ -203,7 +206,7 @@ class HiddenObject(Recipe):
         """The tilts that reach farthest, radians float64[T, 2]."""
         return np.zeros((1, 2))
 
-    def view(self, slab: Slab, pitch: float, pixels: float, tilts: np.ndarray) -> MediumView:
+    def view(self, slab: Slab | ScreenStack, pitch: float, pixels: float, tilts: np.ndarray) -> MediumView:
         """One medium with its object in front; where windows are fitted so many ``pixels`` across."""
         return MediumView(slab, self.geometry_of(pitch, pixels), self.objects.shape, pitch, tilts)
 
@@ -212,7 +215,7 @@ class HiddenObject(Recipe):
         return np.zeros((1, 2)), {}
 
     def media_frames(
-        self, sampler: ObjectSampler, seed: int, split: Split, medium: int
+        self, sampler: ObjectSampler | ScreenObjects, seed: int, split: Split, medium: int
     ) -> tuple[dict[str, float], Callable[[], list[torch.Tensor]]]:
         """What is drawn for the frames of one medium, and how the sampler draws their fields."""
         return {}, lambda: [draw_medium(self.light, sampler, seed, split, medium)]
@@ -262,6 +265,8 @@ class HiddenObject(Recipe):
 
 
 @lru_cache(maxsize=8)
-def _sampler(recipe: HiddenObject, slab: Slab, seen: Viewing, pitch: float, base: tuple) -> ObjectSampler:
+def _sampler(
+    recipe: HiddenObject, slab: Slab | ScreenStack, seen: Viewing, pitch: float, base: tuple
+) -> ObjectSampler | ScreenObjects:
     material = recipe.material.known(slab)
     return recipe.object_sampler(material, seen, recipe.objects.shape, pitch, np.array(base), recipe.mode_tolerance)

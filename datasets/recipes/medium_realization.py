@@ -21,6 +21,7 @@ from specklegen.datasets.recipes.parts.viewing import division_weights
 from specklegen.datasets.split import Split
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
+from specklegen.samplers.screens.objects import ScreenObjects
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.samplers.stationary.superposition import superposed_image
 from specklegen.scene.scene import Scene
@@ -70,12 +71,12 @@ class StationaryFields:
 
     Attributes
     ----------
-    sampler : ObjectSampler
+    sampler : ObjectSampler or ScreenObjects
     media : tuple of Tensor
         Fields or spectra.
     """
 
-    sampler: ObjectSampler
+    sampler: ObjectSampler | ScreenObjects
     media: tuple[torch.Tensor, ...]
 
     @property
@@ -94,7 +95,9 @@ class StationaryFields:
         return image.cpu().numpy(), mean
 
 
-def stationary_fields(sampler: ObjectSampler, media: list[torch.Tensor], *, share: bool) -> StationaryFields:
+def stationary_fields(
+    sampler: ObjectSampler | ScreenObjects, media: list[torch.Tensor], *, share: bool
+) -> StationaryFields:
     """Bring media into the form that their samples share: spectra where many objects look through them."""
     if share and sampler.spectra_bytes * len(media) <= _KEPT_BYTES:
         media = [sampler.spectra(medium) for medium in media]

@@ -20,6 +20,7 @@ from specklegen.datasets.recipes.parts.light import draw_frames
 from specklegen.datasets.recipes.parts.tilts import Tilts
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, Split, generator, substream
+from specklegen.samplers.screens.objects import ScreenObjects
 from specklegen.samplers.stationary.objects import ObjectSampler
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ class DynamicSlab(HiddenObject):
         return {"frames": images}
 
     def media_frames(
-        self, sampler: ObjectSampler, seed: int, split: Split, medium: int
+        self, sampler: ObjectSampler | ScreenObjects, seed: int, split: Split, medium: int
     ) -> tuple[dict[str, float], Callable[[], list[torch.Tensor]]]:
         """What is drawn for the frames of one medium, and how the sampler draws their fields."""
         time = drawn(self.dynamics.correlation_time, generator(substream(seed, split, Purpose.DYNAMICS, medium)))

@@ -12,12 +12,13 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, PrivateAttr, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Discriminator, PrivateAttr, Tag, WithJsonSchema, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.picturing import Pictured
 from specklegen.core.values import PositiveInt, Value
 from specklegen.datasets.recipes.medium_realization import MediumRealization
+from specklegen.datasets.recipes.parts.diffuser import Diffuser, KnownDiffuser
 from specklegen.datasets.recipes.parts.distributions import ends
 from specklegen.datasets.recipes.parts.light import Light
 from specklegen.datasets.recipes.parts.material import Estimator, KnownMaterial, Material, known_light
@@ -27,6 +28,7 @@ from specklegen.datasets.sample_schema import ArraySpec, require_finite
 from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
 from specklegen.instrument.camera import Camera, NoiseStreams, expose
 from specklegen.planning.plan import Plan
+from specklegen.samplers.screens.objects import ScreenObjects, screen_objects
 from specklegen.samplers.stationary.atlas import atlas_digest
 from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
 from specklegen.scene.illumination import Profile
@@ -68,6 +70,17 @@ Media = Annotated[
 """A number of media, or "new" for one that is never seen again (TOML has no null to override a number with)."""
 
 
+def _kind_of_material(value: Any) -> str:
+    screens = isinstance(value, Diffuser) or (isinstance(value, Mapping) and "screens" in value)
+    return "@screens" if screens else "@slab"
+
+
+AnyMaterial = Annotated[
+    Annotated[Material, Tag("@slab")] | Annotated[Diffuser, Tag("@screens")], Discriminator(_kind_of_material)
+]
+"""A slab, or thin screens where the table holds ``screens``."""
+
+
 class Recipe(Value, Pictured):
     """What every kind of recipe has.
 
@@ -101,7 +114,7 @@ class Recipe(Value, Pictured):
     samples: Samples = Samples()
     media: Media = None
     media_group: PositiveInt = 1
-    material: Material
+    material: AnyMaterial
     window: Window | None = None
     camera: CameraGrid | None = None
     lab: Lab | None = None
@@ -127,6 +140,8 @@ class Recipe(Value, Pictured):
             reject("Recipe.media_group", "1 where media are numbered", self.media_group, "Leave out media.")
         if self.lab is None:
             self._check_smear()
+        if isinstance(self.material, Diffuser):
+            self._check_screens(self.material)
         if self.window is not None and (self.window.width == "fitted") != self.fits_window:
             reject("Window.width", '"fitted" where field.pixels is given, a length elsewhere', self.window.width,
                    "Give one of window.width and field.pixels.")  # fmt: skip
@@ -136,8 +151,16 @@ class Recipe(Value, Pictured):
             self.exposure.require_light(int(np.prod(self.camera_shape)))
         return self
 
+    def _check_screens(self, material: Diffuser) -> None:
+        if self.light.bandwidth or (self.lab is not None and self.lab.wavenumber_bandwidth):
+            reject("Recipe.light.bandwidth", "0 behind thin screens", self.light.bandwidth, "It is not modelled there.")
+        if self.lab is not None:
+            material.seen_at(self.lab.medium_wavelength)
+
     def _take_faces(self, lab: Lab) -> None:
         """The material's faces are those of the laboratory, where there is one."""
+        if isinstance(self.material, Diffuser):
+            return
         if self.material.faces.matched:
             self.__dict__["material"] = self.material.replace(faces=lab.layer_faces)
         elif self.material.faces != lab.layer_faces:
@@ -260,10 +283,11 @@ class Recipe(Value, Pictured):
         """Media behind the first ``samples`` samples of a split."""
         return -(-samples // self.media_group) if self.media is None else min(samples, self.media)
 
-    def material_of(self, seed: int, split: Split, medium: int) -> KnownMaterial:
+    def material_of(self, seed: int, split: Split, medium: int) -> KnownMaterial | KnownDiffuser:
         """Material of one medium, with its kernel."""
         rng = generator(substream(seed, split, Purpose.MATERIAL, medium))
-        return self.material.known(self.material.draw(rng, split))
+        material: Any = self.material  # a slab's or a diffuser's: each knows what it draws
+        return material.known(material.draw(rng, split))
 
     @cached_property
     def rendering(self) -> Rendering | None:
@@ -282,7 +306,10 @@ class Recipe(Value, Pictured):
         chosen = self.rendering
         if chosen is None:
             return "Rendered by the sampler that the planner chooses for each medium; every sample says which."
-        sampler = {RenderedBy.PATHS: "path sums", RenderedBy.STATIONARY: "the stationary sampler"}[chosen.sampler]
+        sampler = {
+            RenderedBy.PATHS: "path sums", RenderedBy.STATIONARY: "the stationary sampler",
+            RenderedBy.SCREENS: "the screens sampler",
+        }[chosen.sampler]  # fmt: skip
         return f"Rendered by {sampler}; relative error that the paths leave, as planned: {chosen.expected_error:.2g}."
 
     @property
@@ -292,10 +319,17 @@ class Recipe(Value, Pictured):
         return "a bandwidth" if band else None
 
     def object_sampler(
-        self, material: KnownMaterial, seen: Viewing, shape: tuple[int, int], pitch: float, base: np.ndarray,
-        tolerance: float = 0.01,
-    ) -> ObjectSampler:  # fmt: skip
+        self, material: KnownMaterial | KnownDiffuser, seen: Viewing, shape: tuple[int, int], pitch: float,
+        base: np.ndarray, tolerance: float = 0.01,
+    ) -> ObjectSampler | ScreenObjects:  # fmt: skip
         """Sampler of the engine for objects of a shape and pitch under base tilts float64[T, 2] (sines)."""
+        if isinstance(material, KnownDiffuser):
+            return screen_objects(
+                material.slab.stack, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch, grid=seen.grid,
+                base=base, width=seen.width, profile=seen.profile, pixel_integration=seen.pixel_integration,
+                tolerance=tolerance, device=self.device,
+            )  # fmt: skip
+        assert isinstance(self.material, Material)
         light = None
         if seen.bandwidth:
             light = known_light(material.slab, self.material.kernel_paths, seen.bandwidth, self.light.spectrum)

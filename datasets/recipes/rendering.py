@@ -27,10 +27,12 @@ from specklegen.datasets.recipes.parts.viewing import Viewing
 from specklegen.datasets.split import Split
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
+from specklegen.samplers.screens.objects import ScreenObjects
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, directions_of_sines, object_sines
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
+from specklegen.scene.screens import ScreenStack
 from specklegen.scene.sensors import FarFieldGrid
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ class RenderedBy(IntEnum):
 
     PATHS = 1
     STATIONARY = 2
+    SCREENS = 3
 
 
 class Rendering(NamedTuple):
@@ -75,7 +78,7 @@ class MediumView:
 
     Attributes
     ----------
-    slab : Slab
+    slab : Slab or ScreenStack
     seen : Viewing
     shape : (int, int)
         Of the object; a beam is an object of one pixel.
@@ -85,7 +88,7 @@ class MediumView:
         Tilts of all its beams, radians.
     """
 
-    slab: Slab
+    slab: Slab | ScreenStack
     seen: Viewing
     shape: tuple[int, int]
     pitch: float
@@ -130,7 +133,7 @@ def medium_plan(recipe: "Recipe", view: Planned) -> Plan:
     """
     paths = recipe.material.kernel_paths
     made = plan(view.probe, paths=paths, sampler=recipe.sampler)
-    if made.sampler == "stationary":
+    if made.sampler != "paths":
         return made
     obstacle = recipe.path_sum_obstacle
     if obstacle:
@@ -173,7 +176,7 @@ def _rendering(made: Plan) -> Rendering:
 def realization(
     recipe: "Recipe",
     view: MediumView,
-    sampler: ObjectSampler,
+    sampler: ObjectSampler | ScreenObjects,
     media: Callable[[], list[torch.Tensor]],
     parameters: dict[str, float],
     where: tuple[int, Split, int],
@@ -196,7 +199,7 @@ def realization(
         Whether many objects look through it.
     """
     chosen = chosen_rendering(recipe, view)
-    if chosen.sampler is RenderedBy.STATIONARY:
+    if chosen.sampler is not RenderedBy.PATHS:
         fields: StationaryFields | PathSumFields = stationary_fields(sampler, media(), share=share)
     else:
         seeds = tuple(medium_seeds(recipe.light, *where))

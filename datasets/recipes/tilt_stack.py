@@ -14,6 +14,7 @@ from specklegen.datasets.recipes.rendering import MediumView, realization
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, Split, generator, substream
 from specklegen.scene.media import Slab
+from specklegen.scene.screens import ScreenStack
 
 _TOLERANCE = 0.01
 _BEAM = np.ones((1, 1), np.float32)  # to the sampler, a beam is an object of one pixel
@@ -53,7 +54,7 @@ class TiltStack(Recipe):
             "parameters": PARAMETERS,
         }
 
-    def view(self, slab: Slab, angles: np.ndarray) -> MediumView:
+    def view(self, slab: Slab | ScreenStack, angles: np.ndarray) -> MediumView:
         """One medium under its tilts."""
         seen = self.geometry
         return MediumView(slab, seen, (1, 1), seen.grid.pitch, angles)

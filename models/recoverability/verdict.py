@@ -189,6 +189,8 @@ def conditions_of(
     kernel = recipe.material_of(seed, split, medium).kernel
     steps = np.arange(1 + int(np.ceil(np.hypot(*recipe.objects.shape))))
     c_i = np.square(kernel(2 * np.pi / recipe.wavelength * pitch * steps)).clip(0, 1)
+    # Behind thin screens the light stays about its beam: a lobe of so many camera sides.
+    beam = min(beam, drawn.get("rms_angle", np.inf) / (pixel * float(np.prod(recipe.camera_shape)) ** 0.5))
     electrons, saturation = _exposure(recipe, (grain / pixel) ** 2)
     frames = 1.0
     if isinstance(recipe, DynamicSlab):

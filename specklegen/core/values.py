@@ -63,7 +63,8 @@ def _house_message(owner: str, error: ValidationError) -> str:
         if isinstance(context.get("error"), RuleError):
             lines.append(str(context["error"]))
             continue
-        where = ".".join([owner, *(str(part) for part in item["loc"])])
+        # A part that begins with "@" tells apart the members of a union; nobody wrote it.
+        where = ".".join([owner, *(str(part) for part in item["loc"] if not str(part).startswith("@"))])
         rule = _RULES.get(item["type"])
         rule = rule.format(**context) if rule else _bare(item["msg"])
         lines.append(f"{where} must be {rule}; got {shown(item['input'])}.")

@@ -19,6 +19,7 @@ N the normal density in the plane, n = 0 (the unscattered light) left out. Where
 
 import math
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from scipy.stats import binom, poisson, qmc
@@ -30,7 +31,9 @@ from specklegen.scene.screens import ScreenStack
 _ENUMERATED = 2**16
 """Numbers of deflections that are all listed; of more, so many are drawn that their quadrature is off by about 1e-4."""
 _DRAWN = 2**14
-_TAIL = 1e-9  # share of the deflections left out at either end
+_TAIL = 1e-9  # share of the deflections left out
+_LARGE_MEAN, _NODES = 12.0, 12
+"""Mean above which so many nodes stand for all numbers: K and f are then right to 1e-6 (tests)."""
 
 
 def coherence(
@@ -132,7 +135,9 @@ class Lobes:
         return (events * apart).sum(axis=1), mean
 
     def of_parity(self, parity: int) -> "Lobes":
-        """The terms of an even or odd number of deflections."""
+        """The terms of an even or odd number of deflections; half of each where nodes stand for many numbers."""
+        if (self.counts % 1 != 0).any():
+            return replace(self, shares=self.shares / 2)
         kept = self.counts.sum(axis=1) % 2 == parity
         return replace(self, counts=self.counts[kept], shares=self.shares[kept])
 
@@ -166,12 +171,10 @@ def _deflections(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     seen = -math.expm1(-float(means.sum()))
     if seen == 0:
         return np.zeros((0, len(means))), np.zeros(0)
-    ranges = [np.arange(float(poisson.ppf(_TAIL, mean)), float(poisson.isf(_TAIL, mean)) + 1) for mean in means]
-    # Where little is scattered at all, the tail is that of what is: the first order must be there.
-    ranges = [np.arange(each[0], max(each[-1], 4.0) + 1) for each in ranges]
-    if math.prod(map(len, ranges)) <= _ENUMERATED:
-        counts = np.stack([each.ravel() for each in np.meshgrid(*ranges, indexing="ij")], axis=1)
-        shares = np.exp(poisson.logpmf(counts, means).sum(axis=1))
+    each = [_poisson(float(mean)) for mean in means]
+    if math.prod(len(numbers) for numbers, _ in each) <= _ENUMERATED:
+        counts = np.stack([n.ravel() for n in np.meshgrid(*(numbers for numbers, _ in each), indexing="ij")], axis=1)
+        shares = reduce(np.multiply.outer, [weights for _, weights in each]).ravel()
         scattered = counts.any(axis=1)
         counts, shares = counts[scattered], shares[scattered]
         return counts, shares * (seen / shares.sum())
@@ -184,6 +187,21 @@ def _deflections(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         left = left - counts[:, m]
     counts[:, -1] = left
     return counts, np.full(_DRAWN, seen / _DRAWN)
+
+
+def _poisson(mean: float) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers and weights of a Poisson distribution: all that matter, or of a large mean the nodes of Gauss.
+
+    Golub and Welsch, Math. Comp. 23, 221 (1969), with the recurrence of the Charlier polynomials (DLMF 18.22).
+    """
+    if mean < _LARGE_MEAN:
+        # Where little is scattered at all, the tail is that of what is: the first orders must be there.
+        numbers = np.arange(max(float(poisson.isf(_TAIL, mean)), 4.0) + 1)
+        return numbers, poisson.pmf(numbers, mean)
+    order = np.arange(_NODES)
+    beside = np.sqrt(mean * order[1:])
+    numbers, vectors = np.linalg.eigh(np.diag(order + mean) + np.diag(beside, 1) + np.diag(beside, -1))
+    return numbers, np.square(vectors[0])
 
 
 def gathered(variance: np.ndarray, share: np.ndarray, most: int = 400) -> tuple[np.ndarray, np.ndarray]:

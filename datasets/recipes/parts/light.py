@@ -15,6 +15,7 @@ from specklegen.core.lazy import LazyModule
 from specklegen.core.random_streams import Seed
 from specklegen.core.values import NonNegative, Positive, Value
 from specklegen.datasets.split import Purpose, Split, substream
+from specklegen.samplers.screens.objects import ScreenObjects
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.samplers.stationary.spectrum import Spectrum
 
@@ -59,14 +60,17 @@ def medium_seeds(light: Light, seed: int, split: Split, medium: int) -> list[See
     return [substream(seed, split, purpose, medium) for purpose in _MEDIUM[: light.halves]]
 
 
-def draw_medium(light: Light, sampler: ObjectSampler, seed: int, split: Split, medium: int) -> torch.Tensor:
+def draw_medium(
+    light: Light, sampler: ObjectSampler | ScreenObjects, seed: int, split: Split, medium: int
+) -> torch.Tensor:
     """One medium for this light, complex[N, R, y, x]; each polarisation has a substream of its own."""
     halves = [sampler.medium(each) for each in medium_seeds(light, seed, split, medium)]
     return _joined(halves)
 
 
 def draw_frames(
-    light: Light, sampler: ObjectSampler, seed: int, split: Split, medium: int, count: int, correlation: float
+    light: Light, sampler: ObjectSampler | ScreenObjects, seed: int, split: Split, medium: int, count: int,
+    correlation: float,
 ) -> list[torch.Tensor]:
     """A medium that changes from frame to frame, ``count`` times complex[N, R, y, x].
 

@@ -38,6 +38,7 @@ class Estimator(IntEnum):
 
     PATHS = 1
     ATLAS = 2
+    CLOSED_FORM = 3
 
 
 class SplitRanges(Value):

@@ -353,7 +353,7 @@ def _waves(along: np.ndarray, across: np.ndarray, gain: np.ndarray, real: torch.
 
 def _lit_box(brightness: np.ndarray) -> tuple[slice, slice]:
     """Rows and columns that hold all bright pixels."""
-    lit = [np.flatnonzero((brightness > 0).any(axis=axis)) for axis in (1, 0)]
+    lit = [np.flatnonzero((brightness != 0).any(axis=axis)) for axis in (1, 0)]
     rows, columns = (slice(int(n[0]), int(n[-1]) + 1) if len(n) else slice(0, 0) for n in lit)
     return rows, columns
 

@@ -1,0 +1,170 @@
+"""The diffuser of a recipe: thin screens, whose numbers may be drawn anew for every medium.
+
+In TOML a ``[material]`` with screens instead of a slab:
+
+    [material]
+    wavelength = 0.532
+    screens = [{ type = "GroundGlass", angle = { uniform = [0.1, 0.2] } }, { type = "GroundGlass", grit = 600 }]
+    gaps = [{ log_uniform = [200.0, 2000.0] }]
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import BeforeValidator, PrivateAttr, TypeAdapter, WithJsonSchema, model_validator
+
+from specklegen.core.errors import reject
+from specklegen.core.values import Positive, Value
+from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, is_draw
+from specklegen.datasets.recipes.parts.material import Estimator
+from specklegen.datasets.split import Split
+from specklegen.samplers.screens.correlation import ScreenCorrelation, screen_correlation
+from specklegen.scene.screens import ScreenStack
+
+_DRAW = TypeAdapter(Draw)
+
+
+def _read(screen: Any) -> Any:
+    if isinstance(screen, Value):
+        screen = screen.model_dump(exclude_none=True)
+    if not isinstance(screen, Mapping):
+        reject("Diffuser.screens", 'tables such as {type = "GroundGlass", grit = 220}', screen)
+    return {name: _DRAW.validate_python(value) if is_draw(value) else value for name, value in screen.items()}
+
+
+DrawnScreen = Annotated[
+    dict[str, Any],
+    BeforeValidator(_read),
+    WithJsonSchema({"type": "object", "required": ["type"], "properties": {"type": {"type": "string"}}}),
+]
+"""A screen's table, with distributions in place of numbers."""
+
+
+class Diffuser(Value):
+    """Thin screens one behind the other; every number may be a constant, a range or a choice.
+
+    Parameters
+    ----------
+    wavelength
+        Between the screens; fixes the unit of every length. Left out where a ``[lab]`` table gives it.
+    screens
+        Tables of :class:`specklegen.PhaseScreen` and :class:`specklegen.GroundGlass`, by their ``type``.
+    gaps
+        Distances between them, one fewer than there are screens.
+    """
+
+    wavelength: Positive | None = None
+    screens: tuple[DrawnScreen, ...]
+    gaps: tuple[Draw, ...] = ()
+    _laboratory: float | None = PrivateAttr(None)
+
+    kernel: ClassVar = "closed form"
+    kernel_paths: ClassVar = 64  # what a plan is asked for; screens trace none
+    by_split: ClassVar = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        self.extremes()  # refuses what is no stack
+        return self
+
+    @property
+    def varies(self) -> bool:
+        """Whether two media may have different parameters."""
+        return any(low < high for low, high in map(ends, self._draws().values()))
+
+    def _draws(self) -> dict[str, Any]:
+        """Distributions by the names under which their numbers are stored."""
+        named = {
+            f"screen{m}_{name}": screen[name]
+            for m, screen in enumerate(self.screens) for name in sorted(screen) if is_draw(screen[name])
+        }  # fmt: skip
+        return named | {f"gap{n}": gap for n, gap in enumerate(self.gaps) if is_draw(gap)}
+
+    def draw(self, rng: np.random.Generator, split: Split) -> ScreenStack:  # noqa: ARG002 - as of a slab
+        """One stack."""
+        return self.slab_of({name: drawn(source, rng) for name, source in self._draws().items()})
+
+    def slab_of(self, parameters: Mapping[str, float]) -> ScreenStack:
+        """Stack of a sample, from its stored parameters."""
+        screens = [
+            {name: parameters.get(f"screen{m}_{name}", value) for name, value in screen.items()}
+            for m, screen in enumerate(self.screens)
+        ]
+        gaps = [parameters.get(f"gap{n}", gap) for n, gap in enumerate(self.gaps)]
+        return ScreenStack(screens=screens, gaps=gaps)
+
+    def extremes(self) -> list[ScreenStack]:
+        """Stacks at the ends of every range."""
+        draws = self._draws()
+        corners = product(*(sorted(set(ends(source))) for source in draws.values()))
+        return [self.slab_of(dict(zip(draws, corner, strict=True))) for corner in corners]
+
+    def labels(self, slab: ScreenStack) -> dict[str, float]:
+        """The numbers that were drawn for a stack."""
+        found = {}
+        for name in self._draws():
+            place, _, field = name.partition("_")
+            if field:
+                found[name] = float(getattr(slab.screens[int(place.removeprefix("screen"))], field))
+            else:
+                found[name] = float(slab.gaps[int(place.removeprefix("gap"))])
+        return found
+
+    def seen_at(self, wavelength: float) -> None:
+        """Take the wavelength of a laboratory."""
+        self._laboratory = wavelength
+
+    def known(self, slab: ScreenStack) -> "KnownDiffuser":
+        """Return a stack of this diffuser with its memory effect."""
+        wavelength = self.wavelength or self._laboratory
+        assert wavelength is not None
+        return known(slab, wavelength)
+
+
+@dataclass(frozen=True)
+class KnownDiffuser:
+    """A stack of screens with its memory effect, in the place of a slab with its own.
+
+    Attributes
+    ----------
+    slab : ScreenStack
+    kernel : ScreenCorrelation
+    half_range : float
+        Lateral wavevector difference at which C_I is half way to its floor; inf of a single screen.
+    estimator : Estimator
+    """
+
+    slab: ScreenStack
+    kernel: ScreenCorrelation
+    half_range: float
+    estimator: Estimator = Estimator.CLOSED_FORM
+
+    def range_sine(self, wavelength: float) -> float:
+        """Sine of the memory-effect range; inf where there is none."""
+        return self.half_range * wavelength / (2 * np.pi)
+
+    def parameters(self, wavelength: float) -> dict[str, float]:
+        """What is stored with every sample: the screens, and what they do to light."""
+        sine = self.range_sine(wavelength)
+        return {
+            "wavelength": wavelength,
+            "thickness": self.slab.thickness,
+            "screens": float(len(self.slab.screens)),
+            "rms_angle": self.slab.rms_angle(wavelength),
+            "ballistic_fraction": float(np.exp(-self.slab.optical_depth(wavelength))),
+            "single_share": self.kernel.single_share,
+            "forward_radiance": float(self.kernel.weights.sum()),
+            "memory_effect_range": float(np.arcsin(min(sine, 1.0))) if np.isfinite(sine) else np.inf,
+            "estimator": float(self.estimator),
+        }
+
+
+@lru_cache(maxsize=64)
+def known(stack: ScreenStack, wavelength: float) -> KnownDiffuser:
+    """A stack with its memory effect."""
+    kernel = screen_correlation(stack, wavelength)
+    return KnownDiffuser(stack, kernel, kernel.half_range())

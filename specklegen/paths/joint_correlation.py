@@ -1,0 +1,156 @@
+"""The generalised memory effect: how far speckle moves, and how much of it stays, under a tilt and a shift together.
+
+    C(delta, x) = E[ w e^(ik v . x - ik delta . R) ] / E[w]
+
+over the light that leaves a medium at any view: v its lateral direction, R how far it has come sideways on the exit
+face, w its weight. A tilt by delta moves the pattern there by delta times the slope of R with v, the distance of the
+optimum plane; Osnabrugge, Horstmeyer, Papadopoulos, Judkewitz, Vellekoop, Optica 4, 886 (2017). Behind thin screens it
+is Eq. 1 of :mod:`specklegen.theory.phase_screens`; behind a slab the paths are walked here, from the axis on and one
+collision after the other, to first order in the tilt.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from specklegen.core.arguments import real_array, whole_number
+from specklegen.core.errors import reject
+from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.scene.media import Slab
+from specklegen.scene.screens import ScreenStack, ThinMedium, require_thin
+from specklegen.theory.phase_screens import coherence, spread, tilt_ways
+
+_NODES = 20001  # of the scattering angle, dense towards the forward lobe
+_MOST_COLLISIONS = 100_000
+
+
+@dataclass(frozen=True)
+class JointCorrelation:
+    """Correlation of the scattered field with itself, tilted and shifted along x.
+
+    Attributes
+    ----------
+    tilts, shifts : float64[T], float64[S]
+        Differences of the beams' sines; shifts on the exit plane.
+    magnitude : float64[T, S]
+        |C|, of the field.
+    standard_error : float64[T, S]
+        Of it; 0 where it is a closed form.
+    plane : float
+        How far before the exit plane the pattern stands still under a tilt: the best shift is the tilt times it.
+    """
+
+    tilts: np.ndarray
+    shifts: np.ndarray
+    magnitude: np.ndarray
+    standard_error: np.ndarray
+    plane: float
+
+
+def joint_correlation(
+    medium: Slab | ThinMedium, *, wavelength: float, tilts: ArrayLike, shifts: ArrayLike, paths: int = 100_000,
+    seed: int = 0,
+) -> JointCorrelation:  # fmt: skip
+    """Joint tilt and shift correlation of transmitted light over all views.
+
+    Parameters
+    ----------
+    medium
+        A slab, or thin screens.
+    wavelength
+        Inside the medium.
+    tilts, shifts
+        float[T] differences of direction sines, float[S] lengths on the exit plane, both along x.
+    paths
+        Walked through a slab, in 64 batches; screens need none.
+    seed
+        Of the walk.
+
+    Raises
+    ------
+    RuleError
+        For arguments out of range, or a slab through which no scattered light comes.
+    """
+    tilts = np.atleast_1d(real_array("joint_correlation tilts", tilts))
+    shifts = np.atleast_1d(real_array("joint_correlation shifts", shifts))
+    if not isinstance(medium, Slab):
+        return _of_screens(require_thin(medium, wavelength), wavelength, tilts, shifts)
+    walks, ways, weights = _walked(medium, whole_number("joint_correlation paths", paths, BATCHES), seed)
+    k, batch = 2 * np.pi / wavelength, np.arange(len(weights)) * BATCHES // len(weights)
+    if not weights.any():
+        reject("joint_correlation paths", "enough for some scattered light to come through", paths)
+    sums = [np.bincount(batch, weights, BATCHES)]
+    for tilt in tilts:
+        for shift in shifts:
+            # Over both axes alike: x stands for y as well.
+            waves = np.exp(1j * k * (ways * shift - tilt * walks)).mean(axis=1) * weights
+            sums += [np.bincount(batch, part, BATCHES) for part in (waves.real, waves.imag)]
+    value, error = jackknife(np.array(sums).T, lambda s: np.hypot(s[1::2], s[2::2]) / s[0])
+    shape = (len(tilts), len(shifts))
+    slope = (weights @ (walks * ways)).sum() / (weights @ ways**2).sum()
+    return JointCorrelation(tilts, shifts, value.reshape(shape), error.reshape(shape), float(slope))
+
+
+def forward_correlation(slab: Slab, wavelength: float, tilt: ArrayLike, shift: ArrayLike) -> np.ndarray:
+    """|C| of a forward slab whose lobes are Gaussian: exp{-(k^2 L / 2 l*) [x^2 - L delta x + L^2 delta^2 / 3]}.
+
+    Its best shift is L delta / 2, its best tilt 3 x / (2 L); for thicknesses far below the transport length l*.
+    """
+    tilt, shift, thickness = np.asarray(tilt), np.asarray(shift), slab.thickness
+    quadratic = shift**2 - thickness * tilt * shift + (thickness * tilt) ** 2 / 3
+    return np.exp(-np.square(2 * np.pi / wavelength) * thickness / (2 * slab.transport_length) * quadratic)
+
+
+def _of_screens(stack: ScreenStack, wavelength: float, tilts: np.ndarray, shifts: np.ndarray) -> JointCorrelation:
+    ways = tilt_ways(stack, np.stack([tilts, 0 * tilts], axis=-1))[:, None]
+    apart = np.stack([shifts, 0 * shifts], axis=-1)
+    unscattered = np.exp(-stack.optical_depth(wavelength))
+    found = (coherence(stack, wavelength, apart, ways) - unscattered) / max(1 - unscattered, 1e-300)
+    return JointCorrelation(tilts, shifts, found, 0 * found, spread(stack, wavelength)[2])
+
+
+def _walked(slab: Slab, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lateral walks float64[P, 2], directions float64[P, 2] and weights float64[P], 0 of light that is not seen."""
+    rng = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed)))
+    tables = [_angles(scatterer) for scatterer, _ in slab.scatterer.components]
+    shares = np.cumsum([share for _, share in slab.scatterer.components])
+    position, direction = np.zeros((paths, 3)), np.tile([0.0, 0.0, 1.0], (paths, 1))
+    weights, collided, alive = np.zeros(paths), np.zeros(paths), np.arange(paths)
+    for _ in range(_MOST_COLLISIONS):
+        flight = rng.exponential(slab.mean_free_path, len(alive))[:, None]
+        ahead = position[alive] + flight * direction[alive]
+        inside = (ahead[:, 2] >= 0) & (ahead[:, 2] <= slab.thickness)
+        out = alive[(ahead[:, 2] > slab.thickness) & (collided[alive] > 0)]
+        left = (slab.thickness - position[out, 2:]) / direction[out, 2:]
+        position[out] += left * direction[out]
+        weights[out] = slab.albedo ** collided[out]
+        alive, ahead = alive[inside], ahead[inside]
+        if not len(alive):
+            break
+        position[alive] = ahead
+        collided[alive] += 1
+        kind = np.searchsorted(shares[:-1], rng.random(len(alive)) * shares[-1])
+        drawn = rng.random(len(alive))
+        theta = np.select([kind == n for n in range(len(tables))], [np.interp(drawn, *table) for table in tables])
+        direction[alive] = _turned(direction[alive], theta, 2 * np.pi * rng.random(len(alive)))
+    return position[:, :2], direction[:, :2], weights
+
+
+def _angles(scatterer) -> tuple[np.ndarray, np.ndarray]:
+    """Shares of the light below an angle, and the angles, both float64[n]."""
+    theta = np.pi * np.square(np.linspace(0, 1, _NODES))
+    density = np.square(np.abs(scatterer.amplitude(np.cos(theta)))) * np.sin(theta)
+    shares = np.append(0.0, np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(theta)))
+    return shares / shares[-1], theta
+
+
+def _turned(direction: np.ndarray, theta: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Unit vectors turned by theta about azimuths; the frame of Duff et al., JCGT 6, 1 (2017)."""
+    x, y, z = direction.T
+    sign = np.copysign(1.0, z)
+    a = -1 / (sign + z)
+    first = np.stack([1 + sign * x * x * a, sign * x * y * a, -sign * x], axis=1)
+    second = np.stack([x * y * a, sign + y * y * a, -y], axis=1)
+    across = np.sin(theta)[:, None] * (np.cos(azimuth)[:, None] * first + np.sin(azimuth)[:, None] * second)
+    return across + np.cos(theta)[:, None] * direction

@@ -1,0 +1,165 @@
+"""Images of hidden objects behind thin screens: the stationary sampler's, under the envelope that each beam carries.
+
+    I(v) = sum_j O_j E^2(v - i_j) |F_j(v)|^2,     E^2(v - i) = sum_n g_n(v) P_n(i)
+
+E^2 is smooth over the object, so that a few Legendre polynomials P_n of the beams' directions hold it: each costs one
+image of the object times P_n. They are fitted at Gauss nodes, as many as bring the error below :data:`TOLERANCE`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss, legvander
+
+from specklegen.core.errors import reject
+from specklegen.core.lazy import LazyModule
+from specklegen.core.random_streams import Seed
+from specklegen.samplers.screens.correlation import profile, screen_correlation
+from specklegen.samplers.screens.rule import mirror_error
+from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
+from specklegen.scene.screens import ScreenStack
+from specklegen.scene.sensors import FarFieldGrid
+from specklegen.theory.phase_screens import index_correlation, lobes
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
+
+TOLERANCE = 4e-3
+"""Error of E^2, over its peak, that the polynomials may leave."""
+MOST_DEGREE = 8
+_LOST = 0.02  # correlation that may be lost to what objects have no model of
+
+
+@dataclass(frozen=True)
+class ScreenObjects:
+    """Draws media and images objects through them, as :class:`ObjectSampler`, whose fields it takes.
+
+    Attributes
+    ----------
+    inner : ObjectSampler
+    polynomials : float64[N, h, w]
+        P_n over the object's pixels.
+    gains : real[T, N, H, W]
+        g_n of every base tilt at the camera's pixels.
+    """
+
+    inner: ObjectSampler
+    polynomials: np.ndarray
+    gains: torch.Tensor
+
+    @cached_property
+    def mean(self) -> float:
+        """Expected image of an evenly bright object of total brightness 1, over all pixels and base tilts."""
+        return self.inner.mean * float(self.gains[:, 0].mean())
+
+    @property
+    def rank(self) -> int:
+        """Number of modes."""
+        return self.inner.rank
+
+    @property
+    def spectra_bytes(self) -> int:
+        """Memory of one medium's spectra."""
+        return self.inner.spectra_bytes
+
+    def medium(self, seed: Seed, realization: int = 0) -> torch.Tensor:
+        """One medium; see :meth:`ObjectSampler.medium`."""
+        return self.inner.medium(seed, realization)
+
+    def spectra(self, medium: torch.Tensor) -> torch.Tensor:
+        """Lag spectra of a medium; see :meth:`ObjectSampler.spectra`."""
+        return self.inner.spectra(medium)
+
+    def images(self, medium: torch.Tensor, brightness: np.ndarray) -> torch.Tensor:
+        """Expected-intensity images real[T, H, W]; see :meth:`ObjectSampler.images`."""
+        light = np.asarray(brightness, np.float64)
+        if len(self.polynomials) > 1 and medium.shape[-2:] == self.inner.envelope.shape:
+            medium = self.inner.spectra(medium)  # once for all polynomials
+        total = 0.0
+        for n, polynomial in enumerate(self.polynomials):
+            total = total + self.gains[:, n] * self.inner.images(medium, light * polynomial)
+        return total  # type: ignore[return-value]
+
+    def contrast(self, brightness: np.ndarray) -> float:
+        """Expected contrast at one camera pixel, over media; beams of one object stand under nearly one envelope."""
+        return self.inner.contrast(brightness)
+
+
+def screen_objects(
+    stack: ScreenStack, *, wavelength: float, object_shape: tuple[int, int], object_pitch: float, grid: FarFieldGrid,
+    base: np.ndarray, **options: Any,
+) -> ScreenObjects:  # fmt: skip
+    """Prepare a sampler for objects of one shape behind screens; ``options`` are those of :func:`object_sampler`.
+
+    Raises
+    ------
+    RuleError
+        For screens so weak that images are correlated with their mirror image, or tilts at which the index tells.
+    """
+    terms = lobes(stack, wavelength)
+    mirrored = mirror_error(terms)
+    if mirrored > _LOST:
+        reject(
+            "Diffuser.screens", f"so strong that an image's mirror image is correlated with it by {_LOST:g} at most",
+            float(f"{mirrored:.2g}"), "Raise the rms phase to 2 or more; render() draws single weak screens.",
+        )  # fmt: skip
+    base = np.atleast_2d(base)
+    half = 0.5 * object_pitch * (np.array(object_shape[::-1]) - 1)
+    farthest = np.hypot(*(np.abs(base) + half).T).max(initial=0.0)
+    kept = index_correlation(stack, wavelength, np.array([0.0, farthest]))[0, 1] ** 2
+    if kept < 1 - _LOST:
+        reject(
+            "Diffuser.screens", f"of an index that leaves {1 - _LOST:g} of the correlation across object and tilts",
+            float(f"{kept:.3g}"), "Use a smaller object, smaller tilts, or a lower rms height.",
+        )  # fmt: skip
+    inner = object_sampler(
+        screen_correlation(stack, wavelength), wavelength=wavelength, object_shape=object_shape,
+        object_pitch=object_pitch, grid=grid, base=base, **options,
+    )  # fmt: skip
+
+    def squared(x: np.ndarray, y: np.ndarray, beams: np.ndarray) -> np.ndarray:
+        """E^2 [T, B, len(y), len(x)] of beams float64[B, 2] under every base tilt."""
+        light = base[:, None] + beams
+        apart = np.hypot(x - light[..., 0, None, None], y[:, None] - light[..., 1, None, None])
+        views = 1 - np.square(x) - np.square(y)[:, None]
+        return views / np.sqrt(1 - np.square(light).sum(-1))[..., None, None] * np.square(profile(terms, apart))
+
+    x, y = grid.sines
+    few_x, few_y = (axis[np.unique(np.linspace(0, len(axis) - 1, 9).astype(int))] for axis in (x, y))
+    corners = half * np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
+    for degree in range(MOST_DEGREE + 1):
+        nodes, fit, orders = _fit(degree)
+        held = np.einsum("tbhw,bn->tnhw", squared(few_x, few_y, nodes * half), fit)
+        exact, at = squared(few_x, few_y, corners), _values(np.sign(corners), orders)
+        if np.abs(np.einsum("tnhw,bn->tbhw", held, at) - exact).max() <= TOLERANCE or not half.any():
+            break
+    else:
+        reject("ObjectField", "of an extent below some of the lobes' widths", object_shape, "Use a smaller object.")
+    # The object's pixel (row, column) sends its light along minus its position: object_sines.
+    along = [-np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in object_shape]
+    pixels = np.stack(np.meshgrid(along[1], along[0]), axis=-1).reshape(-1, 2)
+    gains = np.einsum("tbhw,bn->tnhw", squared(x, y, nodes * half), fit)
+    return ScreenObjects(
+        inner, _values(pixels, orders).T.reshape(-1, *object_shape), torch.as_tensor(gains).to(inner.envelope)
+    )
+
+
+def _fit(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes float64[B, 2], what turns values there into coefficients float64[B, N], and orders int64[N, 2]."""
+    points, weights = leggauss(degree + 1)
+    nodes = np.stack(np.meshgrid(points, points), axis=-1).reshape(-1, 2)
+    orders = np.array([[a, total - a] for total in range(degree + 1) for a in range(total, -1, -1)])
+    norm = ((2 * orders + 1) / 2).prod(axis=1)
+    return nodes, np.outer(weights, weights).reshape(-1, 1) * _values(nodes, orders) * norm, orders
+
+
+def _values(points: np.ndarray, orders: np.ndarray) -> np.ndarray:
+    """Products of Legendre polynomials at points float64[B, 2]: float64[B, N]."""
+    along = [legvander(points[:, axis], int(orders.max())) for axis in (0, 1)]
+    return along[0][:, orders[:, 0]] * along[1][:, orders[:, 1]]

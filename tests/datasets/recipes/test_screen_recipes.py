@@ -1,0 +1,121 @@
+"""Recipes of thin screens: planned, streamed and judged as all others, under an envelope that moves with each beam."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import specklegen as sg
+from specklegen.datasets import load_recipe
+from specklegen.models.recoverability.verdict import recoverable
+from specklegen.samplers.screens.objects import TOLERANCE, screen_objects
+
+NAMES = ["ground-glass", "double-diffuser", "screen-stack"]
+SMALL = {"camera": {"shape": [32, 32]}, "objects": {"shape": [9, 9]}}
+
+
+def small(name, **changes):
+    changes = SMALL | changes
+    if name != "ground-glass":
+        changes = {"field": {"pixels": 12.0}} | changes
+    return load_recipe(name, changes)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_samples_are_planned_pure_and_say_who_rendered_them(name):
+    recipe = small(name)
+    assert all(plan.sampler == "screens" for plan in recipe.plans())
+    sample = recipe.sample(3, "train", 5)
+    again = pickle.loads(pickle.dumps(recipe)).sample(3, "train", 5)
+    np.testing.assert_array_equal(sample["image"], again["image"])
+    assert sample["parameters"]["sampler"] == 3
+    assert sample["parameters"]["estimator"] == 3
+    assert "the screens sampler" in recipe.rendering_note
+    stack = recipe.material.slab_of(sample["parameters"])
+    assert stack.stack.rms_angle(0.532) == pytest.approx(sample["parameters"]["rms_angle"])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_images_have_mean_one_and_the_contrast_that_is_expected(name):
+    recipe = small(name, media="new")
+    samples = [recipe.sample(0, "train", n) for n in range(60)]
+    means = np.array([s["image"].mean() for s in samples])
+    assert abs(means.mean() - 1) < 5.5 * means.std() / np.sqrt(60) + 0.01
+    spread = np.array([s["image"].var() / s["parameters"]["expected_contrast"] ** 2 for s in samples])
+    assert spread.mean() == pytest.approx(1, abs=5.5 * spread.std() / np.sqrt(60) + 0.05)
+
+
+def test_images_are_those_that_beams_add_up_to():
+    """One medium, all beams drawn one by one by their envelopes and modes, against the polynomials' images."""
+    screens = (sg.PhaseScreen(rms_phase=3.0, correlation_length=20.0),) * 2
+    stack, grid = sg.ScreenStack(screens=screens, gaps=(400.0,)), sg.FarField.grid((24, 24), 1 / 1500)
+    shape, pitch = (5, 4), 0.004
+    made = screen_objects(
+        stack, wavelength=1.0, object_shape=shape, object_pitch=pitch, grid=grid, base=np.zeros((1, 2)), width=500.0
+    )
+    medium = made.medium(1)
+    light = sg.IncoherentObject(brightness=np.ones(shape), pitch=pitch, width=500.0)
+    angle, rng = stack.rms_angle(1.0), np.random.default_rng(0)
+    for n in rng.integers(0, 20, 4):
+        one = np.zeros(shape)
+        one.flat[n] = 1.0
+        image = made.images(medium, one)[0].numpy()
+        flat = made.inner.images(medium, one)[0].numpy()
+        apart = grid.directions[..., :2] - light.directions[n, :2]
+        lobe = np.exp(-np.square(apart).sum(-1) / (2 * angle**2))
+        # sigma = 3: the lobe is Gaussian within 3 %.
+        bright = flat > 0.05 * flat.max()
+        np.testing.assert_allclose((image / flat)[bright], lobe[bright], atol=0.03 + TOLERANCE)
+
+
+def test_a_dark_pixel_takes_nothing_however_the_polynomials_are_signed():
+    stack = sg.PhaseScreen(rms_phase=3.0, correlation_length=20.0).stack
+    grid = sg.FarField.grid((24, 24), 1 / 1500)
+    made = screen_objects(
+        stack, wavelength=1.0, object_shape=(9, 9), object_pitch=0.004, grid=grid, base=np.zeros((1, 2)), width=500.0
+    )
+    assert len(made.polynomials) > 1
+    medium, images = made.medium(2), []
+    for lit in ([0], [8], [0, 8]):
+        brightness = np.zeros((9, 9))
+        brightness[lit, 0] = 1.0
+        images.append(made.images(medium, brightness)[0].numpy())
+    assert min(each.min() for each in images) > -2e-3 * images[2].max()
+    np.testing.assert_allclose(images[2], images[0] + images[1], atol=1e-4 * images[2].max())
+
+
+def test_what_screens_have_no_model_of_is_refused():
+    with pytest.raises(sg.RuleError, match="bandwidth"):
+        small("ground-glass", light={"bandwidth": 0.001})
+    screen = {"type": "PhaseScreen", "rms_phase": 0.5, "correlation_length": 5.0}
+    weak = small("ground-glass", material={"screens": [screen]})
+    with pytest.raises(sg.RuleError, match="mirror"):
+        weak.sample(0, "train", 0)
+    with pytest.raises(sg.RuleError, match="paths"):
+        small("ground-glass", sampler="paths").sample(0, "train", 0)
+    with pytest.raises(sg.RuleError, match="extent_over_range"):
+        load_recipe("ground-glass", {"field": {"extent_over_range": 0.5}})
+    with pytest.raises(sg.RuleError, match="1 numbers for 2 screens"):
+        small("double-diffuser", material={"gaps": []})
+
+
+def test_a_slab_recipe_still_names_its_fields_and_a_diffuser_its_own():
+    with pytest.raises(sg.RuleError, match=r"^Material\.kernel_paths must be at least 64"):
+        load_recipe("through-slab", {"material": {"kernel_paths": 3}})
+    with pytest.raises(sg.RuleError, match=r"^Diffuser\.thicknes must be absent"):
+        small("ground-glass", material={"thicknes": 3.0})
+
+
+def test_a_laboratory_gives_the_wavelength():
+    lab = load_recipe("through-slab-lab").lab
+    table = small("ground-glass").model_dump(mode="json", exclude={"window", "camera", "field"}, exclude_none=True)
+    table["material"].pop("wavelength")
+    recipe = type(small("ground-glass"))(**table, lab=lab.replace(bandwidth=0.0))
+    material = recipe.material.known(recipe.material.extremes()[0])
+    assert material.kernel.wavelength == recipe.wavelength
+
+
+def test_recoverable_judges_screens_with_their_envelope():
+    verdict = recoverable("double-diffuser", media=1)
+    assert 0 <= verdict.probability <= 1
+    assert verdict.numbers["C_I_across_object"] < 1
