@@ -11,7 +11,7 @@ from specklegen.paths.endpoints import Endpoints, light_endpoints, plane_endpoin
 from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.volumes import materials, volume_of
 from specklegen.scene.faces import Faces
-from specklegen.scene.media import Medium, Slab
+from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
 
 
@@ -82,7 +82,7 @@ def scene_layout(scene: Scene) -> Layout:
     )
 
 
-def _faces(medium: Medium) -> Faces:
+def _faces(medium: object) -> Faces:
     return medium.faces if isinstance(medium, Slab) else Faces()
 
 
