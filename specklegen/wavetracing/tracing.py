@@ -237,7 +237,7 @@ def trace(
             images[n].append((scale * values).reshape(plane.shape))
             images[n + 1].append((scale * deviation).reshape(plane.shape))
     area = float(areas[0]) / max(1, int(statistics[beam_walk.REGIONS]))
-    found = Statistics(*map(int, statistics), region_area=area)
+    found = Statistics(*statistics.tolist(), region_area=area)
     return WaveTrace(images[0], images[1], images[2], images[3], Ledger(*ends.tolist()), found)
 
 
