@@ -45,6 +45,7 @@ class Purpose(IntEnum):
     SAMPLE_ORDER = 14
     FIELD = 15
     FAMILY = 16
+    OUTLINE = 17
 
 
 def split_number(split: str) -> int:

@@ -1,6 +1,8 @@
 from .judging.evaluation import evaluate as evaluate
 from .learning.reconstructor import Reconstructor as Reconstructor
 from .learning.reconstructor import load_pretrained as load_pretrained
+from .learning.solver import Solver as Solver
+from .learning.solver import load_solver as load_solver
 from .learning.training import Training as Training
 from .learning.training import train as train
 from .likelihood.likelihood import Optics as Optics
@@ -12,6 +14,7 @@ from .likelihood.periodogram import periodogram as periodogram
 from .metrics import align as align
 from .metrics import bootstrap as bootstrap
 from .metrics import scores as scores
+from .recoverability.after_image import see_through as see_through
 from .recoverability.verdict import Verdict as Verdict
 from .recoverability.verdict import recoverable as recoverable
 from .retrieval.phase_retrieval import Retrieval as Retrieval

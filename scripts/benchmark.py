@@ -40,6 +40,7 @@ from specklegen.scene.sensors import Side
 
 PATHS = 100_000
 WIDTH = 1e5
+BOUNDS = {"box": 100, "16^3 voxels": 300}  # nanoseconds an event of walks in one direction
 MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
 
 
@@ -147,7 +148,7 @@ def field_error(made: sg.Plan) -> float:
 
 
 def volume_rows(repeats: int) -> list[Row]:
-    """Paths through a box and 16^3 voxels of Henyey-Greenstein scatterers (g = 0.9, 10 free paths deep), one by one."""
+    """Paths through a box and 16^3 voxels of Henyey-Greenstein scatterers (g = 0.9, 10 free paths deep)."""
     scatterer = sg.HenyeyGreenstein(g=0.9)
     corners = {"lower": np.array([-50, -50, 0]), "upper": np.array([50, 50, 100])}
     extinction = 0.1 * np.random.default_rng(0).uniform(0.5, 1.5, (16, 16, 16))
@@ -166,7 +167,8 @@ def volume_rows(repeats: int) -> list[Row]:
             events = tracer.trace(0, PATHS // 10, threads=1).events  # compiles, too
             (spent,) = seconds(lambda n, of=tracer: of.trace(0, PATHS // 10, threads=1), repeats=repeats)
             words = ", both directions" if reverse else ""
-            rows.append(Row(f"{name}, per scattering event{words}", "ns", list(1e9 * spent / events)))
+            must = None if reverse else BOUNDS[name]
+            rows.append(Row(f"{name}, per scattering event{words}", "ns", list(1e9 * spent / events), must))
     return rows
 
 

@@ -57,6 +57,14 @@ class Fields(Protocol):
         ...
 
 
+class Contrast(Protocol):
+    """What says the contrast of images."""
+
+    def contrast(self, brightness: np.ndarray) -> float:
+        """Expected contrast of images of an object real[h, w] under polarised light."""
+        ...
+
+
 @dataclass(frozen=True)
 class StationaryFields:
     """Fields of the stationary sampler, one a frame.
@@ -223,8 +231,8 @@ class MediumRealization:
     Attributes
     ----------
     fields : Fields
-    sampler : ObjectSampler or ScreenObjects
-        Of the stationary model, which knows mean and contrast in advance.
+    sampler : Contrast
+        What knows the contrast in advance: the stationary model, where it is near enough.
     parameters : dict
         What was drawn for the medium, and what follows from it.
     tilts : float64[T, 2]
@@ -234,7 +242,7 @@ class MediumRealization:
     """
 
     fields: Fields
-    sampler: ObjectSampler | ScreenObjects
+    sampler: Contrast
     parameters: dict[str, float]
     tilts: np.ndarray
     contrast: float
@@ -256,7 +264,7 @@ class MediumRealization:
         return image * np.float32(1 / mean)
 
     def expected_contrast(self, brightness: np.ndarray) -> float:
-        """Expected contrast of the images, noise aside, as the stationary model has it."""
+        """Expected contrast of the images, noise aside, as :attr:`sampler` has it."""
         return self.contrast * self.sampler.contrast(brightness)
 
 

@@ -23,7 +23,7 @@ from specklegen.datasets.recipes.parts.distributions import ends
 from specklegen.datasets.recipes.parts.light import Light
 from specklegen.datasets.recipes.parts.material import Estimator, KnownMaterial, Material, known_light
 from specklegen.datasets.recipes.parts.viewing import CameraGrid, Lab, Viewing, Window
-from specklegen.datasets.recipes.rendering import MediumView, RenderedBy, Rendering, medium_plan, rendering_of
+from specklegen.datasets.recipes.rendering import Planned, RenderedBy, Rendering, medium_plan, rendering_of
 from specklegen.datasets.sample_schema import ArraySpec, require_finite
 from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
 from specklegen.instrument.camera import Camera, NoiseStreams, expose
@@ -260,7 +260,7 @@ class Recipe(Value, Pictured):
     def physics(self) -> dict[str, Any]:
         """Everything that decides a pixel."""
         decided = self.model_dump(mode="json", exclude=COSMETIC) | {"data_version": DATA_VERSION}
-        return decided | ({"atlas": atlas_digest()} if self.material.kernel == "atlas" else {})
+        return decided | ({"atlas": atlas_digest(self.material.extremes())} if self.material.kernel == "atlas" else {})
 
     @cached_property
     def _canonical_json(self) -> str:
@@ -396,7 +396,7 @@ class Recipe(Value, Pictured):
         """One sample, before it is checked; what each kind says."""
         raise NotImplementedError
 
-    def extremes(self) -> list[MediumView]:
+    def extremes(self) -> Sequence[Planned]:
         """Media at the ends of every range, looked at by the widest object and the most tilted beams."""
         raise NotImplementedError
 

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -56,6 +56,20 @@ class Rendering(NamedTuple):
 
     sampler: RenderedBy
     expected_error: float
+
+
+class Planned(Protocol):
+    """A medium as it is planned and rendered."""
+
+    @property
+    def probe(self) -> Scene:
+        """Scene with the beams that the planner judges."""
+        ...
+
+    @property
+    def full(self) -> Scene:
+        """Scene with every beam."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -109,7 +123,7 @@ class MediumView:
         return Scene(wavelength=self.seen.wavelength, medium=self.slab, illumination=light, sensor=grid)
 
 
-def medium_plan(recipe: "Recipe", view: MediumView) -> Plan:
+def medium_plan(recipe: "Recipe", view: Planned) -> Plan:
     """Plan one medium: the sampler that its outermost beams allow; path sums for all its beams.
 
     Raises
@@ -150,6 +164,11 @@ def rendering_of(recipe: "Recipe", plans: list[Plan]) -> Rendering | None:
     return max(found, key=lambda made: made.expected_error) if len({made.sampler for made in found}) == 1 else None
 
 
+def chosen_rendering(recipe: "Recipe", view: Planned) -> Rendering:
+    """What renders one medium: as for all of the recipe, or as planned for it alone."""
+    return recipe.rendering or _rendering(medium_plan(recipe, view))
+
+
 def _rendering(made: Plan) -> Rendering:
     return Rendering(RenderedBy[made.sampler.upper()], made.expected_error)
 
@@ -179,7 +198,7 @@ def realization(
     share
         Whether many objects look through it.
     """
-    chosen = recipe.rendering or _rendering(medium_plan(recipe, view))
+    chosen = chosen_rendering(recipe, view)
     if chosen.sampler is not RenderedBy.PATHS:
         fields: StationaryFields | PathSumFields = stationary_fields(sampler, media(), share=share)
     else:

@@ -16,19 +16,23 @@ from torch import Tensor
 
 from specklegen.core.errors import reject
 from specklegen.models.retrieval.autocorrelation import lag_means
+from specklegen.models.retrieval.camera_noise import READABLE, camera_noise
 
 LAGS = 64
 """Side of the window of lags: up to 32 object pixels either way, for objects of at most 32 pixels."""
 
 
-def speckle_autocorrelation(images: Tensor) -> Tensor:
+def speckle_autocorrelation(images: Tensor, noise: Tensor | None = None) -> Tensor:
     """Autocorrelation of fluctuations, float[..., 2H - 1, 2W - 1], zero lag in the middle and equal to 1.
 
-    Every lag is divided by the number of pixel pairs that it has.
+    Every lag is divided by the number of pixel pairs that it has; ``noise``, the variance that a camera adds to a
+    pixel, float[...], is taken off the zero lag.
     """
     rows, columns = images.shape[-2:]
     fluctuation = images - images.mean((-2, -1), keepdim=True)
     lags = lag_means(fluctuation, (rows - 1, columns - 1))
+    if noise is not None:
+        lags[..., 0, 0] -= noise.to(lags)
     peak = lags[..., :1, :1].clamp_min(torch.finfo(lags.dtype).tiny)
     return torch.fft.fftshift(lags / peak, dim=(-2, -1))
 
@@ -52,7 +56,7 @@ def resampled_lags(lags: Tensor, step: Tensor, size: int) -> Tensor:
     return rows @ lags @ columns.transpose(-2, -1)
 
 
-def object_lags(images: Tensor, step: Tensor, size: int) -> Tensor:
+def object_lags(images: Tensor, step: Tensor, size: int, noise: Tensor | None = None) -> Tensor:
     """Autocorrelations of fluctuations on the object's pitch, float[B, size, size]; zero lag at [size // 2, size // 2].
 
     ``resampled_lags(speckle_autocorrelation(images), step, size)``, but of the lags that are kept alone: the transform
@@ -67,13 +71,18 @@ def object_lags(images: Tensor, step: Tensor, size: int) -> Tensor:
         Camera pixels in an object pixel, float[B].
     size
         Side of the result, even.
+    noise
+        Variance that a camera adds to a pixel, float[B], taken off the zero lag; by default none.
     """
     if images.device.type != "cpu":
-        return resampled_lags(speckle_autocorrelation(images), step, size)
-    return torch.stack([_half_by_half(image, each, size) for image, each in zip(images, step, strict=True)])
+        return resampled_lags(speckle_autocorrelation(images, noise), step, size)
+    levels = torch.zeros_like(step) if noise is None else noise.to(step)
+    return torch.stack([
+        _half_by_half(image, each, size, level) for image, each, level in zip(images, step, levels, strict=True)
+    ])
 
 
-def _half_by_half(image: Tensor, step: Tensor, size: int) -> Tensor:
+def _half_by_half(image: Tensor, step: Tensor, size: int, noise: Tensor) -> Tensor:
     """One image float[H, W]; only lags with a row of at least 0 are summed, the others are these turned about."""
     shape, half = image.shape, size // 2
     reach = [min(n - 1, math.ceil(half * float(step) + max(float(step), 1.0))) for n in shape]
@@ -83,6 +92,8 @@ def _half_by_half(image: Tensor, step: Tensor, size: int) -> Tensor:
     pairs = [n - torch.arange(-far, far + 1, dtype=image.dtype).abs() for n, far in zip(shape, reach, strict=True)]
     kept = torch.cat([sums[: reach[0] + 1, -reach[1] :], sums[: reach[0] + 1, : reach[1] + 1]], dim=1)
     kept = kept / (pairs[0][reach[0] :, None] * pairs[1])
+    if noise:
+        kept[0, reach[1]] -= noise
     kept = kept / kept[0, reach[1]].clamp_min(torch.finfo(kept.dtype).tiny)
     # Triangles about rows near 0 reach over to rows below, which are those above turned about.
     rows, columns = (_triangles(2 * far + 1, step[None].to(image), size + 2)[0, 1:] for far in reach)
@@ -118,15 +129,18 @@ def zero_phase(lags: Tensor) -> Tensor:
     return torch.fft.fftshift(image / peak, dim=(-2, -1))
 
 
-def camera_input(images: Tensor, step: Tensor) -> Tensor:
+def camera_input(images: Tensor, step: Tensor, noise: Tensor | None = None) -> Tensor:  # noqa: ARG001
     """Channels float[B, 2, H, W]: the image over its mean less 1, and the scale (the same in every pixel)."""
     mean = images.mean((-2, -1), keepdim=True).clamp_min(torch.finfo(images.dtype).tiny)
     return _with_scale(images / mean - 1, step)
 
 
-def autocorrelation_input(images: Tensor, step: Tensor) -> Tensor:
-    """Channels float[B, 2, LAGS, LAGS]: the autocorrelation on the object's pitch, and the scale."""
-    return _with_scale(object_lags(images, step, LAGS), step)
+def autocorrelation_input(images: Tensor, step: Tensor, noise: Tensor | None = None) -> Tensor:
+    """Channels float[B, 2, LAGS, LAGS]: the autocorrelation on the object's pitch, and the scale.
+
+    ``noise``, the variance that a camera adds to a pixel, float[B], is taken off the zero lag.
+    """
+    return _with_scale(object_lags(images, step, LAGS, noise), step)
 
 
 def _with_scale(picture: Tensor, step: Tensor) -> Tensor:
@@ -134,11 +148,29 @@ def _with_scale(picture: Tensor, step: Tensor) -> Tensor:
     return torch.stack([picture, scale], dim=1)
 
 
-INPUTS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
+INPUTS: dict[str, Callable[[Tensor, Tensor, Tensor | None], Tensor]] = {
     "camera": camera_input,
     "autocorrelation": autocorrelation_input,
 }
-"""Name to function of (images float[B, H, W], camera pixels in an object pixel float[B])."""
+"""Name to function of (images float[B, H, W], camera pixels in an object pixel float[B], camera noise or None)."""
+
+_OPTICS = ("wavelength", "width", "camera_pitch")
+_SILENT = 1e-3
+"""Share of an image's variance below which what is read off as noise is light that leaks, and is left alone."""
+
+
+def noise_of(images: Tensor, parameters: Mapping[str, Tensor]) -> Tensor | None:
+    """Variance that camera noise adds to a pixel of images real[B, H, W], float[B]; None where it cannot be read off.
+
+    It can where grains are wide enough to leave frequencies to noise alone (:mod:`camera_noise`).
+    """
+    if not set(_OPTICS) <= parameters.keys():
+        return None
+    grain = parameters["wavelength"] / parameters["width"] / parameters["camera_pitch"]
+    if not (grain > READABLE).all():
+        return None
+    level = camera_noise(images, grain.to(images.device)) * images.double().mean((-2, -1)).square()
+    return torch.where(level > _SILENT * images.double().var((-2, -1)), level, 0.0)
 
 
 def registered_input(batch: Mapping[str, Any]) -> Tensor:
@@ -215,8 +247,10 @@ def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
         reject("batch", 'one with "object", and "image", "stack" or "frames"', sorted(batch))
     images = batch[name].float()
     step = steps_of(batch).to(images)
+    frames = 1 if images.ndim == 3 else images.shape[1]
+    drawn = {key: batch["parameters"][key].repeat_interleave(frames) for key in _OPTICS if key in batch["parameters"]}
+    each = images if images.ndim == 3 else images.flatten(0, 1)
+    made = INPUTS[kind](each, step.repeat_interleave(frames), noise_of(each, drawn))
     if images.ndim == 3:
-        return INPUTS[kind](images, step)
-    frames = images.shape[1]
-    made = INPUTS[kind](images.flatten(0, 1), step.repeat_interleave(frames))
+        return made
     return made.unflatten(0, (-1, frames))

@@ -13,6 +13,8 @@ from specklegen.core.errors import reject
 
 BEYOND = 1.08
 """Frequencies that are taken, over the highest that the window passes; above 1 for the width of Hann's peak."""
+READABLE = 2.4
+"""Pixels in a grain from which on a camera of 32 pixels a side has enough of them."""
 FEWEST = 32
 """Frequencies that there must be, for a spread of a fifth."""
 

@@ -323,8 +323,8 @@ def maps(out, quick):
             rows.append([
                 f"{name}, {frequency / 1e9:g} GHz", f"{dark.mean():.0%}", f"{wave.mask.mean():.0%}",
                 *(f"{10 * np.log10(power) + free:.1f}" if power > 0 else "none" for power in powers),
-                f"{np.mean((ray - wave)[both] > 4 * error[both]):.1%}",
-                f"{np.mean((wave - ray)[both] > 4 * error[both]):.1%}", f"{statistics.ballistic_share:.0%}", statistics.region_area,
+                *(f"{np.mean(sign * (wave - ray)[both] > 4 * error[both]):.1%}" for sign in (-1, 1)),
+                f"{statistics.ballistic_share:.0%}", statistics.region_area,
                 statistics.region_triangles / max(1, statistics.regions), speed,
             ])  # fmt: skip
             if frequency == FREQUENCIES[name][0]:
@@ -342,8 +342,8 @@ def maps(out, quick):
                     figure.colorbar(drawn, ax=panel, shrink=0.7)
     save(figure, out, "coverage")
     table(
-        f"Coverage, {beams} beams; means over cells that no ray reaches, in dBm at 1 GHz for the same power flux; shares of "
-        "cells in which one is above the other by 4 standard errors",
+        f"Coverage, {beams} beams; means over cells that no ray reaches, in dBm at 1 GHz for the same power flux; "
+        "shares of cells in which one is above the other by 4 standard errors",
         ["place", "dark to rays", "dark to waves", "wave there", "walls black", "ray above", "wave above", "ballistic",
          "region, m²", "triangles a region", "beams a ms"], rows,
     )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from specklegen import __version__
-from specklegen.cli import bench, learning, recipes, recoverable, scenes, stores
+from specklegen.cli import bench, learning, recipes, reconstruct, recoverable, scenes, stores
 from specklegen.cli.failures import failures_told
 
 app = typer.Typer(
@@ -47,6 +47,7 @@ app.command()(stores.export)
 app.command()(learning.train)
 app.command()(learning.evaluate)
 app.command()(recoverable.recoverable)
+app.command()(reconstruct.reconstruct)
 app.command("bench")(bench.bench_command)
 
 

@@ -19,12 +19,12 @@ NANOSECONDS = {
     "flop": 0.052,  # of the stationary sampler's products and transforms
     "stack view": 7.3,
     "phasor": 35,  # of a oblique kernel
-    "volume path": 280,
-    "volume event": 900,  # a scattering event in any geometry
-    "voxel": 15,  # one that a flight or a connection crosses
-    "volume connection": 110,
-    "volume end": 21,  # one end of a connection there, at one light or view
-    "near end": 21,  # the same at a point
+    "volume path": 1300,
+    "volume event": 140,  # a scattering event in any geometry
+    "voxel": 16,  # one that a flight or a connection crosses
+    "volume connection": 160,
+    "volume end": 10,  # one end of a connection there, at one light or view
+    "near end": 16,  # the same at a point
     "product": 0.19,  # a complex multiplication and addition within a matrix product
     "amplitude": 1.5,  # one of the amplitudes whose products are summed in a covariance
     "batch": 3.4e4,  # of a covariance's paths

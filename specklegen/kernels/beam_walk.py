@@ -274,7 +274,10 @@ def walk_beams(
                         + (found[3] - state[PY]) * state[DY]
                         + (found[4] - state[PZ]) * state[DZ]
                     )
-                step = min(max(step, 0.0), hit)
+                    # Within the region: a ray that is turned on a surface, ahead or behind, may come to lie beyond it.
+                    if mode == WAVE:
+                        step = min(max(step, (depth - z_ray) / rate), (far - z_ray) / rate)
+                    step = min(max(step, 0.0), hit)
             else:
                 which = own
                 step = hit

@@ -17,8 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import inlined
+from specklegen.kernels import inlined, spliced
+from specklegen.kernels.arithmetic import exponential, minus_log1m
 from specklegen.kernels.frames import deflect
+from specklegen.kernels.lanes import LANES
 from specklegen.kernels.phase_functions import (
     henyey_greenstein,
     henyey_greenstein_2d,
@@ -27,7 +29,7 @@ from specklegen.kernels.phase_functions import (
 )
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
-from specklegen.kernels.volume import EXTRA, chord, exit_distance, march, optical_depth, voxel
+from specklegen.kernels.volume import EXTRA, chord_between, corners, escape_distance, march, optical_depth
 from specklegen.kernels.walk import GAUSSIAN, footprint_density, sample_footprint
 
 UNIFORM, PLANE, BEAM, POINT = 0, 1, 2, 3
@@ -44,6 +46,10 @@ AXIS, APERTURE, SOLID_ANGLE = 6, 9, 10  # of a point: the cone of rays that may 
 # 1 - cos of the half angle in space, and the half angle in turns in flatland
 EXTENT = 11  # of a beam: size of the sampled footprint on the entrance plane
 COLUMNS = 12
+
+# Uniforms of a start: the source, the depth, the first direction (2); across the ray (2 x 2); the face or the third
+# coordinate (2, and 2 unused); whether single scattering is kept, and the type of the first particle (and 2 unused).
+SOURCE, DEPTH, TURN, ACROSS, FACE, KEPT, TYPE, WORDS = 0, 1, 2, 4, 8, 12, 13, 16
 
 
 class Sources(NamedTuple):
@@ -132,11 +138,32 @@ def _sample_face(footprint, extent, dimension, u, v):
 
 
 @inlined
-def sample_ray(bounds, cells, kinds, rows, r, k0, k1, sample, path):
+def draw_starts(key0, key1, sample, first, count, words):
+    """Fill ``words`` float64[WORDS * LANES] with the uniforms of the starts of so many paths, word after word."""
+    for block in range(WORDS // 4):
+        place = 4 * block * LANES
+        for i in range(count):
+            a, b, c, d = uniforms(key0, key1, sample, np.uint64(first + i), np.uint64(block))
+            words[place + i], words[place + LANES + i] = a, b
+            words[place + 2 * LANES + i], words[place + 3 * LANES + i] = c, d
+
+
+@inlined
+def _absorbed(depth):
+    """1 - e^-depth, to full relative precision."""
+    return 1.0 - exponential(-depth) if depth > 1.0 else -math.expm1(-depth)
+
+
+@inlined
+def _finely(words, word, n):
+    """A uniform of two words: 32 bits alone would put wide media on a lattice."""
+    return words[LANES * word + n] + (words[LANES * (word + 1) + n] - 0.5) * 2.0**-32
+
+
+@spliced
+def sample_ray(bounds, cells, kinds, rows, r, words, n):
     """Draw a ray of source r: origin, direction; for a source of no ray, a point of the volume and no direction."""
-    a, b, c, d = uniforms(k0, k1, sample, path, np.uint64(1))
-    # Two words a coordinate: 32 bits alone would put wide media on a lattice.
-    u, v = a + (b - 0.5) * 2.0**-32, c + (d - 0.5) * 2.0**-32
+    u, v = _finely(words, ACROSS, n), _finely(words, ACROSS + 2, n)
     kind = kinds[r, 0]
     px, py, pz = rows[r, VECTOR], rows[r, VECTOR + 1], rows[r, VECTOR + 2]
     flat = cells[EXTRA, 0] == 2
@@ -155,12 +182,11 @@ def sample_ray(bounds, cells, kinds, rows, r, k0, k1, sample, path):
         return x, y, bounds[0, 2], px, py, pz
     lx, ly, lz = bounds[0, 0], 0.0 if flat else bounds[0, 1], bounds[0, 2]
     sx, sy, sz = _size(bounds, cells, 0), _size(bounds, cells, 1), _size(bounds, cells, 2)
-    e, f, _, _ = uniforms(k0, k1, sample, path, np.uint64(2))
     if kind == UNIFORM:
-        w = e + (f - 0.5) * 2.0**-32
+        w = _finely(words, FACE, n)
         return lx + u * sx, 0.0 if flat else ly + v * sy, lz + w * sz, 0.0, 0.0, 0.0
     # A plane wave enters through up to three faces, each in proportion to its projection.
-    face = e * projected_area(bounds, cells, px, py, pz)
+    face = words[LANES * FACE + n] * projected_area(bounds, cells, px, py, pz)
     x_face = abs(px) * sy * sz
     z_face = abs(pz) * sx * sy
     if face < x_face:
@@ -173,36 +199,49 @@ def sample_ray(bounds, cells, kinds, rows, r, k0, k1, sample, path):
     return lx + u * sx, y, lz + v * sz, px, py, pz
 
 
-@inlined
-def sample_start(bounds, cells, extinction, kinds, rows, k0, k1, sample, path):
-    """Draw a first vertex and direction; (found, x, y, z, wx, wy, wz), not found where the ray meets nothing."""
-    a, b, c, d = uniforms(k0, k1, sample, path, np.uint64(0))
+@spliced
+def sample_start(bounds, cells, extinction, kinds, rows, words, n):
+    """Draw the first vertex and direction of path n of ``words``; (found, x, y, z, wx, wy, wz).
+
+    Not found where the ray meets nothing.
+    """
+    a, b = words[LANES * SOURCE + n], words[LANES * DEPTH + n]
+    c, d = words[LANES * TURN + n], words[LANES * (TURN + 1) + n]
     r = 0
     while r < kinds.shape[0] - 1 and a >= rows[r, CUMULATIVE]:
         r += 1
-    x, y, z, dx, dy, dz = sample_ray(bounds, cells, kinds, rows, r, k0, k1, sample, path)
+    x, y, z, dx, dy, dz = sample_ray(bounds, cells, kinds, rows, r, words, n)
     if kinds[r, 0] == UNIFORM:
         wx, wy, wz = sample_lobe(cells[EXTRA, 0], 0.0, 0.0, 0.0, 1.0, c, d)
         return True, x, y, z, wx, wy, wz
     wx, wy, wz = sample_lobe(cells[EXTRA, 0], rows[r, LOBE], dx, dy, dz, c, d)
-    near, far = chord(bounds, x, y, z, dx, dy, dz)
+    box = corners(bounds)
+    near, far = chord_between(box, x, y, z, dx, dy, dz)
     if near >= far:
         return False, x, y, z, wx, wy, wz
-    whole = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far)
+    homogeneous = extinction.shape[0] == 1
+    if homogeneous:
+        whole = extinction[0] * (far - near)
+    else:
+        whole = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far)
     if whole == 0.0:
         return False, x, y, z, wx, wy, wz
-    _, t = march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, -math.log1p(b * math.expm1(-whole)))
+    depth = minus_log1m(b * _absorbed(whole))
+    if homogeneous:
+        t = min(near + depth / extinction[0], far)
+    else:
+        _, t = march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, depth)
     x, y, z = x + t * dx, y + t * dy, z + t * dz
     # Rounding may put the vertex a bit outside.
-    x = min(max(x, bounds[0, 0]), bounds[1, 0])
-    z = min(max(z, bounds[0, 2]), bounds[1, 2])
-    y = min(max(y, bounds[0, 1]), bounds[1, 1])
+    x = min(max(x, box[0]), box[3])
+    y = min(max(y, box[1]), box[4])
+    z = min(max(z, box[2]), box[5])
     return True, x, y, z, wx, wy, wz
 
 
-@inlined
-def source_density(bounds, cells, extinction, kinds, rows, r, x, y, z):
-    """Density p_r(x) of a first vertex inside the volume, and the direction of source r's ray there."""
+@spliced
+def source_density(bounds, cells, extinction, sigma, kinds, rows, r, x, y, z):
+    """Density p_r(x) of a first vertex where the extinction is ``sigma``, and the direction of source r's ray there."""
     kind = kinds[r, 0]
     if kind == UNIFORM:
         sizes = _size(bounds, cells, 0) * _size(bounds, cells, 1) * _size(bounds, cells, 2)
@@ -235,22 +274,28 @@ def source_density(bounds, cells, extinction, kinds, rows, r, x, y, z):
         ) / abs(dz)  # fmt: skip
     if rays == 0.0:
         return 0.0, dx, dy, dz
-    back = min(reach, exit_distance(bounds, x, y, z, -dx, -dy, -dz))
-    before = optical_depth(bounds, cells, extinction, x, y, z, -dx, -dy, -dz, 0.0, back)
-    ahead = exit_distance(bounds, x, y, z, dx, dy, dz)
-    after = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, ahead)
+    box = corners(bounds)
+    back = min(reach, escape_distance(box, x, y, z, -dx, -dy, -dz))
+    ahead = escape_distance(box, x, y, z, dx, dy, dz)
+    if extinction.shape[0] == 1:
+        before, after = sigma * back, sigma * ahead
+    else:
+        before = optical_depth(bounds, cells, extinction, x, y, z, -dx, -dy, -dz, 0.0, back)
+        after = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, ahead)
     if before + after == 0.0:
         return 0.0, dx, dy, dz
-    sigma = extinction[voxel(bounds, cells, x, y, z)]
-    return rays * sigma * math.exp(-before) / -math.expm1(-(before + after)), dx, dy, dz
+    return rays * sigma * exponential(-before) / _absorbed(before + after), dx, dy, dz
 
 
-@inlined
-def start_densities(bounds, cells, extinction, kinds, rows, x, y, z, wx, wy, wz):
-    """Densities of the mixture: (of the first vertex alone, of the first vertex and direction)."""
+@spliced
+def start_densities(bounds, cells, extinction, sigma, kinds, rows, x, y, z, wx, wy, wz):
+    """Densities of the mixture: (of the first vertex alone, of the first vertex and direction).
+
+    ``sigma``: extinction at the vertex.
+    """
     vertex = joint = 0.0
     for r in range(kinds.shape[0]):
-        p, dx, dy, dz = source_density(bounds, cells, extinction, kinds, rows, r, x, y, z)
+        p, dx, dy, dz = source_density(bounds, cells, extinction, sigma, kinds, rows, r, x, y, z)
         if p > 0.0:
             p *= rows[r, SHARE]
             ex, ey, ez = wx - dx, wy - dy, wz - dz

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined
+from specklegen.kernels.arithmetic import minus_log
 from specklegen.kernels.rng import uniforms
 
 _ONE = np.uint64(1)
@@ -39,6 +40,8 @@ class Volume(NamedTuple):
         Of each voxel, x fastest, z slowest.
     majorant : float64[m]
         Largest extinction in each block.
+    per_length : float64[3]
+        Voxels per length along x, y, z; 0 where there is one.
     """
 
     bounds: np.ndarray
@@ -47,6 +50,7 @@ class Volume(NamedTuple):
     albedo: np.ndarray
     material: np.ndarray
     majorant: np.ndarray
+    per_length: np.ndarray
 
     @property
     def dimension(self) -> int:
@@ -61,14 +65,29 @@ def _axis_exit(position, direction, lower, upper):
 
 
 @inlined
-def exit_distance(bounds, x, y, z, dx, dy, dz):
-    """Distance from a point inside the volume to its surface along a direction; 0 on the way out, never negative."""
+def corners(bounds):
+    """The two corners as six numbers: a loop that hands on an array counts a reference to it at every turn."""
+    return bounds[0, 0], bounds[0, 1], bounds[0, 2], bounds[1, 0], bounds[1, 1], bounds[1, 2]
+
+
+@inlined
+def escape_distance(box, x, y, z, dx, dy, dz):
+    """Distance from a point inside the :func:`corners` to the surface along a direction.
+
+    0 on the way out, never negative.
+    """
     t = min(
-        _axis_exit(x, dx, bounds[0, 0], bounds[1, 0]),
-        _axis_exit(y, dy, bounds[0, 1], bounds[1, 1]),
-        _axis_exit(z, dz, bounds[0, 2], bounds[1, 2]),
+        _axis_exit(x, dx, box[0], box[3]),
+        _axis_exit(y, dy, box[1], box[4]),
+        _axis_exit(z, dz, box[2], box[5]),
     )
     return max(t, 0.0)
+
+
+@inlined
+def exit_distance(bounds, x, y, z, dx, dy, dz):
+    """:func:`escape_distance` of the volume's bounds."""
+    return escape_distance(corners(bounds), x, y, z, dx, dy, dz)
 
 
 @inlined
@@ -81,22 +100,27 @@ def _axis_chord(position, direction, lower, upper):
 
 
 @inlined
-def chord(bounds, x, y, z, dx, dy, dz):
-    """Distances (near, far) between which the ray ahead of a point is inside; near >= far where it misses."""
-    x0, x1 = _axis_chord(x, dx, bounds[0, 0], bounds[1, 0])
-    y0, y1 = _axis_chord(y, dy, bounds[0, 1], bounds[1, 1])
-    z0, z1 = _axis_chord(z, dz, bounds[0, 2], bounds[1, 2])
+def chord_between(box, x, y, z, dx, dy, dz):
+    """Distances (near, far) between which the ray ahead of a point lies within the :func:`corners`.
+
+    near >= far where it misses.
+    """
+    x0, x1 = _axis_chord(x, dx, box[0], box[3])
+    y0, y1 = _axis_chord(y, dy, box[1], box[4])
+    z0, z1 = _axis_chord(z, dz, box[2], box[5])
     return max(0.0, x0, y0, z0), min(x1, y1, z1)
 
 
 @inlined
-def inside(bounds, x, y, z):
-    """Whether a point lies in the closed volume."""
-    return (
-        bounds[0, 0] <= x <= bounds[1, 0]
-        and bounds[0, 1] <= y <= bounds[1, 1]
-        and bounds[0, 2] <= z <= bounds[1, 2]
-    )
+def chord(bounds, x, y, z, dx, dy, dz):
+    """:func:`chord_between` the volume's bounds."""
+    return chord_between(corners(bounds), x, y, z, dx, dy, dz)
+
+
+@inlined
+def inside(box, x, y, z):
+    """Whether a point lies between the :func:`corners`, which belong to the volume."""
+    return box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]
 
 
 @inlined
@@ -109,15 +133,21 @@ def _cell(bounds, axis, position, count):
 
 
 @inlined
-def voxel(bounds, cells, x, y, z):
+def _place(bounds, cells, per_length, axis, position):
+    """Number of the voxel along an axis, by a multiplication; any in range for a point outside."""
+    count = cells[VOXELS, axis]
+    return 0 if count == 1 else min(max(int((position - bounds[0, axis]) * per_length[axis]), 0), count - 1)
+
+
+@inlined
+def voxel(bounds, cells, per_length, x, y, z):
     """Number of the voxel that holds a point."""
     nx, ny, nz = cells[VOXELS, 0], cells[VOXELS, 1], cells[VOXELS, 2]
     if nx * ny * nz == 1:
         return 0
-    i, _ = _cell(bounds, 0, x, nx)
-    j, _ = _cell(bounds, 1, y, ny)
-    k, _ = _cell(bounds, 2, z, nz)
-    return (k * ny + j) * nx + i
+    i = _place(bounds, cells, per_length, 0, x)
+    j = _place(bounds, cells, per_length, 1, y)
+    return (_place(bounds, cells, per_length, 2, z) * ny + j) * nx + i
 
 
 @inlined
@@ -186,37 +216,52 @@ def optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far):
 
 
 @inlined
-def free_flight(bounds, cells, extinction, majorants, x, y, z, dx, dy, dz, k0, k1, sample, path, dimension):
-    """Distance to the next collision (infinite where the path leaves), and the next unused random dimension."""
+def free_flight(
+    bounds, cells, extinction, majorants, per_length, x, y, z, dx, dy, dz, first, second,
+    k0, k1, sample, path, dimension,
+):  # fmt: skip
+    """Distance through voxels to the next collision (infinite where the path leaves), and the next unused dimension.
+
+    The uniforms ``first`` and ``second`` serve the first tentative collision; each block of four that is drawn, the
+    next two. What is left of an optical depth at the border of two majorants serves behind it.
+    """
     far = exit_distance(bounds, x, y, z, dx, dy, dz)
-    if cells[VOXELS, 0] * cells[VOXELS, 1] * cells[VOXELS, 2] == 1:
-        _, _, _, d = uniforms(k0, k1, sample, path, dimension)
-        t = -math.log(d) / extinction[0]
-        return (t if t < far else math.inf), dimension + _ONE
     nx, ny, nz = cells[BLOCKS, 0], cells[BLOCKS, 1], cells[BLOCKS, 2]
-    # Blocks tile the grid from its lower corner; the last one along an axis may be cut.
-    wx = (bounds[1, 0] - bounds[0, 0]) / cells[VOXELS, 0] * cells[EXTRA, 1]
-    wy = (bounds[1, 1] - bounds[0, 1]) / cells[VOXELS, 1] * cells[EXTRA, 1]
-    wz = (bounds[1, 2] - bounds[0, 2]) / cells[VOXELS, 2] * cells[EXTRA, 1]
-    i = 0 if nx == 1 else min(max(int((x - bounds[0, 0]) / wx), 0), nx - 1)
-    j = 0 if ny == 1 else min(max(int((y - bounds[0, 1]) / wy), 0), ny - 1)
-    k = 0 if nz == 1 else min(max(int((z - bounds[0, 2]) / wz), 0), nz - 1)
-    tx, sx, ax = _first_crossing(bounds, 0, x, dx, i, nx, wx)
-    ty, sy, ay = _first_crossing(bounds, 1, y, dy, j, ny, wy)
-    tz, sz, az = _first_crossing(bounds, 2, z, dz, k, nz, wz)
+    i = j = k = ax = ay = az = 0
+    tx = ty = tz = sx = sy = sz = math.inf
+    if nx * ny * nz > 1:
+        # Blocks tile the grid from its lower corner; the last one along an axis may be cut.
+        wx = (bounds[1, 0] - bounds[0, 0]) / cells[VOXELS, 0] * cells[EXTRA, 1]
+        wy = (bounds[1, 1] - bounds[0, 1]) / cells[VOXELS, 1] * cells[EXTRA, 1]
+        wz = (bounds[1, 2] - bounds[0, 2]) / cells[VOXELS, 2] * cells[EXTRA, 1]
+        i = 0 if nx == 1 else min(max(int((x - bounds[0, 0]) / wx), 0), nx - 1)
+        j = 0 if ny == 1 else min(max(int((y - bounds[0, 1]) / wy), 0), ny - 1)
+        k = 0 if nz == 1 else min(max(int((z - bounds[0, 2]) / wz), 0), nz - 1)
+        tx, sx, ax = _first_crossing(bounds, 0, x, dx, i, nx, wx)
+        ty, sy, ay = _first_crossing(bounds, 1, y, dy, j, ny, wy)
+        tz, sz, az = _first_crossing(bounds, 2, z, dz, k, nz, wz)
     t = 0.0
+    depth, accept = minus_log(first), second
+    spare = False
+    next_depth = next_accept = 0.0
     while True:
         end = min(tx, ty, tz, far)
         majorant = majorants[(k * ny + j) * nx + i]
-        while majorant > 0.0:
-            a, b, _, _ = uniforms(k0, k1, sample, path, dimension)
-            dimension += _ONE
-            t -= math.log(a) / majorant
-            if t >= end:
-                break
-            sigma = extinction[voxel(bounds, cells, x + t * dx, y + t * dy, z + t * dz)]
-            if b * majorant < sigma:
+        ahead = max(majorant * (end - t), 0.0)
+        while depth < ahead:
+            t += depth / majorant
+            ahead -= depth
+            sigma = extinction[voxel(bounds, cells, per_length, x + t * dx, y + t * dy, z + t * dz)]
+            if accept * majorant < sigma:
                 return t, dimension
+            if spare:
+                depth, accept = next_depth, next_accept
+            else:
+                a, accept, c, next_accept = uniforms(k0, k1, sample, path, dimension)
+                dimension += _ONE
+                depth, next_depth = minus_log(a), minus_log(c)
+            spare = not spare
+        depth -= ahead
         t = end
         if t >= far:
             return math.inf, dimension

@@ -2,7 +2,8 @@
 
 One call traces the paths ``first`` ... ``first + count - 1``; random numbers are addressed by (key, sample,
 path, dimension) as in :mod:`specklegen.kernels.walk`, whose record is written here too, together with the
-particle types at both ends (physics.md 2, corrections 3 and 6).
+particle types at both ends (physics.md 2, corrections 3 and 6). Paths go in lock step (`specklegen.kernels.lanes`);
+what is no vector loop, the way through voxels and particles drawn by type, has loops of its own.
 
 A path serves both ways: walked backwards it is as good a path from x_B to x_1. With ``bidirectional`` its weight is the
 balance heuristic over both,
@@ -17,54 +18,105 @@ import math
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel
+from specklegen.kernels import inlined, kernel, spliced
+from specklegen.kernels.arithmetic import exponential, fma, minus_log
+from specklegen.kernels.lanes import (
+    ADDRESS,
+    AMOUNT,
+    AZIMUTH,
+    CANDIDATE,
+    COIN,
+    DENSITY,
+    DROP,
+    FLIGHT,
+    FLOWN,
+    KEEP,
+    LANES,
+    ORDER,
+    OX,
+    OY,
+    OZ,
+    PATH,
+    POLAR,
+    POWER,
+    SHAPE,
+    STATE,
+    WX,
+    WY,
+    WZ,
+    X1,
+    Y1,
+    Z1,
+    X,
+    Y,
+    Z,
+    adopt,
+    draw,
+    scatter,
+    scatter_by_table,
+    sort_by_path,
+)
+from specklegen.kernels.lobes import density_of, judged, judged_phase_function
+from specklegen.kernels.phase_functions import amplitude
 from specklegen.kernels.phase_table import choose_type, power, sample
 from specklegen.kernels.rng import uniforms
-from specklegen.kernels.sources import sample_start, start_densities, turn
-from specklegen.kernels.volume import EXTRA, exit_distance, free_flight, inside, optical_depth, voxel
-from specklegen.kernels.walk import write_record
+from specklegen.kernels.sources import KEPT, TYPE, WORDS, draw_starts, sample_start, start_densities, turn
+from specklegen.kernels.volume import EXTRA, VOXELS, corners, escape_distance, free_flight, inside, optical_depth, voxel
+from specklegen.kernels.walk import survivor_weight, write_record
 
 FAR, NEAR = 0, 1
+_ISOTROPIC = 0.25 / math.pi
+
+# Beyond the quantities of `lanes`: power of the reversed path at its end, albedo at the first vertex and here, three
+# uniforms more, the distance to the surface in mean free paths.
+BACKWARD, FIRST_ALBEDO, ALBEDO, CHOICE, SECOND, ACCEPT, ESCAPE = (STATE + LANES * n for n in range(7))
+_STATE = STATE + 7 * LANES
+# And of whole numbers: type of the first particle, blocks of uniforms that flights have used, the voxel.
+FIRST_TYPE, FLIGHTS, VOXEL = (ADDRESS + LANES * n for n in range(3))
+_ADDRESS = ADDRESS + 3 * LANES
+
+# Random dimensions: of the start those below 16; of vertex B one block at _EVENT + B, and where they are needed another
+# at _MORE + B and those of the flight behind it, counted from _FLIGHT on.
+_EVENT, _MORE, _FLIGHT = np.uint64(16), np.uint64(0x80000000), np.uint64(0xC0000000)
 _ONE = np.uint64(1)
-_EVENTS = np.uint64(16)  # first random dimension of the walk; those below draw the start
-_FLOOR = 0.1  # of isotropic scattering: no connection is judged by a zero of the amplitude at a probe
 
 
-@inlined
-def end_geometry(bounds, cells, extinction, near_field, px, py, pz, x, y, z):
-    """Towards one view (direction or point): unit vector, decay 1/r^((d-1)/2), optical depth."""
-    if not near_field:
-        far = exit_distance(bounds, x, y, z, px, py, pz)
-        depth = optical_depth(bounds, cells, extinction, x, y, z, px, py, pz, 0.0, far)
-        return px, py, pz, 1.0, depth
-    dx, dy, dz = px - x, py - y, pz - z
-    r = math.sqrt(dx * dx + dy * dy + dz * dz)
-    if r == 0.0:
-        return 0.0, 0.0, 1.0, 0.0, 0.0  # a point on a vertex: measure zero, left out
-    dx, dy, dz = dx / r, dy / r, dz / r
-    reach = min(r, exit_distance(bounds, x, y, z, dx, dy, dz))
-    depth = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, reach)
-    return dx, dy, dz, (1.0 / math.sqrt(r) if cells[EXTRA, 0] == 2 else 1.0 / r), depth
+@spliced
+def _judged_power(by_lobe, g, rows, places, table, kind, even, cos):
+    """Phase function by which roulette judges: that of the medium, or of the particle of type ``kind``."""
+    if by_lobe:
+        return judged_phase_function(g, rows, places, cos)
+    return max(power(table, kind, cos), 0.1 * even)  # a zero of the amplitude at a probe judges no connection
 
 
-@inlined
-def _probe_power(volume, table, kinds, points, x, y, z, wx, wy, wz, kind, scatters, enough):
+@spliced
+def _probe_power(
+    bounds, cells, extinction, by_lobe, g, rows, places, table, even, kinds, points, x, y, z, wx, wy, wz, kind,
+    scatters, enough,
+):  # fmt: skip
     """Largest |end|^2 over a few probes, by which connections are thinned; where not above ``enough``, any below it."""
-    bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
-    even = _FLOOR / (2.0 * math.pi if cells[EXTRA, 0] == 2 else 4.0 * math.pi)
+    box = corners(bounds)
     best = 0.0
     for n in range(kinds.shape[0]):
-        near = kinds[n] == NEAR
-        px, py, pz = points[n, 0], points[n, 1], points[n, 2]
-        s2 = 1.0
-        if scatters and not near:
-            s2 = max(power(table, kind, wx * px + wy * py + wz * pz), even)
-        if not near and s2 <= max(best, enough):
+        dx, dy, dz = points[n, 0], points[n, 1], points[n, 2]
+        decay, reach = 1.0, math.inf
+        if kinds[n] == NEAR:
+            dx, dy, dz = dx - x, dy - y, dz - z
+            reach = math.sqrt(dx * dx + dy * dy + dz * dz)
+            if reach == 0.0:
+                continue  # a point on a vertex: measure zero, left out
+            dx, dy, dz = dx / reach, dy / reach, dz / reach
+            decay = 1.0 / reach if cells[EXTRA, 0] == 2 else 1.0 / (reach * reach)
+        if scatters:
+            decay *= _judged_power(by_lobe, g, rows, places, table, kind, even, wx * dx + wy * dy + wz * dz)
+        if decay <= max(best, enough):
             continue  # what is lost on the way out only lowers it
-        dx, dy, dz, decay, depth = end_geometry(bounds, cells, extinction, near, px, py, pz, x, y, z)
-        if scatters and near:
-            s2 = max(power(table, kind, wx * dx + wy * dy + wz * dz), even)
-        best = max(best, decay * decay * math.exp(-depth) * s2)
+        reach = min(reach, escape_distance(box, x, y, z, dx, dy, dz))
+        if extinction.shape[0] == 1:
+            depth = extinction[0] * reach
+        else:
+            depth = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, reach)
+        best = max(best, decay * exponential(-depth))
     return best
 
 
@@ -74,137 +126,301 @@ def _below(limit, factor):
     return limit / factor * (1.0 - 1e-9) if factor > 0.0 else math.inf
 
 
+@inlined
+def _way_out(bounds, axis, direction):
+    """Distance to the volume's surface along one axis: (at position 0, per length of the position)."""
+    face = bounds[1, axis] if direction > 0.0 else bounds[0, axis]
+    if direction == 0.0 or not math.isfinite(face):
+        return math.inf, 0.0
+    return face / direction, -1.0 / direction
+
+
+@inlined
+def look(bounds, sigma, g, rows, places, px, py, pz, sign, state, first, count):
+    """Leave in ESCAPE the optical depth from some lanes to the surface along a far probe, in SHAPE the phase function.
+
+    sigma : extinction, or the least in the volume
+    sign : +1 where the light arrives along the lane's direction, -1 where it leaves along it
+    """
+    ax, bx = _way_out(bounds, 0, px)
+    ay, by = _way_out(bounds, 1, py)
+    az, bz = _way_out(bounds, 2, pz)
+    for i in range(first, count):
+        x, y, z = fma(bx, state[X + i], ax), fma(by, state[Y + i], ay), fma(bz, state[Z + i], az)
+        state[ESCAPE + i] = sigma * max(min(x, min(y, z)), 0.0)
+    for i in range(first, count):
+        cos = sign * fma(state[WX + i], px, fma(state[WY + i], py, state[WZ + i] * pz))
+        state[DROP + i] = max(1.0 - cos, 0.0)
+    if rows.shape[0] == 0:
+        for i in range(first, count):
+            s = amplitude(g, 1.0 - state[DROP + i])
+            state[SHAPE + i] = s * s
+    else:
+        for i in range(first, count):
+            state[SHAPE + i] = judged(density_of(rows, places, state[DROP + i]))
+
+
+@inlined
+def judge_starts(bounds, sigma, g, rows, places, points, given, state, first, count):
+    """Largest |end|^2 of first vertices over some far probes, left in the quantity ``given``."""
+    for i in range(first, count):
+        state[given + i] = 0.0
+    for n in range(points.shape[0]):
+        look(bounds, sigma, g, rows, places, points[n, 0], points[n, 1], points[n, 2], -1.0, state, first, count)
+        for i in range(first, count):
+            state[given + i] = max(state[given + i], state[SHAPE + i] * exponential(-state[ESCAPE + i]))
+
+
+@inlined
+def propose(bounds, sigma, g, rows, places, least, kinds, points, given, state, count):
+    """Mark the lanes whose contribution at any of some probes has an upper bound above ``least`` KEEP.
+
+    ``given``: POWER or BACKWARD, the power of the other end. Of the loss e^-t on the way out the bound knows
+    e^t >= 1 + t + t^2/2 + t^3/6. Lanes are never marked off.
+    """
+    for n in range(kinds.shape[0]):
+        if kinds[n] == NEAR:
+            for i in range(count):
+                state[CANDIDATE + i] = 1.0
+            continue
+        look(bounds, sigma, g, rows, places, points[n, 0], points[n, 1], points[n, 2], 1.0, state, 0, count)
+        for i in range(count):
+            t = state[ESCAPE + i]
+            most = state[AMOUNT + i] * state[given + i] * (state[SHAPE + i] * (1.0 + 1e-9)) / least
+            bound = state[KEEP + i] * fma(t, fma(t, fma(t, 1.0 / 6.0, 0.5), 1.0), 1.0)
+            state[CANDIDATE + i] = max(state[CANDIDATE + i], 1.0 if most > bound else 0.0)
+
+
+@inlined
+def drop_ended(box, state, address, count, last_order):
+    """Fill the lanes of paths that left, were absorbed or are too long with the last ones.
+
+    Returns (lanes still in use, paths that were too long, sum of their W).
+    """
+    unfinished = 0
+    weight = 0.0
+    lane = 0
+    while lane < count:
+        alive = state[COIN + lane] < state[ALBEDO + lane]
+        if alive and inside(box, state[X + lane], state[Y + lane], state[Z + lane]):
+            if address[ORDER + lane] < last_order:
+                lane += 1
+                continue
+            unfinished += 1
+            weight += state[AMOUNT + lane]
+        count -= 1
+        adopt(state, address, lane, state, address, count)
+        for quantity in (BACKWARD, FIRST_ALBEDO, ALBEDO):
+            state[quantity + lane] = state[quantity + count]
+        for quantity in (FIRST_TYPE, FLIGHTS):
+            address[quantity + lane] = address[quantity + count]
+    return count, unfinished, weight
+
+
 @kernel
 def trace_volume(
-    key0, key1, sample_index, first, count, volume, table, sources, bidirectional, light_kinds, lights, view_kinds,
-    views, threshold, max_order, records, orders, paths, types,
+    key0, key1, sample_index, first, count, volume, table, by_lobe, lobe, sources, bidirectional,
+    light_kinds, lights, view_kinds, views, threshold, max_order, records, orders, paths, types, ranks,
 ):  # fmt: skip
-    """Trace paths and write their connections in path order.
+    """Trace paths and write their connections as the walk finds them.
 
     volume, table, sources : Volume, PhaseTable, Sources
+    by_lobe, lobe : whether all the medium scatters by one phase function of three dimensions, and that Lobe
     bidirectional : whether weights are those of the path and its reverse together
     light_kinds, lights, view_kinds, views : int64[n], float64[n, 3]   probes for thinning: FAR directions (of lights
                                reversed, as seen from the medium) or NEAR points
     threshold : contribution from which a connection is always kept; 0 keeps all
     max_order : vertices after which a path is ended
     records, orders, paths, types : float64[cap, RECORD], int32[cap], int64[cap], int32[cap, 2]   output
+    ranks : int64[cap]         output: where the first, second, ... connection in path order was written
 
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written.
     """
-    bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
+    bounds, cells, extinction, per_length = volume.bounds, volume.cells, volume.extinction, volume.per_length
     albedos, materials, majorants = volume.albedo, volume.material, volume.majorant
     source_kinds, source_rows = sources.kinds, sources.rows
+    g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
+    box, dimension = corners(bounds), cells[EXTRA, 0]
+    homogeneous = cells[VOXELS, 0] * cells[VOXELS, 1] * cells[VOXELS, 2] == 1
+    typed = table.kinds.shape[0] > 1
+    more = typed or not (homogeneous and by_lobe) or albedos[0] < 1.0  # uniforms than one block a vertex
+    even = 0.5 / math.pi if dimension == 2 else _ISOTROPIC
+    mean_free_path = 1.0 / extinction[0]
+    thinnest = extinction.min()
+    near = (light_kinds == NEAR).any() or (view_kinds == NEAR).any()
+    together = by_lobe and homogeneous and not near  # starts are judged side by side
     capacity = records.shape[0]
-    found = 0
-    events = 0
-    unfinished = 0
+    found = events = unfinished = 0
     unfinished_weight = 0.0
-    sample64 = np.uint64(sample_index)
-    k0 = np.uint64(key0)
-    k1 = np.uint64(key1)
-    for p in range(first, first + count):
-        path = np.uint64(p)
-        started, x1, y1, z1, ox, oy, oz = sample_start(
-            bounds, cells, extinction, source_kinds, source_rows, k0, k1, sample64, path
-        )
-        if not started:
-            continue
-        here = voxel(bounds, cells, x1, y1, z1)
-        extinction1 = extinction[here]
-        scattering = albedos[here] * extinction1
-        if scattering == 0.0:
-            continue
-        vertex_density, joint_density = start_densities(
-            bounds, cells, extinction, source_kinds, source_rows, x1, y1, z1, ox, oy, oz
-        )
-        a, b, _, _ = uniforms(k0, k1, sample64, path, np.uint64(3))
-        type1 = choose_type(table, materials[here], a)
-        events += 1
-        weight = scattering / vertex_density
-        w = threshold
-        if threshold > 0.0:
-            w = weight * _probe_power(volume, table, light_kinds, lights, x1, y1, z1, 0.0, 0.0, 0.0, type1, False, 0.0)
-            w *= _probe_power(volume, table, view_kinds, views, x1, y1, z1, 0.0, 0.0, 0.0, type1, False, 0.0)
-            # s(i . v) is the same for all and not known here: judged as isotropic.
-            w /= 2.0 * math.pi if cells[EXTRA, 0] == 2 else 4.0 * math.pi
-        if w >= threshold or b * threshold < w:
-            if found < capacity:
-                kept = weight * (1.0 if w >= threshold else threshold / w)
-                write_record(records[found], x1, y1, z1, 0.0, 0.0, 0.0, x1, y1, z1, 0.0, 0.0, 0.0, kept, 0.0)
-                orders[found] = 1
-                paths[found] = p
-                types[found, 0] = type1
-                types[found, 1] = type1
-            found += 1
-
-        light_forward = view_backward = 1.0
-        if threshold > 0.0:
-            light_forward = _probe_power(
-                volume, table, light_kinds, lights, x1, y1, z1, -ox, -oy, -oz, type1, True, 0.0
-            )  # fmt: skip
-            view_backward = _probe_power(volume, table, view_kinds, views, x1, y1, z1, -ox, -oy, -oz, type1, True, 0.0)
-        x, y, z = x1, y1, z1
-        wx, wy, wz = ox, oy, oz
-        length = 0.0
-        order = 1
-        dimension = _EVENTS
-        while True:
-            flight, dimension = free_flight(
-                bounds, cells, extinction, majorants, x, y, z, wx, wy, wz, k0, k1, sample64, path, dimension
+    sample64, k0, k1 = np.uint64(sample_index), np.uint64(key0), np.uint64(key1)
+    last_order = np.uint64(max_order)
+    state, address = np.zeros(_STATE), np.zeros(_ADDRESS, np.uint64)
+    words = np.empty(WORDS * LANES)
+    flying = started = drawn = 0
+    while True:
+        flying, cut, cut_weight = drop_ended(box, state, address, flying, last_order)
+        unfinished += cut
+        unfinished_weight += cut_weight
+        fresh = flying
+        while flying < LANES and started < count:
+            if started == drawn:
+                drawn = min(started + LANES, count)
+                draw_starts(k0, k1, sample64, first + started, drawn - started, words)
+            n = started % LANES
+            p = first + started
+            started += 1
+            begun, x, y, z, ox, oy, oz = sample_start(bounds, cells, extinction, source_kinds, source_rows, words, n)
+            if not begun:
+                continue
+            here = 0 if homogeneous else voxel(bounds, cells, per_length, x, y, z)
+            if albedos[here] * extinction[here] == 0.0:
+                continue
+            vertex, joint = start_densities(
+                bounds, cells, extinction, extinction[here], source_kinds, source_rows, x, y, z, ox, oy, oz
             )
-            if flight == math.inf:
-                break
-            x, y, z = x + wx * flight, y + wy * flight, z + wz * flight
-            if not inside(bounds, x, y, z):
-                break
-            length += flight
-            if order == max_order:
-                unfinished += 1
-                unfinished_weight += scattering / joint_density
-                break
-            order += 1
+            scattering = albedos[here] * extinction[here]
+            kind = choose_type(table, materials[here], words[LANES * TYPE + n])
             events += 1
-            here = voxel(bounds, cells, x, y, z)
-            a, b, c, d = uniforms(k0, k1, sample64, path, dimension)
-            e, f, g, _ = uniforms(k0, k1, sample64, path, dimension + _ONE)
-            dimension += _ONE + _ONE
-            if e >= albedos[here]:
-                break
-            material = materials[here]
-            type_end = choose_type(table, material, f)
-            weight = scattering / joint_density
-            w = best = threshold
+            # s(i . v) of single scattering is the same for all and not known here: judged as isotropic.
+            kept = weight = scattering / vertex
+            u = words[LANES * KEPT + n]
             if threshold > 0.0:
-                lost = a * threshold  # a contribution that is dropped
-                best = light_forward * _probe_power(
-                    volume, table, view_kinds, views, x, y, z, wx, wy, wz, type_end, True,
-                    _below(lost, light_forward * weight),
+                w = weight * even
+                for kinds, ends in ((light_kinds, lights), (view_kinds, views)):
+                    # What is lost on the way out only lowers it, but for points, which may be close.
+                    if near or survivor_weight(weight, w, threshold, u) > 0.0:
+                        w *= _probe_power(
+                            bounds, cells, extinction, by_lobe, g, rows, places, table, even, kinds, ends,
+                            x, y, z, 0.0, 0.0, 0.0, kind, False, 0.0,
+                        )  # fmt: skip
+                kept = survivor_weight(weight, w, threshold, u)
+            if kept > 0.0:
+                if found < capacity:
+                    write_record(records[found], x, y, z, 0.0, 0.0, 0.0, x, y, z, 0.0, 0.0, 0.0, kept, 0.0)
+                    orders[found], paths[found] = 1, p
+                    types[found, 0] = types[found, 1] = kind
+                found += 1
+            i = flying
+            flying += 1
+            state[X + i], state[Y + i], state[Z + i] = x, y, z
+            state[X1 + i], state[Y1 + i], state[Z1 + i] = x, y, z
+            state[WX + i], state[WY + i], state[WZ + i] = ox, oy, oz
+            state[OX + i], state[OY + i], state[OZ + i] = ox, oy, oz
+            state[FIRST_ALBEDO + i] = state[ALBEDO + i] = albedos[here]
+            state[DENSITY + i], state[AMOUNT + i] = joint / scattering, scattering / joint
+            state[COIN + i] = state[FLOWN + i] = 0.0
+            state[POWER + i] = state[BACKWARD + i] = 1.0
+            address[PATH + i], address[ORDER + i] = np.uint64(p), _ONE
+            address[FIRST_TYPE + i], address[FLIGHTS + i], address[VOXEL + i] = kind, _FLIGHT, here
+            if threshold > 0.0 and not together:
+                state[POWER + i] = _probe_power(
+                    bounds, cells, extinction, by_lobe, g, rows, places, table, even, light_kinds, lights,
+                    x, y, z, -ox, -oy, -oz, kind, True, 0.0,
+                )  # fmt: skip
+                if bidirectional:
+                    state[BACKWARD + i] = _probe_power(
+                        bounds, cells, extinction, by_lobe, g, rows, places, table, even, view_kinds, views,
+                        x, y, z, -ox, -oy, -oz, kind, True, 0.0,
+                    )  # fmt: skip
+        if flying == 0:
+            break
+        if threshold > 0.0 and together:
+            judge_starts(bounds, thinnest, g, rows, places, lights, POWER, state, fresh, flying)
+            if bidirectional:
+                judge_starts(bounds, thinnest, g, rows, places, views, BACKWARD, state, fresh, flying)
+
+        # Those that were in flight scatter at the vertex that they have reached; all then fly on.
+        for i in range(fresh):
+            address[ORDER + i] += _ONE
+        events += fresh
+        draw(k0, k1, sample64, _EVENT, address, state, flying)
+        if more:
+            for i in range(flying):
+                state[COIN + i], state[CHOICE + i], state[SECOND + i], state[ACCEPT + i] = uniforms(
+                    k0, k1, sample64, address[PATH + i], address[ORDER + i] + _MORE
+                )
+            for i in range(fresh, flying):
+                state[COIN + i] = 0.0
+        if not homogeneous:
+            for i in range(fresh):
+                here = voxel(bounds, cells, per_length, state[X + i], state[Y + i], state[Z + i])
+                address[VOXEL + i], state[ALBEDO + i] = here, albedos[here]
+        for i in range(fresh):
+            state[CANDIDATE + i] = 0.0 if threshold > 0.0 and by_lobe else 1.0
+        if threshold > 0.0 and by_lobe:
+            propose(bounds, thinnest, g, rows, places, threshold, view_kinds, views, POWER, state, fresh)
+            if bidirectional:
+                propose(bounds, thinnest, g, rows, places, threshold, light_kinds, lights, BACKWARD, state, fresh)
+        for i in range(fresh):
+            if state[CANDIDATE + i] == 0.0 or state[COIN + i] >= state[ALBEDO + i]:
+                continue
+            x, y, z = state[X + i], state[Y + i], state[Z + i]
+            wx, wy, wz = state[WX + i], state[WY + i], state[WZ + i]
+            here = address[VOXEL + i]
+            u = state[KEEP + i]
+            kind = choose_type(table, materials[here], state[CHOICE + i]) if typed else 0
+            kept = weight = state[AMOUNT + i]
+            best = 0.0
+            if threshold > 0.0:
+                lost = u * threshold  # a contribution that is dropped
+                best = state[POWER + i] * _probe_power(
+                    bounds, cells, extinction, by_lobe, g, rows, places, table, even, view_kinds, views,
+                    x, y, z, wx, wy, wz, kind, True, _below(lost, state[POWER + i] * weight),
                 )  # fmt: skip
                 if bidirectional:
                     back = _probe_power(
-                        volume, table, light_kinds, lights, x, y, z, wx, wy, wz, type_end, True,
-                        _below(lost, view_backward * weight),
+                        bounds, cells, extinction, by_lobe, g, rows, places, table, even, light_kinds, lights,
+                        x, y, z, wx, wy, wz, kind, True, _below(lost, state[BACKWARD + i] * weight),
                     )  # fmt: skip
-                    best = max(best, view_backward * back)
-                w = best * weight
+                    best = max(best, state[BACKWARD + i] * back)
+                kept = survivor_weight(weight, best * weight, threshold, u)
             # The reversed path can only lower the weight: what is dropped without it needs no second density.
-            if bidirectional and (w >= threshold or a * threshold < w):
-                _, backward = start_densities(
-                    bounds, cells, extinction, source_kinds, source_rows, x, y, z, -wx, -wy, -wz
+            if kept > 0.0 and bidirectional:
+                sigma = extinction[here]
+                _, back = start_densities(
+                    bounds, cells, extinction, sigma, source_kinds, source_rows, x, y, z, -wx, -wy, -wz
                 )
-                weight = scattering / (joint_density + backward * extinction1 / extinction[here])
+                kept = weight = 1.0 / (state[DENSITY + i] + back / (state[FIRST_ALBEDO + i] * sigma))
                 if threshold > 0.0:
-                    w = best * weight
-            if w >= threshold or a * threshold < w:
+                    kept = survivor_weight(weight, best * weight, threshold, u)
+            if kept > 0.0:
                 if found < capacity:
-                    kept = weight * (1.0 if w >= threshold else threshold / w)
-                    write_record(records[found], x1, y1, z1, ox, oy, oz, x, y, z, wx, wy, wz, kept, length)
-                    orders[found] = order
-                    paths[found] = p
-                    types[found, 0] = type1
-                    types[found, 1] = type_end
+                    write_record(
+                        records[found], state[X1 + i], state[Y1 + i], state[Z1 + i],
+                        state[OX + i], state[OY + i], state[OZ + i], x, y, z, wx, wy, wz, kept, state[FLOWN + i],
+                    )  # fmt: skip
+                    orders[found], paths[found] = address[ORDER + i], address[PATH + i]
+                    types[found, 0], types[found, 1] = address[FIRST_TYPE + i], kind
                 found += 1
-            one_minus_cos = sample(table, choose_type(table, material, g), b, d)
-            wx, wy, wz = turn(cells[EXTRA, 0], wx, wy, wz, one_minus_cos, c)
+        if not by_lobe:
+            for i in range(fresh):
+                # Below the albedo, the coin is a uniform again: it chooses the type that scatters.
+                u = state[COIN + i] / state[ALBEDO + i]
+                chosen = choose_type(table, materials[address[VOXEL + i]], u)
+                one_minus_cos = sample(table, chosen, state[POLAR + i], state[SECOND + i])
+                state[WX + i], state[WY + i], state[WZ + i] = turn(
+                    dimension, state[WX + i], state[WY + i], state[WZ + i], one_minus_cos, state[AZIMUTH + i]
+                )
+        elif rows.shape[0] == 0:
+            scatter(g, state, fresh)
+        else:
+            scatter_by_table(rows, guide, state, fresh)
+        if homogeneous:
+            for i in range(flying):
+                state[FLIGHT + i] = minus_log(state[FLIGHT + i]) * mean_free_path
+        else:
+            for i in range(flying):
+                state[FLIGHT + i], address[FLIGHTS + i] = free_flight(
+                    bounds, cells, extinction, majorants, per_length, state[X + i], state[Y + i], state[Z + i],
+                    state[WX + i], state[WY + i], state[WZ + i], state[FLIGHT + i], state[ACCEPT + i],
+                    k0, k1, sample64, address[PATH + i], address[FLIGHTS + i],
+                )  # fmt: skip
+        for i in range(flying):
+            flight = state[FLIGHT + i]
+            state[X + i] = fma(state[WX + i], flight, state[X + i])
+            state[Y + i] = fma(state[WY + i], flight, state[Y + i])
+            state[Z + i] = fma(state[WZ + i], flight, state[Z + i])
+            state[FLOWN + i] += flight
+    sort_by_path(paths, first, count, min(found, capacity), ranks)
     return found, events, unfinished, unfinished_weight

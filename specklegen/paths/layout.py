@@ -78,7 +78,7 @@ def scene_layout(scene: Scene) -> Layout:
         lights=light_endpoints(scene),
         views=view_endpoints(scene),
         wavelength=scene.wavelength,
-        faces=_faces(scene.medium),
+        faces=_faces(scene.volume),
     )
 
 

@@ -82,7 +82,7 @@ def walk_lobes(scatterer: Scatterer) -> tuple[Lobe, Lobe]:
     components = scatterer.components
     if len(components) == 1 and components[0][0].row(3).kind in ("isotropic", "henyey"):
         row = components[0][0].row(3)
-        lobe = _closed(row.parameters[0] if row.kind == "henyey" else 0.0)
+        lobe = closed_lobe(row.parameters[0] if row.kind == "henyey" else 0.0)
         return lobe, lobe
     g = float(np.clip(scatterer.mean_cosine(3), -0.99999, 0.99999))
 
@@ -97,7 +97,13 @@ def walk_lobes(scatterer: Scatterer) -> tuple[Lobe, Lobe]:
     return _tabulated(density), _tabulated(broader)
 
 
-def _closed(g: float) -> Lobe:
+def common_lobe(materials: tuple[Scatterer, ...], dimension: int) -> Lobe | None:
+    """The lobe by which all of a medium scatters, where it has three dimensions and one material."""
+    return walk_lobes(materials[0])[0] if dimension == 3 and len(materials) == 1 else None
+
+
+def closed_lobe(g: float) -> Lobe:
+    """Henyey and Greenstein's lobe."""
     return Lobe(g, np.empty((0, 4)), np.empty(0, np.int32), np.zeros(2, np.int64))
 
 

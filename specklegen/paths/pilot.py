@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from specklegen.core.random_streams import Stream, pilot_seed
+from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
 from specklegen.paths.deep_absorption import scene_relative_variance
@@ -18,6 +18,7 @@ from specklegen.paths.tracer import Tracer, scene_tracer, volume_tracer
 from specklegen.scene.scene import Scene
 
 PILOT_PATHS = 6000
+_MEAN_PATHS = 256  # at a time
 
 
 @dataclass(frozen=True)
@@ -91,3 +92,21 @@ def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
 def _columns(bank: PathBank, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Path int64[n] that each column of ``powers`` float64[pairs, n] belongs to, and the powers."""
     return np.tile(bank.paths, powers.shape[1] // max(len(bank), 1)), powers
+
+
+def mean_intensity(tracer: Tracer, reverse: bool, views: np.ndarray, seed: Seed, paths: int) -> tuple[float, float]:
+    """Expected intensity and its standard error, from so many paths.
+
+    The mean over all lights and over the views of the numbers int64[n].
+    """
+    layout = tracer.layout.of_ends(slice(None), views)
+    found = np.zeros(paths)
+    for start in range(0, paths, _MEAN_PATHS):
+        count = min(_MEAN_PATHS, paths - start)
+        bank = tracer.trace(seed, count, first=start, stream=Stream.PILOT, threads=1)
+        once, more = bank.single, bank.multiple
+        often = multiple_amplitudes(layout, more, bidirectional=tracer.bidirectional, reverse=reverse)
+        for some, amplitudes in ((once, single_amplitudes(layout, once)), (more, often)):
+            owner, powers = _columns(some, np.square(np.abs(amplitudes)))
+            found[start : start + count] += np.bincount(owner - start, powers.mean(axis=0), count)
+    return float(found.mean()), float(found.std() / np.sqrt(paths))

@@ -1,4 +1,4 @@
-"""Which paths serve a scene: in lock step through a homogeneous slab, or path by path through anything."""
+"""Which paths serve a scene: those of beams through a homogeneous slab, or those through anything."""
 
 from typing import Protocol
 
@@ -10,6 +10,7 @@ from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
 from specklegen.paths.faces import require_reflection
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
+from specklegen.paths.phase_tables import common_lobe
 from specklegen.paths.roulette import capacious, slab_roulette, volume_roulette
 from specklegen.paths.slab_tracer import (
     SlabTracer,
@@ -20,6 +21,7 @@ from specklegen.paths.slab_tracer import (
 )
 from specklegen.paths.starts import close_points, scene_sources
 from specklegen.paths.volume_tracer import VolumeTracer
+from specklegen.paths.volumes import materials
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
@@ -58,7 +60,7 @@ class Tracer(Protocol):
 
 
 def lock_step_obstacle(scene: Scene) -> str | None:
-    """Why paths in lock step do not serve a scene; None where they do."""
+    """Why the slab's paths do not serve a scene; None where they do."""
     if not isinstance(scene.medium, Slab):
         return f"the medium is a {type(scene.medium).__name__}"
     if scene.dimension == 2:
@@ -104,6 +106,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
     tracer = VolumeTracer(
         layout=layout,
         sources=scene_sources(scene),
+        lobe=common_lobe(materials(scene.volume), scene.dimension),
         bidirectional=reverse or bool(close_points(scene, layout.volume)),
         threshold=0.0,
         max_order=default_max_order(scene.volume),

@@ -43,15 +43,18 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
     if not isinstance(medium, VoxelGrid):
         cells = np.array([[1, 1, 1], [1, 1, 1], [dimension, 1, 0]])
         sigma = np.array([1 / medium.mean_free_path])
-        return Volume(bounds, cells, sigma, np.array([float(medium.albedo)]), np.zeros(1, np.int64), sigma)
+        albedo = np.array([float(medium.albedo)])
+        return Volume(bounds, cells, sigma, albedo, np.zeros(1, np.int64), sigma, np.zeros(3))
     extinction = np.array(medium.extinction)
     grid = extinction if dimension == 3 else extinction[:, None, :]
     block = _block_size(grid, medium.thickness)
     majorant = _block_maxima(grid, block)
+    counts = np.array(grid.shape[::-1])
     return Volume(
-        bounds, np.array([grid.shape[::-1], majorant.shape[::-1], (dimension, block, 0)]), extinction.ravel(),
+        bounds, np.array([counts, majorant.shape[::-1], (dimension, block, 0)]), extinction.ravel(),
         np.broadcast_to(medium.albedo, extinction.shape).ravel().copy(),
         np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64), majorant.ravel(),
+        np.where(counts > 1, counts / (bounds[1] - bounds[0]), 0.0),
     )  # fmt: skip
 
 

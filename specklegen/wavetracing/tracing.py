@@ -236,7 +236,8 @@ def trace(
             deviation = np.sqrt(np.maximum(second - values * (values / beams), 0.0))
             images[n].append((scale * values).reshape(plane.shape))
             images[n + 1].append((scale * deviation).reshape(plane.shape))
-    found = Statistics(*statistics.tolist(), float(areas[0]) / max(1, int(statistics[beam_walk.REGIONS])))
+    area = float(areas[0]) / max(1, int(statistics[beam_walk.REGIONS]))
+    found = Statistics(*map(int, statistics), region_area=area)
     return WaveTrace(images[0], images[1], images[2], images[3], Ledger(*ends.tolist()), found)
 
 

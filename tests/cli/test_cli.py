@@ -13,7 +13,7 @@ from specklegen.datasets import recipe_names
 
 COMMANDS = [
     "recipes", "plan", "render", "memory-effect", "generate", "preview", "info", "verify", "export",
-    "train", "evaluate", "recoverable", "bench",
+    "train", "evaluate", "recoverable", "reconstruct", "bench",
 ]  # fmt: skip
 
 

@@ -119,12 +119,13 @@ def test_delta_tracking_survives_as_transmittance():
     volume = volume_of(medium, 3)
     x, w = np.array([0.1, 0.1, -4.9]), np.array([0.01, 0.02, np.sqrt(1 - 5e-4)])
     n = 6400
+    firsts = np.random.default_rng(5).random((n, 2))
     passed = np.array(
         [
             np.isinf(
                 free_flight(
-                    volume.bounds, volume.cells, volume.extinction, volume.majorant, *x, *w,
-                    np.uint64(3), np.uint64(4), np.uint64(0), np.uint64(p), np.uint64(16),
+                    volume.bounds, volume.cells, volume.extinction, volume.majorant, volume.per_length, *x, *w,
+                    *firsts[p], np.uint64(3), np.uint64(4), np.uint64(0), np.uint64(p), np.uint64(16),
                 )[0]
             )
             for p in range(n)

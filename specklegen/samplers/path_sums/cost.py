@@ -1,4 +1,4 @@
-"""What path sums cost: counted operations and bytes, through a slab in lock step or through anything path by path."""
+"""What path sums cost: counted operations and bytes, through a slab or through anything."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ class Work:
     paths : int
     events_per_path, connections_per_path : float
     lock_step : bool
-        Whether paths walk through a homogeneous slab in lock step.
+        Whether the walk is that of beams through a homogeneous slab.
     nufft : NufftPlan or None
         Without it, the direct sum.
     ways : int

@@ -1,21 +1,24 @@
-"""The memory-effect atlas: K of any Henyey-Greenstein slab from one table, in microseconds.
+"""The memory-effect atlas: K of a slab of Henyey-Greenstein or von Mises-Fisher lobes from tables, in microseconds.
 
-K of an infinite slab depends on q times its thickness, its optical depth, g and albedo, and on nothing else.
-The table holds, at nodes of these three, the quantiles of r / thickness, the lateral distance of multiply
-scattered light, and its intensity. Between nodes both are interpolated by cubic polynomials:
+K of an infinite slab depends on q times its thickness, its optical depth, its lobe and albedo, and on nothing else. The
+lobe of one family is fixed by g, but lobes of equal g and different families have memory effects of their own: each
+family has its tables. A table holds, at nodes of these three, the quantiles of r / thickness, the lateral distance of
+multiply scattered light, and its intensity. Between nodes both are interpolated by cubic polynomials:
 
     K(q) = s + (1 - s) sum_n p_n J0(q r_n),     p_n >= 0 fixed, r_n = thickness exp(interpolated ln r_n)
 
 Whatever the interpolated radii are, this is a mixture of J0 with non-negative weights, so it is positive
 semidefinite for any set of tilts, is 1 at q = 0 and has no end. Single scattering is exact: its intensity
-per unit area is albedo OD e^-OD rho(0), at r = 0.  scripts/make_atlas.py made the table; docs/atlas.md.
+per unit area is albedo OD e^-OD rho(0), at r = 0.  scripts/make_atlas.py made the tables; docs/atlas.md.
 """
 
 import hashlib
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,9 +27,16 @@ from specklegen.core.random_streams import pilot_seed
 from specklegen.samplers.stationary import correlation_cache
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.scene.media import Slab
+from specklegen.scene.scatterers import Scatterer, VonMisesFisher
 
 TOLERANCE = 0.01
-FILE = "data/atlas.npz"
+HENYEY_GREENSTEIN, FORWARD, VON_MISES_FISHER = "henyey-greenstein", "henyey-greenstein-forward", "von-mises-fisher"
+TABLES = {
+    "HenyeyGreenstein": (HENYEY_GREENSTEIN, FORWARD),
+    "Isotropic": (HENYEY_GREENSTEIN,),
+    "VonMisesFisher": (VON_MISES_FISHER,),
+}
+"""Tables of each type of scatterer; the first that holds a slab serves it."""
 
 
 class Errors(NamedTuple):
@@ -55,8 +65,11 @@ def loss_at(coordinate, depth, drop):
     return ((1 + coordinate) ** 2 - 1) / mean_order(depth, drop)
 
 
-def single_intensity(depth, drop, albedo):
+def single_intensity(depth, albedo, scatterer: Scatterer):
     """Intensity of single scattering along the axis per unit area: albedo OD e^-OD rho(0)."""
+    if isinstance(scatterer, VonMisesFisher):
+        return albedo * depth * np.exp(-depth) * scatterer.forward_power()
+    drop = 1 - scatterer.mean_cosine()
     return albedo * depth * np.exp(-depth) * (2 - drop) / (4 * np.pi * drop**2)
 
 
@@ -93,11 +106,11 @@ class Atlas:
         return np.log(self.depths), np.log(self.drops), self.absorptions
 
     def place(self, slab: Slab) -> tuple[float, float, float] | None:
-        """Coordinates of a slab; None outside the table, which holds slabs of matched faces."""
+        """Coordinates of a slab of the family that the table is for; None outside it, or where faces are not matched."""
         if not slab.faces.matched:
             return None
-        depth, drop = slab.optical_depth, 1 - slab.scatterer.mean_cosine()
-        if depth <= 0 or slab.albedo <= 0 or slab.scatterer.type not in ("HenyeyGreenstein", "Isotropic"):
+        depth, drop = slab.optical_depth, _drop(slab.scatterer)
+        if depth <= 0 or slab.albedo <= 0:
             return None
         place = (math.log(depth), math.log(drop), absorption_coordinate(-math.log(slab.albedo), depth, drop))
         inside = all(nodes[0] <= x <= nodes[-1] for x, nodes in zip(place, self.axes, strict=True))
@@ -118,8 +131,8 @@ class Atlas:
     def kernel(self, slab: Slab, place: tuple[float, float, float]) -> MemoryEffectCorrelation:
         """K of a slab at a place."""
         row = self.row(place)
-        depth, drop, albedo = slab.optical_depth, 1 - slab.scatterer.mean_cosine(), slab.albedo
-        single = single_intensity(depth, drop, albedo)
+        albedo = slab.albedo
+        single = single_intensity(slab.optical_depth, albedo, slab.scatterer)
         multiple = albedo**2 * np.exp(row[-1])
         radius = np.empty(len(row))
         radius[0] = 0.0
@@ -155,24 +168,52 @@ def stencil(x: float, nodes: np.ndarray) -> tuple[int, np.ndarray]:
     ])  # fmt: skip
 
 
-@lru_cache(maxsize=1)
-def load() -> Atlas:
-    """Read the packaged table, once."""
-    with (files("specklegen") / FILE).open("rb") as file, np.load(file, allow_pickle=False) as data:
+@lru_cache(maxsize=len(TABLES))
+def load(table: str = HENYEY_GREENSTEIN) -> Atlas:
+    """Read a packaged table, once."""
+    with file_of(table).open("rb") as file, np.load(file, allow_pickle=False) as data:
         return Atlas(**{name: data[name] for name in data.files})
 
 
-@lru_cache(maxsize=1)
-def atlas_digest() -> str:
-    """SHA-256 of the packaged table, in hexadecimal: another table makes other pixels."""
-    return hashlib.sha256((files("specklegen") / FILE).read_bytes()).hexdigest()
+def file_of(table: str) -> Traversable:
+    """Where a packaged table lies."""
+    return files("specklegen") / f"data/atlas-{table}.npz"
+
+
+def atlas_digest(slabs: Iterable[Slab]) -> str:
+    """SHA-256, in hexadecimal, of the tables that serve slabs with lobes from the least forward to the most of these.
+
+    Other tables make other pixels.
+    """
+    slabs = list(slabs)
+    drops = [_drop(slab.scatterer) for slab in slabs]
+    families = {table: None for slab in slabs for table in TABLES.get(slab.scatterer.type, ())}
+    digest = hashlib.sha256()
+    for table in families:
+        nodes = load(table).drops
+        if nodes[0] <= max(drops) and min(drops) <= nodes[-1]:
+            digest.update(file_of(table).read_bytes())
+    return digest.hexdigest()
+
+
+def _drop(scatterer: Scatterer) -> float:
+    """1 - g."""
+    return 1 - scatterer.mean_cosine()
+
+
+def _placed(slab: Slab) -> tuple[Atlas, tuple[float, float, float]] | None:
+    """The table that holds a slab, and its place there; None where there is none."""
+    for table in TABLES.get(slab.scatterer.type, ()):
+        place = load(table).place(slab)
+        if place is not None:
+            return load(table), place
+    return None
 
 
 def atlas_errors(slab: Slab) -> Errors | None:
-    """Errors of the atlas at a slab; None where it is outside the table."""
-    atlas = load()
-    place = atlas.place(slab)
-    return None if place is None else atlas.errors(place)
+    """Errors of the atlas at a slab; None where it is outside the tables."""
+    found = _placed(slab)
+    return None if found is None else found[0].errors(found[1])
 
 
 def atlas_correlation(slab: Slab, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation | None:
@@ -189,13 +230,13 @@ def atlas_correlation(slab: Slab, tolerance: float = TOLERANCE) -> MemoryEffectC
     -------
     kernel
         With one row of weights: radii of r, and the intensity per unit area among them. None outside the
-        table, and where the table's stated error is above the tolerance.
+        tables, and where the table's stated error is above the tolerance.
     """
-    atlas = load()
-    place = atlas.place(slab)
-    if place is None or not atlas.errors(place).correlation <= tolerance:
+    found = _placed(slab)
+    if found is None:
         return None
-    return atlas.kernel(slab, place)
+    atlas, place = found
+    return atlas.kernel(slab, place) if atlas.errors(place).correlation <= tolerance else None
 
 
 def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation:

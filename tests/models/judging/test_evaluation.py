@@ -70,7 +70,8 @@ def katz():
         batch, options = tensors(recipe.batch(0, "test", range(8))), Retrieval(restarts=4, steps=3)
         plain, chosen = (baselines.katz(options, recipe=known)(batch) for known in (None, recipe))
         divided = baselines.katz(options, recipe=recipe, division="floor")(batch)
-        methods = {"plain": plain, "C_I": divided, "chosen": chosen, "another's": plain.roll(1, 0), "blank": torch.zeros_like(plain)}
+        methods = {"plain": plain, "C_I": divided, "chosen": chosen, "another's": plain.roll(1, 0)}
+        methods |= {"blank": torch.zeros_like(plain)}
         found[extent], _ = evaluation.evaluate({name: lambda _, x=x: x for name, x in methods.items()}, [batch])
     return found
 

@@ -1,0 +1,56 @@
+"""From a batch of a hidden-object recipe to what a solver takes: periodograms, optics, memory effects."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+
+from specklegen.core.errors import reject
+from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.models.learning.solver import MemoryEffect
+from specklegen.models.likelihood.likelihood import Optics
+from specklegen.models.likelihood.periodogram import Periodogram, periodogram
+from specklegen.models.retrieval.camera_noise import camera_noise
+from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+
+TILE = 160
+"""Longest side of a tile in pixels: larger cameras are cut, which makes their periodograms less noisy."""
+
+
+def memory_effect_of(correlation: MemoryEffectCorrelation, wavelength: float, pitch: float) -> MemoryEffect:
+    """C_I of a slab over distances in object pixels, ``pitch`` in direction sines."""
+    wavenumber = 2 * np.pi / wavelength * pitch
+    return lambda distance: np.square(correlation(wavenumber * np.asarray(distance, np.float64)))
+
+
+def seen_by_camera(images: torch.Tensor, grain: torch.Tensor, tile: int | None = TILE) -> Periodogram:
+    """Periodograms of images real[B, F, H, W] with the camera's noise read off them; grains float[B], in pixels."""
+    found = periodogram(images, tile=tile)
+    noise = camera_noise(images, grain[:, None]).mean(1)
+    return found._replace(noise=noise.to(found.noise))
+
+
+def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogram, Optics, list[MemoryEffect]]:
+    """What was measured of the samples of a batch, the memory effect of their materials known.
+
+    Raises
+    ------
+    RuleError
+        If the batch has no images of hidden objects.
+    """
+    name = next((name for name in ("image", "frames") if name in batch), None)
+    if name is None:
+        reject("measured batch", 'one with "image" or "frames"', sorted(batch))
+    images = torch.as_tensor(np.asarray(batch[name], np.float32))
+    images = images[:, None] if images.ndim == 3 else images
+    drawn = {key: np.asarray(value, np.float64) for key, value in batch["parameters"].items()}
+    step = torch.from_numpy(drawn["object_pitch"] / drawn["camera_pitch"])
+    grain = torch.from_numpy(drawn["wavelength"] / drawn["width"] / drawn["camera_pitch"])
+    memory = []
+    for n in range(len(images)):
+        own = {key: float(values[n]) for key, values in drawn.items()}
+        kernel = recipe.material.known(recipe.material.slab_of(own)).kernel
+        memory.append(memory_effect_of(kernel, own["wavelength"], own["object_pitch"]))
+    optics = Optics(step.float(), grain.float(), recipe.profile, recipe.exposure is not None)
+    return seen_by_camera(images, grain), optics, memory
