@@ -192,6 +192,7 @@ def trace_faced_slab(
     last_order = np.uint64(max_order)
     state, address = np.empty(STATE), np.empty(ADDRESS, np.uint64)
     fresh, fresh_address = np.empty(STATE), np.empty(ADDRESS, np.uint64)
+    unguided = np.ones((2, 2))  # flights are not stretched between reflecting faces
     flying = waiting = started = 0
     while True:
         flying, cut, cut_weight = drop_ended(state, address, flying, thickness, albedo, last_order)
@@ -205,7 +206,7 @@ def trace_faced_slab(
                 continue
             waiting = min(LANES, count - started)
             start(
-                k0, k1, sample64, first + started, waiting, thickness, sigma_t, albedo, ix, iy, iz,
+                k0, k1, sample64, first + started, waiting, thickness, sigma_t, albedo, 0.0, ix, iy, iz,
                 footprint, extent, radius, fresh, fresh_address,
             )  # fmt: skip
             total = reflect_first(
@@ -232,8 +233,8 @@ def trace_faced_slab(
                             bounces[found, 0], bounces[found, 1] = int(fresh[Z1 + i] / thickness), m
                         found += 1
             leave(
-                k0, k1, sample64, g, rows, places, aim_rows, aim_guide,
-                mean_free_path, fresh, fresh_address, waiting,
+                k0, k1, sample64, g, rows, places, aim_rows, aim_guide, mean_free_path, 0.0, 1.0, 1.0, unguided,
+                fresh, fresh_address, waiting,
             )  # fmt: skip
             for i in range(waiting):
                 if int(fresh[Z1 + i] / thickness) % 2:

@@ -24,8 +24,9 @@ CHANGES = {
     "two-tilts": {"material": QUICK, "media": 3},
 }  # fmt: skip
 SLOW = {
-    "any-object", "beyond-memory-effect", "characters-of-new-fonts", "dynamic-slab", "masked-light-slab",
-    "one-angular-size", "partially-coherent-slab", "points-beyond-range", "registered-tilts",
+    "any-object", "beyond-memory-effect", "characters-of-new-fonts", "double-diffuser", "dynamic-slab", "ground-glass",
+    "masked-light-slab", "one-angular-size", "partially-coherent-slab", "points-beyond-range", "registered-tilts",
+    "screen-stack",
 }  # fmt: skip
 SMALL = {"unknown-slab": {}, "tilt-stack": {}, "through-slab": CHANGES["through-slab"]}
 
@@ -62,7 +63,7 @@ def equal(one, two, pick=slice(None)):
 
 def test_every_packaged_recipe_is_either_here_or_said_to_be_slow():
     assert set(CHANGES) | SLOW == set(recipe_names())
-    for name in ("dynamic-slab", "masked-light-slab", "partially-coherent-slab"):
+    for name in ("dynamic-slab", "ground-glass", "masked-light-slab", "partially-coherent-slab"):
         way, why = plan.way_of(load_recipe(name))
         assert way == plan.STEPS
         assert why

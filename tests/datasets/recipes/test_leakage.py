@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from quick_recipes import quick_recipe
 
 from specklegen.datasets import load_recipe, recipe_names
 from specklegen.datasets import split as splits
@@ -39,7 +40,7 @@ def media(recipe, count=6):
 
 @pytest.mark.parametrize("name", recipe_names())
 def test_no_medium_is_in_two_splits(name):
-    recipe = load_recipe(name, FAST)
+    recipe = quick_recipe(name)
     found = media(recipe)
     assert all(len(part) >= 6 for part in found.values())
     assert_disjoint(found)

@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from quick_recipes import quick_recipe
 from scipy.integrate import simpson
 
 import specklegen as sg
@@ -58,7 +59,7 @@ def rendered(recipe):
 
 @pytest.mark.parametrize("name", recipe_names())
 def test_packaged_recipes_run_as_planned(name):
-    recipe = load_recipe(name, {"material": {"kernel_paths": 2000}})
+    recipe = quick_recipe(name, 2000)
     plans = recipe.plans()
     parameters, used = rendered(recipe)
     assert {used} == {made.sampler for made in plans}
