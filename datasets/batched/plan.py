@@ -78,6 +78,8 @@ def way_of(recipe: Recipe) -> tuple[str, list[str]]:
     chosen = recipe.rendering
     if chosen is None or chosen.sampler is RenderedBy.PATHS:
         why.append("the planner wants path sums")
+    elif chosen.sampler is RenderedBy.SCREENS:
+        why.append("material.screens, whose envelope moves with the tilt,")
     if recipe.light.halves > 1:
         why.append("light.polarised = false draws two media a sample")
     if isinstance(recipe, DynamicSlab):

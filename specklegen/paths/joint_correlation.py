@@ -9,6 +9,8 @@ is Eq. 1 of :mod:`specklegen.theory.phase_screens`; behind a slab the paths are 
 collision after the other, to first order in the tilt.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -134,16 +134,17 @@ def test_switches_of_the_program_change_nothing(name):
 
 @pytest.mark.filterwarnings("ignore::specklegen.DoubtWarning")
 def test_what_the_atlas_does_not_serve_is_made_step_by_step():
-    """Some slabs of this recipe leave the table: they come from the recipe, the others from the device."""
-    changes = {"material": {"g": {"uniform": [0.985, 0.9999]}, "kernel_paths": 2000}, "camera": {"shape": [16, 16]}}
+    """Some slabs of this recipe leave the tables: they come from the recipe, the others from the device."""
+    changes = {"material": {"g": {"uniform": [0.97, 0.9999]}, "kernel_paths": 2000}, "camera": {"shape": [16, 16]}}
     recipe = load_recipe("tilt-stack", changes | {"sampler": "stationary"})
     generator = SpeckleGenerator(recipe, 0)
     ranks = generator.ranks(generator.prepare(list(range(12)))[0])
     assert 0 in ranks
+    assert max(ranks) > 0
     found, expected = generator(range(12)), recipe.batch(0, "train", range(12))
     np.testing.assert_allclose(found["stack"], expected["stack"], rtol=0, atol=1e-5 * expected["stack"].max())
     np.testing.assert_allclose(found["parameters"]["estimator"], expected["parameters"]["estimator"])
-    assert (found["parameters"]["estimator"] == 1).sum() == ranks.count(0)
+    assert all(estimator == 2 for estimator, rank in zip(found["parameters"]["estimator"], ranks, strict=True) if rank)
 
 
 @pytest.mark.parametrize(
