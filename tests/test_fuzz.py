@@ -36,7 +36,7 @@ def strict():
         yield
 
 
-ABSORBED = "enough that light crosses the absorbing slab"
+ABSORBED = "enough that light crosses the absorbing"
 
 
 def result_or_refusal(words: tuple[str, ...], call):
@@ -72,14 +72,19 @@ def test_any_scene_has_a_covariance_a_plan_and_an_image(count):
     @given(scene=scenes(), seed=st.integers(0, 2**32), reverse=st.sampled_from([True, False, "auto"]))
     def check(scene, seed, reverse):
         with strict():
-            found = sg.covariance(scene, paths=64, seed=seed, reverse=reverse)
-            assert_sensible(scene, found)
+            found = result_or_refusal(
+                (ABSORBED,), lambda: sg.covariance(scene, paths=64, seed=seed, reverse=reverse)
+            )
+            if found is not None:
+                assert_sensible(scene, found)
             plan = sg.plan(scene, paths=16, reverse=reverse)
             assert np.isfinite([plan.seconds, plan.expected_error, plan.memory_bytes]).all()
             assert plan.explain()
             doubtful = scene.medium.mean_free_path < scene.wavelength
             assert ("below the wavelength" in plan.explain()) == doubtful
-            stack = sg.render(scene, paths=16, seed=seed, reverse=reverse)
+            stack = result_or_refusal((ABSORBED,), lambda: sg.render(scene, paths=16, seed=seed, reverse=reverse))
+        if stack is None:
+            return
         assert stack.field.shape == (len(scene.lights), *scene.sensor.shape)
         assert np.isfinite(stack.field).all()
         assert (stack.intensity >= 0).all()

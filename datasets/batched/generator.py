@@ -55,7 +55,8 @@ class SpeckleGenerator:
         if not isinstance(recipe, Recipe):
             reject("SpeckleGenerator.recipe", "a recipe of this library", type(recipe).__name__)
         self.recipe, self.seed, self.split = recipe.on("cpu"), seed, cast(Split, split)
-        self.device = checked_device("SpeckleGenerator.device", device)
+        counted = str(device) == "meta"  # holds no numbers: there, batches are counted
+        self.device = torch.device(device) if counted else checked_device("SpeckleGenerator.device", device)
         self.way, self.why = plan.way_of(recipe)
         self.tail = substream(seed, self.split, Purpose.MATERIAL, 0)[4:]
         self.outlines: GlyphTables | None = None

@@ -1,7 +1,8 @@
 """The claims of [Steinberg] (*Wave Tracing*) as figures and tables, each beside an exact solution where there is one.
 
-Writes steinberg-*.png and prints the tables of docs/wavetracing.md. Wavelength 1 unless said. Times are processor
-seconds of one thread: quote ratios. ``--quick`` takes fewer beams.
+Writes steinberg-slit.png, steinberg-two-stages.png, steinberg-energy.png, steinberg-coverage.png,
+steinberg-convergence.png and steinberg-cost.png; prints the tables of docs/wavetracing.md. Wavelength 1 unless said.
+Times are processor seconds of one thread: quote ratios. ``--quick`` takes fewer beams.
 
 Run it by itself: python scripts/figures/steinberg.py --out docs/wavetracing [--quick]
 """

@@ -1,11 +1,13 @@
 """The libraries that decide the last bits of a result, with their versions."""
 
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 
 DISTRIBUTION = "specklegen-torch"
 """What pip knows this package as; on the package index ``specklegen`` is somebody else's."""
 DECIDING = ("specklegen", "numpy", "scipy", "torch", "numba", "llvmlite", "finufft", "pillow", "matplotlib")
 """Arithmetic, transforms and compilers; Pillow and Matplotlib draw and resample the hidden objects."""
+_version = lru_cache(version)  # reads a file, of a sixth of a megabyte for some
 
 
 def library_versions() -> dict[str, str]:
@@ -13,7 +15,7 @@ def library_versions() -> dict[str, str]:
     found = {}
     for name in DECIDING:
         try:
-            found[name] = version(DISTRIBUTION if name == "specklegen" else name)
+            found[name] = _version(DISTRIBUTION if name == "specklegen" else name)
         except PackageNotFoundError:  # specklegen itself, in a clone that is not installed
             continue
     return found

@@ -153,7 +153,7 @@ def _points(layout: Layout, mean_free_path: float) -> np.ndarray:
     axes = []
     for axis, (low, high) in enumerate(layout.volume.bounds.T):
         if np.isfinite([low, high]).all():
-            inset = min(_SLIVER, 0.1 * mean_free_path / (high - low))
+            inset = min(_SLIVER, 0.1 * mean_free_path / (high - low)) if high > low else _SLIVER
             axes.append(low + (high - low) * np.clip(_INSETS, inset, 1 - inset))
         else:
             beside = [end.vectors[:, axis] for end in (layout.lights, layout.views) if end.near]

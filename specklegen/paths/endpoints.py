@@ -136,4 +136,4 @@ def probes(endpoints: Endpoints) -> tuple[np.ndarray, np.ndarray]:
     """Kinds int64[n] and vectors float64[n, 3] of the probes, as the walk reads them."""
     few = endpoints.probed().vectors
     kind = volume_walk.NEAR if endpoints.near else volume_walk.FAR
-    return np.full(len(few), kind, np.int64), np.ascontiguousarray(few)
+    return np.full(len(few), kind, np.int64), np.array(few, order="C")

@@ -16,6 +16,7 @@ from specklegen.datasets.recipes.rendering import RenderedBy, medium_plan
 from specklegen.datasets.split import Purpose, substream
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.store import Store
+from specklegen.samplers.screens.objects import ScreenObjects
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.scene.window import Window
 
@@ -52,9 +53,9 @@ ALTERED = {
 def rendered(recipe):
     """What a sample says of its sampler, and what it was rendered with."""
     sample = recipe.sample(0, "train", 0)
-    fields = medium_realization(recipe, 0, "train", 0).fields
-    used = {StationaryFields: "stationary", PathSumFields: "paths"}[type(fields)]
-    return sample["parameters"], used
+    made = medium_realization(recipe, 0, "train", 0)
+    used = {StationaryFields: "stationary", PathSumFields: "paths"}[type(made.fields)]
+    return sample["parameters"], "screens" if isinstance(made.sampler, ScreenObjects) else used
 
 
 @pytest.mark.parametrize("name", recipe_names())
