@@ -60,12 +60,12 @@ def sideways(optical_depth: float, right: float, paths: int) -> Row:
 
 def sideways_thin() -> Row:
     """At optical depth 1."""
-    return sideways(1.0, 0.9, 64 * 5000)
+    return sideways(1.0, 0.9, 64 * 20_000)
 
 
 def sideways_medium() -> Row:
     """At optical depth 5."""
-    return sideways(5.0, 4.9, 64 * 1000)
+    return sideways(5.0, 4.9, 64 * 4000)
 
 
 def wide_box() -> Row:
