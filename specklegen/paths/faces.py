@@ -55,9 +55,10 @@ def seen_through(medium: Slab, views: np.ndarray, most: int) -> np.ndarray:
 def _reached(medium: Slab, views: np.ndarray, m: int) -> np.ndarray:
     up, slant = views[:, 2] > 0, np.abs(views[:, 2])
     from_below = up == (m % 2 == 0)  # whether the leg leaves its vertex upwards
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slope = np.where(slant == 0, 0.0, np.where(from_below, -1.0, 1.0) * medium.extinction / slant)
         far = np.where(from_below, m + 1.0, m) * medium.optical_depth / slant
+    slope = np.nan_to_num(slope)  # grazing, to the last bit: the largest number, which times no depth is 0
     far = np.where(slant == 0, np.inf, far)
     if not medium.faces.matched:
         r = reflectance(medium.faces, slant)

@@ -98,14 +98,14 @@ def test_what_has_no_obvious_place_is_refused(make):
         make()
 
 
-class Screened(sg.Scatterer):
+class Veiled(sg.Scatterer):
     """A scatterer of somebody's own, written without thought of signatures."""
 
-    screening: float
+    veil: float
 
     def shape(self, cos, dimensions=3):
-        return 1 / (1 + self.screening * (1 - cos))
+        return 1 / (1 + self.veil * (1 - cos))
 
 
 def test_a_type_of_ones_own_is_legible_too():
-    assert str(inspect.signature(Screened)) == "(*, screening: float)"
+    assert str(inspect.signature(Veiled)) == "(*, veil: float)"

@@ -69,7 +69,7 @@ def screen_correlation(stack: ScreenStack, wavelength: float) -> ScreenCorrelati
     total = rest + found.sum()
     return ScreenCorrelation(
         radius=np.append(0.0, radius), weights=np.append(rest, found)[None], paths=1,
-        single_share=rest / total if total else 1.0, source="closed form", stated_error=BIN_ERROR,
+        single_share=float(rest / total) if total else 1.0, source="closed form", stated_error=BIN_ERROR,
         stack=stack, wavelength=wavelength,
     )  # fmt: skip
 
