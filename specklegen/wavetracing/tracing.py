@@ -19,6 +19,7 @@ import numpy as np
 from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.parallel import Threads, in_turn, thread_count
 from specklegen.core.random_streams import Seed, Stream, stream_key
+from specklegen.core.showing import short
 from specklegen.kernels import beam_walk
 from specklegen.wavetracing.emitters import CollimatedEmitter, Emitter, PointEmitter
 from specklegen.wavetracing.facets import Facets, facets_of
@@ -127,6 +128,8 @@ class WaveTrace:
     fluence_error: list[np.ndarray]
     ledger: Ledger
     statistics: Statistics
+
+    __repr__ = short
 
 
 def trace(
