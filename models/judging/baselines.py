@@ -1,7 +1,7 @@
 """What a network is judged beside: the mean image, which looks at nothing, and phase retrieval, which learns nothing.
 
 A method is a function of a batch (of a hidden-object recipe, as tensors) to brightness float32[B, n, n] on the pitch of
-the object, up to shift and flip; n is the object's side or :data:`FRAME`.
+the object, up to shift and flip; n is at most :data:`FRAME`.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,6 +17,8 @@ from specklegen.models.learning.inputs import (
     steps_of,
     without_background,
 )
+from specklegen.models.learning.measurement import measured
+from specklegen.models.learning.solver import Solver
 from specklegen.models.metrics import align
 from specklegen.models.retrieval.apodisation import transfer_function
 from specklegen.models.retrieval.autocorrelation import lag_means, memory_effect_at_lags
@@ -95,6 +97,11 @@ def katz(
         return torch.cat(made)
 
     return method
+
+
+def any_object(solver: Solver, recipe: HiddenObject, seed: int = 0) -> Method:
+    """The solver for any object, which knows each material's C_I and reads camera noise off the image."""
+    return lambda batch: solver.solve(*measured(batch, recipe), seed=seed).image
 
 
 class SeenLags(NamedTuple):
