@@ -21,7 +21,7 @@ from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject
 from specklegen.models.judging import baselines
 from specklegen.models.judging.baselines import FRAME, Batch
 from specklegen.models.judging.evaluation import Evaluation, evaluate
-from specklegen.models.judging.tasks import SAMPLES, SEED, TASKS, VERSION, Task, task
+from specklegen.models.judging.tasks import SAMPLES, SEED, TASKS, VERSION, task
 from specklegen.models.learning.examples import batches_of
 from specklegen.models.learning.measurement import memory_effect_of
 from specklegen.models.learning.reconstructor import load_pretrained
