@@ -48,6 +48,7 @@ from specklegen.kernels.beam_state import (
 from specklegen.kernels.cone_bvh import closest, collect
 from specklegen.kernels.cones import CONE
 from specklegen.kernels.ray_bvh import nearest
+from specklegen.kernels.receivers import crossing
 from specklegen.kernels.region_patterns import FINE, GRID
 from specklegen.kernels.regions import FOUND, census
 from specklegen.kernels.rng import normal_pair, uniforms
@@ -70,21 +71,15 @@ _ONE = np.uint64(1)
 def cross_planes(state, reach, planes, first_cell, counts, fluence, squares):
     """Count the crossings of receivers on the next ``reach`` of a ray; return how many.
 
-    planes : float64[R, 15], see `walk_beams`
+    planes : float64[R, RECEIVER], see `specklegen.kernels.receivers`
     """
     found = 0
     for r in range(planes.shape[0]):
-        along = state[DX] * planes[r, 9] + state[DY] * planes[r, 10] + state[DZ] * planes[r, 11]
-        x, y, z = planes[r, 0] - state[PX], planes[r, 1] - state[PY], planes[r, 2] - state[PZ]
-        t = (x * planes[r, 9] + y * planes[r, 10] + z * planes[r, 11]) / along
-        if not (t > 0.0 and t <= reach and t < math.inf):
-            continue
-        x, y, z = t * state[DX] - x, t * state[DY] - y, t * state[DZ] - z
-        u = (x * planes[r, 3] + y * planes[r, 4] + z * planes[r, 5]) / planes[r, 12] + 0.5 * planes[r, 14]
-        v = (x * planes[r, 6] + y * planes[r, 7] + z * planes[r, 8]) / planes[r, 12] + 0.5 * planes[r, 13]
-        if u >= 0.0 and u < planes[r, 14] and v >= 0.0 and v < planes[r, 13]:
-            cell = first_cell[r] + int(v) * int(planes[r, 14]) + int(u)
-            steep = 1.0 / abs(along)
+        cell, _, steep = crossing(
+            state[PX], state[PY], state[PZ], state[DX], state[DY], state[DZ], reach, planes, r
+        )
+        if cell >= 0:
+            cell += first_cell[r]
             counts[cell] += 1
             fluence[cell] += steep
             squares[cell] += steep * steep
@@ -126,7 +121,7 @@ def walk_beams(
     source           : float64[SOURCE]                see `specklegen.kernels.beam_sources`
     boxes .. corners : the hierarchy;  facet .. loop_ends : see `specklegen.kernels.regions`
     material         : int32[n], row of ``materials`` float64[M, 4] of each place
-    planes           : float64[R, 15]                 centre, axes x, y, normal, pitch, rows, columns
+    planes           : float64[R, RECEIVER]           see `specklegen.kernels.receivers`
     counts, fluence, squares : int64, float64, float64[cells], added to: crossings, sum of 1 / |cos| and of its square
     ends             : int64[ENDS];  statistics : int64[STATISTICS];  areas : float64[1], of regions; added to
     """
