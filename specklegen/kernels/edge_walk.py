@@ -1,15 +1,16 @@
 """Beams through a scene with diffraction by UTD: geometric light in unit counts, and rays from edges that carry weights.
 
-A beam's own ray does what rays do. Its mean, and the cone of three deviations about it, decide which edges send a ray:
-those that the mean passes within the cone's half-width w, and that its light reaches. The wave that meets them is that of
-the ray (`specklegen.kernels.edge_waves`): plane from a collimated source, spherical from a point, so that the ensemble
-of beams is the partially coherent light that it stands for, and a point source is coherent.
+A ray of a beam does what rays do. With it goes the wave that it stands for (`specklegen.kernels.edge_waves`): plane
+from a collimated source, spherical from a point, so that the ensemble of rays is the partially coherent light of
+the beams, and a point source is coherent. Edges that the ray passes within the beam's half-width w, and that the wave
+lights, may send a ray; those within 2w interfere.
 
-An edge ray leaves Q, where the mean passes nearest, on Keller's cone, at an angle phi of a density p(phi). Means are
+An edge ray leaves Q, where the ray passes nearest, on Keller's cone, at an angle phi of a density p(phi). Rays are
 spread evenly, so those that pass within w send 2 w p(phi) re / (s (re + s) sin beta) edge rays through a unit of area at P,
-over the light's own density at Q; the ray's weight at P is what its edge adds there (`bent_power`) over that. A
-receiver takes the weight at its crossing, the next surface or edge that at theirs; there a weight below 1 is
-rounded to 0 or 1 by chance. Weights are negative where light is missing: shadows, and dark fringes.
+over the light's own density at Q; where the rectangle of a source is narrower, its chord stands for 2w. The edge ray's
+weight at P is what its edge adds there (`bent_power`) over that density. A receiver takes the weight at its crossing,
+the next surface or edge that at theirs; there a weight below 1 is rounded to 0 or 1 by chance. Weights are negative
+where light is missing: shadows, and dark fringes.
 
 phi is drawn from a mixture: even, and 1 / (|phi - boundary| + delta) about each shadow and reflection boundary, where
 1 / delta^2 = k times the largest distance of a receiver: waves near a boundary fall like that beyond their transition, at
@@ -24,7 +25,7 @@ import numpy as np
 
 from specklegen.kernels import inlined, kernel
 from specklegen.kernels.beam_events import scatter_diffusely
-from specklegen.kernels.beam_sources import COLLIMATED, KIND, emit
+from specklegen.kernels.beam_sources import COLLIMATED, KIND, LOWER, UPPER, emit
 from specklegen.kernels.beam_state import (
     CONE_AT, CX, CY, CZ, DX, DY, DZ, MX, MY, MZ, PX, PY, PZ, SPREAD, STATE, WIDTH, XX, XY, XZ, YX, YY, YZ,
     axes_about, leave_region, mirror,
@@ -41,7 +42,7 @@ from specklegen.kernels.receivers import crossing
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.surfaces import ABSORBED, REFLECTED, SCATTERED, outcome, reflectance
 
-ROOM = 64
+ROOM = 128
 """Edges that one wave may meet together; a beam that meets more fails."""
 # What an edge ray carries besides its beam: its edge, where it left, 1 / density without s and re.
 _OWN, _AT, _SCALE, _PENDING = 0, 1, 2, 3
@@ -49,6 +50,15 @@ _EVEN = 0.1  # share of angles drawn evenly
 _ONE = np.uint64(1)
 # Statistics of `specklegen.kernels.beam_walk`: surface and matter events, edge rays, edges, legs that see edges, crossings.
 _SURFACE, _EDGE_RAYS, _NEAR, _LEGS, _CROSSINGS = 0, 1, 10, 11, 12
+
+
+@inlined
+def _follow(state):
+    """Put a beam's mean on its ray."""
+    state[CX], state[CY], state[CZ] = state[PX], state[PY], state[PZ]
+    state[MX], state[MY], state[MZ] = state[DX], state[DY], state[DZ]
+    x, y, z, u, v, w = axes_about(state[DX], state[DY], state[DZ])
+    state[XX], state[XY], state[XZ], state[YX], state[YY], state[YZ] = x, y, z, u, v, w
 
 
 @inlined
@@ -108,7 +118,7 @@ def _angle(u, v, top, boundaries, count, least):
 
 @inlined
 def pass_by(state, edge):
-    """Where a beam's mean passes an edge's line: (t along it, depth, offset over the cone's half-width, that, sin)."""
+    """Where a ray passes an edge's line: t along it, depth, offset, stretch of the cross-section there, sine."""
     ex, ey, ez = edge[ALONG], edge[ALONG + 1], edge[ALONG + 2]
     x, y, z = edge[START] - state[CX], edge[START + 1] - state[CY], edge[START + 2] - state[CZ]
     mx, my, mz = state[MX], state[MY], state[MZ]
@@ -120,34 +130,61 @@ def pass_by(state, edge):
     sine = math.sqrt(square)
     nx, ny, nz = (my * ez - mz * ey) / sine, (mz * ex - mx * ez) / sine, (mx * ey - my * ex) / sine
     offset = abs(x * nx + y * ny + z * nz)
-    # y of the frame is scaled by the stretch, so this is the half-width of the ellipse along n.
+    # y of the frame is scaled by the stretch: the half-width of the ellipse along n is a over this.
     u = nx * state[XX] + ny * state[XY] + nz * state[XZ]
     v = nx * state[YX] + ny * state[YY] + nz * state[YZ]
-    width = (state[WIDTH] + depth * state[SPREAD]) / math.sqrt(u * u + v * v)
-    return t, depth, offset, width, sine
+    return t, depth, offset, math.sqrt(u * u + v * v), sine
+
+
+@inlined
+def _chord(source, state, edge, t, width):
+    """Length of the strip of rays about an edge, within ``width`` to both sides and within a source's rectangle."""
+    ex, ey, ez = edge[ALONG], edge[ALONG + 1], edge[ALONG + 2]
+    dx, dy, dz = state[DX], state[DY], state[DZ]
+    nx, ny, nz = dy * ez - dz * ey, dz * ex - dx * ez, dx * ey - dy * ex
+    size = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    n, d = (nx * size, ny * size, nz * size), (dx, dy, dz)
+    q = (edge[START] + t * ex, edge[START + 1] + t * ey, edge[START + 2] + t * ez)
+    flat = 0
+    for c in range(3):
+        if source[UPPER + c] == source[LOWER + c]:
+            flat = c
+    # The point of the rectangle's plane that lights Q, and the direction in the plane that is seen as n along d.
+    back, tilt = (q[flat] - source[LOWER + flat]) / d[flat], n[flat] / d[flat]
+    low, high = -width, width
+    for c in range(3):
+        if c != flat:
+            at, rate = q[c] - back * d[c], n[c] - tilt * d[c]
+            one, two = source[LOWER + c] - at, source[UPPER + c] - at
+            if rate != 0.0:
+                one, two = one / rate, two / rate
+                low, high = max(low, min(one, two)), min(high, max(one, two))
+            elif one > 0.0 or two < 0.0:
+                return 0.0
+    return max(high - low, 0.0)
 
 
 @kernel
-def edges_about(state, z_ray, skip, but, wide, places, edge_at, edges, edge_facets, boxes, link, corners, found):
-    """Numbers of the edges within twice a beam's cone, beyond its ray's depth, in ``found`` int64[ROOM]; their number.
+def edges_about(state, skip, but, wide, places, edge_at, edges, edge_facets, boxes, link, corners, found):
+    """Numbers of the edges within twice a beam's cone, in ``found`` int64[ROOM]; their number.
 
     skip, but : facet and edge that the beam comes from, which send nothing; -1 for none.  -1 if there are more than ROOM.
     """
     for c in range(CONE):
         wide[c] = state[CONE_AT + c]
     wide[12], wide[13] = 2.0 * state[WIDTH], 2.0 * state[SPREAD]
-    touched, _ = collect(wide, z_ray, math.inf, boxes, link, corners, places)
+    touched, _ = collect(wide, 0.0, math.inf, boxes, link, corners, places)
     if touched > places.shape[0]:
         places = np.empty(touched, np.int64)
-        touched, _ = collect(wide, z_ray, math.inf, boxes, link, corners, places)
+        touched, _ = collect(wide, 0.0, math.inf, boxes, link, corners, places)
     count = 0
     for n in range(touched):
         for side in range(3):
             e = edge_at[places[n], side]
             if e < 0 or e == but or (skip >= 0 and (edge_facets[e, 0] == skip or edge_facets[e, 1] == skip)):
                 continue
-            _, depth, offset, width, _ = pass_by(state, edges[e])
-            if not (depth > z_ray and offset <= 2.0 * width):
+            _, depth, offset, stretch, _ = pass_by(state, edges[e])
+            if not (depth > 0.0 and offset * stretch <= 2.0 * (state[WIDTH] + depth * state[SPREAD])):
                 continue
             if count == ROOM:
                 return -1, places
@@ -158,10 +195,13 @@ def edges_about(state, z_ray, skip, but, wide, places, edge_at, edges, edge_face
 
 @kernel
 def send(
-    k0, k1, path, counter, state, wave, edge, rows, chosen, t, depth, width, sine, accepted, k, least, planes, materials,
+    k0, k1, path, counter, state, wave, edge, rows, chosen, t, depth, strip, sine, accepted, k, least, planes, materials,
     new_state, new_wave, carried, angles,
 ):  # fmt: skip
-    """Fill the beam, wave and what it carries of a ray from an edge; return the counter."""
+    """Fill the beam, wave and what it carries of a ray from an edge; return the counter.
+
+    strip : width of the strip of rays that pass the edge so near
+    """
     qx = edge[START] + t * edge[ALONG]
     qy = edge[START + 1] + t * edge[ALONG + 1]
     qz = edge[START + 2] + t * edge[ALONG + 2]
@@ -196,7 +236,7 @@ def send(
     new_wave[WEX], new_wave[WEY], new_wave[WEZ] = x * size, y * size, z * size
     new_wave[R1], new_wave[R2] = r, 0.0
     carried[_OWN], carried[_AT] = chosen, t
-    carried[_SCALE] = accepted * sine_wave * sine_wave / (2.0 * width * density * sine)
+    carried[_SCALE] = accepted * sine_wave * sine_wave / (strip * density * sine)
     return counter + _ONE
 
 
@@ -254,10 +294,12 @@ def walk_edges(
     found, good = np.empty(ROOM, np.int64), np.empty(ROOM, np.int64)
     passes, angles = np.empty((ROOM, 4)), np.empty(3)
     wide, places = np.empty(CONE), np.empty(256, np.int64)
+    flat = int(source[KIND]) == COLLIMATED
     for n in range(count):
         path = np.uint64(first + n)
         counter = emit(k0, k1, path, source, WAVE_MODE, k, states[0])
-        _begin(waves[0], states[0], math.inf if int(source[KIND]) == COLLIMATED else 0.0)
+        _follow(states[0])
+        _begin(waves[0], states[0], math.inf if flat else 0.0)
         carried[0, :], events_of[0], skips[0, 0], skips[0, 1] = 0.0, 0, -1, -1
         carried[0, _SCALE] = 1.0
         top, end, own_beam = 1, ESCAPED, True
@@ -296,13 +338,8 @@ def walk_edges(
                     statistics[_CROSSINGS] += 1
                     crossed, share = True, weight
                 if events < max_events and top < room - 1:
-                    z_ray = (
-                        (state[PX] - state[CX]) * state[MX]
-                        + (state[PY] - state[CY]) * state[MY]
-                        + (state[PZ] - state[CZ]) * state[MZ]
-                    )
                     near, places = edges_about(
-                        state, z_ray, skip, but, wide, places, edge_at, edges, edge_facets, boxes, link, corners, found
+                        state, skip, but, wide, places, edge_at, edges, edge_facets, boxes, link, corners, found
                     )
                     if near < 0:
                         end, fate_known, top = FAILED, True, 0
@@ -310,14 +347,22 @@ def walk_edges(
                     accepted = 0
                     for m in range(near):
                         edge = edges[found[m]]
-                        t, depth, offset, width, sine = pass_by(state, edge)
-                        if offset <= width and 0.0 < t < edge[LENGTH] and lights(
-                            wave, skip, edge[START] + t * edge[ALONG], edge[START + 1] + t * edge[ALONG + 1],
-                            edge[START + 2] + t * edge[ALONG + 2], normals, facet, boxes, link, corners,
-                        ):  # fmt: skip
+                        t, depth, offset, stretch, sine = pass_by(state, edge)
+                        if not (depth > 0.0 and 0.0 < t < edge[LENGTH]):
+                            continue
+                        qx, qy = edge[START] + t * edge[ALONG], edge[START + 1] + t * edge[ALONG + 1]
+                        qz = edge[START + 2] + t * edge[ALONG + 2]
+                        # By the wave's path, which is the same for all rays whose nearest point is Q.
+                        _, _, _, reach, _, _ = local_wave(wave, qx, qy, qz)
+                        width = (state[WIDTH] + reach * state[SPREAD]) / stretch
+                        if offset <= width and lights(
+                            wave, skip, qx, qy, qz, normals, facet, boxes, link, corners
+                        ):
                             good[accepted] = found[m]
                             passes[accepted, 0], passes[accepted, 1] = t, depth
-                            passes[accepted, 2], passes[accepted, 3] = width, sine
+                            passes[accepted, 2], passes[accepted, 3] = 2.0 * width, sine
+                            if events == 0 and flat:
+                                passes[accepted, 2] = _chord(source, state, edge, t, width)
                             accepted += 1
                     if accepted > 0:
                         statistics[_LEGS] += 1
@@ -383,16 +428,11 @@ def walk_edges(
                 state[PX] += hit * state[DX]
                 state[PY] += hit * state[DY]
                 state[PZ] += hit * state[DZ]
-                z = (
-                    (state[PX] - state[CX]) * state[MX]
-                    + (state[PY] - state[CY]) * state[MY]
-                    + (state[PZ] - state[CZ]) * state[MZ]
-                )
                 if fate == SCATTERED:
-                    counter = scatter_diffusely(k0, k1, path, counter, state, z, least, nx, ny, nz)
+                    counter = scatter_diffusely(k0, k1, path, counter, state, hit, least, nx, ny, nz)
                     _begin(wave, state, 0.0)
                     continue
-                leave_region(state, z, least, state[MX], state[MY], state[MZ])
+                leave_region(state, hit, least, state[MX], state[MY], state[MZ])
                 wave[WX], wave[WY], wave[WZ] = state[PX], state[PY], state[PZ]
                 wave[R1] += hit
                 wave[R2] += hit

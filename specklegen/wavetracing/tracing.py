@@ -131,7 +131,7 @@ def _check(geometry, emitter, beams, mode, diffraction, amplitude, max_events) -
     if diffraction == "utd" and mode != "wave":
         reject("trace diffraction", "'fraunhofer' in the modes 'ballistic' and 'ray'", diffraction)
     if diffraction == "utd" and amplitude != "auto":
-        reject("trace amplitude", "'auto' with UTD", amplitude, "Its light is that of each ray: plane, or from a point.")
+        reject("trace amplitude", "'auto' with UTD", amplitude, "Its light is each ray's: plane, or of a point.")
     if isinstance(max_events, bool) or not isinstance(max_events, int | np.integer) or max_events < 0:
         reject("trace max_events", "a whole number of at least 0", max_events)
 
@@ -231,8 +231,8 @@ def _doubt_corners(table: EdgeTable, wavelength: float, planes: list[Plane]) -> 
     short = int((length < 2 * np.sqrt(wavelength * distance)).sum())
     if short:
         warnings.warn(
-            f"{short} of {len(length)} edges are shorter than the Fresnel zone of the nearest receiver: corners matter, "
-            'from which UTD has no rays here; use diffraction="fraunhofer" there',
+            f"{short} of {len(length)} edges are shorter than the Fresnel zone of the nearest receiver: corners "
+            'matter, from which UTD has no rays here; use diffraction="fraunhofer" there',
             DoubtWarning,
             stacklevel=4,
         )

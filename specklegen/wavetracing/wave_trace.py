@@ -18,7 +18,7 @@ class Ledger:
     stopped : int
         After ``max_events`` interactions.
     failed : int
-        No wavevector could be drawn: the opening has no area, or every try was refused. With UTD: more than 64 edges
+        No wavevector could be drawn: the opening has no area, or every try was refused. With UTD: more than 128 edges
         met one wave together.
     edge_received, edge_absorbed : float
         With UTD, what rays from edges add to the two, in beams: sums of signed weights. UTD conserves power nearly, and
