@@ -360,8 +360,8 @@ def maps(out, quick):
                     figure.colorbar(drawn, ax=panel, shrink=0.7)
     save(figure, out, "coverage")
     table(
-        f"Coverage, {beams} beams and {20 * beams} rays; means over cells in the air that no ray reaches, in dB over free "
-        "space at 1 m (error); shares of lit cells in which one is above the other by 4 standard errors",
+        f"Coverage, {beams} beams and {20 * beams} rays; means over cells in the air that no ray reaches, in dB over "
+        "free space at 1 m (error); shares of lit cells in which one is above the other by 4 standard errors",
         ["place", "edges", "dark to rays", "wave there", "walls black", "ray above", "wave above", "ballistic",
          "region, m²", "triangles a region", "beams a ms"], rows,
     )  # fmt: skip

@@ -1,13 +1,13 @@
 """Waves from edges in unpolarised light: what a local wave makes at an edge, and its intensity at a point.
 
-A *local wave* is light about one ray: plane, spherical, or astigmatic behind an edge. As float64[WAVE] it is a point and
-direction of the ray, a unit vector across it, and the radii of curvature R1 along that vector and R2 across it, at the
-point. Where it meets an edge at Q, at the angle beta, a cone of rays leaves Q at that angle [Keller], and carries
+A *local wave* is light about one ray: plane, spherical, or astigmatic behind an edge. As float64[WAVE] it is a point
+and direction of the ray, a unit vector across it, and the radii of curvature R1 along that vector and R2 across it, at
+the point. Where it meets an edge at Q, at the angle beta, a cone of rays leaves Q at that angle [Keller], and carries
 
     u_d = u_i(Q) D A e^{iks},   A = sqrt(re / (s (re + s))),   L = s (re + s) r1 r2 sin^2 beta / (re (r1 + s) (r2 + s))
 
-with the coefficients of `specklegen.kernels.wedges`. D = D_direct -+ D_image (soft, hard). Power here is the mean of soft
-and hard, and
+with the coefficients of `specklegen.kernels.wedges`. D = D_direct -+ D_image (soft, hard). Power here is the mean of
+soft and hard, and
 
     (|a - b|^2 + |a + b|^2) / 2 = |a|^2 + |b|^2:
 
@@ -33,6 +33,12 @@ START, ALONG, LENGTH, WEDGE, NORMAL, INWARD, EDGE = 0, 3, 6, 7, 8, 11, 14
 CLEAR = 1e-7
 """Of a leg's length, at both of its ends, in which nothing blocks it."""
 _STEPS = 3  # of unfolding where the wave is astigmatic; one is exact for others
+
+
+@inlined
+def along(edge, t):
+    """The point at t along an edge."""
+    return edge[START] + t * edge[ALONG], edge[START + 1] + t * edge[ALONG + 1], edge[START + 2] + t * edge[ALONG + 2]
 
 
 @inlined
@@ -65,8 +71,8 @@ def radius_along(wave, edge, dx, dy, dz, a, b):
     if a == b:
         return a, cosine
     x, y, z = edge[ALONG] - cosine * dx, edge[ALONG + 1] - cosine * dy, edge[ALONG + 2] - cosine * dz
-    along = x * wave[WEX] + y * wave[WEY] + z * wave[WEZ]
-    share = min(along * along / max(x * x + y * y + z * z, 1e-300), 1.0)
+    part = x * wave[WEX] + y * wave[WEY] + z * wave[WEZ]
+    share = min(part * part / max(x * x + y * y + z * z, 1e-300), 1.0)
     return 1.0 / (share / a + (1.0 - share) / b), cosine
 
 
@@ -84,10 +90,8 @@ def leaving_point(wave, edge, x, y, z):
     distance = math.sqrt(max(ux * ux + uy * uy + uz * uz - foot * foot, 0.0))
     t = min(max(foot, 0.0), edge[LENGTH])
     for _ in range(_STEPS if wave[R1] != wave[R2] else 1):
-        dx, dy, dz, _, a, b = local_wave(
-            wave, edge[START] + t * edge[ALONG], edge[START + 1] + t * edge[ALONG + 1],
-            edge[START + 2] + t * edge[ALONG + 2],
-        )  # fmt: skip
+        qx, qy, qz = along(edge, t)
+        dx, dy, dz, _, a, b = local_wave(wave, qx, qy, qz)
         r, cosine = radius_along(wave, edge, dx, dy, dz, a, b)
         sine = math.sqrt(max(1.0 - cosine * cosine, 1e-24))
         if r == math.inf:
@@ -185,8 +189,7 @@ def bent_wave(wave, edge, rows, t, k, x, y, z, materials):
 
     rows : int32[2], of ``materials``, of the edge's faces.  0 within 1 / k of the edge, where there is no ray.
     """
-    qx, qy = edge[START] + t * edge[ALONG], edge[START + 1] + t * edge[ALONG + 1]
-    qz = edge[START + 2] + t * edge[ALONG + 2]
+    qx, qy, qz = along(edge, t)
     dx, dy, dz, path, a, b = local_wave(wave, qx, qy, qz)
     r, cosine = radius_along(wave, edge, dx, dy, dz, a, b)
     sine = math.sqrt(max(1.0 - cosine * cosine, 1e-24))
@@ -234,9 +237,7 @@ def bent_power(
         t = leaving_point(wave, edges[e], x, y, z)
         if not 0.0 < t < edges[e, LENGTH]:
             continue
-        qx = edges[e, START] + t * edges[e, ALONG]
-        qy = edges[e, START + 1] + t * edges[e, ALONG + 1]
-        qz = edges[e, START + 2] + t * edges[e, ALONG + 2]
+        qx, qy, qz = along(edges[e], t)
         if not lights(wave, skip, qx, qy, qz, normals, facet, boxes, link, corners):
             continue
         ux, uy, uz = x - qx, y - qy, z - qz
@@ -263,8 +264,6 @@ def bent_power(
                         rims, rim_ends,
                     )  # fmt: skip
         power += image.real * image_sum.real + image.imag * image_sum.imag
-    _, _, _, _, a, b = local_wave(
-        wave, edge[START] + t_own * edge[ALONG], edge[START + 1] + t_own * edge[ALONG + 1],
-        edge[START + 2] + t_own * edge[ALONG + 2],
-    )  # fmt: skip
+    qx, qy, qz = along(edge, t_own)
+    _, _, _, _, a, b = local_wave(wave, qx, qy, qz)
     return power / _thinned(a, b) ** 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from wavetracing.screens import FAR, OUTLINE, screen, slit
-from wavetracing.solids import box
+from wavetracing.solids import box, soup, sphere
 from zscore import assert_z
 
 from specklegen.core.errors import DoubtWarning, RuleError
@@ -13,16 +13,20 @@ from specklegen.wavetracing import (
     Absorber,
     CollimatedEmitter,
     Conductor,
+    Diffuse,
     Geometry,
     Mesh,
     Plane,
     PointEmitter,
+    Smooth,
     Transmitter,
     coverage,
     perforated_screen,
     phase_rays,
     trace,
 )
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*corners matter:specklegen.core.errors.DoubtWarning")
 
 K = 2 * np.pi
 AHEAD = np.array([0, 0, 1.0])
@@ -47,6 +51,11 @@ def over_pixels(values, pixels):
 def half(material):
     """A half plane x > 0 at z = 0."""
     corners = FAR * np.array([[0, -1, 0], [1, -1, 0], [1, 1, 0], [0, 1, 0.0]])
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), material)
+
+
+def sheet(half_size, z, material):
+    corners = half_size * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]]) + [0, 0, z]
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), material)
 
 
@@ -159,6 +168,28 @@ def test_threads_and_order_do_not_matter():
     assert one.ledger == two.ledger
     assert one.ledger.edge_received != 0
     assert one.statistics == two.statistics
+
+
+@pytest.mark.filterwarnings("ignore::specklegen.core.errors.DoubtWarning")
+@pytest.mark.parametrize("scene", ["soup", "box", "sphere", "mirrors", "inside"])
+def test_every_beam_ends_once(scene):
+    """Whatever the mesh, in integers; values are numbers, and light that cannot get out does not."""
+    meshes = {
+        "soup": Mesh(soup(30, 1).vertices * 40 - 20, soup(30, 1).faces, Conductor()),
+        "box": box((10, 8, 6), material=Smooth(permittivity=3 + 0.1j)),
+        "sphere": sphere(3, 8.0, material=Diffuse(albedo=0.7)),
+        "mirrors": [sheet(9, -3, Conductor()), sheet(15, 12, Smooth(permittivity=4, thickness=0.3))],
+        "inside": box((60, 60, 60), material=Smooth(permittivity=9 + 1j)),
+    }[scene]
+    source = CollimatedEmitter([-12, -12, -10], [12, 12, -10], AHEAD, 6.0, 1.0)
+    behind = Plane(center=np.array([0, 0, 50.0]), shape=(8, 8), pitch=8.0)
+    found = trace(Geometry(meshes), source, behind, 400, 3, diffraction="utd", max_events=8)
+    assert found.ledger.total == 400
+    for image in (*found.irradiance, *found.standard_error, *found.fluence, *found.fluence_error):
+        assert np.isfinite(image).all()
+    assert np.isfinite([found.ledger.edge_received, found.ledger.edge_absorbed]).all()
+    if scene == "inside":
+        assert not found.fluence[0].any()
 
 
 def test_nothing_in_the_way():
