@@ -18,6 +18,7 @@ from torch import Tensor
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short, summary
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks.unrolled import Seen, Unrolled, ranked, settled
 from specklegen.models.learning.reconstructor import centred
@@ -69,6 +70,8 @@ class Solution(NamedTuple):
     probability: Tensor
     evidence: Tensor
 
+    __repr__ = short
+
 
 class Solver:
     """An unrolled network with all that it needs.
@@ -82,6 +85,9 @@ class Solver:
 
     def __init__(self, network: Unrolled, certificate: Certificate) -> None:
         self.network, self.certificate = network, certificate
+
+    def __repr__(self) -> str:
+        return summary(self, frame=self.network.frame, side=self.network.side, stages=self.network.count)
 
     def solve(self, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect], *, seed: Seed = 0) -> Solution:
         """Reconstruct objects from their periodograms.

@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, Value
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.geometry import Geometry
@@ -71,6 +72,8 @@ class Coverage:
     error: np.ma.MaskedArray
     ledger: Ledger | None
     statistics: Statistics | None
+
+    __repr__ = short
 
 
 def coverage(

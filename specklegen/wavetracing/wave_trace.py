@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.showing import short
+
 
 @dataclass(frozen=True)
 class Ledger:
@@ -106,3 +108,5 @@ class WaveTrace:
     fluence_error: list[np.ndarray]
     ledger: Ledger
     statistics: Statistics
+
+    __repr__ = short
