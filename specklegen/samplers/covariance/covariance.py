@@ -26,13 +26,14 @@ from specklegen.core.parallel import Threads, even_slices, in_turn, map_blocks, 
 from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.core.showing import summary
-from specklegen.core.statistics import BATCHES
+from specklegen.core.statistics import BATCHES, tail_factor
 from specklegen.kernels.rng import fill_normals
 from specklegen.paths.bank import PathBank
 from specklegen.paths.deep_absorption import dark_views, require_reach, unseen_variance
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import volume_pilot
+from specklegen.paths.rare_paths import warn_of_rare_paths
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.slab_tracer import BLOCK
 from specklegen.paths.tracer import Tracer, volume_tracer
@@ -56,7 +57,8 @@ class Covariance(Pictured):
         C, in the units of |u|^2; views in C order of the sensor. complex128[P] for chosen pairs, and
         complex128[n, T, V] for a block of rows.
     standard_error : float64, of the same shape
-        sqrt(E|error|^2) from independent batches; NaN where there are fewer than two.
+        sqrt(E|error|^2) from independent batches; NaN where there are fewer than two. Where rare paths carry the error
+        of the intensities, up to 1.42 times what the batches show (:func:`specklegen.core.statistics.tail_factor`).
     single, multiple : complex128, of the same shape
         The parts of single scattering and of more; they add up to ``value``.
     paths : int
@@ -194,7 +196,8 @@ def covariance(
     -----
     DoubtWarning
         Where the mean free path is below the wavelength: independent scattering is then doubtful. Where some lights
-        and views are found at less than 1e-3 of the brightest ones: connections are kept by those.
+        and views are found at less than 1e-3 of the brightest ones: connections are kept by those. Where standard
+        errors rest on next to no path.
     """
     instance("covariance scene", scene, Scene)
     warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
@@ -227,7 +230,7 @@ def covariance(
     )  # fmt: skip
     require_reach("covariance", unseen_variance(scene), count)
     found, powers = run(count, seed)
-    _warn_of_dark_views(scene, powers)
+    _warn("covariance", scene, powers)
     found = replace(found, decisions=decisions)
     return found if pairs is not None else found.reshaped((t, v, t, v))
 
@@ -270,7 +273,7 @@ def covariance_blocks(
             tracer, tracer.layout, paths, seed, reverse=reversal.needed, entries=entries, threads=threads
         )  # fmt: skip
         if start == 0:
-            _warn_of_dark_views(scene, powers)
+            _warn("covariance_blocks", scene, powers)
         yield part, found.reshaped((part.stop - part.start, t, v))
 
 
@@ -341,12 +344,12 @@ def _estimate(
     """Sum the outer products of amplitudes over batches of paths, and find the error from their scatter.
 
     Paths are those of ``tracer``; amplitudes are at the lights and views of ``seen``, all of them or some, whose
-    intensities float64[T * V] are returned beside.
+    intensities float64[batches, T * V], sums over the paths of each batch, are returned beside.
     """
     total, single = np.zeros((2, *entries.shape), np.complex128)
     squares = np.zeros(entries.shape)
     pairs = len(seen.lights) * len(seen.views)
-    power = np.zeros(pairs)
+    power, powers = np.zeros(pairs), []
     unfinished = 0
     batches = even_slices(paths, BATCHES)
     step = max(1, COVARIANCE_ELEMENTS // max(pairs, 1))
@@ -376,17 +379,20 @@ def _estimate(
             total += often
             squares += np.square(often.real) + np.square(often.imag)
             power += lit
+            powers.append(lit)
             unfinished += cut
     total /= paths
     single /= paths
+    lit = np.array(powers)
     error = _standard_error(squares / paths**2, total, len(batches))
+    error *= entries.scale(tail_factor(lit - lit.mean(axis=0)))
     if entries.symmetric:
         for matrix in (total, single, error):
             _mirror(matrix)
     scale = entries.scale(power / paths)
     relative = np.divide(error, scale, out=np.zeros_like(error), where=scale > 0).max(initial=0.0)
     found = Covariance(total, error, single, total - single, paths, reverse, float(relative), unfinished)
-    return found, power / paths
+    return found, lit
 
 
 def _both_ways(layout: Layout, bidirectional: bool, reverse: bool, bank: PathBank, threads: Threads) -> np.ndarray:
@@ -417,10 +423,12 @@ def _mirror(matrix: np.ndarray) -> None:
         matrix[row, row] = matrix[row, row].real
 
 
-def _warn_of_dark_views(scene: Scene, powers: np.ndarray) -> None:
-    told = dark_views(scene, False, powers)
+def _warn(owner: str, scene: Scene, powers: np.ndarray) -> None:
+    """Warn of views that are dark beside others, and of errors that rest on few paths."""
+    told = dark_views(scene, False, powers.sum(axis=0))
     if told:
         warnings.warn(f"dark views: {told}.", DoubtWarning, stacklevel=3)
+    warn_of_rare_paths(owner, powers, stacklevel=4)
 
 
 def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:
