@@ -88,9 +88,9 @@ def require_reach(owner: str, variance: float, paths: int) -> None:
     if variance > 0:
         reject(
             f"{owner} paths", "enough that light crosses the absorbing medium in some of them", paths,
-            f"Of {variance:.1e} paths about one carries what is seen behind it. {enough}; or use a Slab, beams, far "
-            "views that all lie behind it, no reversed paths (reverse=False), and render or memory_effect: there paths "
-            "are drawn across.",
+            f"Of {variance:.1e} paths about one carries what is seen behind it. {enough}; or use a Slab of matched "
+            "faces, beams, far views that all lie behind it, no reversed paths (reverse=False), and render or "
+            "memory_effect: there paths are drawn across.",
         )  # fmt: skip
     reject(f"{owner} paths", f"at most {MOST_PATHS:.0e}", paths, "Ask for a larger rel_error.")
 

@@ -12,7 +12,6 @@ from specklegen.core.errors import DoubtWarning
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.pilot import PILOT_PATHS, scene_pilot
-from specklegen.paths.rare_paths import FEW
 from specklegen.samplers.stationary.correlation import estimate_correlation
 
 
@@ -76,20 +75,20 @@ def test_runs_of_too_few_paths_say_so():
 @pytest.mark.slow
 @pytest.mark.parametrize(("depth", "albedo"), [(100.0, 1.0), (100.0, 0.99), (300.0, 1.0)])
 def test_errors_planned_behind_deep_forward_slabs_are_those_found(depth, albedo):
-    """Pilots of scenes that differ by a hair state at the median what a run of half a million paths finds.
+    """Pilots of scenes that differ by a hair state at the median what a run of a quarter million paths finds.
 
-    An understatement of 20 % fails. Before, they stated .76, .66 and .76 of it at the median.
+    An understatement of 20 % fails. Pilots of 6000 paths stated .76 and .66 of it at depth 100.
     """
     medium = slab(depth, 0.99, albedo)
-    pilots = [scene_pilot(ahead(medium, 0.02 * (1 + 1e-6 * n)), False) for n in range(12)]
+    pilots = [scene_pilot(ahead(medium, 0.02 * (1 + 1e-6 * n)), False) for n in range(8)]
     stated = np.sqrt([pilot.moments.relative_variance for pilot in pilots])
     layout, batches = pilots[0].tracer.layout, []
     for n in range(64):
-        bank = pilots[0].tracer.trace(11, 8192, first=8192 * n)
-        found = np.bincount(bank.paths - 8192 * n, contributions(layout, bank), 8192)
-        batches.append([found.sum(), np.square(found).sum()])
+        bank = pilots[0].tracer.trace(11, 4096, first=4096 * n)
+        found = np.bincount(bank.paths - 4096 * n, contributions(layout, bank), 4096)
+        batches.append([found.sum(), np.square(found).sum(), 4096])
     true, error = statistics.jackknife(
-        np.array(batches) / 8192, lambda total: np.sqrt(total[1] * 64 / total[0] ** 2 * (total[0] > 0))
+        np.array(batches), lambda total: np.sqrt(total[1] * total[2] / total[0] ** 2 - 1)
     )
     ratio = np.median(stated) / true
     noise = np.hypot(error / true, 1.25 * np.std(stated / true) / np.sqrt(len(stated)))  # of a median
@@ -107,4 +106,3 @@ def test_errors_of_memory_curves_behind_deep_forward_slabs_are_their_scatter(dep
     found, error = (np.array([curve[n] for curve in curves]) for n in (0, 2))
     ratio = np.median(error, axis=0) / found.std(axis=0, ddof=1)
     assert (ratio > 0.8 * (1 - 1 / np.sqrt(2 * len(curves)))).all(), ratio
-    assert FEW < 25
