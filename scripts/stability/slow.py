@@ -10,7 +10,7 @@ from specklegen.paths.slab_tracer import plane_proposal, trace
 from specklegen.theory.correlation_transfer import quadruple
 from specklegen.theory.slab import slab_transmission
 
-from .row import Row, holds, measured, within
+from .row import Row, holds, measured, refused, within
 from .scenes import ACCEPTANCE, AXIS, scene, slab, views
 from .sizes import sideways
 
@@ -35,13 +35,13 @@ def thick_transmission() -> Row:
 
 
 def thickest() -> Row:
-    """Optical depth 1e4: whole by default, and ended by a smaller max_order with what was cut reported."""
-    medium = slab(1e4)
+    """Optical depth 3000: whole by default, and ended by a smaller max_order with what was cut reported."""
+    medium = slab(3e3)
     proposal = plane_proposal(medium, AXIS, AXIS)
     whole = trace(medium, replace(proposal, threshold=1e9), 1, 2000)
     cut = trace(medium, replace(proposal, threshold=1e9, max_order=1000), 1, 2000)
     return holds(
-        "OD 1e4", ACCEPTANCE, "ends by max_order, the unfinished weight reported",
+        "OD 3000", ACCEPTANCE, "ends by max_order, the unfinished weight reported",
         {
             f"default {proposal.max_order:.0e}: {whole.events / 2000:.3g} scatterings a path, {whole.unfinished} cut":
             whole.unfinished == 0 and whole.unfinished_weight == 0,
@@ -49,6 +49,12 @@ def thickest() -> Row:
             0 < cut.unfinished < 200 and np.isfinite(cut.unfinished_weight) and cut.unfinished_weight > 0,
         },
     )  # fmt: skip
+
+
+def too_thick() -> Row:
+    """Optical depth 1e4 without absorption: even a pilot would not come to an end."""
+    call = (lambda: sg.plan(scene(slab(1e4))), ["Slab.optical_depth", "thinner"])
+    return refused("OD 1e4", "4000 is the most", [call])
 
 
 def slope() -> Row:
@@ -79,4 +85,4 @@ def sideways_thick() -> Row:
     return sideways(20.0, 9.9, 64 * 1000)
 
 
-ROWS = (thick_transmission, thickest, slope, floor, sideways_thick)
+ROWS = (thick_transmission, thickest, too_thick, slope, floor, sideways_thick)

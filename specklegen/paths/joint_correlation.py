@@ -20,6 +20,8 @@ from specklegen.core.arguments import real_array, whole_number
 from specklegen.core.errors import reject
 from specklegen.core.showing import short
 from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.paths.deep_absorption import require_reach
+from specklegen.paths.stretching import relative_variance
 from specklegen.scene.media import Slab
 from specklegen.scene.screens import ScreenStack, ThinMedium, require_thin
 from specklegen.theory.phase_screens import coherence, spread, tilt_ways
@@ -75,13 +77,16 @@ def joint_correlation(
     Raises
     ------
     RuleError
-        For arguments out of range, or a slab through which no scattered light comes.
+        For arguments out of range, fewer paths than it takes for any to carry light through an absorbing slab, or a
+        slab through which no scattered light comes.
     """
     tilts = np.atleast_1d(real_array("joint_correlation tilts", tilts))
     shifts = np.atleast_1d(real_array("joint_correlation shifts", shifts))
     if not isinstance(medium, Slab):
         return _of_screens(require_thin(medium, wavelength), wavelength, tilts, shifts)
-    walks, ways, weights = _walked(medium, whole_number("joint_correlation paths", paths, BATCHES), seed)
+    whole_number("joint_correlation paths", paths, BATCHES)
+    require_reach("joint_correlation", relative_variance(medium), paths)
+    walks, ways, weights = _walked(medium, paths, seed)
     k, batch = 2 * np.pi / wavelength, np.arange(len(weights)) * BATCHES // len(weights)
     if not weights.any():
         reject("joint_correlation paths", "enough for some scattered light to come through", paths)

@@ -5,6 +5,7 @@ import pytest
 from zscore import assert_z
 
 import specklegen as sg
+from specklegen.core.errors import RuleError
 from specklegen.paths.joint_correlation import forward_correlation
 
 K = 2 * np.pi
@@ -58,3 +59,10 @@ def test_a_result_is_a_function_of_its_seed_and_a_bad_argument_is_named():
     assert one == again != other
     with pytest.raises(sg.RuleError, match="paths"):
         sg.joint_correlation(SLAB, wavelength=1.0, tilts=[TILT], shifts=[0.0], paths=3)
+
+
+def test_paths_that_do_not_cross_an_absorbing_slab_are_refused():
+    """Optical depth 40, albedo 0.5: a correlation of 1.004 +- 0.016 of whatever came through was handed out."""
+    medium = sg.Slab(thickness=1000.0, mean_free_path=25.0, albedo=0.5, scatterer=sg.Isotropic())
+    with pytest.raises(RuleError, match="joint_correlation paths must be enough that light crosses"):
+        sg.joint_correlation(medium, wavelength=0.5, tilts=[1e-4], shifts=[0.0])
