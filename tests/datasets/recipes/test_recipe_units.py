@@ -1,7 +1,7 @@
 """No unit of length matters to recipes: estimates of kernels, pilots and means are keyed by numbers without one.
 
-The second unit is 1024 of the first: a power of two, so that sines that follow from lengths keep their last bit, and with
-it the pilots of their scenes. With a factor of 1000 those may differ, as any two pilots do.
+The second unit is 1024 of the first: a power of two, so that sines that follow from lengths keep their last bit, and
+with it the pilots of their scenes. With a factor of 1000 those may differ, as any two pilots do.
 """
 
 import numpy as np
