@@ -16,9 +16,9 @@ from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.datasets.recipes.medium_realization import Contrast, Fields, MediumRealization, planned_sums
-from specklegen.datasets.recipes.parts.diffuser import Diffuser
 from specklegen.datasets.recipes.parts.distributions import drawn, ends
 from specklegen.datasets.recipes.parts.light import medium_seeds
+from specklegen.datasets.recipes.parts.material import Material
 from specklegen.datasets.recipes.parts.volume import Outline, PlacedCamera
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.recipes.rendering import chosen_rendering
@@ -87,8 +87,9 @@ class VolumeRecipe(Recipe):
     @model_validator(mode="after")
     def _check_volume(self) -> Self:
         kind = cast(str, getattr(self, "kind", "volume"))
-        if isinstance(self.material, Diffuser):
-            reject("Recipe.material", f"a slab's where the kind is {kind}", "screens", "Leave out screens.")
+        if not isinstance(self.material, Material):
+            reject("Recipe.material", f"given by optical_depth and g or scatterer where the kind is {kind}",
+                   self.material, "Boxes and voxels are made of these.")  # fmt: skip
         for name, given, remedy in (
             ("lab", self.lab is not None, "Write material.wavelength, window and camera."),
             ("exposure", self.exposure is not None, "Expose the images by specklegen.expose."),
