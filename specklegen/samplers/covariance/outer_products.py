@@ -13,7 +13,7 @@ import numpy as np
 
 from specklegen.core.parallel import Threads, even_slices, in_turn, map_blocks, one_blas_thread, thread_count
 from specklegen.core.random_streams import Seed, Stream
-from specklegen.core.statistics import BATCHES
+from specklegen.core.statistics import BATCHES, tail_factor
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.layout import Layout
@@ -87,8 +87,8 @@ class Sums(NamedTuple):
         Largest error over sqrt(C_pp C_qq).
     unfinished : int
         Paths cut short.
-    power : float64[T * V]
-        C_pp.
+    powers : float64[batches, T * V]
+        Sums over the paths of each batch of what makes C_pp.
     """
 
     total: np.ndarray
@@ -96,7 +96,7 @@ class Sums(NamedTuple):
     error: np.ndarray
     relative: float
     unfinished: int
-    power: np.ndarray
+    powers: np.ndarray
 
 
 def outer_products(
@@ -113,12 +113,12 @@ def outer_products(
     """Sum the outer products of amplitudes over batches of paths, and find the error from their scatter.
 
     Paths are those of ``tracer``; amplitudes are at the lights and views of ``seen``, all of them or some, whose
-    intensities are among the sums.
+    intensities in each batch are returned beside.
     """
     total, single = np.zeros((2, *entries.shape), np.complex128)
     squares = np.zeros(entries.shape)
     pairs = len(seen.lights) * len(seen.views)
-    power = np.zeros(pairs)
+    powers: list[np.ndarray] = []
     unfinished = 0
     batches = even_slices(paths, BATCHES)
     step = max(1, AMPLITUDES // max(pairs, 1))
@@ -147,17 +147,19 @@ def outer_products(
             often += once
             total += often
             squares += np.square(often.real) + np.square(often.imag)
-            power += lit
+            powers.append(lit)
             unfinished += cut
     total /= paths
     single /= paths
+    lit = np.array(powers)
     error = _standard_error(squares / paths**2, total, len(batches))
+    error *= entries.scale(tail_factor(lit - lit.mean(axis=0)))
     if entries.symmetric:
         for matrix in (total, single, error):
             mirror(matrix)
-    scale = entries.scale(power / paths)
+    scale = entries.scale(lit.sum(axis=0) / paths)
     relative = np.divide(error, scale, out=np.zeros_like(error), where=scale > 0).max(initial=0.0)
-    return Sums(total, single, error, float(relative), unfinished, power / paths)
+    return Sums(total, single, error, float(relative), unfinished, lit)
 
 
 def _both_ways(layout: Layout, bidirectional: bool, reverse: bool, bank: PathBank, threads: Threads) -> np.ndarray:
