@@ -162,7 +162,7 @@ def see_through(
     memory = [own.memory_effect] * len(images)
     found = None
     if fit if fit is not None else not own.known and len(images) >= _FEWEST:
-        found = fit_range(solver, seen, own.optics, memory, seed=seed)
+        found = fit_range(solver, seen, own.optics, memory)
     factor = found.factor if found is not None else 1.0
     memory = [scaled(own.memory_effect, factor)] * len(images)
     solution = solver.solve(seen, own.optics, memory, seed=seed)
