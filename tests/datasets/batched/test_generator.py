@@ -12,7 +12,6 @@ from specklegen.datasets.batched import generator as generator_module
 from specklegen.datasets.batched import kept, plan
 from specklegen.datasets.batched.generator import SpeckleGenerator
 from specklegen.datasets.loading import stream as stream_module
-from specklegen.datasets.recipes import recipe as recipe_module
 from specklegen.datasets.recipes import hidden_object
 from specklegen.datasets.recipes.medium_realization import medium_realization
 from specklegen.datasets.recipes.recipe_files import recipe_names
@@ -219,7 +218,7 @@ def test_a_device_that_is_not_there_is_named():
 
 
 def test_a_stream_uses_the_generator_where_it_can(monkeypatch, caplog):
-    for module in (stream_module, generator_module, recipe_module):
+    for module in (stream_module, generator_module, recipes):
         monkeypatch.setattr(module, "checked_device", lambda _field, device: torch.device(device))
     stream = SpeckleStream(recipe_of("through-slab"), device="meta", batch_size=4)
     assert stream.report()["way"] == plan.KEPT
