@@ -21,7 +21,7 @@ INTERRUPTED = 130
 
 _EXTRAS = {
     "sklearn": "digits", "miepython": "mie", "distributed": "dask", "dask": "dask", "dask_jobqueue": "dask",
-    "treams": "validate",
+    "treams": "validate", "marimo": "explore",
 }  # fmt: skip
 """Packages that come with an extra of this one."""
 
