@@ -18,6 +18,7 @@ from torch import Tensor
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short, summary
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks.range_net import RangeNet
 from specklegen.models.learning.networks.unrolled import BRIEFLY, Candidates, Seen, Unrolled, settled
@@ -70,6 +71,8 @@ class Solution(NamedTuple):
     probability: Tensor
     evidence: Tensor
 
+    __repr__ = short
+
 
 class Solver:
     """An unrolled network with all that it needs.
@@ -85,6 +88,9 @@ class Solver:
 
     def __init__(self, network: Unrolled, certificate: Certificate, ranges: RangeNet) -> None:
         self.network, self.certificate, self.ranges = network, certificate, ranges
+
+    def __repr__(self) -> str:
+        return summary(self, frame=self.network.frame, side=self.network.side, stages=self.network.count)
 
     def solve(self, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect], *, seed: Seed = 0) -> Solution:
         """Reconstruct objects from their periodograms.

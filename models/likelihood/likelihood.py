@@ -23,6 +23,7 @@ from torch import Tensor, nn
 
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.likelihood.spectrum import Transforms, autocorrelation_of, transforms, waves
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
@@ -55,6 +56,8 @@ class Optics(NamedTuple):
     grain: float | Tensor
     profile: Profile = "square"
     pixel_integration: bool = False
+
+    __repr__ = short
 
 
 def memory_effect_between(

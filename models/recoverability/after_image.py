@@ -12,6 +12,7 @@ from torch import Tensor
 
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.parts.distributions import ends
 from specklegen.datasets.recipes.parts.material import KnownMaterial
@@ -106,6 +107,8 @@ class Finding(NamedTuple):
     probability: float
     reasons: tuple[Reason, ...]
 
+    __repr__ = short
+
 
 class Findings(NamedTuple):
     """What the images tell together.
@@ -122,6 +125,8 @@ class Findings(NamedTuple):
     each: tuple[Finding, ...]
     range_sine: float
     fit: RangeFit | None
+
+    __repr__ = short
 
 
 def see_through(
