@@ -82,7 +82,7 @@ PYTHON = [block for block in blocks() if block.language == "python"]
 @pytest.mark.parametrize("block", [block for block in PYTHON if not own_process(block)], ids=str)
 def test_a_block_runs_on_its_own(block, bench, monkeypatch):
     for library in ("webdataset", "upath", "deepinv"):  # of extras, and of libraries that are no extra
-        if f"import {library}" in block.text or (library == "upath" and "://a.zarr" in block.text):
+        if library in block.text or (library == "upath" and "://a.zarr" in block.text):
             pytest.importorskip(library)
     monkeypatch.chdir(bench)
     names = {"__name__": "__main__"}

@@ -9,10 +9,10 @@ def summary(owner: object, **fields: Any) -> str:
     return f"{type(owner).__name__}({', '.join(f'{name}={_short(value)}' for name, value in fields.items())})"
 
 
-def short(owner: Any) -> str:
+def short(self: Any) -> str:
     """``__repr__`` of a dataclass or a named tuple that holds arrays or tensors: its :func:`summary`."""
-    names = owner._fields if isinstance(owner, tuple) else [field.name for field in fields(owner) if field.repr]
-    return summary(owner, **{name: getattr(owner, name) for name in names})
+    names = self._fields if isinstance(self, tuple) else [field.name for field in fields(self) if field.repr]
+    return summary(self, **{name: getattr(self, name) for name in names})
 
 
 def _short(value: Any) -> str:

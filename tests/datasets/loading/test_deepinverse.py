@@ -11,6 +11,7 @@ import types
 
 import pytest
 import torch
+from test_docs import blocks
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
@@ -121,6 +122,13 @@ def test_deepinv_reconstructs_with_it(deepinv, recipe):
     deepinv.optim.data_fidelity.L2()(guess, y, known).sum().backward()
     step = guess.detach() - 1e-3 * guess.grad / guess.grad.abs().max()
     assert float((known.A(step) - y).norm()) < float((known.A(guess.detach()) - y).norm())
+
+
+def test_the_block_of_the_page_runs(deepinv):
+    (block,) = [block for block in blocks() if "import deepinv" in block.text]
+    made = {"__name__": "__main__"}
+    exec(compile(block.text, str(block), "exec"), made)
+    assert made["back"].shape == made["x"].shape
 
 
 @pytest.mark.parametrize(
