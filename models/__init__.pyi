@@ -1,3 +1,4 @@
+from .judging.benchmark import benchmark as benchmark
 from .judging.evaluation import evaluate as evaluate
 from .learning.reconstructor import Reconstructor as Reconstructor
 from .learning.reconstructor import load_pretrained as load_pretrained

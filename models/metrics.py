@@ -170,6 +170,7 @@ def bootstrap(
     replacement and takes all their images. For a difference of two methods, pass the difference of their scores.
     Images of one character, too, are alike: where several are given they are resampled as well, and an image counts as
     often as its medium and its character have been drawn together (Owen, Annals of Applied Statistics 1, 386 (2007)).
+    One without a character is like no other, and counts as often as its medium.
 
     Parameters
     ----------
@@ -203,12 +204,14 @@ def bootstrap(
         reject("bootstrap.media", "at least two different ones", names, "One medium tells nothing about the others.")
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     drawn = rng.multinomial(len(names), np.full(len(names), 1 / len(names)), size=resamples)
-    kinds, kind = np.unique(media if characters is None else characters, return_inverse=True)
-    if characters is None or len(kinds) < 2:
+    shown = np.full(len(media), -1) if characters is None else np.asarray(characters)
+    kinds, kind = np.unique(shown[shown >= 0], return_inverse=True)
+    if len(kinds) < 2:
         means = (drawn @ np.bincount(which, values)) / (drawn @ np.bincount(which))
     else:
         each = rng.multinomial(len(kinds), np.full(len(kinds), 1 / len(kinds)), size=resamples)
-        weights = drawn[:, which] * each[:, kind]
+        weights = drawn[:, which]
+        weights[:, shown >= 0] *= each[:, kind]
         weights = weights[weights.any(1)]  # few media of few characters may miss one another
         means = (weights @ values) / weights.sum(1)
     low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2])

@@ -14,6 +14,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, PrivateAttr, Tag, WithJsonSchema, model_validator
 
+from specklegen.core.arguments import whole_number
+from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
 from specklegen.core.picturing import Pictured
 from specklegen.core.values import PositiveInt, Value
@@ -195,9 +197,17 @@ class Recipe(Value, Pictured):
         return self._device
 
     def on(self, device: str) -> Self:
-        """Return this recipe rendering on another torch device: the same random numbers, other rounding."""
+        """Return this recipe rendering on another torch device: the same random numbers, other rounding.
+
+        Raises
+        ------
+        RuleError
+            If there is no such device here.
+        """
+        if str(device) != "cpu":
+            checked_device(f"{type(self).__name__}.on device", device)
         copy = self.model_copy()
-        copy._device = device
+        copy._device = str(device)
         return copy
 
     def __eq__(self, other: object) -> bool:
@@ -388,6 +398,7 @@ class Recipe(Value, Pictured):
             If the split is unknown, the seed or the index is not a whole number of at least 0, or the sample would
             hold a number that is not finite.
         """
+        index = whole_number(f"{type(self).__name__}.sample index", index, 0, 2**64 - 1)
         self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
         sample = self.rendered(seed, split, index)
         require_finite(sample, self, seed, split)

@@ -1,7 +1,7 @@
 """What a network is judged beside: the mean image, which looks at nothing, and phase retrieval, which learns nothing.
 
 A method is a function of a batch (of a hidden-object recipe, as tensors) to brightness float32[B, n, n] on the pitch of
-the object, up to shift and flip; n is the object's side or :data:`FRAME`.
+the object, up to shift and flip; n is at most :data:`FRAME`.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,10 +13,14 @@ from torch import Tensor
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models.learning.inputs import (
     LAGS,
+    network_input,
     resampled_lags,
     steps_of,
     without_background,
 )
+from specklegen.models.learning.measurement import measured
+from specklegen.models.learning.reconstructor import Reconstructor
+from specklegen.models.learning.solver import Solver
 from specklegen.models.metrics import align
 from specklegen.models.retrieval.apodisation import transfer_function
 from specklegen.models.retrieval.autocorrelation import lag_means, memory_effect_at_lags
@@ -44,6 +48,22 @@ def mean_image(objects: Tensor) -> Method:
     for _ in range(2):
         reference = align(objects, reference.expand_as(objects)).mean(0)
     return lambda batch: reference.expand(len(batch["object"]), -1, -1)
+
+
+def network(model: Reconstructor) -> Method:
+    """A network; of a film it sees the mean of what it would see of the frames."""
+
+    def method(batch: Batch) -> Tensor:
+        if "frames" not in batch:
+            return model.reconstruct(batch)
+        return model(network_input(batch, model.input).mean(1))
+
+    return method
+
+
+def solver(solver: Solver, recipe: HiddenObject, seed: int = 0) -> Method:
+    """The solver for any object, each material's C_I known; ``seed`` is that of phase retrieval's starts."""
+    return lambda batch: solver.solve(*measured(batch, recipe), seed=seed).image
 
 
 def another_object(objects: Tensor) -> Method:
@@ -97,6 +117,11 @@ def katz(
     return method
 
 
+def any_object(solver: Solver, recipe: HiddenObject, seed: int = 0) -> Method:
+    """The solver for any object, which knows each material's C_I and reads camera noise off the image."""
+    return lambda batch: solver.solve(*measured(batch, recipe), seed=seed).image
+
+
 class SeenLags(NamedTuple):
     """Autocorrelations of a batch on the pitch of the object.
 
@@ -116,18 +141,17 @@ class SeenLags(NamedTuple):
 
 
 def seen_lags(batch: Batch) -> SeenLags:
-    """Lags of the images of a batch."""
-    images = batch["image"].double()
+    """Lags of the images of a batch; of films the mean over frames, taken as independent for the variance."""
+    images = (batch["image"][:, None] if "image" in batch else batch["frames"]).double()
     flat = images / images.mean((-2, -1), keepdim=True)
     step, grain = steps_of(batch).double(), grain_pixels(batch).double()
     rows, columns = flat.shape[-2:]
     every = lag_means(flat - 1, (rows - 1, columns - 1))
-    every[..., 0, 0] -= camera_noise(flat, grain * step)
+    every[..., 0, 0] -= camera_noise(flat, (grain * step)[:, None])
+    every, variance = every.mean(1), lag_variance(images).mean(1) / images.shape[1]
     peak = every[..., 0, 0].clamp_min(torch.finfo(every.dtype).tiny)
     lags = resampled_lags(torch.fft.fftshift(every / peak[:, None, None], dim=(-2, -1)), step, FRAME)
-    return SeenLags(
-        torch.fft.ifftshift(without_background(lags), dim=(-2, -1)), lag_variance(images) / peak.square(), grain
-    )
+    return SeenLags(torch.fft.ifftshift(without_background(lags), dim=(-2, -1)), variance / peak.square(), grain)
 
 
 def _profile(recipe: HiddenObject | None) -> Profile:

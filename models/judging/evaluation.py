@@ -30,6 +30,7 @@ CANDIDATES = 32
 """Objects among which a method has to name its own."""
 EXTENTS = (0.0, 0.5, 1.0, 2.0, float("inf"))
 """Ends of the parts of a table by extent, memory-effect ranges."""
+_CLASSES = 1000  # labels of a family, at most
 
 
 def targets_of(batch: Batch, profile: Profile = "square") -> dict[str, Tensor]:
@@ -84,14 +85,19 @@ class Evaluation(NamedTuple):
     families: np.ndarray
     identified: dict[str, np.ndarray]
 
+    @property
+    def characters(self) -> np.ndarray:
+        """Class of each image among those of all families, int64[n]; -1 where there is none."""
+        return np.where(self.labels < 0, -1, self.labels + _CLASSES * self.families.clip(0))
+
     def interval(self, method: str, target: str = "sharp", score: str = "pearson") -> Interval:
         """Mean with its 95 % interval over media and characters."""
-        return bootstrap(self.values[method][target][score], self.media, self.labels)
+        return bootstrap(self.values[method][target][score], self.media, self.characters)
 
     def gain(self, method: str, over: str, target: str = "sharp", score: str = "pearson") -> Interval:
         """Mean of the paired difference of two methods, with its 95 % interval over media and characters."""
         values = self.values
-        return bootstrap(values[method][target][score] - values[over][target][score], self.media, self.labels)
+        return bootstrap(values[method][target][score] - values[over][target][score], self.media, self.characters)
 
     def part(self, chosen: np.ndarray) -> "Evaluation":
         """Evaluation of some of the images, bool[n]."""
@@ -181,7 +187,7 @@ def evaluate(
     methods
         Name to method.
     batches
-        Of a hidden-object recipe, as tensors.
+        Of a hidden-object recipe, as tensors; films too.
     profile
         Of the illuminated window.
 
@@ -193,7 +199,7 @@ def evaluate(
     Raises
     ------
     RuleError
-        If there are no methods or no batches, or a batch has not one image of each object.
+        If there are no methods or no batches, or a batch has neither an image nor a film of each object.
     """
     if not methods:
         reject("evaluate methods", "at least one", list(methods))
@@ -205,8 +211,8 @@ def evaluate(
     objects: list[Tensor] = []
     cases: list[Case] = []
     for batch in batches:
-        if "image" not in batch or "object" not in batch:
-            reject("evaluate batch", 'one with "object" and "image"', sorted(batch), "Films and stacks have several.")
+        if "object" not in batch or not ("image" in batch or "frames" in batch):
+            reject("evaluate batch", 'one with "object", and "image" or "frames"', sorted(batch))
         nothing = torch.full((len(batch["object"]),), -1.0, dtype=torch.float64)
         for name, values_ in told.items():
             values_.append(batch["parameters"].get(name, nothing))
@@ -261,6 +267,7 @@ def identified(made: Tensor, objects: Tensor) -> Tensor:
 
 
 def _cases(batch: Batch, shown: Mapping[str, Tensor], scores: Mapping[str, Tensor]) -> list[Case]:
+    seen = batch["image"] if "image" in batch else batch["frames"][:, 0]
     return [
         Case(
             hidden.numpy(),
@@ -268,7 +275,7 @@ def _cases(batch: Batch, shown: Mapping[str, Tensor], scores: Mapping[str, Tenso
             {name: images[n].numpy() for name, images in shown.items()},
             {name: float(found[n]) for name, found in scores.items()},
         )
-        for n, (hidden, image) in enumerate(zip(batch["object"], batch["image"], strict=True))
+        for n, (hidden, image) in enumerate(zip(batch["object"], seen, strict=True))
     ]
 
 

@@ -8,14 +8,19 @@ g of fog is right to 0.003.
 """
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.stats import gamma, norm
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.values import Array, Value, remembered
 from specklegen.scene.scatterers import Mie, Tabulated
 from specklegen.scene.scatterers.tabulated import tabulated
+
+if TYPE_CHECKING:
+    from scipy import stats
+else:
+    stats = LazyModule("scipy.stats")
 
 NODES = 128
 """Sizes of a distribution: equal shares of what is scattered or of the volume."""
@@ -44,13 +49,13 @@ def _middles(nodes: int) -> np.ndarray:
 def lognormal(mean: float, variation: float, nodes: int = NODES) -> Sizes:
     """Radii whose volume is log-normally distributed, of a mean and a standard deviation over it; of volume 1."""
     width = math.sqrt(math.log1p(variation**2))
-    radii = mean * np.exp(width * norm.ppf(_middles(nodes)) - width**2 / 2)
+    radii = mean * np.exp(width * stats.norm.ppf(_middles(nodes)) - width**2 / 2)
     return Sizes(radii=radii, numbers=1 / nodes / (4 / 3 * math.pi * radii**3))
 
 
 def modified_gamma(power: float, slope: float, nodes: int = NODES) -> Sizes:
     """Numbers proportional to r^power e^(-slope r), of a mean square radius of 1."""
-    radii = gamma.ppf(_middles(nodes), power + 3, scale=1 / slope)  # equal shares of r^2
+    radii = stats.gamma.ppf(_middles(nodes), power + 3, scale=1 / slope)  # equal shares of r^2
     return Sizes(radii=radii, numbers=1 / nodes / radii**2)
 
 

@@ -20,13 +20,19 @@ N the normal density in the plane, n = 0 (the unscattered light) left out. Where
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import binom, poisson, qmc
 
+from specklegen.core.lazy import LazyModule
 from specklegen.core.values import remembered
 from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
+
+if TYPE_CHECKING:
+    from scipy import stats
+else:
+    stats = LazyModule("scipy.stats")
 
 _ENUMERATED = 2**16
 """Numbers of deflections that are all listed; of more, so many are drawn that their quadrature is off by about 1e-4."""
@@ -191,11 +197,11 @@ def _deflections(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         counts, shares = counts[scattered], shares[scattered]
         return counts, shares * (seen / shares.sum())
     # The total is a Poisson number above 0, and each deflection falls to a screen by the screens' means.
-    even = qmc.Sobol(len(means), scramble=False).random(_DRAWN) + 0.5 / _DRAWN
-    left = poisson.ppf(1 - seen * (1 - even[:, 0]), means.sum()).clip(1)
+    even = stats.qmc.Sobol(len(means), scramble=False).random(_DRAWN) + 0.5 / _DRAWN
+    left = stats.poisson.ppf(1 - seen * (1 - even[:, 0]), means.sum()).clip(1)
     counts = np.zeros((_DRAWN, len(means)))
     for m in range(len(means) - 1):
-        counts[:, m] = binom.ppf(even[:, m + 1], left, means[m] / means[m:].sum())
+        counts[:, m] = stats.binom.ppf(even[:, m + 1], left, means[m] / means[m:].sum())
         left = left - counts[:, m]
     counts[:, -1] = left
     return counts, np.full(_DRAWN, seen / _DRAWN)
@@ -209,8 +215,8 @@ def _poisson(mean: float) -> tuple[np.ndarray, np.ndarray]:
     """
     if mean < _LARGE_MEAN:
         # Where little is scattered at all, the tail is that of what is: the first orders must be there.
-        numbers = np.arange(max(float(poisson.isf(_TAIL, mean)), 4.0) + 1)
-        return numbers, poisson.pmf(numbers, mean)
+        numbers = np.arange(max(float(stats.poisson.isf(_TAIL, mean)), 4.0) + 1)
+        return numbers, stats.poisson.pmf(numbers, mean)
     order = np.arange(_NODES)
     beside = np.sqrt(mean * order[1:])
     numbers, vectors = np.linalg.eigh(np.diag(order + mean) + np.diag(beside, 1) + np.diag(beside, -1))

@@ -155,6 +155,19 @@ def test_bootstrap_is_a_function_of_its_seed():
     assert metrics.bootstrap(values, media).mean == pytest.approx(values.mean())
 
 
+def test_images_without_a_character_are_like_no_other():
+    """Two labelled images among two hundred leave the interval of the media alone, to 15 % of its width.
+
+    As one character together, the others would be drawn not at all, once or twice: the width would be a half more.
+    """
+    values, media = np.random.default_rng(4).normal(size=200), np.arange(200)
+    few = np.full(200, -1)
+    few[:2] = 0, 1
+    alone, beside = (metrics.bootstrap(values, media, kinds) for kinds in (None, few))
+    assert beside.high - beside.low == pytest.approx(alone.high - alone.low, rel=0.15)
+    assert metrics.bootstrap(values, media, np.full(200, -1)) == alone
+
+
 @pytest.mark.parametrize(
     ("values", "media", "message"),
     [([1.0, 2.0], [0, 0], "at least two"), ([1.0, np.nan], [0, 1], "finite"), ([1.0], [0, 1], "one for each")],

@@ -268,7 +268,7 @@ def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: 
     if source == "atlas":
         kernel = correlation_for(slab, paths=paths, tolerance=tolerance)
     else:
-        kernel = estimate_correlation(slab, paths, pilot_seed(slab.fingerprint()))
+        kernel = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
         if not kernel.weights.any():
             reject("Material.kernel_paths", "enough for some light to come through the slab", paths,
                    f"None does at optical depth {slab.optical_depth:.4g} and albedo {slab.albedo:g}.")  # fmt: skip
@@ -285,5 +285,5 @@ def known_light(slab: Slab, paths: int, bandwidth: float, spectrum: Spectrum) ->
     RuleError
         If the band makes too many modes.
     """
-    correlation = estimate_spectral_correlation(slab, paths, pilot_seed(slab.fingerprint()))
+    correlation = estimate_spectral_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     return light_modes(correlation, bandwidth, spectrum)

@@ -72,15 +72,16 @@ def stack_axes(scene: Scene) -> tuple[Axis, Axis]:
     for axis, name in ((0, "x"), (1, "y")):
         reach = float(np.ptp(sines[:, axis])) if len(sines) else 0.0
         span = grid.pitch * (grid.shape[1 - axis] - 1) + reach
-        cell = cells(scene.wavelength, beams.width, beams.profile, grid.pitch, span)
-        if cell.period > MAX_PERIOD:
+        guarded = span + GUARD * scene.wavelength / beams.width
+        if guarded / grid.pitch + 1 > MAX_PERIOD:
             reject(
                 "CollimatedBeams.directions",
                 f"within the reach of a transform of {MAX_PERIOD} views for the stationary sampler",
-                f"tilts {reach:.3g} apart along {name}, {reach / grid.pitch:.0f} views of pitch {grid.pitch:.3g}",
+                f"tilts {reach:.3g} apart along {name}, {guarded / grid.pitch:.3g} views of pitch {grid.pitch:.3g} "
+                f"with their guard of {GUARD} grains",
                 'Use sampler="paths", a coarser pitch, or fewer and closer tilts.',
             )
-        axes.append(cell)
+        axes.append(cells(scene.wavelength, beams.width, beams.profile, grid.pitch, span))
     return axes[0], axes[1]
 
 

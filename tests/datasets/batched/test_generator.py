@@ -218,7 +218,7 @@ def test_a_device_that_is_not_there_is_named():
 
 
 def test_a_stream_uses_the_generator_where_it_can(monkeypatch, caplog):
-    for module in (stream_module, generator_module):
+    for module in (stream_module, generator_module, recipes):
         monkeypatch.setattr(module, "checked_device", lambda _field, device: torch.device(device))
     stream = SpeckleStream(recipe_of("through-slab"), device="meta", batch_size=4)
     assert stream.report()["way"] == plan.KEPT

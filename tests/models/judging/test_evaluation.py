@@ -162,7 +162,7 @@ def test_nothing_to_judge_is_refused(batch):
     with pytest.raises(ValueError, match="evaluate batches must be at least one"):
         evaluation.evaluate({"any": untouched}, [])
     film = {name: value for name, value in batch.items() if name != "image"}
-    with pytest.raises(ValueError, match='evaluate batch must be one with "object" and "image"'):
+    with pytest.raises(ValueError, match='evaluate batch must be one with "object", and "image" or "frames"'):
         evaluation.evaluate({"any": untouched}, [film])
 
 

@@ -9,11 +9,12 @@ from scenes import slab as slab_of_depth
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
+from specklegen.core.errors import RuleError
 from specklegen.core.statistics import jackknife
 from specklegen.paths.endpoints import AXIS
 from specklegen.planning.planning import STATIONARY_TOLERANCE, plan
 from specklegen.samplers.stationary.correlation import estimate_correlation
-from specklegen.samplers.stationary.exit_grid import cells, sampled_amplitude
+from specklegen.samplers.stationary.exit_grid import cells, sampled_amplitude, stack_axes
 from specklegen.samplers.stationary.gaussian_noise import complex_normals
 from specklegen.samplers.stationary.modes import Lattice, karhunen_loeve
 from specklegen.samplers.stationary.objects import object_sampler
@@ -437,3 +438,17 @@ def test_complex_normals_have_unit_power():
     )
     single = complex_normals(1, 2, (200, 500), torch.complex64).numpy().ravel()
     np.testing.assert_allclose(single, drawn, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("pitch", [1e-9, 1e-30, 1e-300])
+@pytest.mark.parametrize("tilts", [[0.0], [0.0, 1e-5]])
+def test_views_that_no_transform_reaches_are_refused(pitch, tilts):
+    """However fine the pitch: 1e-30 asked for more views than a machine can count."""
+    scene = sg.Scene(
+        wavelength=0.5,
+        medium=sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9)),
+        illumination=sg.CollimatedBeams.tilts(tilts, width=50_000.0),
+        sensor=sg.FarField.grid((8, 8), pitch),
+    )
+    with pytest.raises(RuleError, match=rf"a transform of 16384 views .* views of pitch {pitch:.3g} with"):
+        stack_axes(scene)

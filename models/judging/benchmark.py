@@ -1,0 +1,256 @@
+"""The benchmark: a reconstruction function on frozen tasks (:mod:`specklegen.models.judging.tasks`), by one call.
+
+What a function is handed says nothing of the object but its image: the object is blanked, and what a sample's
+parameters tell of it is left out. The score is the Pearson correlation to the sharp object after the best shift and
+180-degree turn, with a 95 % interval over media and characters.
+"""
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from specklegen.core.errors import counted, reject
+from specklegen.core.escaping import cell, csv_cell
+from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject
+from specklegen.models.judging import baselines
+from specklegen.models.judging.baselines import FRAME, Batch
+from specklegen.models.judging.evaluation import Evaluation, evaluate
+from specklegen.models.judging.tasks import SAMPLES, SEED, TASKS, VERSION, task
+from specklegen.models.learning.examples import batches_of
+from specklegen.models.learning.measurement import memory_effect_of
+from specklegen.models.learning.reconstructor import load_pretrained
+from specklegen.models.learning.solver import load_solver
+from specklegen.models.metrics import Interval
+from specklegen.models.retrieval.phase_retrieval import Retrieval
+
+Function = Callable[[Batch], Any]
+"""Of a blinded batch (:func:`blinded`) to brightness real[B, n, n], n at most 64, on the object's pitch, up to shift
+and 180-degree turn."""
+
+TOLD = ("label", "family", *CENTRE, "expected_contrast")
+"""Parameters of a sample that tell of its object."""
+
+_KNOWN = 256  # training objects whose mean is an answer
+_STEP = 16  # images between two steps of a bar
+_KATZ = Retrieval(restarts=10)
+
+BASELINES: dict[str, Callable[[HiddenObject], Function]] = {
+    "mean image": lambda recipe: baselines.mean_image(_training_objects(recipe)),
+    "Katz": lambda recipe: baselines.katz(_KATZ, seed=SEED),
+    "Katz, C_I": lambda recipe: baselines.katz(_KATZ, recipe=recipe, seed=SEED),
+    "packaged network": lambda recipe: baselines.network(load_pretrained()),
+    "solver": lambda recipe: baselines.solver(load_solver(), recipe, seed=SEED),
+}
+"""Name of a baseline to what makes it for a task. The last two and "Katz, C_I" come with the package or know C_I."""
+
+
+def _training_objects(recipe: HiddenObject) -> Tensor:
+    return torch.stack([torch.from_numpy(recipe.objects.image(SEED, "train", n)) for n in range(_KNOWN)])
+
+
+def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
+    """What a function is handed of a batch.
+
+    Returns
+    -------
+    dict
+        ``image`` float32[B, H, W], or ``frames`` float32[B, F, H, W] (counts where the task has a camera);
+        ``object`` float32[B, h, w], all zeros: its shape is known, not what it shows;
+        ``memory_effect`` float64[B, FRAME], C_I of the medium between points 0, 1, 2, ... object pixels apart;
+        ``parameters``, float64[B] each: ``object_pitch`` and ``camera_pitch`` (direction sines), ``wavelength``,
+        ``width`` of the window, and the numbers of the medium, but nothing of the object.
+    """
+    drawn = batch["parameters"]
+    known = {name: values for name, values in drawn.items() if name not in TOLD}
+    curves = []
+    for n in range(len(batch["object"])):
+        own = {name: float(values[n]) for name, values in drawn.items()}
+        kernel = recipe.material.known(recipe.material.slab_of(own)).kernel
+        curves.append(memory_effect_of(kernel, own["wavelength"], own["object_pitch"])(np.arange(FRAME)))
+    return {
+        **batch, "object": torch.zeros_like(batch["object"]), "parameters": known,
+        "memory_effect": torch.from_numpy(np.stack(curves)),
+    }  # fmt: skip
+
+
+class Results(NamedTuple):
+    """Scores of functions on tasks.
+
+    Attributes
+    ----------
+    evaluations : dict[str, Evaluation]
+        By task; each holds every function's score of every image.
+    samples : int
+        Images of a task.
+    """
+
+    evaluations: dict[str, Evaluation]
+    samples: int
+
+    def interval(self, function: str, task: str) -> Interval:
+        """Mean Pearson correlation of a function on a task, with its 95 % interval over media and characters."""
+        return self.evaluations[task].interval(function)
+
+    def score(self, function: str) -> float:
+        """Mean of a function's means over the tasks: the number to rank by, where all tasks were run."""
+        return float(np.mean([self.interval(function, name).mean for name in self.evaluations]))
+
+    @property
+    def functions(self) -> list[str]:
+        """Names, in the order in which they were given."""
+        return list(next(iter(self.evaluations.values())).values)
+
+    @property
+    def complete(self) -> bool:
+        """Whether all of the benchmark was run: other scores are not to be compared with published ones."""
+        return self.samples == SAMPLES and list(self.evaluations) == [each.name for each in TASKS]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each task, function, target and score, with version and fingerprint."""
+        return [
+            {"version": VERSION, "task": name, "fingerprint": task(name).fingerprint, **row}
+            for name, found in self.evaluations.items() for row in found.rows()
+        ]  # fmt: skip
+
+    def markdown(self) -> str:
+        """Table with a row for each task and a column for each function."""
+        part = "" if self.complete else " Not a complete run: not to be compared with one."
+        lines = [
+            f"Benchmark version {VERSION}, {counted(self.samples, 'image')} a task: Pearson correlation to the sharp "
+            f"object [95 % interval over media and characters].{part}", "",
+            f"| task | {' | '.join(map(cell, self.functions))} |", "|---" * (1 + len(self.functions)) + "|",
+        ]  # fmt: skip
+        for name in self.evaluations:
+            cells = ["{:.3f} [{:.3f}, {:.3f}]".format(*self.interval(function, name)) for function in self.functions]
+            lines.append(f"| {cell(name)} | {' | '.join(cells)} |")
+        means = " | ".join(f"**{self.score(function):.3f}**" for function in self.functions)
+        return "\n".join([*lines, f"| **mean** | {means} |"]) + "\n"
+
+    def write(self, folder: Path) -> None:
+        """Write results.md, results.csv and the data card of the tasks, card.md."""
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "results.md").write_text(self.markdown())
+        (folder / "card.md").write_text(card())
+        rows = self.rows()
+        with (folder / "results.csv").open("w", newline="") as file:
+            table = csv.DictWriter(file, list(rows[0]))
+            table.writeheader()
+            table.writerows(row | {"method": csv_cell(str(row["method"]))} for row in rows)
+
+
+def benchmark(
+    functions: Function | Mapping[str, Function],
+    *,
+    baselines: Iterable[str] = (),
+    tasks: Iterable[str] | None = None,
+    samples: int = SAMPLES,
+    progress: Callable[[int, int], None] | None = None,
+) -> Results:
+    """Score reconstruction functions on the frozen tasks.
+
+    Parameters
+    ----------
+    functions
+        One function, named "yours" in tables, or several by name. Each is called with a batch as :func:`blinded` makes
+        it, and returns brightness real[B, n, n], as an array or a tensor: n at most 64, on the object's pitch, up to
+        shift and 180-degree turn, any unit and offset.
+    baselines
+        Names of :data:`BASELINES` to run beside.
+    tasks
+        Names of tasks; by default all.
+    samples
+        Images of each task, the first of its test split. Only runs of all :data:`SAMPLES` are to be compared.
+    progress
+        Called with (images done, images in all).
+
+    Raises
+    ------
+    RuleError
+        If there is nothing to score, a name is unknown, there are too few samples for two media, this build renders
+        other images than those of the benchmark's version, or a function returns something else.
+
+    Examples
+    --------
+    >>> from specklegen.models import benchmark
+    >>> found = benchmark(lambda batch: batch["object"] + 1, tasks=["unseen media"], samples=4)
+    >>> found.interval("yours", "unseen media").mean
+    0.0
+    """
+    own = {"yours": functions} if callable(functions) else dict(functions)
+    beside = list(baselines)
+    for name in beside:
+        if name not in BASELINES or name in own:
+            reject("benchmark baselines", f"among {', '.join(BASELINES)}, and not a name of yours", name)
+    if not own and not beside:
+        reject("benchmark functions", "at least one, or a baseline", own)
+    chosen = [task(name) for name in tasks] if tasks is not None else list(TASKS)
+    if not chosen or len(set(chosen_names := [each.name for each in chosen])) < len(chosen):
+        reject("benchmark tasks", "at least one, each once", chosen_names)
+    if isinstance(samples, bool) or not isinstance(samples, int) or not 2 <= samples <= SAMPLES:
+        reject("benchmark samples", f"a whole number from 2 to {SAMPLES}", samples)
+    recipes = {each.name: each.recipe() for each in chosen}
+    tell = progress or (lambda done, total: None)
+    evaluations, total = {}, len(recipes) * samples
+    for number, (name, recipe) in enumerate(recipes.items()):
+        made = own | {each: BASELINES[each](recipe) for each in beside}
+        asked = {each: _asked(each, function, recipe) for each, function in made.items()}
+        batches = _told(recipe, samples, lambda done, before=number * samples: tell(before + done, total))
+        evaluations[name], _ = evaluate(asked, batches, recipe.profile)
+    return Results(evaluations, samples)
+
+
+def _told(recipe: HiddenObject, samples: int, tell: Callable[[int], None]) -> Iterable[Batch]:
+    """Batches of a task; tells how many of its images are done."""
+    for first in range(0, samples, _STEP):
+        last = min(first + _STEP, samples)
+        yield from batches_of(recipe, range(first, last), SEED, "test")
+        tell(last)
+
+
+def _asked(name: str, function: Function, recipe: HiddenObject) -> baselines.Method:
+    """Ask a function about a blinded batch, and check what it says."""
+
+    def method(batch: Batch) -> Tensor:
+        made = torch.as_tensor(function(blinded(batch, recipe)))
+        count = len(batch["object"])
+        if made.ndim != 3 or len(made) != count or not 0 < max(made.shape[1:]) <= FRAME or made.is_complex():
+            reject(f"benchmark function {name!r}", f"one that returns real[{count}, n, n], n at most {FRAME}",
+                   f"{made.dtype}{list(made.shape)}")  # fmt: skip
+        if not torch.isfinite(made).all():
+            reject(f"benchmark function {name!r}", "one that returns finite numbers", "inf or nan")
+        return made.detach().cpu().float()
+
+    return method
+
+
+def card() -> str:
+    """Data card of the benchmark, in Markdown: what the tasks are, what may be learned from, and the licence."""
+    lines = [
+        f"# Benchmark of specklegen, version {VERSION}", "",
+        f"{len(TASKS)} tasks of {SAMPLES} images: samples 0 to {SAMPLES - 1} of the test split of a recipe, seed "
+        f"{SEED}. A sample is a pure function of (recipe, seed, split, number): nothing is downloaded, and "
+        "`specklegen.models.benchmark` renders the images anew. The fingerprint is the SHA-256 of all that decides a "
+        "pixel; a build that renders other images refuses the task.", "",
+        "| task | what is new or hard | starts from | fingerprint |", "|---|---|---|---|",
+        *(f"| {cell(t.name)} | {cell(t.asks)} | `{t.base}` | `{t.fingerprint[:16]}` |" for t in TASKS), "",
+        "**To learn from**: anything but the test splits of these recipes at this seed, and no character of "
+        "569BFMTVWt, in any font (but in the task \"unseen media\"), no bars and no photographs. The `train` and "
+        "`validation` splits of the recipes hold to that where they show characters.", "",
+        "**What a function may use**: the image or film, pitches, wavelength, window, the numbers of the medium and "
+        "its C_I. A method that does without C_I should say so beside its score.", "",
+        "**Not in it**: measured images. All are simulated, with the assumptions that docs/trust.md lists.", "",
+        "**Licence**: recipes, tasks and what is rendered from them: MIT, as the package. Characters are outlines of "
+        "fonts that matplotlib carries (DejaVu, STIX, Computer Modern), under the licences beside them there; "
+        "silhouettes are of photographs that scikit-image carries, under the licences that it states.", "",
+        "## Recipes", "",
+    ]  # fmt: skip
+    for each in TASKS:
+        table = json.dumps(each.recipe().physics(), indent=2, sort_keys=True)
+        lines += [f"### {each.name}", "", "```json", table, "```", ""]
+    return "\n".join(lines)

@@ -1,0 +1,89 @@
+"""The command ``specklegen benchmark``: a reconstruction function on frozen tasks, beside baselines."""
+
+import importlib
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from specklegen.cli.output import AsJson, Progress, echo_json, writable
+from specklegen.core.errors import reject
+
+
+def benchmark(
+    functions: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="FUNCTION...",
+            help="Yours: FILE.py:NAME, MODULE:NAME, or a network's best.pt; nothing for the baselines alone.",
+        ),
+    ] = None,
+    tasks: Annotated[
+        list[str] | None, typer.Option("--task", metavar="NAME", help="Of --list; repeatable (default: all).")
+    ] = None,
+    samples: Annotated[int | None, typer.Option(min=2, help="Images of each task (default: all).")] = None,
+    baselines: Annotated[bool, typer.Option(help="Run the baselines beside.")] = True,
+    out: Annotated[Path, typer.Option(help="Folder for results and data card.")] = Path("benchmark"),
+    listed: Annotated[bool, typer.Option("--list", help="List the tasks and exit.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Score reconstruction functions on frozen tasks: unseen media, noise, thin media, motion, beyond the range."""
+    from specklegen.models.judging.tasks import SAMPLES, TASKS, VERSION, task
+
+    if listed:
+        rows = [{"version": VERSION, "task": t.name, "asks": t.asks, "fingerprint": t.fingerprint} for t in TASKS]
+        if as_json:
+            echo_json(rows)
+        else:
+            for row in rows:
+                typer.echo(f"{row['task']:26s} {row['asks']}")
+        return
+    names = [task(name).name for name in tasks] if tasks else [each.name for each in TASKS]
+    own = {text: _function(text) for text in functions or []}
+    if not own and not baselines:
+        reject("benchmark FUNCTION", "at least one without baselines", functions)
+    writable(out)
+    from specklegen.models.judging.benchmark import BASELINES
+    from specklegen.models.judging.benchmark import benchmark as score
+
+    count = samples or SAMPLES
+    with Progress(count * len(names)) as progress:
+        beside = tuple(BASELINES) if baselines else ()
+        found = score(own, baselines=beside, tasks=names, samples=count, progress=progress)
+    found.write(out)
+    if as_json:
+        echo_json(found.rows())
+        return
+    typer.echo(found.markdown())
+    typer.echo(f"{out / 'results.md'}, {out / 'results.csv'}, {out / 'card.md'}")
+
+
+def _function(text: str) -> Callable[[Any], Any]:
+    """What a user names: a function in a file or a module, or a network."""
+    if text.endswith(".pt"):
+        from specklegen.models.judging.baselines import network
+        from specklegen.models.learning.reconstructor import Reconstructor
+
+        return network(Reconstructor.load(Path(text)))
+    place, _, name = text.rpartition(":")
+    if not place or not name:
+        reject("benchmark FUNCTION", "FILE.py:NAME, MODULE:NAME, or a file that ends in .pt", text)
+    try:
+        module = _from_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+    except (ModuleNotFoundError, FileNotFoundError) as error:
+        reject("benchmark FUNCTION", "in a file or a module that can be imported", text, f"{error}.")
+    found = getattr(module, name, None)
+    if not callable(found):
+        reject("benchmark FUNCTION", f"a function {name!r} of {place}", found)
+    return found
+
+
+def _from_file(file: Path) -> Any:
+    stated = importlib.util.spec_from_file_location(file.stem, file)
+    assert stated is not None
+    assert stated.loader is not None
+    module = importlib.util.module_from_spec(stated)
+    stated.loader.exec_module(module)
+    return module

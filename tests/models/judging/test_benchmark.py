@@ -1,0 +1,200 @@
+"""The benchmark: frozen tasks, functions that see nothing but the image, tables that say whether they are complete."""
+
+import csv
+
+import numpy as np
+import pytest
+import torch
+
+from specklegen.core.errors import RuleError
+from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.objects.outlines import CHARACTERS
+from specklegen.models import benchmark
+from specklegen.models.judging import baselines
+from specklegen.models.judging.benchmark import BASELINES, TOLD, Results, blinded, card
+from specklegen.models.judging.tasks import SAMPLES, SEED, TASKS, VERSION, digest, task
+from specklegen.models.learning.reconstructor import load_pretrained
+
+RECORDED = {1: "eec4dea7b3dbe6f82f18f7f7fccc27d350d3aacc513dc6e3ccc812adb45bf024"}
+"""What each version stands for. Never change a line: raise VERSION, and add one."""
+
+
+def test_a_version_is_one_set_of_images():
+    """Every task renders what is written down beside it, and that is what its version was recorded with."""
+    for each in TASKS:
+        each.recipe()  # refuses any other fingerprint
+    assert RECORDED[VERSION] == digest(), "raise VERSION, and record the new digest under it"
+
+
+def test_a_task_that_changes_is_refused():
+    """The tests above have power: one number of one recipe, or one seed, is enough."""
+    other = TASKS[0]._replace(changes={"objects": {"disjoint": "font", "rotation": 29.9}})
+    with pytest.raises(RuleError, match="'unseen media' must be that of version 1, c9a4272cb0ec; got"):
+        other.recipe()
+    assert digest((other._replace(fingerprint="0"), *TASKS[1:])) != digest()
+    assert digest(seed=SEED + 1) != digest()
+
+
+def test_what_is_held_out_is_in_no_training_split():
+    """Ten characters, bars and silhouettes: of each task but the first, no test object's kind is in training."""
+    for each in TASKS[1:]:
+        objects = each.recipe().objects
+        families = getattr(objects, "families", [objects])
+        glyphs = families[0]
+        test = {source[1] for source in glyphs.sources_of_split("test")}
+        assert test == set("569BFMTVWt")
+        assert not test & {source[1] for split in ("train", "validation") for source in glyphs.sources_of_split(split)}
+
+
+@pytest.fixture(scope="module")
+def thin():
+    return task("thin").recipe()
+
+
+@pytest.fixture(scope="module")
+def batch(thin):
+    return tensors(thin.batch(SEED, "test", range(3)))
+
+
+def knowing(recipe):
+    """A function that cheats: it looks the object up by its number, and turns, moves and dims it."""
+
+    def function(batch):
+        images = [recipe.objects.image(SEED, "test", int(n)) for n in batch["index"]]
+        return np.pad(np.stack(images)[:, ::-1, ::-1], ((0, 0), (3, 8), (5, 1))) * 0.1 + 5
+
+    return function
+
+
+@pytest.fixture(scope="module")
+def found(thin):
+    """One that knows, one that knows nothing, and the mean of the training objects."""
+    told = []
+    functions = {"knows": knowing(thin), "even": lambda batch: torch.ones(len(batch["index"]), 9, 9)}
+    results = benchmark(functions, baselines=["mean image"], tasks=["thin"], samples=18,
+                        progress=lambda *done: told.append(done))  # fmt: skip
+    return results, told
+
+
+def test_functions_get_what_they_deserve(found):
+    results, told = found
+    values = results.evaluations["thin"].values
+    assert results.functions == ["knows", "even", "mean image"]
+    np.testing.assert_allclose(values["knows"]["sharp"]["pearson"], 1, rtol=1e-5)  # float32 sums
+    assert results.interval("even", "thin") == (0, 0, 0)
+    assert results.interval("mean image", "thin").high < 0.7 < results.interval("knows", "thin").low
+    assert results.score("knows") == results.interval("knows", "thin").mean
+    assert told == [(16, 18), (18, 18)]
+
+
+def test_fewer_samples_are_the_first_ones(found, thin):
+    few = benchmark(knowing(thin), tasks=["thin"], samples=3).evaluations["thin"].values["yours"]["sharp"]["psnr"]
+    np.testing.assert_array_equal(few, found[0].evaluations["thin"].values["knows"]["sharp"]["psnr"][:3])
+
+
+def test_a_function_sees_nothing_of_the_object_but_its_image(thin, batch):
+    """Other objects and labels under the same image: what a function is handed stays the same."""
+    drawn = batch["parameters"]
+    changed = {name: drawn[name] + 1 for name in TOLD if name in drawn}
+    assert {"label", "object_row", "expected_contrast"} <= changed.keys()
+    other = {**batch, "object": batch["object"].flip(0), "parameters": {**drawn, **changed}}
+    one, two = blinded(batch, thin), blinded(other, thin)
+    assert one.keys() == two.keys() == {"image", "index", "object", "parameters", "memory_effect"}
+    assert one["parameters"].keys() == drawn.keys() - set(TOLD)
+    for name in ("image", "object", "memory_effect"):
+        assert torch.equal(one[name], two[name])
+    assert not one["object"].any()
+    assert one["object"].shape == (3, 28, 28)
+    assert all(torch.equal(one["parameters"][name], two["parameters"][name]) for name in one["parameters"])
+
+
+def test_the_memory_effect_is_over_object_pixels(thin, batch):
+    """C_I is 1 at zero and a half at the memory-effect range, which is 28 pixels over the object's share of it."""
+    curves = blinded(batch, thin)["memory_effect"].numpy()
+    np.testing.assert_allclose(curves[:, 0], 1, rtol=1e-12)
+    place = 28 / batch["parameters"]["extent_over_range"].numpy()
+    # Linear between pixels: off by an eighth of the curvature, 1e-4 of a curve as wide as 56 pixels.
+    np.testing.assert_allclose([np.interp(p, np.arange(64), c) for p, c in zip(place, curves, strict=True)], 0.5,
+                               atol=1e-3)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (lambda b: b["image"][:, :65, :65], r"real\[2, n, n\], n at most 64; got 'torch.float32\[2, 65, 65\]'"),
+        (lambda b: b["image"][:1, :28, :28], r"\[1, 28, 28\]"),
+        (lambda b: b["object"][0], r"\[28, 28\]"),
+        (lambda b: b["object"] * 1j, r"complex64"),
+        (lambda b: b["object"] / 0, "finite"),
+    ],
+)
+def test_what_is_no_answer_is_refused_by_name(answer, said):
+    with pytest.raises(RuleError, match=f"benchmark function 'mine' must be .*{said}"):
+        benchmark({"mine": answer}, tasks=["thin"], samples=2)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"baselines": ["Kats"]}, "benchmark baselines must be among mean image, Katz"),
+        ({"tasks": ["thick"]}, "benchmark task must be one of unseen media"),
+        ({"tasks": ["thin", "thin"]}, "at least one, each once"),
+        ({"samples": 1}, f"a whole number from 2 to {SAMPLES}; got 1"),
+        ({"samples": SAMPLES + 1}, "a whole number from 2"),
+        ({"functions": {}}, "at least one, or a baseline"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(wrong, said):
+    with pytest.raises(RuleError, match=said):
+        benchmark(**{"functions": lambda batch: batch["object"], **wrong})
+
+
+def test_a_film_is_more_of_the_same_image(batch):
+    """Two equal frames: the lags and the network's answer of one image, and half the variance."""
+    film = {name: value for name, value in batch.items() if name != "image"}
+    film["frames"] = batch["image"][:, None].expand(-1, 2, -1, -1)
+    one, two = baselines.seen_lags(batch), baselines.seen_lags(film)
+    assert torch.equal(one.lags, two.lags)
+    torch.testing.assert_close(two.variance, one.variance / 2, rtol=1e-12, atol=0)
+    method = baselines.network(load_pretrained())
+    # convolutions of other batch sizes round otherwise
+    torch.testing.assert_close(method(film), method(batch), rtol=0, atol=1e-4)
+
+
+def test_films_are_scored():
+    recipe = task("in motion").recipe()
+    results = benchmark(knowing(recipe), baselines=["Katz, C_I", "packaged network", "solver"], tasks=["in motion"],
+                        samples=2)  # fmt: skip
+    assert results.interval("yours", "in motion").mean == pytest.approx(1, rel=1e-5)
+    assert all(results.interval(name, "in motion").mean > 0.3 for name in results.functions)
+
+
+def test_tables_say_what_they_are(found, tmp_path):
+    results, _ = found
+    assert not results.complete
+    assert "Not a complete run" in results.markdown()
+    whole = Results({each.name: results.evaluations["thin"] for each in TASKS}, SAMPLES)
+    assert whole.complete
+    assert "Not a complete run" not in whole.markdown()
+    assert not Results(whole.evaluations, SAMPLES - 1).complete
+    results.write(tmp_path)
+    rows = list(csv.DictReader((tmp_path / "results.csv").open()))
+    assert {row["fingerprint"] for row in rows} == {task("thin").fingerprint}
+    row = next(r for r in rows if (r["method"], r["target"], r["score"]) == ("mean image", "sharp", "pearson"))
+    assert float(row["mean"]) == results.interval("mean image", "thin").mean
+    assert "| thin |" in (tmp_path / "results.md").read_text()
+    assert (tmp_path / "card.md").read_text() == card()
+
+
+def test_the_card_names_every_task_and_the_licence():
+    text = card()
+    assert all(f"`{each.fingerprint[:16]}`" in text and f"### {each.name}\n" in text for each in TASKS)
+    assert "**Licence**" in text
+    assert set("569BFMTVWt") <= set(CHARACTERS)
+
+
+def test_every_baseline_is_made_for_a_task(thin, batch):
+    for name, make in BASELINES.items():
+        made = make(thin)(blinded(batch, thin))
+        assert made.shape[0] == 3, name
+        assert torch.isfinite(made).all(), name
