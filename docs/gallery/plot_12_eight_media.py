@@ -2,8 +2,8 @@
 Eight media side by side
 ========================
 
-Speckle behind eight media through one window, its copy under a tilt of half a milliradian, to which the camera is turned,
-and how fast each decorrelates. Thin screens, phantoms and tissues of half a millimeter.
+Speckle behind eight media through one window, its copy under a tilt of half a milliradian, to which the camera is
+turned, and how fast each decorrelates. Thin screens, phantoms and tissues of half a millimeter.
 """
 
 import numpy as np
@@ -22,8 +22,9 @@ turned = round(np.sin(tilt) / pitch)
 figure, axes = plt.subplots(2, len(media), figsize=(12, 3.4), layout="constrained")
 for column, (name, medium) in zip(axes.T, media.items(), strict=True):
     inside = getattr(named.get(name), "wavelength", wavelength)
+    light = sg.CollimatedBeams.tilts([0.0, np.arcsin(turned * pitch)], width)
     scene = sg.Scene(
-        wavelength=inside, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, np.arcsin(turned * pitch)], width),
+        wavelength=inside, medium=medium, illumination=light,
         sensor=sg.FarField.grid((side, side + 2 * turned), pitch),
     )
     images = sg.render(scene, seed=1, paths=20_000).intensity

@@ -2,8 +2,8 @@
 
 M equal screens of sigma^2 = OD / M each, whose correlation length xi = (2 / (1 - g))^(1/2) / k gives the lobe of one
 deflection the slab's mean 1 - cos. Their gaps L / (M^2 - 1)^(1/2) and their middle at L / 2 leave both variances of the
-lateral walk as in the slab, L^2 / 12 and L^2 / 3 times OD theta^2. What is replaced is the shape of the lobe, which becomes
-Gaussian, wide angles and backscattering, which are left out, and absorption. docs/screens.md.
+lateral walk as in the slab, L^2 / 12 and L^2 / 3 times OD theta^2. What is replaced is the shape of the lobe, which
+becomes Gaussian; wide angles, backscattering and absorption are left out. docs/screens.md.
 """
 
 from dataclasses import dataclass
