@@ -332,7 +332,7 @@ def maps(out, quick):
             ray, ray_error, _ = flux(place, place.scene, frequency, "ray", "fraunhofer", 20 * beams)
             once, once_error, _ = flux(place, black, frequency, "wave", place.diffraction, beams)
             dark, error = place.air & (ray == 0), np.hypot(wave_error, ray_error)
-            both = place.air & (ray > 0)
+            both = place.air & (ray > 0) & (wave != 0)  # a cell without a beam states no error
             rows.append([
                 f"{name}, {frequency / 1e9:g} GHz", place.diffraction, f"{dark.sum() / place.air.sum():.0%}",
                 decibel(wave[dark], wave_error[dark]), decibel(once[dark], once_error[dark]),
