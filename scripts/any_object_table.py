@@ -56,7 +56,7 @@ EXTENTS = (0.0, 0.5, 1.0, 2.0, 3.01)
 SAID = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 GOOD = 0.8
 SEED, BATCH, POSES, FINE = 11, 13, 8, 8
-RANGES, RANGE_IMAGES = (1.5, 2.0, 2.5, 3.0), 16
+RANGES, LOOKS, RANGE_IMAGES = (1.0, 2.0, 3.0), (1.0, 9.0), 16
 
 
 def shapes() -> dict[str, list[np.ndarray]]:
@@ -223,30 +223,37 @@ def means(table: Table) -> tuple[object, ...]:
     return len(table.image), table.mean("katz"), table.mean("solver")
 
 
-def ranges(solver: Solver, seeds: int) -> str:
-    """Range fitted to 16 images of held-out characters behind one slab, drawn from the law; truth 1."""
-    lines = ["| extent, ranges | fitted over true range [95 %] |", "|---" * 2 + "|"]
+def ranges(solver: Solver, sets: int) -> str:
+    """Ranges fitted to sets of 16 images of held-out characters behind one slab, drawn from the law; logarithms."""
+    head = "extent, ranges", "looks", "sets", "bias", "spread", "root mean square", "within 10 %", "interval holds"
+    lines = [row(*head), "|---" * len(head) + "|"]
     known = load_recipe("through-slab").material_of(0, "train", 0)
-    for extent in RANGES:
-        for seed in range(seeds):
+    for looks in LOOKS:
+        for extent in RANGES:
             c_i = memory_effect_of(known.kernel, 1.0, extent * known.half_range / (2 * np.pi) / EXTENT)
-            seen, optics = drawn_from_law(c_i, seed)
-            fit = fit_range(solver, seen, optics, [c_i] * RANGE_IMAGES)
-            lines.append(f"| {extent:g} | {fit.factor:.3f} [{fit.low:.3f}, {fit.high:.3f}] |")
-            print(lines[-1], flush=True)
+            fits = []
+            for n in range(sets):
+                seen, optics = drawn_from_law(c_i, 100 + n, looks)
+                fits.append(fit_range(solver, seen, optics, [c_i] * RANGE_IMAGES))
+            error = np.log([fit.factor for fit in fits])
+            held = sum(fit.low < 1 < fit.high for fit in fits)
+            told = [f"{x:.2f}" for x in (error.mean(), error.std(), np.sqrt(np.square(error).mean()))]
+            lines.append(row(f"{extent:g}", f"{looks:g}", sets, *told, int((np.abs(error) < 0.1).sum()), held))
     return "\n".join(lines)
 
 
-def drawn_from_law(c_i: MemoryEffect, seed: int, camera: int = 128, step: float = 1.5) -> tuple[Periodogram, Optics]:
-    """Periodograms of held-out characters behind one slab, S(f) times an exponential variable."""
+def drawn_from_law(
+    c_i: MemoryEffect, seed: int, looks: float = 1.0, camera: int = 128, step: float = 1.5
+) -> tuple[Periodogram, Optics]:
+    """Periodograms of held-out characters behind one slab, S(f) times a gamma variable."""
     glyphs = Glyphs.model_validate({**HELD_OUT, "shape": [EXTENT, EXTENT]})
     objects = torch.from_numpy(np.stack([glyphs.image(seed, "test", n) for n in range(RANGE_IMAGES)]))
     power = torch.ones(RANGE_IMAGES, camera, camera // 2 + 1)
-    seen, optics = Periodogram(power, torch.zeros(RANGE_IMAGES), 1.0, (camera, camera)), Optics(step, 3.0)
+    seen, optics = Periodogram(power, torch.zeros(RANGE_IMAGES), looks, (camera, camera)), Optics(step, 3.0)
     likelihood = SpeckleLikelihood(seen, (EXTENT, EXTENT), optics)
     steps = np.arange(1 - EXTENT, EXTENT)
     spectrum = likelihood.object_spectrum(objects, torch.from_numpy(c_i(np.hypot(steps[:, None], steps))))
-    noise = np.random.default_rng(seed).exponential(1.0, spectrum.shape).astype(np.float32)
+    noise = np.random.default_rng(seed).standard_gamma(looks, spectrum.shape, dtype=np.float32) / np.float32(looks)
     reach = spectrum.shape[1] // 2
     power[:, np.arange(-reach, reach + 1) % camera, : spectrum.shape[2]] = spectrum * torch.from_numpy(noise)
     return seen, optics
@@ -258,7 +265,7 @@ def main() -> None:
     options.add_argument("--out", type=Path, default=Path("runs/any-object-table"))
     options.add_argument("--solver", type=Path, help="By default the packaged one.")
     options.add_argument("--images", type=int, default=26, help="Images of a cell.")
-    options.add_argument("--seeds", type=int, default=2, help="Sets of images for each range; 0 for none.")
+    options.add_argument("--sets", type=int, default=12, help="Sets of images for each range; 0 for none.")
     given = options.parse_args()
     torch.set_num_threads(1)
     solver = load_solver() if given.solver is None else Solver.load(given.solver)
@@ -277,7 +284,7 @@ def main() -> None:
                     writer.writerows({"scene": scene, "family": family, **row} for row in rows)
                     file.flush()
                     print(scene, family, f"{np.mean([row['solver'] for row in rows]):.3f}", flush=True)
-    tables = report(read(path)) + ("\n\n" + ranges(solver, given.seeds) if given.seeds else "")
+    tables = report(read(path)) + ("\n\n" + ranges(solver, given.sets) if given.sets else "")
     (given.out / "tables.md").write_text(tables + "\n")
     print(tables)
 

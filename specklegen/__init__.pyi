@@ -15,6 +15,8 @@ from .rendering import render as render
 from .samplers.covariance.covariance import Covariance as Covariance
 from .samplers.covariance.covariance import covariance as covariance
 from .samplers.covariance.covariance import covariance_blocks as covariance_blocks
+from .samplers.screens.replacement import Replacement as Replacement
+from .samplers.screens.replacement import stack_like as stack_like
 from .scene.faces import Faces as Faces
 from .scene.illumination import CollimatedBeams as CollimatedBeams
 from .scene.illumination import IncoherentObject as IncoherentObject

@@ -31,6 +31,7 @@ from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss
+from specklegen.paths.rare_paths import warn_of_rare_paths
 from specklegen.paths.reversal import Reverse, reversal_decision
 from specklegen.paths.stretching import relative_variance
 from specklegen.paths.tracer import plane_tracer
@@ -64,7 +65,8 @@ class MemoryEffect(Pictured):
     decorrelation : float64[T]
         1 - C_I; to full relative precision at tiny tilts in transmission along the axis, elsewhere to rounding.
     standard_error : float64[T]
-        Of ``intensity``, from 64 independent batches; NaN where it is undefined (no light, or one path).
+        Of ``intensity``, from 64 independent batches; NaN where it is undefined (no light, or one path). Where rare
+        paths carry it, up to 1.42 times what the batches show (:func:`specklegen.core.statistics.tail_factor`).
     single_share : float
         Share of single scattering in the intensity; its square is the floor of ``intensity``.
     paths : int
@@ -170,7 +172,7 @@ def memory_effect(
     DoubtWarning
         Where the mean free path is below the wavelength: independent scattering is then doubtful. Where tilts are
         neither small beside the scatterers' lobe, nor beside 0.1 radian, and segments are in the lobe's near field: no
-        estimate is right there.
+        estimate is right there. Where standard errors rest on next to no path.
     """
     if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
         return _of_screens(medium, wavelength, tilts, mode, view)
@@ -225,7 +227,8 @@ def memory_effect(
         "memory_effect tilts", 1e-9 * NANOSECONDS["end"] * ends,
         f"{len(light)} tilts of {count} paths", "Ask for fewer tilts, or for fewer paths.",
     )  # fmt: skip
-    field, intensity, decorrelation, error, single = run(count, seed)
+    field, intensity, decorrelation, error, single, lit = run(count, seed)
+    warn_of_rare_paths("memory_effect", lit)
     return MemoryEffect(
         tilts=tilts,
         q=2 * np.pi / wavelength * np.sin(tilts) * medium.thickness,
@@ -278,7 +281,8 @@ def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         return _dark(len(light))
     q = 2 * np.pi / wavelength * light[:, 0]
     intensity, decorrelation, error = kernel.intensity(q)
-    return kernel(q).astype(np.complex128), intensity, decorrelation, error, kernel.single_share
+    lit = kernel.weights.sum(axis=1)
+    return kernel(q).astype(np.complex128), intensity, decorrelation, error, kernel.single_share, lit
 
 
 def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
@@ -291,7 +295,7 @@ def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse,
     batches = np.array([batch_sums(each, kernel.owners, paths) for each in (*sums, kernel.weights)]).T
     intensity, error = jackknife(batches, lambda total: np.square(np.abs(total[:-1] / total[-1])))
     whole = batches.sum(axis=0)
-    return whole[:-1] / whole[-1], intensity, 1 - intensity, error, kernel.single_share
+    return whole[:-1] / whole[-1], intensity, 1 - intensity, error, kernel.single_share, batches[:, -1].real
 
 
 def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads, near=False):
@@ -336,9 +340,9 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         return np.square(np.abs(normalised(part)))
 
     intensity, error = jackknife(sums, correlation)
-    return normalised(sums.sum(axis=0)), intensity, 1 - intensity, error, float(single / total)
+    return normalised(sums.sum(axis=0)), intensity, 1 - intensity, error, float(single / total), sums[:, 2 * n].real
 
 
 def _dark(n: int):
     nan = np.full(n, np.nan)
-    return nan.astype(np.complex128), nan, nan, nan, float("nan")
+    return nan.astype(np.complex128), nan, nan, nan, float("nan"), np.zeros(BATCHES)

@@ -85,7 +85,10 @@ def test_a_block_runs_on_its_own(block, bench, monkeypatch):
         if library in block.text or (library == "upath" and "://a.zarr" in block.text):
             pytest.importorskip(library)
     monkeypatch.chdir(bench)
-    exec(compile(shorter(block.text), str(block), "exec"), {"__name__": "__main__"})
+    names = {"__name__": "__main__"}
+    before = set(names)
+    exec(compile(shorter(block.text), str(block), "exec"), names)  # fails where the block raises
+    assert set(names) - before - {"__builtins__"}, "a block that names nothing shows nothing"
 
 
 @pytest.mark.slow

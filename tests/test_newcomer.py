@@ -79,7 +79,8 @@ def test_the_demo_is_quiet_and_leaves_what_it_names(fresh):
 @pytest.mark.parametrize("block", [block for block in README if block.language == "python"], ids=str)
 def test_a_block_of_the_readme_runs(fresh, bench, block):
     (bench / "block.py").write_text(shorter(block.text))
-    run(fresh[0] / ".venv" / "bin" / "python", "block.py", cwd=bench)
+    said = run(fresh[0] / ".venv" / "bin" / "python", "block.py", cwd=bench)  # which asserts the exit status
+    assert "Traceback" not in said
 
 
 def test_a_corrupt_picture_is_named_and_others_serve(fresh, bench):

@@ -6,6 +6,7 @@ Samples of one medium share all of this; a few media are kept in each process.
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from threading import Lock
@@ -21,6 +22,7 @@ from specklegen.datasets.recipes.parts.viewing import division_weights
 from specklegen.datasets.split import Split
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
+from specklegen.samplers.sampler import Where
 from specklegen.samplers.screens.objects import ScreenObjects
 from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.samplers.stationary.superposition import superposed_image
@@ -179,20 +181,30 @@ class _KeptPowers:
 _KEPT_POWERS = _KeptPowers(_POWERS_BYTES)
 
 
+def _pieces(fields: PathSumFields, seed: Seed) -> Iterator[tuple[Where, np.ndarray]]:
+    """The fields of one polarisation: tile by tile on a grid in the far field, else all at once."""
+    scene = fields.scene
+    draws = planned_sums(scene, fields.paths).chosen.prepare(seed, 1)
+    if isinstance(scene.sensor, FarFieldGrid):
+        yield from draws.pieces(0)
+    else:
+        (whole,) = draws.images(1)
+        rows, columns = scene.sensor.shape
+        yield (slice(0, len(scene.lights)), slice(0, rows), slice(0, columns)), whole.image
+
+
 def _powers(fields: PathSumFields) -> np.ndarray:
     """Intensity of every beam, float16[tilts, h * w, H, W], mean over the polarisations.
 
     Half precision keeps a speckle to 5e-4 of itself, half of what the sum of fields allows, and twice the media.
     """
-    grid, sums = fields.scene.sensor, planned_sums(fields.scene, fields.paths).chosen
-    assert isinstance(grid, FarFieldGrid)
     n = fields.divisions
     weights = division_weights(n).astype(np.float32)
-    rows, columns = (side // n for side in grid.shape)
+    rows, columns = (side // n for side in fields.scene.sensor.shape)
     found = np.zeros((len(fields.scene.lights), rows, columns), np.float32)
     with one_blas_thread():
         for seed in fields.seeds:
-            for (beams, down, across), field in sums.prepare(seed, 1).pieces(0):
+            for (beams, down, across), field in _pieces(fields, seed):
                 power = np.square(field.real) + np.square(field.imag)
                 power *= np.multiply.outer(weights[np.arange(down.start, down.stop) % n],
                                            weights[np.arange(across.start, across.stop) % n])  # fmt: skip
@@ -206,14 +218,13 @@ def _powers(fields: PathSumFields) -> np.ndarray:
 
 def _superposed(fields: PathSumFields, seed: Seed, amplitudes: np.ndarray) -> np.ndarray:
     """Intensity float64[H, W] of all beams together, averaged over the views across each pixel."""
-    grid, sums, n = fields.scene.sensor, planned_sums(fields.scene, fields.paths).chosen, fields.divisions
-    assert isinstance(grid, FarFieldGrid)
-    total = np.zeros(grid.shape, complex)
+    shape, n = fields.scene.sensor.shape, fields.divisions
+    total = np.zeros(shape, complex)
     with one_blas_thread():
-        for (beams, down, across), field in sums.prepare(seed, 1).pieces(0):
+        for (beams, down, across), field in _pieces(fields, seed):
             total[down, across] += np.tensordot(amplitudes[beams], field, axes=1)
     weights = division_weights(n)
-    rows, columns = (side // n for side in grid.shape)
+    rows, columns = (side // n for side in shape)
     power = np.square(np.abs(total)).reshape(rows, n, columns, n)
     return np.einsum("rmcn,m,n->rc", power, weights, weights)
 

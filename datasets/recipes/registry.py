@@ -12,6 +12,7 @@ from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.recipes.recipe_files import merged, recipe_table
 from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
+from specklegen.datasets.recipes.volume_object import VolumeObject
 from specklegen.datasets.recipes.volume_stack import VolumeStack
 
 KINDS: dict[str, type[Recipe]] = {
@@ -23,6 +24,7 @@ KINDS: dict[str, type[Recipe]] = {
     "dynamic-slab": DynamicSlab,
     "two-tilts": TwoTilts,
     "volume-stack": VolumeStack,
+    "volume-object": VolumeObject,
 }
 
 

@@ -196,11 +196,11 @@ def benchmark(
         reject("benchmark samples", f"a whole number from 2 to {SAMPLES}", samples)
     recipes = {each.name: each.recipe() for each in chosen}
     tell = progress or (lambda done, total: None)
-    evaluations = {}
+    evaluations, total = {}, len(recipes) * samples
     for number, (name, recipe) in enumerate(recipes.items()):
         made = own | {each: BASELINES[each](recipe) for each in beside}
         asked = {each: _asked(each, function, recipe) for each, function in made.items()}
-        batches = _told(recipe, samples, lambda done, before=number * samples: tell(before + done, len(recipes) * samples))
+        batches = _told(recipe, samples, lambda done, before=number * samples: tell(before + done, total))
         evaluations[name], _ = evaluate(asked, batches, recipe.profile)
     return Results(evaluations, samples)
 
@@ -233,21 +233,21 @@ def card() -> str:
     """Data card of the benchmark, in Markdown: what the tasks are, what may be learned from, and the licence."""
     lines = [
         f"# Benchmark of specklegen, version {VERSION}", "",
-        f"{len(TASKS)} tasks of {SAMPLES} images: samples 0 to {SAMPLES - 1} of the test split of a recipe, seed {SEED}. "
-        "A sample is a pure function of (recipe, seed, split, number): nothing is downloaded, and `specklegen.models."
-        "benchmark` renders the images anew. The fingerprint is the SHA-256 of all that decides a pixel; a build that "
-        "renders other images refuses the task.", "",
+        f"{len(TASKS)} tasks of {SAMPLES} images: samples 0 to {SAMPLES - 1} of the test split of a recipe, seed "
+        f"{SEED}. A sample is a pure function of (recipe, seed, split, number): nothing is downloaded, and "
+        "`specklegen.models.benchmark` renders the images anew. The fingerprint is the SHA-256 of all that decides a "
+        "pixel; a build that renders other images refuses the task.", "",
         "| task | what is new or hard | starts from | fingerprint |", "|---|---|---|---|",
         *(f"| {cell(t.name)} | {cell(t.asks)} | `{t.base}` | `{t.fingerprint[:16]}` |" for t in TASKS), "",
         "**To learn from**: anything but the test splits of these recipes at this seed, and no character of "
         "569BFMTVWt, in any font (but in the task \"unseen media\"), no bars and no photographs. The `train` and "
         "`validation` splits of the recipes hold to that where they show characters.", "",
-        "**What a function may use**: the image or film, pitches, wavelength, window, the numbers of the medium and its "
-        "C_I. A method that does without C_I should say so beside its score.", "",
-        "**Not in it**: measured images. All images are simulated, with the assumptions that docs/trust.md lists.", "",
-        "**Licence**: recipes, tasks and what is rendered from them: MIT, as the package. Characters are outlines of the "
-        "fonts that matplotlib carries (DejaVu, Bitstream Vera, STIX, Computer Modern: free to embed); photographs are those that "
-        "scikit-image carries, under the licences in its file `LICENSE.txt` and data folder.", "",
+        "**What a function may use**: the image or film, pitches, wavelength, window, the numbers of the medium and "
+        "its C_I. A method that does without C_I should say so beside its score.", "",
+        "**Not in it**: measured images. All are simulated, with the assumptions that docs/trust.md lists.", "",
+        "**Licence**: recipes, tasks and what is rendered from them: MIT, as the package. Characters are outlines of "
+        "fonts that matplotlib carries (DejaVu, STIX, Computer Modern), under the licences beside them there; "
+        "silhouettes are of photographs that scikit-image carries, under the licences that it states.", "",
         "## Recipes", "",
     ]  # fmt: skip
     for each in TASKS:

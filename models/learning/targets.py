@@ -64,6 +64,10 @@ def labels_of(batch: Mapping[str, Any]) -> Tensor:
 def material_of(batch: Mapping[str, Any]) -> Tensor:
     """Numbers of the material over their spread, float32[B, 1, 4]."""
     drawn = batch["parameters"]
+    for name in MATERIAL:
+        if name not in drawn or not drawn[name].isfinite().all():
+            reject(f"batch {name}", "a finite number of every slab", drawn.get(name),
+                   "Thin screens have no optical depth, and a single one no range: ask for another target.")  # fmt: skip
     numbers = [drawn[name] if name == "g" else drawn[name].log10() for name in MATERIAL]
     middle, spread = torch.tensor(list(MATERIAL.values()), dtype=torch.float64).T
     return ((torch.stack(numbers, -1) - middle) / spread)[:, None].float()

@@ -7,8 +7,9 @@ The probability that an image comes back with a Pearson correlation above 0.8 is
 noise and distortion being the errors of the autocorrelation that follow from the scene (:mod:`residual`), and the
 complexity the object's bright grains. Noise starts from W / (2N), W the autocorrelation's window, N the camera's side;
 distortion weighs more, since it is the same at neighbouring frequencies and no constraint averages it out. The four
-coefficients are fitted by scripts/fit_recoverability.py to half the cells of a table of simulated scenes,
-tests/data/recoverability.csv; a test derives them again. docs/recoverability.md has the judgement on the other half.
+coefficients are fitted by scripts/fit_recoverability.py to half the cells of two tables of simulated scenes,
+tests/data/recoverability.csv and recoverability_large.csv; a test derives them again. docs/recoverability.md has the
+judgement on the other half.
 
 A scene that fails is repaired in thought, each time by what helps most, until it works: those repairs are the reasons.
 """
@@ -28,9 +29,9 @@ from specklegen.datasets.recipes.multi_image import DynamicSlab
 from specklegen.datasets.split import Split
 from specklegen.models.recoverability.autocorrelation_error import Conditions, Residual, residual, speckle_contrast
 
-COEFFICIENTS = {"constant": -0.759, "residual": -3.9253, "complexity": -2.1659, "distortion_weight": 1.7881}
-"""a, b, c and w, from the even cells of the table."""
-FITTED = {"residual": (0.0319, 2.2769), "complexity": (2.5266, 16.5075)}
+COEFFICIENTS = {"constant": -2.8785, "residual": -3.2377, "complexity": -0.1791, "distortion_weight": 2.2481}
+"""a, b, c and w, from the even cells of the tables."""
+FITTED = {"residual": (0.0346, 42.7902), "complexity": (2.5266, 46.65)}
 """Smallest and largest of the even cells: beyond, a verdict extrapolates."""
 _EXAMPLES = 12  # objects that stand for their family
 _LARGEST_CAMERA = 16.0  # times the camera's side: larger ones are no remedy

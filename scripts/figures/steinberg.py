@@ -314,7 +314,7 @@ def decibel(values, error):
 
 def maps(out, quick):
     """Coverage of three places by waves and by rays, and where they differ."""
-    rows, beams = [], 20_000 if quick else 100_000
+    rows, beams = [], 10_000 if quick else 40_000
     figure, panels = plt.subplots(3, 3, figsize=(11, 9))
     for line, (name, make) in zip(panels, PLACES.items(), strict=True):
         place = make()

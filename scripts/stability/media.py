@@ -111,12 +111,16 @@ def albedo_tiny() -> Row:
 
 
 def _light_behind(depth: float, albedo: float, g: float) -> tuple[float, float, float]:
-    """Light along the axis behind a slab per area and steradian: exact, ours, and its standard error."""
-    paths, medium = 64 * 100, slab(depth, g, albedo)
+    """Light along the axis behind a slab per area and steradian: exact, ours, and its standard error.
+
+    Ten times the paths where none is drawn across: of 6400 some would err by a sixth, and could not fail.
+    """
+    medium = slab(depth, g, albedo)
     tracer = plane_tracer(medium, 1.0, AXIS[None], AXIS[None], False)
+    exact = adding_doubling(depth, albedo=albedo, g=g).transmitted
+    paths = 64 * (100 if tracer.across else 1000)
     bank = tracer.trace(5, paths)
     found = batch_sums(contributions(tracer.layout, bank), bank.paths, paths).real * BATCHES / paths
-    exact = adding_doubling(depth, albedo=albedo, g=g).transmitted
     return exact, float(found.mean()), float(found.std(ddof=1) / np.sqrt(BATCHES))
 
 
@@ -126,8 +130,8 @@ def deep(case: str, depths: tuple[float, ...], anisotropies: tuple[float, ...]) 
     exact, ours, error = np.array(found).T
     row = measured(case, "adding and doubling", np.ones(len(exact)), ours / exact, error / exact)
     largest = float((error / exact).max())
-    # An error that grew with the depth would let any light pass: 30 % is the most that is handed out.
-    return replace(row, passed=row.passed and largest < 0.3, ours=f"{row.ours}; errors up to {largest:.2g}")
+    # An error that grew with the depth would let any light pass; every one of these can fail, some seven errors from 0.
+    return replace(row, passed=row.passed and largest < 0.14, ours=f"{row.ours}; errors up to {largest:.2g}")
 
 
 def deep_isotropic() -> Row:

@@ -64,17 +64,19 @@ def measured(
     """A Monte Carlo comparison: every |ours - right| - slack is below Student's bound at FALSE_ALARM.
 
     A row whose right answers all lie within what it allows could not fail, if ours were 0: such a row does not pass.
+    Of the others the worst one that stands above its noise is shown, with the largest z of all.
     """
     right_, ours_, error, loose = np.broadcast_arrays(*map(np.asarray, (right, ours, standard_error, slack)))
     bound = float(student.isf(FALSE_ALARM / (2 * ours_.size), batches - 1))
     excess = np.maximum(np.abs(ours_ - right_) - loose, 0.0)
     z = np.divide(excess, error, out=np.where(excess == 0, 0.0, np.inf), where=error > 0)
-    worst = int(z.argmax())
-    able = bool((np.abs(right_) > bound * error + loose).any())
+    able = np.abs(right_) > bound * error + loose
+    worst = int(np.where(able, z, -1.0).argmax())
+    count = f"; {able.sum()} of {able.size} stand above their noise" if able.size > 1 else ""
     return Row(
         case, _number(right_.flat[worst]), source, f"{_number(ours_.flat[worst])} ± {error.flat[worst]:.2g}",
-        f"{z.flat[worst]:.2f} standard errors, limit {bound:.2f}" + ("" if able else "; all of it noise"),
-        bool(able and np.isfinite(error).all() and np.isfinite(z).all() and z.max() < bound),
+        f"{z.max():.2f} standard errors, limit {bound:.2f}{count}" if able.any() else "all of it noise",
+        bool(able.any() and np.isfinite(error).all() and np.isfinite(z).all() and z.max() < bound),
     )  # fmt: skip
 
 

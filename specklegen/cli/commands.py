@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from specklegen import __version__
-from specklegen.cli import bench, benchmark, learning, recipes, reconstruct, recoverable, scenes, stores
+from specklegen.cli import bench, benchmark, explore, learning, recipes, reconstruct, recoverable, scenes, stores
 from specklegen.cli.failures import failures_told
 
 app = typer.Typer(
@@ -50,6 +50,7 @@ app.command()(recoverable.recoverable)
 app.command()(reconstruct.reconstruct)
 app.command("bench")(bench.bench_command)
 app.command()(benchmark.benchmark)
+app.command()(explore.explore)
 
 
 def main(words: list[str] | None = None) -> None:

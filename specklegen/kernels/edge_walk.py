@@ -33,7 +33,16 @@ from specklegen.kernels.beam_walk import ABSORBED_END, ESCAPED, FAILED, RECEIVED
 from specklegen.kernels.beam_walk import WAVE as WAVE_MODE
 from specklegen.kernels.cone_bvh import collect
 from specklegen.kernels.cones import CONE
-from specklegen.kernels.edge_waves import along, bent_power, edge_angle, grown, lights, local_wave, radius_along
+from specklegen.kernels.edge_waves import (
+    along,
+    bent_power,
+    edge_angle,
+    from_the_air,
+    grown,
+    lights,
+    local_wave,
+    radius_along,
+)
 from specklegen.kernels.receivers import crossing
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.surfaces import ABSORBED, REFLECTED, SCATTERED, outcome, reflectance
@@ -208,9 +217,11 @@ def lit_edges(
             continue
         x, y, z = along(edge, t)
         # By the wave's path, which is the same for all rays whose nearest point is Q.
-        _, _, _, reach, _, _ = local_wave(wave, x, y, z)
+        dx, dy, dz, reach, _, _ = local_wave(wave, x, y, z)
         width = (state[beam.WIDTH] + reach * state[beam.SPREAD]) / stretch
-        if offset <= width and lights(wave, skip, x, y, z, normals, facet, boxes, link, corners):
+        if not (offset <= width and from_the_air(edge, dx, dy, dz)):
+            continue
+        if lights(wave, skip, x, y, z, normals, facet, boxes, link, corners):
             good[accepted] = found[m]
             passes[accepted, 0], passes[accepted, 1], passes[accepted, 3] = t, depth, sine
             passes[accepted, 2] = _chord(source, state, edge, t, width) if source.size > 0 else 2.0 * width

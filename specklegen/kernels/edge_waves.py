@@ -32,6 +32,7 @@ WX, WY, WZ, WDX, WDY, WDZ, WEX, WEY, WEZ, R1, R2, WAVE = 0, 1, 2, 3, 4, 5, 6, 7,
 START, ALONG, LENGTH, WEDGE, NORMAL, INWARD, EDGE = 0, 3, 6, 7, 8, 11, 14
 CLEAR = 1e-7
 """Of a leg's length, at both of its ends, in which nothing blocks it."""
+_ROUNDING = 1e-9  # radians
 _STEPS = 3  # of unfolding where the wave is astigmatic; one is exact for others
 
 
@@ -103,13 +104,26 @@ def leaving_point(wave, edge, x, y, z):
 
 
 @inlined
-def edge_angle(edge, dx, dy, dz):
-    """Angle of a direction about an edge, from the 0-face through the air; within rounding of a face, on it."""
+def _turn(edge, dx, dy, dz):
+    """Angle of a direction about an edge, from the 0-face, in [0, 2 pi]."""
     phi = math.atan2(
         dx * edge[NORMAL] + dy * edge[NORMAL + 1] + dz * edge[NORMAL + 2],
         dx * edge[INWARD] + dy * edge[INWARD + 1] + dz * edge[INWARD + 2],
     )
-    phi = phi if phi >= 0.0 else phi + 2.0 * math.pi
+    return phi if phi >= 0.0 else phi + 2.0 * math.pi
+
+
+@inlined
+def from_the_air(edge, dx, dy, dz):
+    """Whether light of a direction comes to an edge through the air: not from within a wedge, as in a hollow solid."""
+    phi = _turn(edge, -dx, -dy, -dz)
+    return phi <= edge[WEDGE] * math.pi + _ROUNDING or phi >= 2.0 * math.pi - _ROUNDING
+
+
+@inlined
+def edge_angle(edge, dx, dy, dz):
+    """Angle of a direction about an edge, from the 0-face through the air; within rounding of a face, on it."""
+    phi = _turn(edge, dx, dy, dz)
     top = edge[WEDGE] * math.pi
     if phi > top:
         phi = top if phi - top < 2.0 * math.pi - phi else 0.0
@@ -126,14 +140,19 @@ def clear(x, y, z, dx, dy, dz, length, skip, facet, boxes, link, corners):
 
 
 @inlined
-def back_to_start(wave, x, y, z, dx, dy, dz, path, skip, normals):
-    """Length of the way back from a point to where the wave's leg began: its own plane facet, or the same path."""
+def comes_from_start(wave, skip, x, y, z, dx, dy, dz, path, normals, facet, boxes, link, corners):
+    """Whether the way back from a point leads free to where the wave's leg began: the facet ``skip``, or its own point.
+
+    A mirror that ends before the way back meets its plane sends no light there.
+    """
     if skip < 0:
-        return path
+        return clear(x, y, z, -dx, -dy, -dz, path, -1, facet, boxes, link, corners)
     nx, ny, nz = normals[skip, 0], normals[skip, 1], normals[skip, 2]
-    rate = dx * nx + dy * ny + dz * nz
-    way = ((x - wave[WX]) * nx + (y - wave[WY]) * ny + (z - wave[WZ]) * nz) / rate
-    return way if 0.0 < way < 4.0 * path else path
+    way = ((x - wave[WX]) * nx + (y - wave[WY]) * ny + (z - wave[WZ]) * nz) / (dx * nx + dy * ny + dz * nz)
+    if not 0.0 < way < math.inf:
+        return False
+    _, place, _ = nearest(x, y, z, -dx, -dy, -dz, CLEAR * way, (1.0 + CLEAR) * way, -1, facet, boxes, link, corners)
+    return place >= 0 and facet[place] == skip
 
 
 @kernel
@@ -142,8 +161,7 @@ def lights(wave, skip, x, y, z, normals, facet, boxes, link, corners):
     dx, dy, dz, path, a, b = local_wave(wave, x, y, z)
     if not (path > 0.0 and a > 0.0 and b > 0.0):
         return False
-    way = back_to_start(wave, x, y, z, dx, dy, dz, path, skip, normals)
-    return clear(x, y, z, -dx, -dy, -dz, way, skip, facet, boxes, link, corners)
+    return comes_from_start(wave, skip, x, y, z, dx, dy, dz, path, normals, facet, boxes, link, corners)
 
 
 @inlined
@@ -177,8 +195,9 @@ def image_wave(wave, skip, face, k, x, y, z, normals, facet, material, materials
     if place < 0 or facet[place] != face or path <= step:
         return nothing
     x, y, z = x - step * rx, y - step * ry, z - step * rz
-    way = back_to_start(wave, x, y, z, dx, dy, dz, path - step, skip, normals)
-    if not clear(x, y, z, -dx, -dy, -dz, way, skip, facet, boxes, link, corners):
+    if not comes_from_start(
+        wave, skip, x, y, z, dx, dy, dz, path - step, normals, facet, boxes, link, corners
+    ):
         return nothing
     return _phasor(_thinned(a, b) * math.sqrt(reflectance(materials, material[place], abs(rate))), k * path)
 
@@ -238,6 +257,9 @@ def bent_power(
         if not 0.0 < t < edges[e, LENGTH]:
             continue
         qx, qy, qz = along(edges[e], t)
+        ux, uy, uz, _, _, _ = local_wave(wave, qx, qy, qz)
+        if not from_the_air(edges[e], ux, uy, uz):
+            continue
         if not lights(wave, skip, qx, qy, qz, normals, facet, boxes, link, corners):
             continue
         ux, uy, uz = x - qx, y - qy, z - qz

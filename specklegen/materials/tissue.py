@@ -22,6 +22,10 @@ def make(
     return Optics(HenyeyGreenstein(g=g), reduced / (1 - g), absorption / 1000, 1.514 - (1.514 - 1.33) * water)
 
 
+def _absorption(blood: float) -> float:
+    return round(_BLOOD * blood, 5)
+
+
 def _numbers(
     a: tuple[float, float, float], b: tuple[float, float, float], water: tuple[float, float, float],
     blood: tuple[float, float, float], *, from_water: str, checked: Checked = Checked.SOURCE,
@@ -33,7 +37,7 @@ def _numbers(
         "g": g or Number(0.9, 0.85, 0.95, "", "anisotropy, hardly known: figure 8 spreads at least so far",
                          _JACQUES, Checked.SOURCE),
         "water": Number(*water, "", "share of water, which gives the refractive index", from_water, checked),
-        "absorption": Number(*(round(_BLOOD * share, 5) for share in blood), "1 / mm",
+        "absorption": Number(_absorption(blood[0]), _absorption(blood[1]), _absorption(blood[2]), "1 / mm",
                              f"blood at 806 nm, {100 * blood[0]:.3g} % of the volume", f"{_JACQUES}, table 3",
                              Checked.SOURCE),
     }  # fmt: skip

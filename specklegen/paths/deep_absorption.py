@@ -12,11 +12,13 @@ import numpy as np
 from specklegen.core.errors import reject
 from specklegen.core.values import remembered
 from specklegen.kernels import walk
+from specklegen.kernels.volume import Volume
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import End, endpoint_factors
 from specklegen.paths.endpoints import Endpoints
 from specklegen.paths.layout import Layout, scene_layout
 from specklegen.paths.stretching import crossing_variance, decay, flat_decay
+from specklegen.paths.volumes import materials
 from specklegen.scene.media import Box, Medium, Slab, VoxelGrid
 from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
@@ -29,6 +31,7 @@ DARK = 1e-3
 """Share of the brightest view's light below which a view is dark: 30 times its error, or never seen."""
 _INSETS = (0.0, 0.1, 0.5, 0.9, 1.0)  # of a medium's sides, at which light is looked for
 _OPAQUE = 1e6  # optical depth behind which nothing is left, and nothing is lit
+_MOST_RATES = 64  # of the albedos of a material
 _SLIVER = 1e-3  # of a side, or a tenth of a mean free path: thinner ones are not looked at
 
 
@@ -85,22 +88,26 @@ def require_reach(owner: str, variance: float, paths: int) -> None:
     if variance > 0:
         reject(
             f"{owner} paths", "enough that light crosses the absorbing medium in some of them", paths,
-            f"Of {variance:.1e} paths about one carries what is seen behind it. {enough}; or use a Slab, beams, far "
-            "views that all lie behind it, no reversed paths (reverse=False), and render or memory_effect: there paths "
-            "are drawn across.",
+            f"Of {variance:.1e} paths about one carries what is seen behind it. {enough}; or use a Slab of matched "
+            "faces, beams, far views that all lie behind it, no reversed paths (reverse=False), and render or "
+            "memory_effect: there paths are drawn across.",
         )  # fmt: skip
     reject(f"{owner} paths", f"at most {MOST_PATHS:.0e}", paths, "Ask for a larger rel_error.")
 
 
-def _slowest(medium: Medium, dimension: int) -> float:
-    """The least nu of a medium's materials; 0 where one of them does not absorb."""
-    if isinstance(medium, VoxelGrid):
-        number, albedo = np.broadcast_arrays(medium.material, medium.albedo)
-        pairs = {(int(n), float(a)) for n, a in zip(number.flat, albedo.flat, strict=True)}
-        # Of each material the brightest: nu falls as the albedo grows.
-        brightest = {n: max(a for m, a in pairs if m == n) for n, _ in pairs}
-        return min(_nu(medium.scatterers[n], a, dimension) for n, a in brightest.items())
-    return _nu(medium.scatterer, medium.albedo, dimension)
+def _rates(medium: Medium, volume: Volume, dimension: int) -> np.ndarray:
+    """Decay nu of light in each voxel, float64[voxels]; 0 where nothing is absorbed."""
+    out = np.empty(len(volume.albedo))
+    for number, scatterer in enumerate(materials(medium)):
+        held = volume.material == number
+        if not held.any():
+            continue
+        # Of very many albedos a few, and the brighter neighbour for those between them, of which nu is less.
+        albedos = np.unique(volume.albedo[held])
+        few = albedos[np.unique(np.linspace(0, len(albedos) - 1, _MOST_RATES).astype(int))]
+        rates = np.array([_nu(scatterer, float(albedo), dimension) for albedo in few])
+        out[held] = rates[np.searchsorted(few, volume.albedo[held])]
+    return out
 
 
 def _nu(scatterer: Scatterer, albedo: float, dimension: int) -> float:
@@ -115,19 +122,30 @@ def _nu(scatterer: Scatterer, albedo: float, dimension: int) -> float:
 def _variances(scene: Scene) -> tuple[float, ...]:
     """Relative variances, pilots unknowing, at pairs of a few lights and views.
 
-    Light that reaches a view has to cross, by scattering, what no straight way in and straight way out spare it.
+    Light that reaches a view has to cross, by scattering, what no straight way in and straight way out spare it. It
+    falls by the decay of each material that it crosses.
     """
     if not len(scene.lights) or not np.prod(scene.sensor.shape) or not np.any(scene.medium.albedo):
         return ()
     assert isinstance(scene.medium, Slab | Box | VoxelGrid), "screens have no paths"
-    nu = _slowest(scene.medium, scene.dimension)
-    return tuple(crossing_variance(nu, float(depth)) for depth in _depths(scene)) if nu else ()
-
-
-def _depths(scene: Scene) -> np.ndarray:
-    """Least optical depth, over points of the medium, of the straight way in and out: of pairs of lights and views."""
     layout = scene_layout(scene).probed()
     layout = replace(layout, lights=layout.lights.probed(), views=layout.views.probed())
+    rates = _rates(scene.medium, layout.volume, scene.dimension)
+    if not rates.any():
+        return ()
+    depths = _depths(scene, layout)
+    if (rates == rates[0]).all():
+        return tuple(crossing_variance(float(rates[0]), float(depth)) for depth in depths)
+    falling = replace(layout, volume=layout.volume._replace(extinction=layout.volume.extinction * rates))
+    fallen = np.minimum(_depths(scene, falling), depths)
+    return tuple(
+        crossing_variance(float(fall / depth) if depth else 0.0, float(depth))
+        for fall, depth in zip(fallen, depths, strict=True)
+    )
+
+
+def _depths(scene: Scene, layout: Layout) -> np.ndarray:
+    """Least optical depth, over points of the medium, of the straight way in and out: of pairs of lights and views."""
     clear = replace(layout, volume=layout.volume._replace(extinction=np.zeros_like(layout.volume.extinction)))
     points = _points(layout, scene.medium.mean_free_path)
     records, n = np.zeros((len(points), walk.RECORD)), len(points)

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.statistics import carriers
+from specklegen.paths.rare_paths import ENOUGH
+
 TOLERANCE = 0.02
 """Kurtosis excess below which a stack counts as Gaussian: contrast^2 within 2 % of 1."""
 
@@ -59,10 +62,13 @@ class PathMoments:
         Var w / (E w)^2 of the whole path.
     concentration : float
         E sum_B w_B^2 / (E w)^2.
+    carriers : float
+        How many of the paths carry the variance.
     """
 
     relative_variance: float
     concentration: float
+    carriers: float = np.inf
 
     @classmethod
     def of(cls, weights: np.ndarray, paths: np.ndarray, count: int) -> "PathMoments":
@@ -72,7 +78,19 @@ class PathMoments:
         if not mean > 0:
             return cls(0.0, 0.0)
         # Over the mean before they are squared: the square of faint light underflows.
-        return cls(float((whole / mean).var()), float(np.square(weights / mean).sum() / count))
+        seen = whole / mean
+        return cls(float(seen.var()), float(np.square(weights / mean).sum() / count), float(carriers(seen - 1)))
+
+    def stated(self) -> "PathMoments":
+        """The same, one standard error of the variance higher where fewer than ``ENOUGH`` paths carry it.
+
+        Most samples have too few of rare paths, so that half of all variances would be understated, and by more than
+        others are overstated.
+        """
+        if self.carriers >= ENOUGH:
+            return self
+        more = 1 + self.carriers**-0.5
+        return PathMoments(self.relative_variance * more, self.concentration * more, self.carriers)
 
     @property
     def image_variance(self) -> float:

@@ -14,12 +14,18 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.deep_absorption import dark_views, unseen_variance
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.gaussianity import PathMoments
+from specklegen.paths.rare_paths import ENOUGH
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.tracer import Tracer, scene_tracer, volume_tracer
 from specklegen.scene.scene import Scene
 
 PILOT_PATHS = 6000
+_MOST_EVENTS = {True: 3e7, False: 5e6}  # of a pilot that grows, in lock step or not: about half a second
+_MOST_CONNECTIONS = 2**18
 _MEAN_PATHS = 256  # at a time
+
+_Powers = list[tuple[np.ndarray, np.ndarray]]
+"""Paths int64[n], and |amplitude|^2 float64[pairs, n] at a few lights and views; single scattering, then more of it."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +37,9 @@ class Pilot:
     tracer : Tracer
     bank : PathBank
     moments : PathMoments
-        Of a path's weights, at the worst of a few lights and views; the variance is at least what absorption makes it
-        where too few paths cross a slab for a pilot to know.
+        Of a path's weights, at the worst of a few lights and views. Where rare paths carry the variance, more are
+        traced for it (:func:`specklegen.paths.rare_paths`). It is at least what absorption makes it where too few paths
+        cross a slab for a pilot to know.
     intensity : float
         Largest mean intensity among these.
     multiple_share : float
@@ -75,13 +82,9 @@ def volume_pilot(scene: Scene, reverse: bool) -> Pilot:
 
 
 def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
-    bank = tracer.trace(pilot_seed(scene.unitless_fingerprint()), PILOT_PATHS, stream=Stream.PILOT, threads=1)
-    few, once, more = tracer.layout.probed(), bank.single, bank.multiple
-    often = multiple_amplitudes(few, more, bidirectional=tracer.bidirectional, reverse=reverse)
-    powers = [
-        _columns(once, np.square(np.abs(single_amplitudes(few, once)))),
-        _columns(more, np.square(np.abs(often))),
-    ]
+    seed = pilot_seed(scene.unitless_fingerprint())
+    bank = tracer.trace(seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
+    powers = _powers(tracer, reverse, bank)
     paths = np.concatenate([owner for owner, _ in powers])
     moments, means, share = PathMoments(0.0, 0.0), [], 0.0
     for single, multiple in zip(*(weights for _, weights in powers), strict=True):
@@ -94,9 +97,40 @@ def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
             share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(PILOT_PATHS)) / mean)
     drawn = isinstance(tracer, SlabTracer) and tracer.across
     unseen = 0.0 if drawn else unseen_variance(scene)
+    moments = _sure(moments, tracer, reverse, seed, bank, powers).stated()
     moments = replace(moments, relative_variance=max(moments.relative_variance, unseen))
     dark = dark_views(scene, drawn, np.array(means))
     return Pilot(tracer, bank, moments, float(max(means, default=0.0)), float(share), unseen, dark)
+
+
+def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:
+    few, once, more = tracer.layout.probed(), bank.single, bank.multiple
+    often = multiple_amplitudes(few, more, bidirectional=tracer.bidirectional, reverse=reverse)
+    return [
+        _columns(once, np.square(np.abs(single_amplitudes(few, once)))),
+        _columns(more, np.square(np.abs(often))),
+    ]
+
+
+def _sure(
+    moments: PathMoments, tracer: Tracer, reverse: bool, seed: Seed, bank: PathBank, found: _Powers
+) -> PathMoments:
+    """Moments at the worst light and view from as many paths as it takes to know their variance, or as may be traced.
+
+    The first of them, ``bank`` and what it ``found``, are there.
+    """
+    lock_step = isinstance(tracer, SlabTracer)
+    rate = max(bank.events / _MOST_EVENTS[lock_step], len(bank) / _MOST_CONNECTIONS)  # of the first paths
+    most = int(PILOT_PATHS / rate) if rate > 0 else PILOT_PATHS
+    count = PILOT_PATHS
+    while moments.carriers < ENOUGH and 2 * count <= most:
+        more = tracer.trace(seed, count, first=count, stream=Stream.PILOT, threads=1)
+        found, count = found + _powers(tracer, reverse, more), 2 * count
+        paths = np.concatenate([owner for owner, _ in found])
+        each = zip(*(weights for _, weights in found), strict=True)
+        moments = max((PathMoments.of(np.concatenate(pair), paths, count) for pair in each),
+                      key=lambda m: m.relative_variance)  # fmt: skip
+    return moments
 
 
 def _columns(bank: PathBank, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

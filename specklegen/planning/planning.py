@@ -16,6 +16,7 @@ from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
+from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
@@ -134,6 +135,8 @@ def plan(
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
     if pilot is not None:
         require_reach("plan", pilot.unseen, chosen.paths)
+        rare = rare_paths_decision(pilot.moments.carriers)
+        decisions += [rare] if rare else []
         if pilot.dark:
             decisions.append(Decision("dark views", True, pilot.dark, doubt=True))
     require_float32(chosen.intensity)

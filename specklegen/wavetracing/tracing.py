@@ -198,7 +198,8 @@ def _found(total: _Counts, planes: list[Plane], first_cell: np.ndarray, share: f
             images[n + 1].append((scale * deviation).reshape(plane.shape))
     area = float(areas[0]) / max(1, int(statistics[beam_walk.REGIONS]))
     ledger = Ledger(*ends.tolist(), *balance.tolist())
-    return WaveTrace(*images, ledger, Statistics(*statistics.tolist(), region_area=area))
+    met = Statistics(*statistics.tolist(), region_area=area)
+    return WaveTrace(images[0], images[1], images[2], images[3], ledger, met)
 
 
 def _materials(geometry: Geometry, emitter: Emitter) -> np.ndarray:

@@ -45,6 +45,16 @@ def seen(medium, *views) -> sg.Scene:
     return sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sg.FarField(directions=views))
 
 
+def layers(albedo: float, optical_depth: float) -> sg.Scene:
+    """A thin layer that does not absorb before a deep one that does, of the same scatterers."""
+    optical = np.repeat([0.5, 0.5, optical_depth / 2, optical_depth / 2], 4).reshape(4, 2, 2)
+    medium = sg.VoxelGrid(
+        lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=optical / 250,
+        albedo=np.repeat([1.0, 1.0, albedo, albedo], 4).reshape(4, 2, 2), scatterers=(sg.Isotropic(),),
+    )  # fmt: skip
+    return seen(medium, AHEAD)
+
+
 # ---- Right ---------------------------------------------------------------------------------------------
 
 
@@ -114,8 +124,9 @@ def test_paths_that_are_not_drawn_across_are_refused(albedo, depth):
             lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=np.full((4, 2, 2), 0.04), albedo=0.9,
             scatterers=(sg.Isotropic(),),
         ), AHEAD),
+        layers(0.9, 40.0),
     ],
-    ids=["box", "flatland", "near", "voxels"],
+    ids=["box", "flatland", "near", "voxels", "layers"],
 )  # fmt: skip
 def test_so_are_those_through_any_geometry(made):
     assert unseen_variance(made) > 1e6
@@ -123,6 +134,19 @@ def test_so_are_those_through_any_geometry(made):
         sg.covariance(made, paths=1000, reverse=False)
     with pytest.raises(RuleError, match="plan paths must be enough"):
         sg.plan(made, paths=1000, reverse=False)
+
+
+def test_light_falls_by_the_decay_of_each_material_that_it_crosses():
+    """Of layers: of the absorbing one alone; of many albedos, that of their brighter neighbours among 64."""
+    deep, whole = unseen_variance(layers(0.9, 40.0)), seen(box(0.9, 40.0), AHEAD)
+    assert deep / 3 < unseen_variance(whole) < 3 * deep
+    assert unseen_variance(layers(1.0, 40.0)) == 0
+    many = np.linspace(0.8, 0.9, 400).reshape(100, 2, 2)
+    grid = sg.VoxelGrid(
+        lower=[-200, -200, 0], upper=[200, 200, 1000], extinction=np.full(many.shape, 0.04), albedo=many,
+        scatterers=(sg.Isotropic(),),
+    )  # fmt: skip
+    assert unseen_variance(whole) < unseen_variance(seen(grid, AHEAD)) < unseen_variance(seen(box(0.8, 40.0), AHEAD))
 
 
 def test_what_paths_see_is_answered():
@@ -177,10 +201,11 @@ def test_dark_views_beside_bright_ones_are_told():
 
 
 def test_views_that_are_lit_alike_are_not():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DoubtWarning)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
         sg.covariance(seen(box(1.0, 5.0), BACK, AHEAD), paths=2000, reverse=False)
         sg.render(seen(box(0.9, 2.0), BACK, AHEAD, ASIDE), paths=2000, reverse=False)
+    assert [str(each.message) for each in said if issubclass(each.category, DoubtWarning)] == []
 
 
 def test_memory_effect_names_what_serves_a_box():

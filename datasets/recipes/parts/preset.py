@@ -140,7 +140,7 @@ class PresetMaterial(Value):
         return [dict(zip(draws, corner, strict=True)) for corner in corners]
 
     def _bulk(self, numbers: Mapping[str, float]) -> BulkMaterial:
-        made = materials.get(**(self.preset | numbers))
+        made = materials.get(**{**self.preset, **numbers})
         if not isinstance(made, BulkMaterial):
             reject("Material.preset", "a bulk", self.preset["name"], "Write a ground glass as screens.")
         return made

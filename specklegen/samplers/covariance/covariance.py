@@ -8,10 +8,9 @@ A sum of outer products, so Hermitian and positive semidefinite by construction.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -22,28 +21,27 @@ from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
 from specklegen.core.decision import Decision
 from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.memory import require_memory
-from specklegen.core.parallel import Threads, even_slices, in_turn, map_blocks, one_blas_thread, thread_count
 from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.core.showing import summary
-from specklegen.core.statistics import BATCHES
 from specklegen.kernels.rng import fill_normals
-from specklegen.paths.bank import PathBank
 from specklegen.paths.deep_absorption import dark_views, require_reach, unseen_variance
-from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import volume_pilot
+from specklegen.paths.rare_paths import warn_of_rare_paths
 from specklegen.paths.reversal import Reverse, scene_reversal
-from specklegen.paths.slab_tracer import BLOCK
 from specklegen.paths.tracer import Tracer, volume_tracer
+from specklegen.samplers.covariance.outer_products import (
+    Entries,
+    all_pairs,
+    chosen_pairs,
+    mirror,
+    outer_products,
+    some_rows,
+)
 from specklegen.samplers.covariance.single_scattering import Orders, all_quadruples, single_covariance, single_decision
 from specklegen.scene.scene import Scene
 from specklegen.scene.validity import warn_of_dependence
-
-COVARIANCE_ELEMENTS = 2**22  # of the amplitudes held at a time
-_ENTRIES = 2**17  # of batches in work that are not the only one, a thread
-_BLOCK_ROWS = 256  # per block of parallel work
-_PATHS_AT_ONCE = 8 * BLOCK  # so that the connections in memory do not grow with the number of paths
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,8 @@ class Covariance(Pictured):
         C, in the units of |u|^2; views in C order of the sensor. complex128[P] for chosen pairs, and
         complex128[n, T, V] for a block of rows.
     standard_error : float64, of the same shape
-        sqrt(E|error|^2) from independent batches; NaN where there are fewer than two.
+        sqrt(E|error|^2) from independent batches; NaN where there are fewer than two. Where rare paths carry the error
+        of the intensities, up to 1.42 times what the batches show (:func:`specklegen.core.statistics.tail_factor`).
     single, multiple : complex128, of the same shape
         The parts of single scattering and of more; they add up to ``value``.
     paths : int
@@ -194,7 +193,8 @@ def covariance(
     -----
     DoubtWarning
         Where the mean free path is below the wavelength: independent scattering is then doubtful. Where some lights
-        and views are found at less than 1e-3 of the brightest ones: connections are kept by those.
+        and views are found at less than 1e-3 of the brightest ones: connections are kept by those. Where standard
+        errors rest on next to no path.
     """
     instance("covariance scene", scene, Scene)
     warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
@@ -205,17 +205,17 @@ def covariance(
     tracer, reversal = _prepare(scene, reverse, tolerance)
     reverse = reversal.needed
     if pairs is None:
-        chosen, seen, entries = None, tracer.layout, _all_pairs(t * v)
+        chosen, seen, entries = None, tracer.layout, all_pairs(t * v)
     else:
         chosen = _checked_pairs(pairs, t, v)
-        seen, entries = _chosen_pairs(tracer.layout, chosen)
+        seen, entries = chosen_pairs(tracer.layout, chosen)
     alone = single_decision(scene, orders, len(chosen) if chosen is not None else (t * v) ** 2, tolerance, reverse)
     decisions = (reversal, alone)
     if not alone.needed:
         value = single_covariance(scene, all_quadruples(t, v) if chosen is None else chosen)
         if chosen is None:
             value = value.reshape(t * v, t * v)
-            _mirror(value)  # each half has a rounding of its own
+            mirror(value)  # each half has a rounding of its own
             value = value.reshape(t, v, t, v)
         left_out = volume_pilot(scene, reverse).multiple_share
         zeros = np.zeros(value.shape)
@@ -227,7 +227,7 @@ def covariance(
     )  # fmt: skip
     require_reach("covariance", unseen_variance(scene), count)
     found, powers = run(count, seed)
-    _warn_of_dark_views(scene, powers)
+    _warn("covariance", scene, powers)
     found = replace(found, decisions=decisions)
     return found if pairs is not None else found.reshaped((t, v, t, v))
 
@@ -265,59 +265,13 @@ def covariance_blocks(
     require_reach("covariance_blocks", unseen_variance(scene), paths)
     for start in range(0, t * v, rows):
         part = slice(start, min(start + rows, t * v))
-        entries = _rows(part, t * v)
+        entries = some_rows(part, t * v)
         found, powers = _estimate(
             tracer, tracer.layout, paths, seed, reverse=reversal.needed, entries=entries, threads=threads
         )  # fmt: skip
         if start == 0:
-            _warn_of_dark_views(scene, powers)
+            _warn("covariance_blocks", scene, powers)
         yield part, found.reshaped((part.stop - part.start, t, v))
-
-
-@dataclass(frozen=True)
-class _Entries:
-    """Which entries of C to estimate: their shape, how amplitudes [T * V, M] add to their sums on threads, their scale.
-
-    ``scale`` maps C_pp, float64[T * V], to sqrt(C_pp C_qq) of the entries.
-    """
-
-    shape: tuple[int, ...]
-    add: Callable[[np.ndarray, np.ndarray, Threads], None]
-    scale: Callable[[np.ndarray], np.ndarray]
-    symmetric: bool = False
-
-
-def _all_pairs(n: int) -> _Entries:
-    def lower_triangle(out: np.ndarray, a: np.ndarray, threads: Threads) -> None:
-        conjugate = a.conj().T
-
-        def rows(start: int) -> None:
-            stop = start + _BLOCK_ROWS
-            out[start:stop, :stop] += a[start:stop] @ conjugate[:, :stop]
-
-        map_blocks(rows, range(0, n, _BLOCK_ROWS), threads)
-
-    return _Entries((n, n), lower_triangle, lambda power: np.sqrt(np.outer(power, power)), symmetric=True)
-
-
-def _chosen_pairs(layout: Layout, pairs: np.ndarray) -> tuple[Layout, _Entries]:
-    """The chosen entries, and the layout with only the lights and views that they name: no other end is evaluated."""
-    lights, light_numbers = np.unique(pairs[:, [0, 2]], return_inverse=True)
-    views, view_numbers = np.unique(pairs[:, [1, 3]], return_inverse=True)
-    left, right = (light_numbers.reshape(-1, 2) * len(views) + view_numbers.reshape(-1, 2)).T
-
-    def entries(out: np.ndarray, a: np.ndarray, threads: Threads) -> None:
-        out += np.einsum("pm,pm->p", a[left], a[right].conj())
-
-    scale = _Entries((len(pairs),), entries, lambda power: np.sqrt(power[left] * power[right]))
-    return layout.of_ends(lights, views), scale
-
-
-def _rows(part: slice, n: int) -> _Entries:
-    def rows(out: np.ndarray, a: np.ndarray, threads: Threads) -> None:
-        out += a[part] @ a.conj().T
-
-    return _Entries((part.stop - part.start, n), rows, lambda power: np.sqrt(np.outer(power[part], power)))
 
 
 def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, Decision]:
@@ -328,99 +282,24 @@ def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, 
 
 
 def _estimate(
-    tracer: Tracer,
-    seen: Layout,
-    paths: int,
-    seed: Seed,
-    *,
-    reverse: bool,
-    entries: _Entries,
-    threads: int | None,
+    tracer: Tracer, seen: Layout, paths: int, seed: Seed, *, reverse: bool, entries: Entries, threads: int | None,
     stream: Stream = Stream.PATHS,
-) -> tuple[Covariance, np.ndarray]:
-    """Sum the outer products of amplitudes over batches of paths, and find the error from their scatter.
-
-    Paths are those of ``tracer``; amplitudes are at the lights and views of ``seen``, all of them or some, whose
-    intensities float64[T * V] are returned beside.
-    """
-    total, single = np.zeros((2, *entries.shape), np.complex128)
-    squares = np.zeros(entries.shape)
-    pairs = len(seen.lights) * len(seen.views)
-    power = np.zeros(pairs)
-    unfinished = 0
-    batches = even_slices(paths, BATCHES)
-    step = max(1, COVARIANCE_ELEMENTS // max(pairs, 1))
-    members = thread_count(threads)
-    ways = partial(_both_ways, seen, tracer.bidirectional, reverse)
-
-    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        once, often = np.zeros((2, *entries.shape), np.complex128)
-        lit, cut = np.zeros(pairs), 0
-        for start in range(part.start, part.stop, _PATHS_AT_ONCE):
-            count = min(_PATHS_AT_ONCE, part.stop - start)
-            bank = tracer.trace(seed, count, first=start, stream=stream, threads=threads)
-            cut += bank.unfinished
-            amplitudes = chain(
-                ((once, single_amplitudes(seen, piece, threads)) for piece in _pieces(bank.single, step)),
-                ((often, ways(piece, threads)) for piece in _pieces(bank.multiple, step)),
-            )
-            for out, some in amplitudes:
-                entries.add(out, some, threads)
-                lit += np.einsum("pm,pm->p", some, some.conj()).real
-        return once, often, lit, cut
-
-    with one_blas_thread():
-        for once, often, lit, cut in in_turn(batch, batches, members, batches_side_by_side(total.size, members)):
-            single += once
-            often += once
-            total += often
-            squares += np.square(often.real) + np.square(often.imag)
-            power += lit
-            unfinished += cut
-    total /= paths
-    single /= paths
-    error = _standard_error(squares / paths**2, total, len(batches))
-    if entries.symmetric:
-        for matrix in (total, single, error):
-            _mirror(matrix)
-    scale = entries.scale(power / paths)
-    relative = np.divide(error, scale, out=np.zeros_like(error), where=scale > 0).max(initial=0.0)
-    found = Covariance(total, error, single, total - single, paths, reverse, float(relative), unfinished)
-    return found, power / paths
+) -> tuple[Covariance, np.ndarray]:  # fmt: skip
+    """The covariance, and the intensities float64[batches, T * V] of each batch; see :func:`outer_products`."""
+    sums = outer_products(
+        tracer, seen, paths, seed, reverse=reverse, entries=entries, threads=threads, stream=stream
+    )  # fmt: skip
+    total, single = sums.total, sums.single
+    found = Covariance(total, sums.error, single, total - single, paths, reverse, sums.relative, sums.unfinished)
+    return found, sums.powers
 
 
-def _both_ways(layout: Layout, bidirectional: bool, reverse: bool, bank: PathBank, threads: Threads) -> np.ndarray:
-    return multiple_amplitudes(layout, bank, bidirectional=bidirectional, reverse=reverse, threads=threads)
-
-
-def _standard_error(squares: np.ndarray, mean: np.ndarray, n: int) -> np.ndarray:
-    """Error of a mean from the sum of |what each of n batches adds to it|^2; NaN where n < 2."""
-    if n < 2:
-        return np.full(mean.shape, np.nan)
-    scatter = squares - (np.square(mean.real) + np.square(mean.imag)) / n
-    return np.sqrt(np.clip(scatter, 0, None) * n / (n - 1))
-
-
-def batches_side_by_side(entries: int, threads: int) -> int:
-    """Batches of paths in work at a time: of large covariances one after the other."""
-    return max(1, min(threads, threads * _ENTRIES // max(entries, 1)))
-
-
-def _pieces(bank: PathBank, step: int) -> Iterator[PathBank]:
-    return (bank.select(slice(start, start + step)) for start in range(0, len(bank), step))
-
-
-def _mirror(matrix: np.ndarray) -> None:
-    """Fill the upper triangle from the lower one."""
-    for row in range(len(matrix)):
-        matrix[row, row + 1 :] = matrix[row + 1 :, row].conj()
-        matrix[row, row] = matrix[row, row].real
-
-
-def _warn_of_dark_views(scene: Scene, powers: np.ndarray) -> None:
-    told = dark_views(scene, False, powers)
+def _warn(owner: str, scene: Scene, powers: np.ndarray) -> None:
+    """Warn of views that are dark beside others, and of errors that rest on few paths."""
+    told = dark_views(scene, False, powers.sum(axis=0))
     if told:
         warnings.warn(f"dark views: {told}.", DoubtWarning, stacklevel=3)
+    warn_of_rare_paths(owner, powers, stacklevel=4)
 
 
 def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:

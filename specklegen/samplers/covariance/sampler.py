@@ -15,12 +15,8 @@ from specklegen.paths.far_field import far_field_decision
 from specklegen.paths.gaussianity import EXACT, Gaussianity
 from specklegen.paths.pilot import Pilot, volume_pilot
 from specklegen.paths.slab_tracer import BLOCK
-from specklegen.samplers.covariance.covariance import (
-    COVARIANCE_ELEMENTS,
-    Covariance,
-    batches_side_by_side,
-    covariance,
-)
+from specklegen.samplers.covariance.covariance import Covariance, covariance
+from specklegen.samplers.covariance.outer_products import AMPLITUDES, batches_side_by_side
 from specklegen.samplers.sampler import FIXED_BYTES, RECORD_BYTES, Drawn, Where, Wish, image_of
 from specklegen.scene.illumination import IncoherentObject, PointSources
 from specklegen.scene.media import VoxelGrid
@@ -97,7 +93,7 @@ class Eigenfields:
         pairs = float(len(self.scene.lights) * len(self.scene.views))
         capacity = threads * 8 * min(self.paths, BLOCK) * RECORD_BYTES
         paths = min(self.paths / BATCHES, 8 * BLOCK) * self.pilot.connections_per_path
-        amplitudes = min(paths * pairs, COVARIANCE_ELEMENTS)
+        amplitudes = min(paths * pairs, AMPLITUDES)
         beside = batches_side_by_side(int(pairs) ** 2, threads)
         waiting = 32 * pairs**2 * (1 if beside == 1 else 3 * beside)
         held = 3 * 16 * amplitudes + paths * RECORD_BYTES

@@ -23,7 +23,9 @@ from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.scene.screens import ScreenStack
 from specklegen.theory.phase_screens import Lobes, gathered, index_correlation, lobes
 
-_BINS, _NODES = 640, 2048
+_BINS = 640
+FINE = 2048
+"""Nodes of the tables that images are made with."""
 _CIRCULAR = 1e-3  # share of the mirrored field that nobody sees
 BIN_ERROR = 2e-5
 """Error of K that its bins leave, at most."""
@@ -119,7 +121,7 @@ def envelope(stack: ScreenStack, wavelength: float, beams: np.ndarray, views: np
     return Envelope(single(gain * (even + odd)), single(gain * (even - odd)))
 
 
-def profile(terms: Lobes, sines: np.ndarray, part: Lobes | None = None, nodes: int = _NODES) -> np.ndarray:
+def profile(terms: Lobes, sines: np.ndarray, part: Lobes | None = None, nodes: int = FINE) -> np.ndarray:
     """Root of f, or of a part of it, over f(0), at |p| float64[...]: interpolated in a table, fine unless asked."""
     reach = np.linspace(0.0, float(sines.max(initial=0.0)) * (1 + 1e-12) + 1e-300, nodes)
     table = np.sqrt((part or terms).density(reach) / terms.density(np.zeros(1)))

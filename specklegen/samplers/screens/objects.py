@@ -18,7 +18,7 @@ from numpy.polynomial.legendre import leggauss, legvander
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
 from specklegen.core.random_streams import Seed
-from specklegen.samplers.screens.correlation import profile, screen_correlation
+from specklegen.samplers.screens.correlation import FINE, profile, screen_correlation
 from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
 from specklegen.scene.screens import ScreenStack
 from specklegen.scene.sensors import FarFieldGrid
@@ -123,13 +123,13 @@ def screen_objects(
         object_pitch=object_pitch, grid=grid, base=base, **options,
     )  # fmt: skip
 
-    def squared(x: np.ndarray, y: np.ndarray, beams: np.ndarray, **nodes: int) -> np.ndarray:
+    def squared(x: np.ndarray, y: np.ndarray, beams: np.ndarray, nodes: int = FINE) -> np.ndarray:
         """E^2 [T, B, len(y), len(x)] of beams float64[B, 2] under every base tilt."""
         light = base[:, None] + beams
         apart = np.hypot(x - light[..., 0, None, None], y[:, None] - light[..., 1, None, None])
         views = 1 - np.square(x) - np.square(y)[:, None]
         gain = views / np.sqrt(1 - np.square(light).sum(-1))[..., None, None]
-        return gain * np.square(profile(terms, apart, **nodes))
+        return gain * np.square(profile(terms, apart, nodes=nodes))
 
     x, y = grid.sines
     few_x, few_y = (axis[np.unique(np.linspace(0, len(axis) - 1, 9).astype(int))] for axis in (x, y))

@@ -1,11 +1,14 @@
 """Recipes of thin screens: planned, streamed and judged as all others, under an envelope that moves with each beam."""
 
+import json
 import pickle
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import specklegen as sg
+from specklegen.cli.commands import app
 from specklegen.datasets import load_recipe
 from specklegen.models.recoverability.verdict import recoverable
 from specklegen.samplers.screens.objects import TOLERANCE, screen_objects
@@ -119,3 +122,20 @@ def test_recoverable_judges_screens_with_their_envelope():
     verdict = recoverable("double-diffuser", media=1)
     assert 0 <= verdict.probability <= 1
     assert verdict.numbers["C_I_across_object"] < 1
+
+
+def test_a_range_without_end_stays_out_of_json(tmp_path):
+    """One screen's memory-effect range is infinite, which JSON has no number for: no file and no answer may hold it."""
+    recipe = small("ground-glass", samples={"train": 2, "validation": 1, "test": 1})
+    assert recipe.sample(0, "train", 0)["parameters"]["memory_effect_range"] == np.inf
+    assert recipe.sample(0, "train", 0)["parameters"]["extent_over_range"] == 0
+    file = tmp_path / "glass.toml"
+    file.write_text(recipe.to_toml())
+    folder = str(tmp_path / "glass.zarr")
+    for line in (["generate", str(file), "--out", folder], ["verify", folder], ["info", folder]):
+        assert CliRunner().invoke(app, line).exit_code == 0
+    texts = [path.read_text() for path in (tmp_path / "glass.zarr").rglob("*.json")]
+    answer = CliRunner().invoke(app, ["recoverable", str(file), "--json"])
+    assert texts
+    for text in [*texts, answer.output]:
+        json.loads(text, parse_constant=pytest.fail)

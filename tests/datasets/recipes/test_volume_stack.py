@@ -69,8 +69,8 @@ def test_voxels_have_the_density_that_is_asked_for():
     recipe = recipe_of(media=None, outline={"width": 10.0, "voxels": [4, 4, 4], "contrast": 0.3})
     rng = np.random.default_rng(0)
     slab = recipe.material.extremes()[0]
-    scenes = [recipe.scene(slab, 10.0, 0.3, np.zeros((1, 2)), rng) for _ in range(200)]
-    density = np.stack([scene.medium.extinction.ravel() for scene in scenes]) * slab.mean_free_path
+    media = [recipe.outline.medium(slab, 10.0, 0.3, rng) for _ in range(200)]
+    density = np.stack([medium.extinction.ravel() for medium in media]) * slab.mean_free_path
     assert_mean(density.mean(axis=1), 1.0)
     assert_mean(np.square(density - 1).mean(axis=1), 0.3**2)
     with pytest.raises(AssertionError, match="z ="):

@@ -149,3 +149,11 @@ def test_tables_of_answers(tmp_path):
         assert scored[name].low < 0.75 < scored[name].high  # 1 - 0.5^2
     Regression(noisy, true, np.arange(200)).write(tmp_path / "material")
     assert "| log10 thickness | 0." in (tmp_path / "material" / "summary.md").read_text()
+
+
+def test_materials_without_these_numbers_are_refused():
+    numbers = {name: torch.ones(2) for name in MATERIAL}
+    with pytest.raises(RuleError, match="batch memory_effect_range must be a finite number.*another target"):
+        material_of({"parameters": numbers | {"memory_effect_range": torch.tensor([1.0, torch.inf])}})
+    with pytest.raises(RuleError, match="batch optical_depth must be"):
+        material_of({"parameters": {name: numbers[name] for name in MATERIAL if name != "optical_depth"}})

@@ -27,7 +27,9 @@ from specklegen.models.recoverability.verdict import (
 )
 
 TABLE = ROOT / "tests/data/recoverability.csv"
+LARGE = ROOT / "tests/data/recoverability_large.csv"
 FRESH = ROOT / "tests/data/recoverability_fresh.csv"
+FRESH_LARGE = ROOT / "tests/data/recoverability_fresh_large.csv"
 
 
 CHEAP = {"material": {"kernel_paths": 1000, "kernel": "estimate"}}
@@ -106,8 +108,10 @@ def test_a_reason_costs_no_more_than_what_it_says(monkeypatch):
 
 
 def test_a_complex_object_is_named_when_nothing_else_is_wrong():
-    crowd = scene(objects=np.random.default_rng(1).random((2, 60, 60)), camera=60.0)
+    crowd = scene(objects=np.random.default_rng(1).random((2, 60, 60)), camera=15.0)  # four times as many: not enough
     assert judge(crowd).reasons[-1].name == COMPLEX
+    assert judge(crowd).extrapolates == ("complexity",)
+    assert "caution: complexity outside" in judge(crowd).explain()
 
 
 @pytest.mark.parametrize(
@@ -221,8 +225,7 @@ def test_contrast_agrees_with_the_sampler(polarised):
 
 
 def test_coefficients_follow_from_the_table():
-    table = fit.read(TABLE)
-    even = table.half(odd=False)
+    even = fit.read(TABLE, LARGE).half(odd=False)
     found = fit.fitted(even)
     # Rounded to 4 digits in the source; the optimiser stops at a gradient of 1e-6.
     assert found == pytest.approx(list(COEFFICIENTS.values()), abs=2e-3)
@@ -230,18 +233,22 @@ def test_coefficients_follow_from_the_table():
         assert FITTED[name] == pytest.approx(ends, rel=2e-3)
 
 
-def test_predictions_of_the_table_follow_from_its_scenes():
-    """Three cells of each half, by number; 6 digits are written, and kernels are estimated anew alike."""
-    table = fit.read(TABLE)
-    for number in (0, 3, 20, 41, 66, 93):
-        found = residual(fit.drawn(number).conditions())
+@pytest.mark.parametrize(
+    ("path", "grid", "cells"), [(TABLE, "fitted", (0, 3, 20, 41, 66, 93)), (LARGE, "large", (4, 75))]
+)
+def test_predictions_of_the_table_follow_from_its_scenes(path, grid, cells):
+    """Cells of each half, by number; 6 digits are written, and kernels are estimated anew alike."""
+    table = fit.read(path)
+    for number in cells:
+        found = residual(fit.drawn(number, fit.GRIDS[grid]).conditions())
         kept = [table.noise[number], table.distortion[number], table.complexity[number]]
         assert kept == pytest.approx(list(found[:3]), rel=1e-4, abs=1e-6)
 
 
-def test_held_out_verdicts():
+@pytest.mark.parametrize("path", [TABLE, LARGE])
+def test_held_out_verdicts(path):
     """The issue's bound, 85 % right on cells that were not fitted, recomputed; and better than always saying no."""
-    table = fit.read(TABLE).half(odd=True)
+    table = fit.read(path).half(odd=True)
     found = fit.confusion(table, np.array(list(COEFFICIENTS.values())))
     assert found.n >= 80
     assert found.right / found.n >= 0.85
@@ -249,17 +256,17 @@ def test_held_out_verdicts():
 
 
 def test_fresh_verdicts():
-    """The same bound on scenes that came when the verdict was finished; its interval's lower end (Wilson) as well."""
-    found = fit.confusion(fit.read(FRESH), np.array(list(COEFFICIENTS.values())))
+    """The same bound on scenes that nothing was fitted to; its interval's lower end (Wilson) as well."""
+    found = fit.confusion(fit.read(FRESH, FRESH_LARGE), np.array(list(COEFFICIENTS.values())))
     assert found.n >= 150
     assert wilson(found.right, found.n)[0] >= 0.85
 
 
 def test_fresh_scenes_are_others():
-    grids = [fit.GRIDS["fitted"], fit.GRIDS["fresh"]]
+    grids = [fit.GRIDS[name] for name in ("fitted", "fresh", "large", "fresh-large")]
     assert fit.drawn(0) == fit.drawn(0, grids[0]) != fit.drawn(0, grids[1])
-    assert not set(grids[0].sides) & set(grids[1].sides)
-    assert len({grid.media_seed(number) for grid in grids for number in range(200)}) == 201
+    assert len({side for grid in grids for side in grid.sides}) == 12
+    assert len({grid.media_seed(number) for grid in grids for number in range(200)}) == 601
     table = fit.read(FRESH)
     for number in (7, 101):
         found = residual(fit.drawn(number, grids[1]).conditions())
@@ -325,8 +332,8 @@ def test_command():
     assert not read["works"]
     assert read["numbers"]["electrons_a_grain"] is None
     assert read["reasons"][0]["name"] == "too few grains"
-    assert read["extrapolates"] == ["complexity"]  # glyphs of 28 grains, where the largest of the table have 9.3
-    assert "caution: complexity outside" in told.output
+    assert read["extrapolates"] == []  # glyphs as large as those of the large table
+    assert "caution" not in told.output
 
 
 @pytest.mark.parametrize("words", [["recoverable", "tilt-stack"], ["evaluate", "--recipe", "tilt-stack"],

@@ -168,7 +168,7 @@ def test_a_batch_may_be_traced_in_pieces(monkeypatch):
     """What bounds the memory of a long run changes nothing but rounding."""
     scene = flat_box([0.0, 1.0], views([0.0, 90.0, 180.0]))
     whole = sg.covariance(scene, paths=6400, seed=3)
-    monkeypatch.setattr("specklegen.samplers.covariance.covariance._PATHS_AT_ONCE", 33)
+    monkeypatch.setattr("specklegen.samplers.covariance.outer_products._PATHS_AT_ONCE", 33)
     pieces = sg.covariance(scene, paths=6400, seed=3)
     scale = np.abs(whole.value).max()
     for name in ("value", "single", "multiple", "standard_error"):

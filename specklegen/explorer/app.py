@@ -1,0 +1,73 @@
+"""The explorer's page: it lays out controls and panels, and keeps the state in the address. Run by marimo."""
+
+import marimo  # pyright: ignore[reportMissingImports] - of the extra explore
+
+app = marimo.App(width="full", app_title="specklegen explorer")
+
+
+@app.cell
+def _():
+    import marimo as mo  # pyright: ignore[reportMissingImports]
+
+    from specklegen.explorer import page
+    from specklegen.explorer.controls import CONTROLS, State, address_of, state_of
+
+    return CONTROLS, State, address_of, mo, page, state_of
+
+
+@app.cell
+def _(CONTROLS, mo, state_of):
+    address = mo.query_params()
+    begun = state_of({name: str(address[name]) for name in CONTROLS if name in address})
+    controls = mo.ui.dictionary({
+        name: mo.ui.dropdown(control.steps, value=getattr(begun, name), label=control.label)
+        if isinstance(control.steps[0], str)
+        else mo.ui.slider(steps=control.steps, value=getattr(begun, name), label=control.label, debounce=True,
+                          show_value=True, full_width=True)
+        for name, control in CONTROLS.items()
+    })  # fmt: skip
+    draw_sixteen = mo.ui.run_button(label="Sixteen samples")
+    return address, controls, draw_sixteen
+
+
+@app.cell
+def _(State, address, address_of, controls):
+    state = State(**controls.value)
+    stated = address_of(state)
+    for gone in [name for name in address if name not in stated]:
+        address.remove(gone)
+    for name, value in stated.items():
+        address.set(name, value)
+    return (state,)
+
+
+@app.cell
+def _(controls, draw_sixteen, mo, page, state):
+    mo.Html(
+        page.head()
+        + page.sliders(element.text for element in controls.elements.values())
+        + page.buttons(
+            mo.download(page.toml(state).encode(), filename="explored.toml", label="Recipe as TOML").text,
+            mo.download(page.python(state).encode(), filename="explored.py", label="The same as Python").text,
+            draw_sixteen.text,
+        )
+    )
+    return
+
+
+@app.cell
+def _(mo, page, state):
+    mo.Html(page.panels(state))
+    return
+
+
+@app.cell
+def _(draw_sixteen, mo, page, state):
+    mo.stop(not draw_sixteen.value)
+    sheet, archive = page.sixteen(state)
+    mo.vstack([mo.Html(sheet), mo.download(archive, filename="sixteen.npz", label="Arrays (NPZ)")])
+    return
+
+
+if __name__ == "__main__":
+    app.run()

@@ -1,0 +1,106 @@
+"""Panels as HTML: pictures inside the page, so that nothing is fetched from anywhere."""
+
+import base64
+import html
+import io
+
+import numpy as np
+from PIL import Image
+
+from specklegen.explorer.panels import Curve
+from specklegen.models.recoverability.verdict import Verdict
+
+STYLE = """<style>
+.sg-panels { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 17rem), 1fr)); gap: 1rem; }
+.sg-panel { border: 1px solid #8884; border-radius: 6px; padding: .6rem .8rem; min-width: 0; font-size: .9rem; }
+.sg-title { margin: 0 0 .4rem; font-weight: 600; }
+.sg-head { font-size: 1.4rem; font-weight: 600; margin-bottom: .6rem; }
+.sg-panel img { width: 100%; margin: 0 0 .2rem; image-rendering: pixelated; }
+.sg-panel .sg-row { display: flex; gap: .5rem; }
+.sg-panel .sg-row > * { flex: 1 1 0; min-width: 0; }
+.sg-panel svg { width: 100%; height: auto; }
+.sg-wide { grid-column: 1 / -1; }
+.sg-controls { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 20rem), 1fr));
+  gap: .3rem 1.5rem; }
+</style>"""
+
+
+def png(image: np.ndarray, low: float | None = None, high: float | None = None) -> bytes:
+    """Grey PNG of an image real[H, W], a pixel a pixel; by default from 0 to what one pixel of 200 exceeds."""
+    values = np.asarray(image, dtype=np.float64)
+    bottom, top = low or 0.0, float(np.percentile(values, 99.5)) if high is None else high
+    grey = np.clip(255 * (values - bottom) / max(top - bottom, 1e-300), 0, 255).round().astype(np.uint8)
+    out = io.BytesIO()
+    Image.fromarray(grey).save(out, "PNG")
+    return out.getvalue()
+
+
+def sheet(images: np.ndarray, columns: int = 8) -> np.ndarray:
+    """Images real[n, H, W] side by side, a dark line between them."""
+    count, rows, across = images.shape
+    lines = -(-count // columns)
+    made = np.zeros((lines * (rows + 1) - 1, columns * (across + 1) - 1))
+    for n, image in enumerate(images):
+        top, left = n // columns * (rows + 1), n % columns * (across + 1)
+        made[top : top + rows, left : left + across] = image
+    return made
+
+
+def picture(data: bytes, name: str) -> str:
+    """An image inside the page; its name is its alternative text."""
+    inside = base64.b64encode(data).decode()
+    return f'<img alt="{html.escape(name)}" src="data:image/png;base64,{inside}">'
+
+
+def panel(title: str, body: str, wide: bool = False) -> str:
+    """A panel: a title of ours, and HTML."""
+    heading = f'<div class="sg-title">{html.escape(title)}</div>'
+    return f'<div class="sg-panel{" sg-wide" if wide else ""}">{heading}{body}</div>'
+
+
+def row(*parts: str) -> str:
+    """Parts side by side."""
+    return f'<div class="sg-row">{"".join(f"<div>{part}</div>" for part in parts)}</div>'
+
+
+def curve_svg(curve: Curve) -> str:
+    """C_I over the angle as SVG, the object as a band, the range as a dashed line."""
+    width, height, left, bottom = 320.0, 200.0, 36.0, 34.0
+    last = float(curve.angles[-1])
+
+    def across(angle: float) -> float:
+        return left + (width - left - 8) * angle / last
+
+    def up(value: float) -> float:
+        return 8 + (height - bottom - 8) * (1 - value)
+
+    points = " ".join(f"{across(a):.1f},{up(c):.1f}" for a, c in zip(curve.angles, curve.c_i, strict=True))
+    levels = "".join(
+        f'<text x="{left - 5}" y="{up(v) + 4:.1f}" text-anchor="end">{v:g}</text>' for v in (0, 0.5, 1)
+    )
+    marks = "".join(
+        f'<text x="{across(a):.1f}" y="{height - bottom + 14}" text-anchor="middle">{a:.2g}</text>'
+        for a in (0, last / 3, 2 * last / 3)
+    )
+    return (
+        f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="memory effect" font-size="11" '
+        'fill="currentColor" font-family="sans-serif">'
+        f'<rect class="sg-object" x="{across(0):.1f}" y="{up(1):.1f}" width="{across(curve.extent) - across(0):.1f}" '
+        f'height="{up(0) - up(1):.1f}" fill="#e8a33d" opacity=".3"/>'
+        f'<path d="M{left} 8V{up(0):.1f}H{width - 8}" fill="none" stroke="currentColor"/>'
+        f'<path d="M{across(curve.range):.1f} {up(1):.1f}V{up(0):.1f}" stroke="currentColor" stroke-dasharray="4 3"/>'
+        f'<polyline points="{points}" fill="none" stroke="#2b6cb0" stroke-width="2"/>{levels}{marks}'
+        f'<text x="{width / 2}" y="{height - 4}" text-anchor="middle">angle inside the slab, mrad</text></svg>'
+    )
+
+
+def verdict_html(found: Verdict) -> str:
+    """Verdict in a sentence, and each reason with its remedy."""
+    word = "works" if found.works else "fails"
+    reasons = "".join(
+        f"<li><strong>{html.escape(each.name)}</strong>: {html.escape(each.numbers)}. "
+        f"Remedy: {html.escape(each.remedy)}.</li>" for each in found.reasons
+    )  # fmt: skip
+    beyond = "".join(f" Caution: {name} is outside of what this was fitted on." for name in found.extrapolates)
+    said = f"<p><strong>Phase retrieval {word}</strong>, probability {found.probability:.2f}.{beyond}</p>"
+    return f"{said}<ul>{reasons}</ul>"

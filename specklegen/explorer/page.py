@@ -1,0 +1,130 @@
+"""The parts of the page as HTML, from panels and drawing; what a state makes impossible is said in its place."""
+
+import html
+import io
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from specklegen.core.errors import ToldError
+from specklegen.explorer import drawing, recipe
+from specklegen.explorer import panels as shown
+from specklegen.explorer.controls import State
+
+toml, python = recipe.toml, recipe.python
+
+
+def head() -> str:
+    """Style and title."""
+    return drawing.STYLE + '<div class="sg-head">specklegen explorer</div>'
+
+
+def sliders(elements: Iterable[str]) -> str:
+    """Controls, as many a row as there is room for."""
+    return f'<div class="sg-controls">{"".join(f"<div>{element}</div>" for element in elements)}</div>'
+
+
+def buttons(*elements: str) -> str:
+    """Buttons in a row that wraps."""
+    return f'<p class="sg-buttons">{" ".join(elements)}</p>'
+
+
+def panels(state: State) -> str:
+    """Every panel of a state."""
+    made = "".join(drawing.panel(title, _said(body, state), wide) for title, wide, body in _PANELS)
+    return f'<div class="sg-panels">{made}</div>'
+
+
+def sixteen(state: State) -> tuple[str, bytes]:
+    """Sixteen samples: their images as a panel, and all their arrays as the bytes of an NPZ file."""
+    found = shown.sixteen(state)
+    out = io.BytesIO()
+    np.savez_compressed(out, image=found.images, object=found.objects)
+    sheets = {"sixteen camera images": found.images, "their objects": found.objects}
+    pictures = (drawing.picture(drawing.png(drawing.sheet(each)), name) for name, each in sheets.items())
+    body = f"<p>{found.rate:.0f} samples a second, on this machine as busy as it was.</p>" + "".join(pictures)
+    return f'<div class="sg-panels">{drawing.panel("Sixteen samples", body, True)}</div>', out.getvalue()
+
+
+def _said(body: Callable[[State], str], state: State) -> str:
+    try:
+        return body(state)
+    except ToldError as error:
+        return f'<p class="sg-refused">{html.escape(str(error))}</p>'
+
+
+def _camera(state: State) -> str:
+    sample = shown.sample(state)
+    turned = np.asarray(sample["object"])[::-1, ::-1]
+    return drawing.row(
+        drawing.picture(drawing.png(sample["image"]), "camera image") + "the camera's image",
+        drawing.picture(drawing.png(turned, high=1.0), "hidden object") + "the object, turned by 180°",
+    )
+
+
+def _tilt(state: State) -> str:
+    found = shown.tilted(state)
+    high = float(np.percentile(found.images, 99.5))
+    before, after = (drawing.png(image, high=high) for image in found.images)
+    return drawing.row(
+        drawing.picture(before, "speckle before") + "before",
+        drawing.picture(after, "speckle after") + f"after {state.tilt:g} mrad",
+    ) + (
+        f"<p>One beam, no object. The pattern moves by {found.shift:.3g} pixels to the right; "
+        f"moved back, it correlates by C<sub>I</sub> = {found.correlation:.2f}.</p>"
+    )
+
+
+def _lags(state: State) -> str:
+    found = shown.autocorrelations(state)
+    return drawing.row(
+        drawing.picture(drawing.png(found.image, high=0.7), "autocorrelation of the image") + "of the image",
+        drawing.picture(drawing.png(found.object, high=0.7), "autocorrelation of the object") + "of the object",
+    )
+
+
+def _curve(state: State) -> str:
+    found = shown.memory_curve(state)
+    half = f"half way to its floor at {found.range:.3g} mrad" if np.isfinite(found.range) else "without a range"
+    return drawing.curve_svg(found) + (
+        f"<p>C<sub>I</sub>, {half}; the object (band) is {found.extent:g} mrad wide, and between its ends "
+        f"C<sub>I</sub> = {found.across:.2f}.</p>"
+    )
+
+
+def _katz(state: State) -> str:
+    found = shown.retrieved(state)
+    return drawing.row(
+        drawing.picture(drawing.png(found.image), "phase retrieval") + "phase retrieval",
+        drawing.picture(drawing.png(shown.sample(state)["object"], high=1.0), "the object") + "the object",
+    ) + (
+        f"<p>After the best shift and turn, Pearson correlation {found.correlation:.2f}; to the object as a lens of this "
+        f"aperture would show it, {found.limited:.2f}.</p>"
+    )
+
+
+def _verdict(state: State) -> str:
+    doubts = "".join(f"<p><em>Doubt</em>: {html.escape(each)}</p>" for each in shown.doubts(state))
+    return drawing.verdict_html(shown.verdict(state)) + doubts
+
+
+def _rate(state: State) -> str:
+    return f"<p>{shown.sixteen(state).rate:.0f} samples a second, on this machine as busy as it was.</p>"
+
+
+def _text(write: Callable[[State], str]) -> Callable[[State], str]:
+    return lambda state: f"<details><summary>show</summary><pre>{html.escape(write(state))}</pre></details>"
+
+
+_PANELS: tuple[tuple[str, bool, Callable[[State], str]], ...] = (
+    ("What the camera sees", False, _camera),
+    ("Speckle under tilt", False, _tilt),
+    ("Autocorrelation", False, _lags),
+    ("Memory effect", False, _curve),
+    ("Phase retrieval (Katz)", False, _katz),
+    ("Verdict", False, _verdict),
+    ("Speed", False, _rate),
+    ("Recipe", True, _text(toml)),
+    ("The same as Python", True, _text(python)),
+)
+"""Title, whether it takes a whole row, and what stands in it."""

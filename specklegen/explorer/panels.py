@@ -1,0 +1,195 @@
+"""What is shown of a state: every panel a pure function of it."""
+
+import time
+import warnings
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from specklegen.core.errors import DoubtWarning
+from specklegen.core.statistics import autocorrelation
+from specklegen.datasets.loading.stream import tensors
+from specklegen.explorer.controls import State
+from specklegen.explorer.recipe import SEED, SIDE, SPLIT, recipe_of, tilts_of
+from specklegen.models.judging.baselines import katz
+from specklegen.models.judging.evaluation import aligned_to, targets_of
+from specklegen.models.metrics import pearson
+from specklegen.models.recoverability.verdict import Verdict, recoverable
+from specklegen.models.retrieval.phase_retrieval import Retrieval
+from specklegen.pictures import autocorrelation_of_object
+
+_RETRIEVAL = Retrieval(restarts=4)
+_POINTS = 121  # of a curve
+SIXTEEN = 16
+
+
+@lru_cache(maxsize=4)
+def sample(state: State) -> dict[str, Any]:
+    """Hidden object, camera image and parameters: sample ``state.sample`` of the recipe."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtWarning)  # told by doubts()
+        return recipe_of(state).sample(SEED, SPLIT, state.sample)
+
+
+def doubts(state: State) -> tuple[str, ...]:
+    """What the planner doubts about rendering this quickly, in its words."""
+    recipe = recipe_of(state).replace(name="explored")  # plans anew: a recipe warns once
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", DoubtWarning)
+        recipe.rendering  # noqa: B018 - looked at for what it says
+    return tuple(dict.fromkeys(str(each.message) for each in said if issubclass(each.category, DoubtWarning)))
+
+
+class Tilted(NamedTuple):
+    """One beam before and after a tilt.
+
+    Attributes
+    ----------
+    images : float[2, H, W]
+        Camera images; the pattern moves with the tilt.
+    shift : float
+        By so many pixels along a row.
+    correlation : float
+        C_I of the slab at that tilt.
+    """
+
+    images: np.ndarray
+    shift: float
+    correlation: float
+
+
+def tilted(state: State) -> Tilted:
+    """Speckle under tilt."""
+    recipe = tilts_of(state)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtWarning)
+        found = recipe.sample(SEED, SPLIT, state.sample)
+    sine = float(np.sin(found["tilts"][1, 0]))
+    return Tilted(np.asarray(found["stack"]), sine / recipe.geometry.grid.pitch, float(c_i(state, np.array([sine]))[0]))
+
+
+def c_i(state: State, sines: np.ndarray) -> np.ndarray:
+    """Intensity correlation of the slab at differences of the direction sine, float64 of their shape."""
+    kernel = recipe_of(state).material_of(SEED, SPLIT, state.sample).kernel
+    return np.square(kernel(2 * np.pi / state.wavelength * np.asarray(sines, np.float64)))
+
+
+class Curve(NamedTuple):
+    """Memory effect with the object marked.
+
+    Attributes
+    ----------
+    angles, c_i : float64[n]
+        Milliradians inside the slab, and C_I there.
+    extent : float
+        Width of the object, milliradians.
+    range : float
+        Where C_I is half way to its floor, milliradians.
+    across : float
+        C_I between the ends of the object.
+    """
+
+    angles: np.ndarray
+    c_i: np.ndarray
+    extent: float
+    range: float
+    across: float
+
+
+def memory_curve(state: State) -> Curve:
+    """C_I over the angle, up to three ranges or past the object."""
+    half = recipe_of(state).material_of(SEED, SPLIT, state.sample).range_sine(state.wavelength)
+    sines = np.linspace(0, max(3 * half, 1.2e-3 * state.extent), _POINTS)
+    across = float(c_i(state, np.array([np.sin(1e-3 * state.extent)]))[0])
+    return Curve(1e3 * np.arcsin(sines.clip(0, 1)), c_i(state, sines), state.extent, 1e3 * float(half), across)
+
+
+class Lags(NamedTuple):
+    """Autocorrelations, zero lag in the middle and equal to 1; both as wide as twice the object.
+
+    Attributes
+    ----------
+    image : float64[m, m]
+        Of the camera image.
+    object : float64[n, n]
+        Of the hidden object, its mean left in.
+    """
+
+    image: np.ndarray
+    object: np.ndarray
+
+
+def autocorrelations(state: State) -> Lags:
+    """What the camera image still tells, beside what it should."""
+    shown = sample(state)
+    pitches = shown["parameters"]
+    half = max(2, round(SIDE * float(pitches["object_pitch"]) / float(pitches["camera_pitch"])))
+    lags = autocorrelation(shown["image"])
+    middle, half = lags.shape[0] // 2, min(half, lags.shape[0] // 2)
+    window = slice(middle - half, middle + half + 1)
+    return Lags(lags[window, window], autocorrelation_of_object(shown["object"]))
+
+
+class Retrieved(NamedTuple):
+    """Phase retrieval of the image shown.
+
+    Attributes
+    ----------
+    image : float32[SIDE, SIDE]
+        Moved onto the object, and turned as it is.
+    correlation, limited : float
+        Pearson correlation to the object, and to it as a lens as wide as the window would show it: what the verdict
+        is about, since speckle carries no more.
+    """
+
+    image: np.ndarray
+    correlation: float
+    limited: float
+
+
+@lru_cache(maxsize=4)
+def retrieved(state: State) -> Retrieved:
+    """Phase retrieval from the autocorrelation (Katz et al. 2014), divided by C_I where that promises more."""
+    recipe = recipe_of(state)
+    batch = tensors({name: np.asarray(value)[None] if name != "parameters" else
+                     {key: np.array([number]) for key, number in value.items()}
+                     for name, value in sample(state).items()})  # fmt: skip
+    made = katz(_RETRIEVAL, recipe=recipe, seed=SEED)(batch)
+    truths = targets_of(batch, recipe.profile)
+    moved = {name: aligned_to(made, truth, (SIDE, SIDE)) for name, truth in truths.items()}
+    scores = {name: float(pearson(moved[name], truth[..., :SIDE, :SIDE])[0]) for name, truth in truths.items()}
+    return Retrieved(moved["sharp"][0].numpy(), scores["sharp"], scores["diffraction-limited"])
+
+
+@lru_cache(maxsize=4)
+def verdict(state: State) -> Verdict:
+    """Whether phase retrieval works on such images, and why not."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtWarning)
+        return recoverable(recipe_of(state), seed=SEED)
+
+
+class Sixteen(NamedTuple):
+    """Sixteen samples.
+
+    Attributes
+    ----------
+    images : real[16, H, W]
+    objects : float32[16, SIDE, SIDE]
+    rate : float
+        Samples a second that this process made of them, on this machine and as busy as it was.
+    """
+
+    images: np.ndarray
+    objects: np.ndarray
+    rate: float
+
+
+def sixteen(state: State) -> Sixteen:
+    """The first sixteen samples of the recipe, and how quickly they were made once the slab is known."""
+    recipe = recipe_of(state)
+    sample(state)
+    begun = time.perf_counter()
+    made = recipe.batch(SEED, SPLIT, range(SIXTEEN))
+    return Sixteen(made["image"], made["object"], SIXTEEN / (time.perf_counter() - begun))

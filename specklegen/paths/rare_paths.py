@@ -1,0 +1,49 @@
+"""Rare paths of great weight: errors that rest on few of them are too low more often than not, and say so.
+
+Where a narrow lobe has turned by far more than its width, a path comes out of the scatterers' lobe about the view once
+in thousands, and then counts for thousands. What k such paths show of their variance is off by 1/sqrt(k) of it.
+"""
+
+import warnings
+
+import numpy as np
+
+from specklegen.core.decision import Decision
+from specklegen.core.errors import DoubtWarning
+from specklegen.core.statistics import BATCHES, rarity
+
+ENOUGH = 25.0
+"""Paths that have to carry a variance for an error known to a tenth."""
+FEW = 4.0
+"""Fewer than these, and an error is known to a factor of two at best."""
+
+
+def rare_paths_decision(carriers: float) -> Decision | None:
+    """A doubt where next to none of a pilot's paths carry the variance that it states."""
+    if carriers >= FEW:
+        return None
+    return Decision("rare paths", True, f"the expected error rests on {_counted(carriers)}", doubt=True)
+
+
+def warn_of_rare_paths(owner: str, powers: np.ndarray, stacklevel: int = 3) -> None:
+    """Issue a DoubtWarning where standard errors rest on next to no path.
+
+    Parameters
+    ----------
+    owner
+        Function that is asked, for the message.
+    powers
+        float64[batches, ...], intensities that batches of paths find.
+    """
+    if len(powers) < BATCHES or not np.any(powers):
+        return
+    rare = float(rarity(powers - powers.mean(axis=0)).max(initial=0.0))
+    if rare * FEW > 1:
+        warnings.warn(f"{owner}: standard errors rest on {_counted(1 / rare)}.", DoubtWarning, stacklevel=stacklevel)
+
+
+def _counted(carriers: float) -> str:
+    return (
+        f"about {max(1, round(carriers))} of the paths, rare ones of great weight: what is stated may be several "
+        "times too low. Trace ten times the paths, or more"
+    )

@@ -1,0 +1,95 @@
+"""A stack of screens in the place of a forward-scattering slab, and how far its speckle is from the slab's.
+
+M equal screens of sigma^2 = OD / M each, whose correlation length xi = (2 / (1 - g))^(1/2) / k gives the lobe of one
+deflection the slab's mean 1 - cos. Their gaps L / (M^2 - 1)^(1/2) and their middle at L / 2 leave both variances of the
+lateral walk as in the slab, L^2 / 12 and L^2 / 3 times OD theta^2. What is replaced is the shape of the lobe, which becomes
+Gaussian, wide angles and backscattering, which are left out, and absorption. docs/screens.md.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from specklegen.core.arguments import whole_number
+from specklegen.core.errors import reject
+from specklegen.core.random_streams import Seed
+from specklegen.samplers.screens.correlation import screen_correlation
+from specklegen.samplers.stationary.correlation import estimate_correlation
+from specklegen.scene.media import Slab
+from specklegen.scene.screens import PhaseScreen, ScreenStack, require_thin
+
+_REACH, _TILTS = 2.0, 17  # in half ranges of the slab
+
+
+@dataclass(frozen=True)
+class Replacement:
+    """A stack like a slab, with the error that it makes.
+
+    Attributes
+    ----------
+    stack : ScreenStack
+    tilts : float64[T]
+        Differences of direction sines, up to twice the slab's half range.
+    of_slab, of_stack : float64[T]
+        C_I at a fixed view near the axis.
+    standard_error : float64[T]
+        Of the slab's, whose paths are random.
+    radiance : float
+        What leaves straight ahead behind the stack, over what does behind the slab.
+    """
+
+    stack: ScreenStack
+    tilts: np.ndarray
+    of_slab: np.ndarray
+    of_stack: np.ndarray
+    standard_error: np.ndarray
+    radiance: float
+
+    @property
+    def error(self) -> float:
+        """Largest difference of C_I."""
+        return float(np.abs(self.of_stack - self.of_slab).max())
+
+
+def stack_like(
+    slab: Slab, *, wavelength: float, screens: int = 8, paths: int = 100_000, seed: Seed = 0
+) -> Replacement:
+    """Screens in the place of a slab.
+
+    Parameters
+    ----------
+    slab
+        Of matched faces; forward scattering, or the screens are refused.
+    wavelength
+        Inside the slab.
+    screens
+        At least 2.
+    paths, seed
+        Of the slab's memory effect, with which it is compared.
+
+    Raises
+    ------
+    RuleError
+        Where the lobe is too wide for thin screens, the slab has no range, or its faces reflect.
+    """
+    count = whole_number("stack_like screens", screens, 2)
+    if not slab.faces.matched:
+        reject("stack_like slab.faces", "matched: screens do not reflect", slab.faces, "Use faces=Faces().")
+    if not 0 < slab.optical_depth:
+        reject("stack_like slab", "of an optical depth above 0", slab.optical_depth)
+    wavenumber = 2 * np.pi / wavelength
+    length = np.sqrt(2 / (1 - slab.scatterer.mean_cosine())) / wavenumber
+    screen = PhaseScreen(rms_phase=float(np.sqrt(slab.optical_depth / count)), correlation_length=float(length))
+    gap = slab.thickness / np.sqrt(count**2 - 1)
+    stack = require_thin(
+        ScreenStack(screens=(screen,) * count, gaps=(float(gap),) * (count - 1),
+                    behind=float((slab.thickness - gap * (count - 1)) / 2)), wavelength,
+    )  # fmt: skip
+    kernel, closed = estimate_correlation(slab, paths, seed), screen_correlation(stack, wavelength)
+    half = kernel.half_range() if kernel.weights.any() else np.inf
+    if not np.isfinite(half):
+        reject("stack_like slab", "one whose speckle decorrelates with tilt", slab, "Its light is scattered once.")
+    q = np.linspace(0.0, _REACH * half, _TILTS)
+    found, _, error = kernel.intensity(q)
+    radiance = float(closed.weights.sum() / (kernel.weights.sum() / kernel.paths))
+    return Replacement(stack, q / wavenumber, found, np.square(closed(q)), error, radiance)

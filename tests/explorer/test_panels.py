@@ -1,0 +1,215 @@
+"""Panels: each against something else that knows, and the recipe that one takes along renders what was shown."""
+
+import io
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.stats import t as student
+from typer.testing import CliRunner
+
+import specklegen as sg
+from specklegen.cli import commands, explore
+from specklegen.core.errors import RuleError
+from specklegen.datasets import load_recipe
+from specklegen.explorer import drawing, page, panels, recipe
+from specklegen.explorer.controls import CONTROLS, State
+
+FALSE_ALARM = 1e-6
+BEGIN = State()
+WIDE = State(extent=0.3, thickness=1500.0, camera=128)
+UNFIT = State(thickness=4000.0, aperture=5e3, camera=64)
+
+
+def states():
+    """Each control at another step than where it begins, and both ends of some."""
+    for name, control in CONTROLS.items():
+        for step in {control.steps[0], control.steps[-1]} - {getattr(BEGIN, name)}:
+            yield BEGIN._replace(**{name: step})
+
+
+def test_the_recipe_as_toml_and_python_is_the_recipe(tmp_path):
+    for n, state in enumerate(states()):
+        file = tmp_path / f"{n}.toml"
+        file.write_text(recipe.toml(state))
+        loaded, made = load_recipe(file), {}
+        exec(recipe.python(state).rpartition("sample =")[0], made)  # noqa: S102 - our own text
+        assert loaded == made["recipe"] == recipe.recipe_of(state)
+        assert loaded.fingerprint() == recipe.recipe_of(state).fingerprint()
+        assert tomllib.loads(file.read_text())["camera"]["shape"] == [state.camera] * 2
+
+
+def test_every_physical_control_changes_the_recipe():
+    """But the tilt and the number of the sample, which it is not made of."""
+    prints = {recipe.recipe_of(state).fingerprint() for state in states()}
+    unmade = sum(len({CONTROLS[n].steps[0], CONTROLS[n].steps[-1]} - {getattr(BEGIN, n)}) for n in ("tilt", "sample"))
+    assert len(prints) == len(list(states())) - unmade + 1
+
+
+@pytest.mark.parametrize("state", [State(camera=64, sample=3), State(camera=64, photons=30.0, lobe="VonMisesFisher")])
+def test_what_is_taken_along_renders_what_is_shown(state, tmp_path):
+    """The picture in the page is, to the byte, that of the file's sample; and so is what the Python makes."""
+    (tmp_path / "explored.toml").write_text(recipe.toml(state))
+    rendered = load_recipe(tmp_path / "explored.toml").sample(recipe.SEED, recipe.SPLIT, state.sample)
+    assert drawing.picture(drawing.png(rendered["image"]), "camera image") in page.panels(state)
+    made = {}
+    exec(recipe.python(state), made)  # noqa: S102
+    np.testing.assert_array_equal(made["sample"]["image"], panels.sample(state)["image"])
+    sixteen = panels.sixteen(state)
+    np.testing.assert_array_equal(sixteen.images[state.sample], rendered["image"])
+    np.testing.assert_array_equal(sixteen.objects[state.sample], rendered["object"])
+    assert 0 < sixteen.rate < 1e6
+
+
+def moved_back(images, shift):
+    """Pearson correlation of two images, the second moved back by whole pixels along its rows."""
+    assert abs(shift - round(shift)) < 1e-3
+    one, other = images[0][:, : images.shape[2] - round(shift)], images[1][:, round(shift) :]
+    return np.corrcoef(one.ravel(), other.ravel())[0, 1]
+
+
+def test_tilted_speckle_correlates_as_is_said():
+    """Over 16 media: Student's t at 1e-6; and the test has power: C_I of half the tilt is refused."""
+    found = [panels.tilted(State(tilt=0.2, sample=n, camera=128)) for n in range(16)]
+    measured = np.array([moved_back(each.images, each.shift) for each in found])
+    assert found[0].shift == pytest.approx(0.2e-3 / (0.5 / 50_000 / 3), rel=1e-6)
+    limit = student.isf(FALSE_ALARM / 2, 15) * measured.std(ddof=1) / 4
+    assert abs(measured.mean() - found[0].correlation) < limit
+    assert abs(measured.mean() - panels.c_i(BEGIN, np.array([0.1e-3]))[0]) > limit
+
+
+def test_the_memory_curve_is_that_of_the_slab():
+    """Against paths of the slab, drawn anew: five of their standard errors, and the atlas's own 0.02."""
+    curve = panels.memory_curve(BEGIN)
+    assert curve.c_i[0] == pytest.approx(1)
+    assert np.interp(curve.range, curve.angles, curve.c_i) == pytest.approx(0.5, abs=2e-3)  # linear between 121 points
+    assert np.interp(curve.extent, curve.angles, curve.c_i) == pytest.approx(curve.across, abs=2e-3)
+    slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    tilts = 1e-3 * curve.angles[[10, 40, 80]]
+    other = sg.memory_effect(slab, wavelength=0.5, tilts=tilts, paths=20_000)
+    assert (np.abs(curve.c_i[[10, 40, 80]] - other.intensity) < 5 * other.standard_error + 0.02).all()
+    # power: of a slab half as thick it is another curve
+    assert panels.c_i(State(thickness=500.0), np.array([tilts[1]]))[0] > curve.c_i[40] + 0.1
+
+
+def test_the_autocorrelation_is_summed_lag_by_lag():
+    state = State(camera=96)
+    found, shown = panels.autocorrelations(state), panels.sample(state)
+    hidden = np.asarray(shown["object"], np.float64)
+    middle = np.array(found.object.shape) // 2
+    for down, across in ((0, 0), (3, 5), (10, -4)):
+        a = hidden[max(0, down) :, max(0, across) :][: 28 - abs(down), : 28 - abs(across)]
+        b = hidden[max(0, -down) :, max(0, -across) :][: 28 - abs(down), : 28 - abs(across)]
+        assert found.object[tuple(middle + (down, across))] == pytest.approx((a * b).sum() / (hidden**2).sum())
+    image = np.asarray(shown["image"], np.float64)
+    image -= image.mean()
+    centre = found.image.shape[0] // 2
+    assert found.image.shape[0] == 2 * round(1e-4 / (0.5 / 50_000 / 3)) + 1
+    expected = (image[2:] * image[:-2]).mean() / np.square(image).mean()
+    assert found.image[centre + 2, centre] == pytest.approx(expected)
+
+
+def test_phase_retrieval_shows_its_object():
+    found, hidden = panels.retrieved(BEGIN), panels.sample(BEGIN)["object"]
+    assert found.correlation == pytest.approx(np.corrcoef(found.image.ravel(), hidden.ravel())[0, 1], abs=1e-5)
+    assert found.correlation > 0.7  # of another object 0.41 to 0.51, tests/models/judging/test_evaluation.py
+    assert found.limited > found.correlation  # a window's detail is lost to any method
+    assert panels.retrieved(WIDE).correlation < found.correlation
+
+
+def test_the_verdict_knows_why():
+    assert panels.verdict(State(extent=0.05)).works
+    names = [reason.name for reason in panels.verdict(WIDE).reasons]
+    assert "beyond the memory-effect range" in names
+    said = drawing.verdict_html(panels.verdict(WIDE))
+    assert "fails" in said
+    assert "Remedy: a smaller object" in said
+
+
+def test_doubts_are_told_again_and_again():
+    """A recipe warns once; the page is drawn often."""
+    assert panels.doubts(BEGIN) == ()
+    for _ in range(2):
+        assert any("stationary sampler: asked for" in each for each in panels.doubts(UNFIT))
+    assert "<em>Doubt</em>" in page.panels(UNFIT)
+
+
+def test_faces_are_in_the_recipe_that_is_shown():
+    """Reflecting faces lengthen paths, which shortens the memory effect."""
+    faced = State(index=1.5)
+    assert recipe.recipe_table(faced)["material"]["faces"] == {"inside": 1.5, "outside": 1.0}
+    assert panels.memory_curve(faced).range < 0.9 * panels.memory_curve(BEGIN).range
+
+
+@pytest.mark.parametrize("g", CONTROLS["g"].steps)
+def test_both_lobes_have_the_anisotropy_of_the_slider(g):
+    """Six digits are written down."""
+    kappa = recipe.concentration_of(g)
+    assert 1 / np.tanh(kappa) - 1 / kappa == pytest.approx(g, rel=1e-5)
+
+
+def test_a_picture_is_its_numbers():
+    values = np.array([[0.0, 0.5], [1.0, 3.0]])
+    read = np.asarray(Image.open(io.BytesIO(drawing.png(values, high=1.0))))
+    np.testing.assert_array_equal(read, [[0, 128], [255, 255]])
+    sheet = drawing.sheet(np.arange(1, 4)[:, None, None] * np.ones((3, 2, 2)), columns=2)
+    np.testing.assert_array_equal(sheet, [[1, 1, 0, 2, 2], [1, 1, 0, 2, 2], [0] * 5, [3, 3, 0, 0, 0], [3, 3, 0, 0, 0]])
+
+
+def test_the_object_is_marked_where_it_is():
+    """The band covers of the axis what the object covers of the curve's angles, to the tenth of a pixel written."""
+    curve = panels.memory_curve(State(extent=0.2))
+    text = drawing.curve_svg(curve)
+    band = float(re.search(r'class="sg-object".*?width="([\d.]+)"', text)[1])
+    pairs = re.search(r'points="(.*?)"', text)[1].split()
+    first, last = (float(pair.split(",")[0]) for pair in (pairs[0], pairs[-1]))
+    assert band / (last - first) == pytest.approx(0.2 / curve.angles[-1], abs=2e-3)
+
+
+def test_what_is_impossible_is_said_and_does_nothing(monkeypatch):
+    """Words of an error are shown as they are; the other panels stay."""
+
+    def refuse(state):
+        raise RuleError("slab must be <b>thin</b>")
+
+    monkeypatch.setattr(panels, "verdict", refuse)
+    text = page.panels(State(camera=64))
+    assert "slab must be &lt;b&gt;thin&lt;/b&gt;" in text
+    assert "phase retrieval" in text
+
+
+def test_sixteen_samples_can_be_taken_along():
+    state = State(camera=64, photons=10.0)
+    text, archive = page.sixteen(state)
+    assert "samples a second" in text
+    arrays = np.load(io.BytesIO(archive))
+    assert arrays["image"].shape == (16, 64, 64)
+    np.testing.assert_array_equal(arrays["image"][0], panels.sample(state)["image"])
+
+
+def test_without_the_extra_a_sentence_says_how_to_get_it(monkeypatch, capsys):
+    monkeypatch.setattr(explore, "find_spec", lambda name: None)
+    with pytest.raises(SystemExit) as end:
+        commands.main(["explore"])
+    assert end.value.code == 2
+    assert capsys.readouterr().err == (
+        "error: specklegen explore needs the package marimo: pip install 'specklegen-torch[explore]'\n"
+    )
+
+
+def test_it_is_served_to_this_machine_alone(monkeypatch):
+    """And nobody is asked whether there is a newer marimo."""
+    asked = {}
+
+    class Ended:
+        returncode = 0
+
+    monkeypatch.setattr(explore, "find_spec", lambda name: object())
+    note = lambda words, **options: asked.update(words=words, **options) or Ended  # noqa: E731
+    monkeypatch.setattr(explore.subprocess, "run", note)
+    assert CliRunner().invoke(commands.app, ["explore", "--no-browser", "--port", "27181"]).exit_code == 0
+    assert asked["words"][asked["words"].index("--host") + 1] == "127.0.0.1"
+    assert asked["words"][-3:] == ["--port", "27181", "--headless"]
+    assert asked["env"]["MARIMO_SKIP_UPDATE_CHECK"] == "1"
