@@ -38,6 +38,9 @@ NOT_RUN = {
     ".*SLURM_ARRAY_TASK_ID.*": "for a cluster; test_store.py runs all parts",
     "specklegen (train|info|verify|preview|train characters-of-new-fonts)": "a name; its arguments stand elsewhere",
     "specklegen --install-completion": "writes into the user's shell",
+    "specklegen explore": "serves until it is stopped; explorer/test_page.py looks at it",
+    "specklegen plan explored.toml": "of a file that the explorer writes",
+    "specklegen benchmark( [^-].*)?": "of a function or a model of the reader's, or minutes; test_benchmark.py",
     "specklegen evaluate runs/(unet/best.pt runs/dense|material)/best.pt": "models of runs of an hour",
     "python scripts/error_vs_time.py.*": "references take hours, and pages of the repository are written",
     "python scripts/(figures/tan13|reproduce_figures|wave_openings).py .*": "hours; test_reproduce_figures.py",
@@ -52,6 +55,7 @@ NOT_RUN = {
 SHORTENED = {
     "specklegen train .*": "--epochs 1 --validation-samples 8 --set samples.train=64 --batch-size 16",
     "specklegen evaluate.*": "--samples 4 --restarts 1",
+    "specklegen benchmark --samples 16": "--task thin --samples 2",
     "python scripts/phase_retrieval_table.py .*": "--quick",
 }
 """Commands that take an hour as they are printed, and what is added to them here."""

@@ -7,8 +7,8 @@ from functools import lru_cache
 from typing import Any, cast
 
 import torch
-from deepinv.physics import LinearPhysics
-from deepinv.physics.generator import PhysicsGenerator
+from deepinv.physics import LinearPhysics  # pyright: ignore[reportMissingImports]
+from deepinv.physics.generator import PhysicsGenerator  # pyright: ignore[reportMissingImports]
 
 from specklegen.core.errors import reject
 from specklegen.datasets.recipes.hidden_object import HiddenObject

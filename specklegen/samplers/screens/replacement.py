@@ -13,6 +13,7 @@ import numpy as np
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short
 from specklegen.samplers.screens.correlation import screen_correlation
 from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.scene.media import Slab
@@ -44,6 +45,8 @@ class Replacement:
     of_stack: np.ndarray
     standard_error: np.ndarray
     radiance: float
+
+    __repr__ = short
 
     @property
     def error(self) -> float:
