@@ -274,7 +274,7 @@ def main() -> None:
     begun = path.exists()
     done = set(zip(*read(path)[:2], strict=True)) if begun else set()
     with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, HEAD, lineterminator="\n")
+        writer: csv.DictWriter[str] = csv.DictWriter(file, HEAD, lineterminator="\n")
         if not begun:
             writer.writeheader()
         for scene in SCENES:

@@ -116,7 +116,8 @@ class Law:
     def __init__(
         self, frame: int, seed: int, split: Split = "train", layouts: int = LAYOUTS, extents=(0.1, 3.0)
     ) -> None:
-        self.source, self.frame, self.seed, self.split, self.extents = recipe(), frame, seed, split, np.log(extents)
+        self.source, self.frame, self.seed, self.split = recipe(), frame, seed, split
+        self.low, self.high = np.log(extents)
         self.materials = [self.source.material_of(seed, split, n) for n in range(MATERIALS)]
         rng = np.random.default_rng([seed, 5])
         blank = torch.ones(BATCH, CAMERA, CAMERA // 2 + 1)
@@ -134,7 +135,7 @@ class Law:
         pad = (self.frame - EXTENT) // 2
         hidden = [self.source.objects.image(self.seed, self.split, BATCH * n + k) for k in range(BATCH)]
         objects = nn.functional.pad(torch.from_numpy(np.stack(hidden)), (pad, pad, pad, pad))
-        extent, wrong = np.exp(rng.uniform(*self.extents, BATCH)), np.exp(rng.normal(0, 0.15, BATCH))
+        extent, wrong = np.exp(rng.uniform(self.low, self.high, BATCH)), np.exp(rng.normal(0, 0.15, BATCH))
         wrong = np.where(rng.random(BATCH) < 0.3, wrong, 1.0)
         chosen = [self.materials[k] for k in rng.integers(MATERIALS, size=BATCH)]
         reach = extent * np.array([each.half_range for each in chosen]) / EXTENT

@@ -210,7 +210,8 @@ class SpeckleLikelihood(nn.Module):
         drawn = np.random.default_rng([len(words), *words]).beta(self.looks / 2, self.looks / 2, shape)
         rows = np.arange(-(len(self.down) // 2), len(self.down) // 2 + 1)
         share = torch.from_numpy(drawn[rows[:, None], np.arange(len(self.across))]).to(self.power)
-        return tuple(self.seeing(2 * each * self.power, self.noise, self.looks / 2) for each in (share, 1 - share))
+        one, other = (self.seeing(2 * each * self.power, self.noise, self.looks / 2) for each in (share, 1 - share))
+        return one, other
 
     def lags(self, size: int) -> Tensor:
         """What was measured as an autocorrelation, float[B, n, n], between pixels of the object, the zero lag first.

@@ -154,6 +154,7 @@ def evaluate(
     samples: Annotated[int, typer.Option(min=1, help="Images.")] = 32,
     katz: Annotated[bool, typer.Option(help="Phase retrieval beside, plain and with C_I.")] = True,
     restarts: Annotated[int, typer.Option(min=1, max=1000, help="Of phase retrieval.")] = 10,
+    solver: Annotated[bool, typer.Option(help="The solver for any object beside.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for tables and contact sheet.")] = Path("evaluation"),
     seed: Seed = 0,
     changes: Set = None,
@@ -197,7 +198,10 @@ def evaluate(
         reject("evaluate --recipe", "one with one image of each object", recipe)
     writable(out)
     tables = [model.trained_on for model in named.values()]
-    tables.append(load_hidden(ANY_OBJECT, None).objects.model_dump(mode="json"))
+    if solver:
+        if max(loaded.objects.shape) > EXTENT:
+            reject("evaluate --solver", f"for objects of at most {EXTENT} pixels a side", loaded.objects.shape)
+        tables.append(load_hidden(ANY_OBJECT, None).objects.model_dump(mode="json"))
     seen = seen_by(tables) if split != "train" else set()
     chosen = unseen(loaded.objects, seed, split, samples, seen)
     known = torch.stack([torch.from_numpy(loaded.objects.image(seed, "train", n)) for n in range(256)])
@@ -208,7 +212,7 @@ def evaluate(
         settings = Retrieval(restarts=restarts)
         methods |= {"Katz": baselines.katz(settings, seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
-    if max(loaded.objects.shape) <= EXTENT:
+    if solver:
         methods |= {"solver for any object": baselines.any_object(load_solver(), loaded, seed)}
     methods |= {name: model.reconstruct for name, model in named.items()}
     found, cases = evaluation.evaluate(methods, batches_of(loaded, chosen, seed, split), loaded.profile)

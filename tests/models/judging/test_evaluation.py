@@ -17,6 +17,7 @@ from specklegen.models.judging.charts import contact_sheet, score_curves, traini
 from specklegen.models.judging.unseen import character_of, seen_by, unseen
 from specklegen.models.learning import examples
 from specklegen.models.learning.reconstructor import load_pretrained
+from specklegen.models.learning.solver import load_solver
 from specklegen.models.retrieval.apodisation import framed
 from specklegen.models.retrieval.phase_retrieval import Retrieval
 
@@ -244,6 +245,17 @@ def test_one_alignment_a_target(batch, monkeypatch):
     assert len(seen) == len(evaluation.TARGETS)
 
 
+def test_the_solver_is_a_method():
+    """Of two images it makes what the solver makes of each, and better than another object."""
+    recipe = load_recipe("one-angular-size")
+    both = tensors(recipe.batch(0, "test", range(2)))
+    method = baselines.any_object(load_solver(), recipe)
+    made = method(both)
+    assert made.shape == (2, 36, 36)
+    found, _ = evaluation.evaluate({"solver": method, "other": lambda b: b["object"].flip(0)}, [both])
+    assert (found.values["solver"]["sharp"]["pearson"] > found.values["other"]["sharp"]["pearson"]).all()
+
+
 def test_train_and_evaluate_from_the_command_line(tmp_path):
     changes = [word for change in ("material.kernel_paths=1000", "camera.shape=[40,40]", "objects.shape=[12,12]",
                "samples.train=8") for word in ("--set", change)]  # fmt: skip
@@ -263,4 +275,6 @@ def test_train_and_evaluate_from_the_command_line(tmp_path):
     assert "| tiny | " in said.output.split("Which of 3 objects is it")[1]
     said = CliRunner().invoke(commands.app, [*map(str, words), "--objects", "Bars", *changes])
     assert said.exit_code == 0, said.output  # no characters, so that nothing is passed over
+    said = CliRunner().invoke(commands.app, [*map(str, words), "--solver", *changes, "--set", "objects.shape=[32,32]"])
+    assert "evaluate --solver must be for objects of at most 28 pixels" in str(said.exception)
     assert (tmp_path / "e" / "cases.png").stat().st_size > 5000
