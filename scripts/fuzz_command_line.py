@@ -5,7 +5,7 @@
 Lines are put together from every command, its options, and values that people and programs get wrong: numbers out
 of range and of thousands of digits, texts for numbers, files that are damaged, deep, binary, missing or in the way,
 recipes that inherit in circles. They run in this process, in a folder that is made for them, under a limit of memory. A
-line that takes longer than a few seconds is stopped and counted, not judged.
+line that takes more than a few seconds of processor time, or waits for minutes, is stopped and counted, not judged.
 """
 
 import argparse
@@ -27,6 +27,9 @@ import numpy as np
 
 MEMORY = 12 * 2**30
 """Bytes of address space that a line may take; torch alone maps some of it."""
+
+PATIENCE = 60
+"""Seconds by the clock for each of the processor's."""
 
 HUGE = "9" * 5000
 WHOLE = ["-3", "0", "1", "2", "3", "7", "2.5", "x", "", "²", HUGE, "12345678901234567890", "-9223372036854775809"]
@@ -183,17 +186,25 @@ def _stop(*_: object) -> None:
 
 
 def outcome(main: Callable[[list[str]], None], line: list[str], seconds: int) -> tuple[str, str]:
-    """What becomes of a line: "ok", "refused", "slow" or "traceback"; and the traceback."""
-    before = signal.signal(signal.SIGALRM, _stop)
+    """What becomes of a line: "ok", "refused", "slow" or "traceback"; and the traceback.
+
+    Seconds are those of the processor, so that a busy machine judges as many lines as a quiet one.
+    """
+    timers = ((signal.ITIMER_PROF, signal.SIGPROF, seconds), (signal.ITIMER_REAL, signal.SIGALRM, PATIENCE * seconds))
+    before = {number: signal.signal(number, _stop) for _, number, _ in timers}
     try:
-        signal.alarm(seconds)
+        for which, _, after in timers:
+            signal.setitimer(which, after)
         found = _ended(main, line)
-        signal.alarm(0)
+        for which, _, _ in timers:
+            signal.setitimer(which, 0)
         return found
     except TooSlow:  # wherever it comes, the very end of the line included
         return "slow", ""
     finally:
-        signal.signal(signal.SIGALRM, before)
+        for which, number, _ in timers:
+            signal.setitimer(which, 0)
+            signal.signal(number, before[number])
 
 
 def _ended(main: Callable[[list[str]], None], line: list[str]) -> tuple[str, str]:
@@ -218,7 +229,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--lines", type=int, default=600)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--seconds", type=int, default=10, help="after which a line is stopped")
+    parser.add_argument("--seconds", type=int, default=10, help="of the processor, after which a line is stopped")
     arguments = parser.parse_args()
     from specklegen.cli import commands
 

@@ -1,35 +1,44 @@
 """Train the solver that comes with the package: objects of many kinds, slabs of any material, cameras with noise.
 
-    python scripts/train_any_object.py --out runs/any-object --samples 6000 --minutes 30      # processor minutes
-    python scripts/train_any_object.py --out runs/any-object --minutes 60                     # goes on to 60 in all
+    python scripts/train_any_object.py --out runs/any-object --minutes 60            # processor minutes
+    python scripts/train_any_object.py --out runs/any-object --minutes 60            # goes on where it was stopped
 
-Nothing is rendered: periodograms are drawn from their law, S(f) times a gamma variable (docs/likelihood.md), which
-costs a third of a millisecond; nearly all of a sample's 40 ms are phase retrieval's first answers. Objects are those
-of `any-object` (its ten test characters and five validation characters are in no sample), slabs those of its material,
-extents 0.1 to 3 ranges, 24 to 64 camera pixels, 4 to 1000 photons a pixel or no noise; C_I is stated 15 % wrong for a
-third of them. The certificate is fitted to samples that the network was not trained on.
+Nothing is rendered: periodograms are drawn from their law, S(f) times a gamma variable (docs/likelihood.md). The dense
+net comes first: it needs lags alone, so that a sample takes a millisecond and no two are the same. Then it is frozen,
+and the stages are trained on samples with phase retrieval's answers, which take 75 ms each and are seen several times.
+Objects are those of `any-object` (its ten test characters and five validation characters are in no sample), slabs
+those of its material, extents 0.1 to 3 ranges, 24 to 64 camera pixels, 4 to 1000 photons a pixel or no noise; C_I is
+stated 15 % wrong for a third of them. The certificate is fitted to validation objects.
 """
 
 import argparse
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from specklegen.datasets import load_recipe
-from specklegen.models.learning.networks.unrolled import Seen, Unrolled, invariant_loss
-from specklegen.models.learning.solver import EXTENT, LAGS, Solver, evidence_of, first_look
+from specklegen.datasets.split import Split
+from specklegen.models.learning.networks.range_net import EXTENTS, NUMBERS, RangeNet, shares
+from specklegen.models.learning.networks.unrolled import Candidates, Seen, Unrolled, invariant_loss
+from specklegen.models.learning.solver import EXTENT, LAGS, RESTARTS, Solver, evidence_of, first_look
 from specklegen.models.likelihood.certificate import Certificate
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.retrieval.autocorrelation import distances
+from specklegen.models.retrieval.phase_retrieval import Retrieval
 
-CAMERA, BATCH, HELD_OUT = 128, 32, 600
+CAMERA, FRAME, BATCH, HELD_OUT = 128, 36, 32, 600
 POINTS = (2, 3, 4, 5, 6, 8, 11)
-MATERIALS = 400
-STAGE_WEIGHTS = (0.3, 0.5, 0.5, 1.0)
+MATERIALS, LAYOUTS, SAMPLES, CERTIFIED = 400, 64, 7680, 1600
+LATER = 10**6  # number of the first batch of these: not one that the dense net has seen
+START_SHARE, RANGE_MINUTES = 0.45, 5.0
+START_RATE, STAGE_RATE = 1e-3, 2e-3
+STAGE_WEIGHTS = (0.5, 0.5, 1.0)
+SAVED_EVERY = 60.0
 GOOD = 0.8
 LATTICE = np.arange(0, 64, 0.5)  # distances in object pixels at which C_I is kept
 
@@ -58,124 +67,258 @@ def between(frame: int) -> np.ndarray:
     return np.hypot(steps[:, None], steps)
 
 
-class Drawn:
-    """Samples drawn from the law, with what the network sees of them; a function of the seed."""
+class Drawn(NamedTuple):
+    """Samples: likelihood, what the network sees, the C_I that is stated, and the objects float[B, n, n].
 
-    def __init__(self, samples: int, frame: int, seed: int = 1) -> None:
-        source, rng = recipe(), np.random.default_rng([seed, 5])
-        materials = [source.material_of(seed, "train", n) for n in range(MATERIALS)]
-        pad = (frame - EXTENT) // 2
-        self.parts: list[tuple[SpeckleLikelihood, Seen, Tensor, Tensor]] = []
-        for first in range(0, samples, BATCH):
-            hidden = np.stack([source.objects.image(seed, "train", first + n) for n in range(BATCH)])
-            objects = torch.nn.functional.pad(torch.from_numpy(hidden), (pad, pad, pad, pad))
-            extent, wrong = np.exp(rng.uniform(np.log(0.1), np.log(3), BATCH)), np.exp(rng.normal(0, 0.15, BATCH))
-            chosen = [materials[n] for n in rng.integers(MATERIALS, size=BATCH)]
-            wrong = np.where(rng.random(BATCH) < 0.3, wrong, 1.0)
-            reach = extent * np.array([each.half_range for each in chosen]) / EXTENT
-            true, stated = (
-                torch.from_numpy(np.stack([
-                    np.square(each.kernel(scale * LATTICE)) for each, scale in zip(chosen, scales, strict=True)
-                ])).float() for scales in (reach, reach * wrong)
-            )  # fmt: skip
+    C_I is that between the pixels of the frame, and that at every lag; ``extent`` float[B] that of the frame in ranges.
+    """
+
+    likelihood: SpeckleLikelihood
+    seen: Seen
+    stated: Tensor
+    at_lags: Tensor
+    objects: Tensor
+    extent: Tensor
+
+    def turned(self) -> "Drawn":
+        """Upside down in a mirror, which is another sample of the same law."""
+        likelihood = self.likelihood.seeing(self.likelihood.power, self.likelihood.noise, self.likelihood.looks)
+        likelihood.rows = self.likelihood.rows * torch.tensor([1.0, -1.0])[:, None, None]
+        lags = torch.roll(self.seen.lags.flip(-2), 1, -2)
+        seen = self.seen._replace(lags=lags, answers=self.seen.answers.flip(-2))
+        return self._replace(likelihood=likelihood, seen=seen, objects=self.objects.flip(-2))
+
+    def deviance(self, images: Tensor) -> Tensor:
+        """Of images float[B, K, n, n]."""
+        return self.likelihood(images, self.stated[:, None])
+
+
+class Begun(NamedTuple):
+    """Samples with what the frozen dense net and phase retrieval make of them."""
+
+    drawn: Drawn
+    candidates: Candidates
+
+    @classmethod
+    def of(cls, drawn: Drawn, network: Unrolled) -> "Begun":
+        """Let the network begin."""
+        return cls(drawn, network.candidates(drawn.seen, drawn.deviance))
+
+    def turned(self) -> "Begun":
+        """As :meth:`Drawn.turned`."""
+        turned = self.candidates._replace(pictures=self.candidates.pictures.flip(-2))
+        return Begun(self.drawn.turned(), turned)
+
+
+class Law:
+    """Samples drawn from the law, batch by batch; each batch a function of seed, split and number."""
+
+    def __init__(
+        self, frame: int, seed: int, split: Split = "train", layouts: int = LAYOUTS, extents=(0.1, 3.0)
+    ) -> None:
+        self.source, self.frame, self.seed, self.split, self.extents = recipe(), frame, seed, split, np.log(extents)
+        self.materials = [self.source.material_of(seed, split, n) for n in range(MATERIALS)]
+        rng = np.random.default_rng([seed, 5])
+        blank = torch.ones(BATCH, CAMERA, CAMERA // 2 + 1)
+        dark = Periodogram(blank, torch.zeros(BATCH), 1.0, (CAMERA, CAMERA))
+        self.layouts: list[SpeckleLikelihood] = []
+        for _ in range(layouts):
             step = np.exp(rng.uniform(np.log(24 / EXTENT), np.log(64 / EXTENT), BATCH))
             grain = np.where(rng.random(BATCH) < 0.6, 3.0, np.exp(rng.uniform(np.log(2.2), np.log(4.5), BATCH)))
-            photons = np.exp(rng.uniform(np.log(4), np.log(1000), BATCH))
-            noise = np.where(rng.random(BATCH) < 0.35, 0.0, 1 / photons)
-            looks = float(rng.choice([1, 4, 12], p=[0.75, 0.17, 0.08]))
-            blank = torch.ones(BATCH, CAMERA, CAMERA // 2 + 1)
-            seen = Periodogram(blank, torch.from_numpy(noise).float(), looks, (CAMERA, CAMERA))
             optics = Optics(torch.from_numpy(step).float(), torch.from_numpy(np.minimum(grain, 3.6 * step)).float())
-            likelihood = SpeckleLikelihood(seen, (frame, frame), optics)
-            spectrum = likelihood.object_spectrum(objects, at(true, between(frame))) + likelihood.noise[:, None, None]
-            likelihood.power = spectrum * torch.from_numpy(rng.gamma(looks, 1 / looks, spectrum.shape)).float()
-            shown = first_look(likelihood, at(stated, distances(LAGS)), frame, seed=first)
-            self.parts.append((likelihood, shown, at(stated, between(frame)), objects))
+            self.layouts.append(SpeckleLikelihood(dark, (frame, frame), optics))
 
-    def __len__(self) -> int:
-        return len(self.parts)
+    def __call__(self, n: int, retrieval: Retrieval | None = RESTARTS) -> Drawn:
+        """Return batch n."""
+        rng = np.random.default_rng([self.seed, 6, n])
+        pad = (self.frame - EXTENT) // 2
+        hidden = [self.source.objects.image(self.seed, self.split, BATCH * n + k) for k in range(BATCH)]
+        objects = nn.functional.pad(torch.from_numpy(np.stack(hidden)), (pad, pad, pad, pad))
+        extent, wrong = np.exp(rng.uniform(*self.extents, BATCH)), np.exp(rng.normal(0, 0.15, BATCH))
+        wrong = np.where(rng.random(BATCH) < 0.3, wrong, 1.0)
+        chosen = [self.materials[k] for k in rng.integers(MATERIALS, size=BATCH)]
+        reach = extent * np.array([each.half_range for each in chosen]) / EXTENT
+        true, stated = (
+            torch.from_numpy(np.stack([
+                np.square(each.kernel(scale * LATTICE)) for each, scale in zip(chosen, scales, strict=True)
+            ])).float() for scales in (reach, reach * wrong)
+        )  # fmt: skip
+        photons = np.exp(rng.uniform(np.log(4), np.log(1000), BATCH))
+        noise = torch.from_numpy(np.where(rng.random(BATCH) < 0.35, 0.0, 1 / photons)).float()
+        looks = float(rng.choice([1, 4, 12], p=[0.75, 0.17, 0.08]))
+        layout = self.layouts[rng.integers(len(self.layouts))]
+        spectrum = layout.object_spectrum(objects, at(true, between(self.frame))) + noise[:, None, None]
+        power = spectrum * torch.from_numpy(rng.standard_gamma(looks, spectrum.shape, dtype=np.float32) / looks)
+        likelihood = layout.seeing(power, noise, looks)
+        at_lags = at(stated, distances(LAGS))
+        seen = first_look(likelihood, at_lags, self.frame, seed=n, retrieval=retrieval)
+        told = torch.from_numpy(extent).float()
+        return Drawn(likelihood, seen, at(stated, between(self.frame)), at_lags, objects, told)
 
-    def batch(self, n: int, turned: bool = False):
-        """What the network takes, and the objects; upside down, which is another sample of the same law."""
-        likelihood, seen, c_i, objects = self.parts[n]
-        rows = likelihood.rows * torch.tensor([1.0, -1.0])[:, None, None] if turned else likelihood.rows
-        if turned:
-            lags = torch.roll(seen.lags.flip(-2), 1, -2)
-            seen, objects = seen._replace(lags=lags, answers=seen.answers.flip(-2)), objects.flip(-2)
 
-        def deviance(images: Tensor) -> Tensor:
-            kept, likelihood.rows = likelihood.rows, rows
-            try:
-                return likelihood(images, c_i[:, None])
-            finally:
-                likelihood.rows = kept
+class Progress:
+    """Processor seconds, those of earlier runs included, and what is to be kept."""
 
-        return seen, deviance, objects, likelihood.looks
+    def __init__(self, out: Path, network: Unrolled) -> None:
+        self.file, self.network, self.kept = out / "checkpoint.pt", network, {}
+        if self.file.exists():
+            self.kept = torch.load(self.file, weights_only=True)
+            network.load_state_dict(self.kept["network"])
+        self.start = time.process_time() - float(self.kept.get("seconds", 0.0))
+        self.saved = self.seconds
+
+    @property
+    def seconds(self) -> float:
+        """Processor seconds so far."""
+        return time.process_time() - self.start
+
+    def save(self, phase: str, optimizer: torch.optim.Optimizer, step: int, begin: float = 0.0) -> None:
+        """Keep everything that a later run needs."""
+        self.kept = {
+            "network": self.network.state_dict(), "phase": phase, "optimizer": optimizer.state_dict(), "step": step,
+            "begin": begin, "seconds": self.seconds,
+        }  # fmt: skip
+        torch.save(self.kept, self.file.with_suffix(".part"))
+        self.file.with_suffix(".part").replace(self.file)
+        self.saved = self.seconds
+
+    def of(self, phase: str, optimizer: torch.optim.Optimizer) -> int:
+        """Step at which a phase goes on, its optimizer put back."""
+        if self.kept.get("phase") != phase:
+            return 0
+        optimizer.load_state_dict(self.kept["optimizer"])
+        return int(self.kept["step"])
 
 
-def train(network: Unrolled, data: Drawn, held_out: Drawn, out: Path, minutes: float, rate: float) -> None:
-    """Train for processor minutes, those of earlier runs included; a checkpoint after each pass."""
-    torch.manual_seed(0)
-    optimizer = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=0.05)
-    spent, file = 0.0, out / "checkpoint.pt"
-    if file.exists():
-        kept = torch.load(file, weights_only=True)
-        network.load_state_dict(kept["network"])
-        optimizer.load_state_dict(kept["optimizer"])
-        spent = float(kept["seconds"])
-    start, total = time.process_time() - spent, 60 * minutes
-    while (done := (time.process_time() - start) / total) < 1:
-        network.train()
-        for n in torch.randperm(len(data)).tolist():
-            done = min((time.process_time() - start) / total, 1.0)
-            for group in optimizer.param_groups:
-                group["lr"] = rate * min(1.0, done / 0.02) * (0.5 + 0.5 * np.cos(np.pi * done)) + 1e-5
-            seen, deviance, objects, _ = data.batch(n, turned=bool(torch.rand(()) < 0.5))
-            losses = [invariant_loss(image, objects).mean() for image in network(seen, deviance)]
-            optimizer.zero_grad()
-            torch.stack([w * loss for w, loss in zip(STAGE_WEIGHTS, losses, strict=True)]).sum().backward()
-            torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-            optimizer.step()
+def stepped(optimizer: torch.optim.Optimizer, network: nn.Module, loss: Tensor, rate: float, done: float) -> None:
+    """One step at a rate that rises, then falls to zero as a cosine."""
+    for group in optimizer.param_groups:
+        group["lr"] = float(rate * min(1.0, done / 0.02) * (0.5 + 0.5 * np.cos(np.pi * done)) + 1e-6)
+    optimizer.zero_grad()
+    loss.backward()
+    nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+    optimizer.step()
+
+
+def train_start(network: Unrolled, law: Law, held_out: list[Drawn], progress: Progress, seconds: float) -> None:
+    """Train the dense net on samples that it sees once, up to processor seconds in all."""
+    optimizer = torch.optim.AdamW(network.dense.parameters(), lr=START_RATE, weight_decay=0.01)
+    n = progress.of("start", optimizer)
+    while progress.seconds < seconds:
+        both = law(2 * n, retrieval=None), law(2 * n + 1, retrieval=None).turned()
+        losses = [invariant_loss(network.dense(each.seen).sigmoid(), each.objects).mean() for each in both]
+        stepped(optimizer, network.dense, torch.stack(losses).mean(), START_RATE, min(progress.seconds / seconds, 1.0))
+        n += 1
+        if progress.seconds > progress.saved + SAVED_EVERY or progress.seconds >= seconds:
+            with torch.no_grad():
+                found = [1 - invariant_loss(network.dense(each.seen).sigmoid(), each.objects) for each in held_out]
+            progress.save("start", optimizer, n)
+            print(f"{progress.seconds:.0f} CPU s, {2 * BATCH * n} samples: {torch.cat(found).mean():.4f}", flush=True)
+
+
+def train_stages(
+    network: Unrolled, data: list[Begun], held_out: list[Begun], progress: Progress, seconds: float
+) -> None:
+    """Train the stages on samples that are there, up to processor seconds in all."""
+    optimizer = torch.optim.AdamW(network.priors.parameters(), lr=STAGE_RATE, weight_decay=0.05)
+    n, begin = progress.of("stages", optimizer), float(progress.kept.get("begin", progress.seconds))
+    generator = torch.Generator().manual_seed(n)
+    while progress.seconds < seconds:
+        for place in torch.randperm(len(data), generator=generator).tolist():
+            sample = data[place].turned() if torch.rand((), generator=generator) < 0.5 else data[place]
+            made = network.refined(sample.candidates, sample.drawn.deviance)[1:]
+            losses = [invariant_loss(image, sample.drawn.objects).mean() for image in made]
+            loss = torch.stack([weight * each for weight, each in zip(STAGE_WEIGHTS, losses, strict=True)]).sum()
+            done = min((progress.seconds - begin) / (seconds - begin), 1.0)
+            stepped(optimizer, network.priors, loss, STAGE_RATE, done)
             if done >= 1:
                 break
-        found = judged(network, held_out)[1].mean()
-        print(f"{time.process_time() - start:.0f} CPU s: correlation {found:.4f} on held-out samples", flush=True)
-        seconds = torch.tensor(time.process_time() - start)
-        torch.save({"network": network.state_dict(), "optimizer": optimizer.state_dict(), "seconds": seconds}, file)
+        n += 1
+        if progress.seconds > progress.saved + SAVED_EVERY or progress.seconds >= seconds:
+            progress.save("stages", optimizer, n, begin)
+            found = judged(network, held_out)
+            print(f"{progress.seconds:.0f} CPU s, {n} passes: {found.mean():.4f}", flush=True)
 
 
-def judged(network: Unrolled, data: Drawn) -> tuple[np.ndarray, np.ndarray]:
-    """Evidence float[n, e] and correlations float[n] of all samples."""
-    network.eval()
-    evidence, found = [], []
-    for n in range(len(data)):
-        seen, deviance, objects, looks = data.batch(n)
-        made = [image.detach() for image in network(seen, deviance)]
-        evidence.append(evidence_of(made, seen, deviance, looks))
-        found.append(1 - invariant_loss(made[-1], objects))
-    return torch.cat(evidence).double().numpy(), torch.cat(found).numpy()
+def train_ranges(out: Path) -> RangeNet:
+    """Train the net that reads ranges, for processor minutes of its own, on extents all of which are equally likely."""
+    file = out / "ranges.pt"
+    torch.manual_seed(0)
+    network = RangeNet()
+    if file.exists():
+        network.load_state_dict(torch.load(file, weights_only=True))
+        return network
+    law = Law(FRAME, seed=3, extents=EXTENTS)
+    others = Law(FRAME, seed=4, split="validation", layouts=8, extents=EXTENTS)
+    held_out = [others(n, retrieval=None) for n in range(HELD_OUT // BATCH)]
+    optimizer = torch.optim.AdamW(network.parameters(), lr=START_RATE, weight_decay=0.01)
+    start, n, done = time.process_time(), 0, 0.0
+
+    def loss(sample: Drawn) -> Tensor:
+        told = network(sample.seen.lags[:, 0], sample.seen.scalars[:, :NUMBERS])
+        return -(shares(sample.extent) * told).sum(1).mean()
+
+    while (done := (time.process_time() - start) / (60 * RANGE_MINUTES)) < 1:
+        both = law(2 * n, retrieval=None), law(2 * n + 1, retrieval=None).turned()
+        stepped(optimizer, network, torch.stack([loss(each) for each in both]).mean(), START_RATE, done)
+        n += 1
+        if n % 500 == 0:
+            with torch.no_grad():
+                found = torch.stack([loss(each) for each in held_out]).mean()
+            spent = time.process_time() - start
+            print(f"ranges: {spent:.0f} CPU s, {2 * BATCH * n} samples, loss {found:.4f}", flush=True)
+    torch.save(network.state_dict(), file)
+    return network
+
+
+def judged(network: Unrolled, data: list[Begun]) -> np.ndarray:
+    """Correlations of all samples, float[n]."""
+    with torch.no_grad():
+        made = [network.refined(each.candidates, each.drawn.deviance)[-1] for each in data]
+        return torch.cat([1 - invariant_loss(x, y.drawn.objects) for x, y in zip(made, data, strict=True)]).numpy()
+
+
+def evidence(network: Unrolled, law: Law, file: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Evidence float[n, e] and correlations float[n] of samples that nothing was decided on; kept in a file."""
+    if not file.exists():
+        network.eval()
+        found, right = [], []
+        for n in range(CERTIFIED // BATCH):
+            drawn = law(LATER + n)
+            begun = network.candidates(drawn.seen, drawn.deviance)
+            made = [image.detach() for image in network.refined(begun, drawn.deviance)]
+            found.append(evidence_of(network, made, begun, drawn.likelihood, drawn.stated, drawn.at_lags))
+            right.append(1 - invariant_loss(made[-1], drawn.objects))
+        np.savez(file, evidence=torch.cat(found).double().numpy(), correlation=torch.cat(right).numpy())
+    with np.load(file) as kept:
+        return kept["evidence"], kept["correlation"]
 
 
 def main() -> None:
     """Command line."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path, default=Path("runs/any-object"))
-    options.add_argument("--samples", type=int, default=6000)
-    options.add_argument("--minutes", type=float, default=30.0, help="Processor minutes of training, in all.")
-    options.add_argument("--learning-rate", type=float, default=2e-3)
-    options.add_argument("--width", type=int, default=32)
+    options.add_argument("--minutes", type=float, default=60.0, help="Processor minutes, of drawing samples too.")
     given = options.parse_args()
     torch.set_num_threads(1)
     given.out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(0)
-    network = Unrolled(width=given.width)
-    data, held_out = Drawn(given.samples, network.frame), Drawn(HELD_OUT, network.frame, seed=2)
-    print(f"{given.samples} samples after {time.process_time():.0f} CPU s", flush=True)
-    train(network, data, held_out, given.out, given.minutes, given.learning_rate)
-    evidence, found = judged(network, held_out)
-    solver = Solver(network, Certificate.fitted(evidence, found > GOOD))
+    network = Unrolled(FRAME)
+    progress = Progress(given.out, network)
+    law, others = Law(FRAME, seed=1), Law(FRAME, seed=2, split="validation", layouts=8)
+    held_out = [others(n) for n in range(HELD_OUT // BATCH)]
+    train_start(network, law, held_out, progress, START_SHARE * 60 * given.minutes)
+    network.requires_grad_(False)
+    network.priors.requires_grad_(True)
+    if progress.seconds < 60 * given.minutes:
+        begun = [Begun.of(each, network) for each in held_out]
+        data = [Begun.of(law(LATER + n), network) for n in range(SAMPLES // BATCH)]
+        print(f"{SAMPLES} samples with answers after {progress.seconds:.0f} CPU s", flush=True)
+        train_stages(network, data, begun, progress, 60 * given.minutes)
+    found, right = evidence(network, others, given.out / "evidence.npz")
+    solver = Solver(network, Certificate.fitted(found, right > GOOD), train_ranges(given.out))
     solver.save(given.out / "any-object.pt")
-    print(f"{given.out / 'any-object.pt'}: {(found > GOOD).mean():.2f} above {GOOD}")
+    print(f"{given.out / 'any-object.pt'}: {(right > GOOD).mean():.2f} of {len(right)} above {GOOD}")
 
 
 if __name__ == "__main__":

@@ -1,3 +1,4 @@
+from . import materials as materials
 from .coherence.partially_coherent import render_partially_coherent as render_partially_coherent
 from .coherence.transmission import transmission_matrix as transmission_matrix
 from .core.errors import DoubtWarning as DoubtWarning

@@ -12,6 +12,7 @@ from specklegen.datasets.objects.glyphs import Glyphs
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
 from specklegen.datasets.recipes.parts.distributions import Choice, ends
+from specklegen.datasets.recipes.parts.preset import PresetMaterial
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.recipes.rendering import RenderedBy
 from specklegen.datasets.recipes.tilt_stack import TiltStack
@@ -92,6 +93,8 @@ def way_of(recipe: Recipe) -> tuple[str, list[str]]:
         return KEPT, why
     if recipe.light.bandwidth or recipe.lab is not None:
         why.append("light modes or a laboratory with media that are never seen again")
+    if isinstance(recipe.material, PresetMaterial):
+        return STEPS, [*why, "material.preset, of which the atlas has no table,"]
     if recipe.material.scatterer is not None:
         why.append("material.scatterer, of which the atlas has no table,")
     if not recipe.material.faces.matched:

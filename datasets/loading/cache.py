@@ -10,6 +10,7 @@ from torch.utils.data import Dataset
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
+from specklegen.core.showing import summary
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.sample_schema import Renderable, require_finite
@@ -93,6 +94,10 @@ class SpeckleCache(Dataset):
     def shard_samples(self) -> int:
         """Samples in a shard."""
         return self._store.shard_samples
+
+    def __repr__(self) -> str:
+        split = self.identity["split"]
+        return summary(self, folder=str(self.folder), samples=len(self), split=split, keys=self.keys)
 
     def __len__(self) -> int:
         return self._store.samples
@@ -179,6 +184,9 @@ class ShuffledCache(EpochBatches):
             reject("ShuffledCache.buffer_shards", "at least 1", buffer_shards)
         super().__init__(len(cache), batch_size, rank, world, drop_last)
         self.cache, self.seed, self.buffer_shards = cache, seed, buffer_shards
+
+    def __repr__(self) -> str:
+        return summary(self, cache=self.cache, batches=len(self), batch_size=self.batch_size, epoch=self.epoch)
 
     def order(self, epoch: int) -> np.ndarray:
         """Return the samples of an epoch in their order: int64[length]."""

@@ -7,7 +7,9 @@ from typing import Any
 import torch
 from torch.utils.data import DataLoader, IterableDataset
 
+from specklegen.core.arguments import whole_number
 from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.showing import summary
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.store.identity import differences
 from specklegen.datasets.workers import worker_context
@@ -76,9 +78,7 @@ class EpochLoader:
         timeout: float = 0,
         prefetch_factor: int = 2,
     ) -> None:
-        if num_workers < 0:
-            reject("loader.num_workers", "at least 0", num_workers)
-        self.batches = batches
+        self.batches, self.num_workers = batches, whole_number("loader.num_workers", num_workers)
         self._source = _FromBatch(batches)
         self.repeat = batches.repeats if repeat is None else repeat
         self._upcoming = batches.epoch, 0
@@ -97,6 +97,9 @@ class EpochLoader:
             }
         pinned = torch.cuda.is_available() if pin_memory is None else pin_memory
         self._loader = DataLoader(self._source, batch_size=None, pin_memory=pinned, **workers)
+
+    def __repr__(self) -> str:
+        return summary(self, batches=self.batches, num_workers=self.num_workers)
 
     @property
     def sampler(self) -> EpochSampler:

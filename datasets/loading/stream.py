@@ -12,6 +12,7 @@ from torch.utils.data import get_worker_info
 from specklegen.core.arguments import whole_number
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
+from specklegen.core.showing import summary
 from specklegen.datasets.batched import plan
 from specklegen.datasets.batched.generator import SpeckleGenerator
 from specklegen.datasets.loading.epochs import EpochBatches
@@ -91,6 +92,13 @@ class SpeckleStream(EpochBatches):
         self.seed = whole_number("SpeckleStream.seed", seed)
         self.device = torch.device(device)
         self.repeats = split != "train"
+
+    def __repr__(self) -> str:
+        name = getattr(self.recipe, "name", type(self.recipe).__name__)
+        return summary(
+            self, recipe=name, seed=self.seed, split=self.split, batches=len(self), batch_size=self.batch_size,
+            epoch=self.epoch, device=str(self.device),
+        )  # fmt: skip
 
     def indices(self, epoch: int, number: int) -> range:
         """Return the indices of the samples in batch ``number`` of this rank."""

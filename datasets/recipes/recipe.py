@@ -14,6 +14,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, PrivateAttr, Tag, WithJsonSchema, model_validator
 
+from specklegen.core.arguments import whole_number
+from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
 from specklegen.core.picturing import Pictured
 from specklegen.core.values import PositiveInt, Value
@@ -22,6 +24,7 @@ from specklegen.datasets.recipes.parts.diffuser import Diffuser, KnownDiffuser
 from specklegen.datasets.recipes.parts.distributions import ends
 from specklegen.datasets.recipes.parts.light import Light
 from specklegen.datasets.recipes.parts.material import Estimator, KnownMaterial, Material, known_light
+from specklegen.datasets.recipes.parts.preset import PresetMaterial
 from specklegen.datasets.recipes.parts.viewing import CameraGrid, Lab, Viewing, Window
 from specklegen.datasets.recipes.rendering import Planned, RenderedBy, Rendering, medium_plan, rendering_of
 from specklegen.datasets.sample_schema import ArraySpec, require_finite
@@ -71,14 +74,17 @@ Media = Annotated[
 
 
 def _kind_of_material(value: Any) -> str:
-    screens = isinstance(value, Diffuser) or (isinstance(value, Mapping) and "screens" in value)
-    return "@screens" if screens else "@slab"
+    given = value if isinstance(value, Mapping) else getattr(type(value), "model_fields", ())
+    return next((f"@{kind}" for kind in ("screens", "preset") if kind in given), "@slab")
 
 
 AnyMaterial = Annotated[
-    Annotated[Material, Tag("@slab")] | Annotated[Diffuser, Tag("@screens")], Discriminator(_kind_of_material)
+    Annotated[Material, Tag("@slab")]
+    | Annotated[Diffuser, Tag("@screens")]
+    | Annotated[PresetMaterial, Tag("@preset")],
+    Discriminator(_kind_of_material),
 ]
-"""A slab, or thin screens where the table holds ``screens``."""
+"""A slab, or thin screens where the table holds ``screens``, or a named material where it holds ``preset``."""
 
 
 class Recipe(Value, Pictured):
@@ -159,7 +165,7 @@ class Recipe(Value, Pictured):
 
     def _take_faces(self, lab: Lab) -> None:
         """The material's faces are those of the laboratory, where there is one."""
-        if isinstance(self.material, Diffuser):
+        if not isinstance(self.material, Material):
             return
         if self.material.faces.matched:
             self.__dict__["material"] = self.material.replace(faces=lab.layer_faces)
@@ -191,9 +197,17 @@ class Recipe(Value, Pictured):
         return self._device
 
     def on(self, device: str) -> Self:
-        """Return this recipe rendering on another torch device: the same random numbers, other rounding."""
+        """Return this recipe rendering on another torch device: the same random numbers, other rounding.
+
+        Raises
+        ------
+        RuleError
+            If there is no such device here.
+        """
+        if str(device) != "cpu":
+            checked_device(f"{type(self).__name__}.on device", device)
         copy = self.model_copy()
-        copy._device = device
+        copy._device = str(device)
         return copy
 
     def __eq__(self, other: object) -> bool:
@@ -285,9 +299,7 @@ class Recipe(Value, Pictured):
 
     def material_of(self, seed: int, split: Split, medium: int) -> KnownMaterial | KnownDiffuser:
         """Material of one medium, with its kernel."""
-        rng = generator(substream(seed, split, Purpose.MATERIAL, medium))
-        material: Any = self.material  # a slab's or a diffuser's: each knows what it draws
-        return material.known(material.draw(rng, split))
+        return self.material.realized(generator(substream(seed, split, Purpose.MATERIAL, medium)), split)
 
     @cached_property
     def rendering(self) -> Rendering | None:
@@ -329,7 +341,6 @@ class Recipe(Value, Pictured):
                 base=base, width=seen.width, profile=seen.profile, pixel_integration=seen.pixel_integration,
                 tolerance=tolerance, device=self.device,
             )  # fmt: skip
-        assert isinstance(self.material, Material)
         light = None
         if seen.bandwidth:
             light = known_light(material.slab, self.material.kernel_paths, seen.bandwidth, self.light.spectrum)
@@ -387,6 +398,7 @@ class Recipe(Value, Pictured):
             If the split is unknown, the seed or the index is not a whole number of at least 0, or the sample would
             hold a number that is not finite.
         """
+        index = whole_number(f"{type(self).__name__}.sample index", index, 0, 2**64 - 1)
         self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
         sample = self.rendered(seed, split, index)
         require_finite(sample, self, seed, split)

@@ -103,18 +103,23 @@ def _relative(file: Path) -> str:
 def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Merge tables: tables go into tables, everything else is replaced.
 
-    A table with another ``type`` replaces the old one whole, since their fields have nothing in common; so
-    does a distribution (``{uniform = ...}``).
+    A table with another ``type`` replaces the old one whole, since their fields have nothing in common; so do a
+    distribution (``{uniform = ...}``), and a material of another kind (``screens`` or ``preset`` where it had none).
     """
     result = dict(base)
     for key, value in changes.items():
         old = result.get(key)
-        both = isinstance(old, Mapping) and isinstance(value, Mapping)
-        if both and value.get("type", old.get("type")) == old.get("type") and not _is_draw(old):  # type: ignore[union-attr]
-            result[key] = merged(old, value)  # type: ignore[arg-type]
+        if isinstance(old, Mapping) and isinstance(value, Mapping) and _alike(old, value):
+            result[key] = merged(old, value)
         else:
             result[key] = value
     return result
+
+
+def _alike(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    """Whether two tables are of one kind, so that one changes fields of the other."""
+    same_type = new.get("type", old.get("type")) == old.get("type")
+    return same_type and not _is_draw(old) and {"screens", "preset"} & new.keys() <= old.keys()
 
 
 def _is_draw(table: Mapping[str, Any]) -> bool:

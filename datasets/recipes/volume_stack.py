@@ -18,6 +18,7 @@ from specklegen.core.values import Positive, PositiveInt, Value, remembered
 from specklegen.datasets.recipes.medium_realization import MediumRealization, planned_sums
 from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, require_above
 from specklegen.datasets.recipes.parts.light import medium_seeds
+from specklegen.datasets.recipes.parts.material import Material
 from specklegen.datasets.recipes.parts.viewing import CameraGrid
 from specklegen.datasets.recipes.rendering import chosen_rendering
 from specklegen.datasets.recipes.tilt_stack import TiltStack
@@ -139,6 +140,9 @@ class VolumeStack(TiltStack):
 
     @model_validator(mode="after")
     def _check_volume(self) -> Self:
+        if not isinstance(self.material, Material):
+            reject("Recipe.material", "given by optical_depth and g or scatterer where the kind is volume-stack",
+                   self.material, "Boxes and voxels are made of these.")  # fmt: skip
         for name, given, remedy in (
             ("lab", self.lab is not None, "Write material.wavelength, window and camera."),
             ("exposure", self.exposure is not None, "Expose the images by specklegen.expose."),

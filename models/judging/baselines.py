@@ -1,7 +1,7 @@
 """What a network is judged beside: the mean image, which looks at nothing, and phase retrieval, which learns nothing.
 
 A method is a function of a batch (of a hidden-object recipe, as tensors) to brightness float32[B, n, n] on the pitch of
-the object, up to shift and flip; n is the object's side or :data:`FRAME`.
+the object, up to shift and flip; n is at most :data:`FRAME`.
 """
 
 from collections.abc import Callable, Mapping
@@ -115,6 +115,11 @@ def katz(
         return torch.cat(made)
 
     return method
+
+
+def any_object(solver: Solver, recipe: HiddenObject, seed: int = 0) -> Method:
+    """The solver for any object, which knows each material's C_I and reads camera noise off the image."""
+    return lambda batch: solver.solve(*measured(batch, recipe), seed=seed).image
 
 
 class SeenLags(NamedTuple):

@@ -1,26 +1,27 @@
-"""The memory-effect range of a slab that nobody knows, from several images behind it.
+"""The memory-effect range of a slab that nobody knows, from several images behind it, of objects that nobody knows.
 
-The objects are unknown, too: for every range tried, each image is reconstructed and settled, and the deviances are
-added, weighted by their frequencies. Where the range is wrong no object explains the images as well. Of the slab only
-the *shape* of C_I is taken from elsewhere; distances are measured in units of its range.
+Of the slab only the *shape* of C_I is taken from elsewhere. For each image a network
+(:mod:`specklegen.models.learning.networks.range_net`) tells how likely its lags are for objects of any extent over the
+range; the images are independent, so that their logarithms add.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import torch
 
-from specklegen.core.random_streams import Seed
-from specklegen.models.learning.solver import MemoryEffect, Solution, Solver
-from specklegen.models.likelihood.likelihood import Optics
+from specklegen.core.errors import reject
+from specklegen.models.learning.networks.range_net import extents
+from specklegen.models.learning.solver import EXTENT, MemoryEffect, Solver, described, lags_of
+from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import Periodogram
 
-FACTORS = tuple(float(x) for x in np.geomspace(0.4, 2.5, 9))
-"""Ranges tried first, over that of the memory effect that is given."""
+FACTORS = tuple(float(x) for x in np.geomspace(0.2, 5.0, 129))
+"""Ranges tried, over that of the memory effect that is given."""
 RESAMPLES = 400
 """Of the images, for the interval."""
-FINER = 4
-"""Ranges tried between the two neighbours of the best."""
+_REACH = np.geomspace(1e-2, 1e4, 2001)  # distances in object pixels among which C_I falls to one half
 
 
 class RangeFit(NamedTuple):
@@ -31,18 +32,15 @@ class RangeFit(NamedTuple):
     factor : float
         Range over that of the memory effect that was given.
     low, high : float
-        Ends of the 95 % interval, by resampling images: it holds what a reconstruction that went wrong does to the fit.
+        Ends of the 95 % interval, by resampling images.
     tried : dict[float, float]
         Log-likelihood of all images for each factor tried, less the best one's.
-    solution : Solution
-        Reconstructions at the best factor tried.
     """
 
     factor: float
     low: float
     high: float
     tried: dict[float, float]
-    solution: Solution
 
 
 def scaled(c_i: MemoryEffect, factor: float) -> MemoryEffect:
@@ -50,53 +48,62 @@ def scaled(c_i: MemoryEffect, factor: float) -> MemoryEffect:
     return lambda distance: c_i(np.asarray(distance) / factor)
 
 
+def range_of(c_i: MemoryEffect) -> float:
+    """Distance in object pixels at which C_I is one half.
+
+    Raises
+    ------
+    RuleError
+        If it does not fall so far.
+    """
+    values = np.asarray(c_i(_REACH))
+    below = np.flatnonzero(values < 0.5)
+    if not len(below) or below[0] == 0:
+        reject("fit_range memory", "a memory effect that falls to one half", (float(values[0]), float(values[-1])))
+    near = slice(below[0] - 1, below[0] + 1)
+    return float(np.exp(np.interp(-0.5, -values[near], np.log(_REACH[near]))))
+
+
 def fit_range(
     solver: Solver, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect], *,
-    factors: Sequence[float] = FACTORS, seed: Seed = 0,
+    factors: Sequence[float] = FACTORS,
 ) -> RangeFit:  # fmt: skip
     """Fit one range to the images of B objects behind one slab.
 
     Parameters
     ----------
     solver
-        What reconstructs them.
-    seen, optics, memory, seed
+        Whose network reads ranges.
+    seen, optics, memory
         As in :meth:`Solver.solve`; the memory effect gives the shape of C_I.
     factors
-        Ranges to try first, over that of ``memory``.
+        Ranges to try, over that of ``memory``.
+
+    Raises
+    ------
+    RuleError
+        If there is not one memory effect for each object, or one does not fall to one half.
     """
-    solutions: dict[float, Solution] = {}
-    values: dict[float, float] = {}
-
-    def attempt(factor: float) -> None:
-        solutions[factor] = solver.solve(seen, optics, [scaled(c, factor) for c in memory], seed=seed)
-        values[factor] = float(solutions[factor].log_likelihood.double().sum())
-
-    for factor in factors:
-        attempt(factor)
-    ordered = sorted(values)
-    best = max(values, key=lambda f: values[f])
-    place = ordered.index(best)
-    ends = ordered[max(place - 1, 0)], ordered[min(place + 1, len(ordered) - 1)]
-    for factor in np.geomspace(*ends, FINER + 2)[1:-1]:
-        attempt(float(factor))
-    tried = np.array(sorted(values))
-    each = np.stack([solutions[f].log_likelihood.double().numpy() for f in tried])
-    chosen = np.random.default_rng(0).multinomial(each.shape[1], np.full(each.shape[1], 1 / each.shape[1]), RESAMPLES)
-    low, high = np.quantile([_peak(tried, each @ counts) for counts in chosen], [0.025, 0.975])
+    if len(memory) != len(seen.power):
+        reject("fit_range memory", f"one for each of {len(seen.power)} objects", len(memory))
+    n = solver.network.frame
+    seen = seen._replace(power=seen.power.float(), noise=seen.noise.float())
+    likelihood = SpeckleLikelihood(seen, (n, n), optics)
+    lags, variance, grain = lags_of(likelihood)
+    with torch.no_grad():
+        numbers = described(variance, grain, seen.looks)
+        told = solver.ranges(torch.fft.fftshift(lags, dim=(-2, -1)), numbers).double().numpy()
+    tried = np.sort(np.asarray(factors, np.float64))
+    at = [np.log(EXTENT / range_of(c)) - np.log(tried) for c in memory]
+    each = np.stack([np.interp(x, np.log(extents()), row) for x, row in zip(at, told, strict=True)], axis=1)
+    drawn = np.random.default_rng(0).multinomial(each.shape[1], np.full(each.shape[1], 1 / each.shape[1]), RESAMPLES)
+    low, high = np.quantile([_peak(tried, each @ counts) for counts in drawn], [0.025, 0.975])
     total = each.sum(1)
-    best = int(total.argmax())
-    return RangeFit(
-        _peak(tried, total), float(low), float(high),
-        dict(zip(tried.tolist(), (total - total[best]).tolist(), strict=True)), solutions[float(tried[best])],
-    )  # fmt: skip
+    likely = dict(zip(tried.tolist(), (total - total.max()).tolist(), strict=True))
+    return RangeFit(_peak(tried, total), float(low), float(high), likely)
 
 
 def _peak(factors: np.ndarray, values: np.ndarray) -> float:
-    """Where a parabola in the logarithm through the five values about the best has its peak."""
-    x, best = np.log(factors), int(values.argmax())
-    near = slice(max(best - 2, 0), best + 3)
-    bend, slope, _ = np.polyfit(x[near] - x[best], values[near] - values[best], 2)
-    shift = np.clip(-slope / (2 * bend), x[near][0] - x[best], x[near][-1] - x[best]) if bend < 0 else 0.0
-    return float(np.exp(x[best] + shift))
-
+    """Mean of the logarithm under the likelihood, as a factor: steadier than its highest point."""
+    weights = np.exp(values - values.max())
+    return float(np.exp((np.log(factors) * weights).sum() / weights.sum()))

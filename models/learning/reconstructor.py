@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from specklegen.core.arguments import whole_number
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
+from specklegen.core.showing import summary
 from specklegen.models.learning.inputs import FEATURES, INPUTS, network_input
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks import build
@@ -44,6 +45,10 @@ class Reconstructor:
         self.target = target
         self.network, self.device, self.trained_on = network, torch.device(device), dict(trained_on or {})
         self.name, self.input, self.width, self.side, self.shape = name, input, width, side, tuple(shape)
+
+    def __repr__(self) -> str:
+        stated = {name: getattr(self, name) for name in ("name", "input", "target", "side", "shape", "width")}
+        return summary(self, **stated, device=str(self.device))
 
     def __call__(self, inputs: Tensor) -> Tensor:
         """Answer to prepared inputs float32[B, ...]: brightness 0 to 1, float32[B, h, w], or a row float32[B, 1, K]."""

@@ -18,11 +18,13 @@ from torch import Tensor
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short, summary
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
-from specklegen.models.learning.networks.unrolled import Seen, Unrolled, ranked, settled
+from specklegen.models.learning.networks.range_net import RangeNet
+from specklegen.models.learning.networks.unrolled import BRIEFLY, Candidates, Seen, Unrolled, settled
 from specklegen.models.learning.reconstructor import centred
 from specklegen.models.likelihood.certificate import Certificate
-from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
+from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, expected_deviance
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.metrics import align, pearson
 from specklegen.models.retrieval import wiener
@@ -69,6 +71,8 @@ class Solution(NamedTuple):
     probability: Tensor
     evidence: Tensor
 
+    __repr__ = short
+
 
 class Solver:
     """An unrolled network with all that it needs.
@@ -78,10 +82,15 @@ class Solver:
     network : Unrolled
     certificate : Certificate
         Reads the probability of success from the evidence.
+    ranges : RangeNet
+        Reads the memory-effect range off images of a slab that nobody knows.
     """
 
-    def __init__(self, network: Unrolled, certificate: Certificate) -> None:
-        self.network, self.certificate = network, certificate
+    def __init__(self, network: Unrolled, certificate: Certificate, ranges: RangeNet) -> None:
+        self.network, self.certificate, self.ranges = network, certificate, ranges
+
+    def __repr__(self) -> str:
+        return summary(self, frame=self.network.frame, side=self.network.side, stages=self.network.count)
 
     def solve(self, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect], *, seed: Seed = 0) -> Solution:
         """Reconstruct objects from their periodograms.
@@ -116,9 +125,10 @@ class Solver:
         def deviance(objects: Tensor) -> Tensor:
             return likelihood(objects, between[:, None])
 
-        made = [image.detach() for image in self.network(shown, deviance)]
-        evidence = evidence_of(made, shown, deviance, seen.looks)
-        near, found = settled(made[-1], deviance)
+        begun = self.network.candidates(shown, deviance)
+        made = [image.detach() for image in self.network.refined(begun, deviance)]
+        evidence = evidence_of(self.network, made, begun, likelihood, between, at_lags)
+        (near,), (found,) = (x.unbind(1) for x in settled(made[-1][:, None], deviance))
         log = -seen.looks * likelihood.frequencies * found
         return Solution(centred(made[-1]), centred(near), found, log, self.certificate(evidence), evidence)
 
@@ -126,10 +136,12 @@ class Solver:
         """Write the solver, its weights rounded to eight bits."""
         stated = {
             "name": "unrolled", "frame": self.network.frame, "side": self.network.side, "width": self.network.width,
-            "stages": self.network.count, "answers": self.network.answers, "certificate": self.certificate._asdict(),
+            "stages": self.network.count, "answers": self.network.answers, "units": self.network.units,
+            "blocks": self.network.blocks, "certificate": self.certificate._asdict(),
+            "ranges": [self.ranges.side, self.ranges.units, self.ranges.count],
         }  # fmt: skip
         kept: dict[str, Tensor] = {}
-        for key, weight in self.network.state_dict().items():
+        for key, weight in _weights(self.network, self.ranges).items():
             kept |= rounded(key, weight)
         write_model(Path(path), stated, kept)
 
@@ -145,14 +157,16 @@ class Solver:
         stated, kept = read_model(Path(path))
         weights = restored(kept)
         numbers: list[int] = []
+        own: list[int] = []
         certificate = None
         try:
             numbers = [
                 whole_number(f"model {name}", stated[name], 1, 2**10)
-                for name in ("frame", "side", "width", "stages", "answers")
+                for name in ("frame", "side", "width", "stages", "answers", "units", "blocks")
             ]
+            own = [whole_number("model ranges", number, 1, 2**10) for number in stated["ranges"]]
             with torch.device("meta"):
-                promised = Unrolled(*numbers).state_dict()
+                promised = _weights(Unrolled(*numbers), RangeNet(*own))
             certificate = Certificate.of(stated["certificate"])
             fits = stated["name"] == "unrolled"
             fits &= {key: value.shape for key, value in promised.items()} == {k: w.shape for k, w in weights.items()}
@@ -160,9 +174,19 @@ class Solver:
             fits = False
         if not fits or certificate is None:
             reject("model", "a file that Solver.save wrote", str(path))
-        network = Unrolled(*numbers)
-        network.load_state_dict(weights)
-        return cls(network, certificate)
+        network, ranges = Unrolled(*numbers), RangeNet(*own)
+        for prefix, net in ((_NETWORK, network), (_RANGES, ranges)):
+            net.load_state_dict({key[len(prefix) :]: w for key, w in weights.items() if key.startswith(prefix)})
+        return cls(network, certificate, ranges)
+
+
+_NETWORK, _RANGES = "network.", "ranges."  # what the names of weights begin with
+
+
+def _weights(network: Unrolled, ranges: RangeNet) -> dict[str, Tensor]:
+    """Weights of both, by the names that they have in a file."""
+    named = network.state_dict(prefix=_NETWORK) | ranges.state_dict(prefix=_RANGES)
+    return dict(named)
 
 
 def _at(c_i: MemoryEffect, distance: np.ndarray) -> Tensor:
@@ -170,7 +194,10 @@ def _at(c_i: MemoryEffect, distance: np.ndarray) -> Tensor:
     return torch.from_numpy(np.asarray(c_i(unique), np.float32)[inverse].reshape(distance.shape))
 
 
-def first_look(likelihood: SpeckleLikelihood, memory_effect: Tensor, frame: int, seed: Seed = 0) -> Seen:
+def first_look(
+    likelihood: SpeckleLikelihood, memory_effect: Tensor, frame: int, seed: Seed = 0,
+    retrieval: Retrieval | None = RESTARTS,
+) -> Seen:  # fmt: skip
     """What the network sees of periodograms.
 
     Parameters
@@ -183,50 +210,89 @@ def first_look(likelihood: SpeckleLikelihood, memory_effect: Tensor, frame: int,
         n, of the answers.
     seed
         Of phase retrieval's starts.
+    retrieval
+        What it does from each guess; None for no answers, which is all that the dense net needs.
     """
-    lags = likelihood.lags(LAGS)
-    peak = lags[:, 0, 0].clamp_min(1e-9)
-    lags = lags / peak[:, None, None]
-    variance = likelihood.lag_variance() / peak.square()
-    grain = likelihood.grain / likelihood.step
+    lags, variance, grain = lags_of(likelihood)
     weighted = {
         guess: lags * wiener.weights(lags, memory_effect, variance, side=EXTENT, grain=grain, guess=guess)
         for guess in GUESSES
     }
-    found = torch.cat([retrieve(each.double(), RESTARTS, seed=seed).restarts for each in weighted.values()], dim=1)
-    margin = (LAGS - frame) // 2
-    answers = centred(found)[..., margin : margin + frame, margin : margin + frame].contiguous()
+    answers = torch.zeros(len(lags), 0, frame, frame)
+    if retrieval is not None:
+        found = torch.cat([retrieve(each.double(), retrieval, seed=seed).restarts for each in weighted.values()], dim=1)
+        margin = (LAGS - frame) // 2
+        answers = centred(found)[..., margin : margin + frame, margin : margin + frame].contiguous()
     pictures = torch.fft.fftshift(torch.stack([lags, weighted["dense"]], dim=1), dim=(-2, -1))
     scalars = [
-        grain.log(),
-        0.2 * variance.clamp_min(1e-12).log() + 1.5,
-        torch.full_like(variance, 0.5 * float(np.log(likelihood.looks))),
+        *described(variance, grain, likelihood.looks).unbind(1),
         memory_effect[:, 0, EXTENT // 2].to(variance),
         memory_effect[:, 0, EXTENT - 1].to(variance),
     ]
     return Seen(pictures.float(), answers, torch.stack(scalars, dim=1).float())
 
 
-def evidence_of(made: Sequence[Tensor], seen: Seen, deviance: Callable[[Tensor], Tensor], looks: float) -> Tensor:
+def lags_of(likelihood: SpeckleLikelihood) -> tuple[Tensor, Tensor, Tensor]:
+    """Lags float[B, LAGS, LAGS] over their zero lag, which is first; their variance, and the grain in object pixels."""
+    lags = likelihood.lags(LAGS)
+    peak = lags[:, 0, 0].clamp_min(1e-9)
+    return lags / peak[:, None, None], likelihood.lag_variance() / peak.square(), likelihood.grain / likelihood.step
+
+
+def described(variance: Tensor, grain: Tensor, looks: float) -> Tensor:
+    """What lags are like, in numbers of order one, float[B, 3]."""
+    count = torch.full_like(variance, 0.5 * float(np.log(looks)))
+    return torch.stack([grain.log(), 0.2 * variance.clamp_min(1e-12).log() + 1.5, count], dim=1)
+
+
+def evidence_of(
+    network: Unrolled, made: Sequence[Tensor], begun: Candidates, likelihood: SpeckleLikelihood, between: Tensor,
+    memory_effect: Tensor,
+) -> Tensor:  # fmt: skip
     """Numbers that tell a good image from a bad one without the object, float[B, e].
 
-    The deviance of the settled image, and how far it is from the image; how much the image's own and the best first
-    answer's exceed it; how far image, answers, dense net and the stage before agree; how bright and how sharp the image
-    is; and what the measurement was like.
+    Parameters
+    ----------
+    network
+        What made the images.
+    made, begun
+        Of it: images after each stage, and what they began with.
+    likelihood
+        Of the measurement.
+    between, memory_effect
+        C_I between the pixels of the frame, and at every lag.
     """
     last = made[-1]
-    near, own = settled(last, deviance)
+
+    def deviance(objects: Tensor, of: SpeckleLikelihood = likelihood) -> Tensor:
+        return of(objects, between[:, None])
+
+    def agreed(images: Tensor) -> Tensor:
+        return pearson(align(images, last), last)
+
+    (near,), (own,) = (x.unbind(1) for x in settled(last[:, None], deviance))
+    halves = likelihood.thinned()
+    told, starts = [], []
+    for one, other in (halves, halves[::-1]):
+        image, _ = settled(last[:, None], lambda x, one=one: deviance(x, one), *BRIEFLY)
+        told.append(deviance(image, other)[:, 0].detach() - expected_deviance(other.looks))
+        with torch.no_grad():
+            starts.append(network.started(first_look(one, memory_effect, network.frame, retrieval=None)))
     with torch.no_grad():
-        answers, deviances = ranked(seen.answers, deviance)
-        before = deviance(last[:, None])[:, 0] - own
-        agreed = pearson(align(answers, last[:, None].expand_as(answers)), last[:, None].expand_as(answers))
-        others = [pearson(align(each, last), last) for each in (made[0], made[-2])]
+        count = network.answers
+        led, alone = begun.pictures[:, 2 : 2 + count], begun.pictures[:, 2 + count :]
+        answers = torch.stack([agreed(each) for each in (*led.unbind(1), *alone.unbind(1))], dim=1)
         filled = last.mean((-2, -1)) / last.amax((-2, -1)).clamp_min(1e-6)
         sharpness = (last * (1 - last)).sum((-2, -1)) / last.sum((-2, -1)).clamp_min(1e-6)
-        log_looks = torch.full_like(own, float(np.log(looks)))
+        least = begun.deviances.amin(1)
         return torch.stack(
-            [own, pearson(near, last), before, deviances[:, 0] - own, agreed.amax(1), agreed.mean(1), *others, filled,
-             sharpness, log_looks, *seen.scalars.unbind(1)], dim=1,
+            [
+                own - expected_deviance(likelihood.looks), deviance(last[:, None])[:, 0] - own, least - own,
+                begun.deviances[:, 0] - least, (told[0] + told[1]) / 2, pearson(near, last),
+                agreed(made[0]), agreed(made[-2]), agreed(starts[0]), agreed(starts[1]),
+                pearson(align(starts[0], starts[1]), starts[1]), answers[:, 0], answers.amax(1), answers.mean(1),
+                filled, sharpness, torch.full_like(own, float(np.log(likelihood.looks))), *begun.scalars.unbind(1),
+            ], dim=1,
         )  # fmt: skip
 
 

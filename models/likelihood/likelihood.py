@@ -13,14 +13,17 @@ nothing fitted, and that is how the whole chain is tested.
 C(d) multiplies and never divides: noise is not amplified, however far beyond the memory-effect range the object is.
 """
 
+import copy
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from specklegen.core.errors import reject
+from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.likelihood.spectrum import Transforms, autocorrelation_of, transforms, waves
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
@@ -53,6 +56,8 @@ class Optics(NamedTuple):
     grain: float | Tensor
     profile: Profile = "square"
     pixel_integration: bool = False
+
+    __repr__ = short
 
 
 def memory_effect_between(
@@ -185,6 +190,27 @@ class SpeckleLikelihood(nn.Module):
         power, used = (x.reshape(len(x), *extra, *x.shape[1:]) for x in (self.power, self.used))
         ratio = torch.where(used, power / expected, 1.0).clamp_min(torch.finfo(expected.dtype).tiny)
         return (ratio - 1 - ratio.log()).sum((-2, -1)) / used.sum((-2, -1))
+
+    def seeing(self, power: Tensor, noise: Tensor, looks: float) -> Self:
+        """Return the same layout with another measurement: power float[B, F, G] at its frequencies, noise float[B]."""
+        other = copy.copy(self)
+        other._buffers = self._buffers | {"power": power, "noise": noise}
+        other.looks = looks
+        return other
+
+    def thinned(self, seed: Seed = 0) -> tuple[Self, Self]:
+        """Two independent measurements of half as many looks each, whose mean is this one; a function of the seed.
+
+        A gamma variable of n looks, shared out by a beta variable of (n / 2, n / 2), makes two independent ones of
+        n / 2 looks (data thinning: Neufeld, Dharamshi, Gao and Witten, JMLR 25, 57 (2024)). So an object that was made
+        from the one may be tested on the other.
+        """
+        words = [seed] if isinstance(seed, int) else list(seed)
+        shape = (self.tile[0], self.tile[1] // 2 + 1)
+        drawn = np.random.default_rng([len(words), *words]).beta(self.looks / 2, self.looks / 2, shape)
+        rows = np.arange(-(len(self.down) // 2), len(self.down) // 2 + 1)
+        share = torch.from_numpy(drawn[rows[:, None], np.arange(len(self.across))]).to(self.power)
+        return tuple(self.seeing(2 * each * self.power, self.noise, self.looks / 2) for each in (share, 1 - share))
 
     def lags(self, size: int) -> Tensor:
         """What was measured as an autocorrelation, float[B, n, n], between pixels of the object, the zero lag first.

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from specklegen.core.errors import reject
+from specklegen.core.showing import short
 from specklegen.models.retrieval.autocorrelation import envelope
 
 _LEFT = 0.05
@@ -43,6 +44,8 @@ class Periodogram(NamedTuple):
     looks: float
     shape: tuple[int, int]
     lowest: float = 0.0
+
+    __repr__ = short
 
     def select(self, which: Tensor | slice) -> Self:
         """Some of the objects."""

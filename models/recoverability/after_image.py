@@ -12,6 +12,7 @@ from torch import Tensor
 
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.parts.distributions import ends
 from specklegen.datasets.recipes.parts.material import KnownMaterial
@@ -106,6 +107,8 @@ class Finding(NamedTuple):
     probability: float
     reasons: tuple[Reason, ...]
 
+    __repr__ = short
+
 
 class Findings(NamedTuple):
     """What the images tell together.
@@ -122,6 +125,8 @@ class Findings(NamedTuple):
     each: tuple[Finding, ...]
     range_sine: float
     fit: RangeFit | None
+
+    __repr__ = short
 
 
 def see_through(
@@ -157,7 +162,7 @@ def see_through(
     memory = [own.memory_effect] * len(images)
     found = None
     if fit if fit is not None else not own.known and len(images) >= _FEWEST:
-        found = fit_range(solver, seen, own.optics, memory, seed=seed)
+        found = fit_range(solver, seen, own.optics, memory)
     factor = found.factor if found is not None else 1.0
     memory = [scaled(own.memory_effect, factor)] * len(images)
     solution = solver.solve(seen, own.optics, memory, seed=seed)

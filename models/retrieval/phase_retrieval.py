@@ -20,6 +20,7 @@ from torch import Tensor
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, one_torch_thread
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short
 from specklegen.core.values import Positive, PositiveInt, UnitInterval, Value
 from specklegen.models.retrieval.autocorrelation import FLOOR, taper
 from specklegen.models.retrieval.projections import (
@@ -82,6 +83,8 @@ class Retrieved(NamedTuple):
     image: Tensor
     restarts: Tensor
     error: Tensor
+
+    __repr__ = short
 
 
 def fourier_modulus(autocorrelation: Tensor, transfer: Tensor | None = None) -> Tensor:

@@ -5,17 +5,30 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.wavetracing import Building, Geometry, Mesh, Plane, Transmitter
+from specklegen.wavetracing.tracing import Diffraction
 
 CONCRETE = Building(name="concrete")
 
 
 class Place(NamedTuple):
-    """A scene, its antenna, its map, and the outlines that are drawn over it."""
+    """A scene, its antenna, its map, the outlines drawn over it, boxes that are solid, and the theory of its edges.
+
+    UTD where edges are longer than their Fresnel zones; patterns where they are short, as those of stairs.
+    """
 
     scene: Geometry
     antenna: Transmitter
     plane: Plane
     outlines: list[np.ndarray]
+    solids: list
+    diffraction: Diffraction
+
+    @property
+    def air(self) -> np.ndarray:
+        """bool[h, w], whether the middle of a cell lies in no solid."""
+        points = self.plane.points
+        inside = [((points > np.array(a)) & (points < np.array(b))).all(axis=-1) for a, b in self.solids]
+        return ~np.any(inside, axis=0) if inside else np.ones(self.plane.shape, bool)
 
 
 def box(lower, upper, material=CONCRETE) -> Mesh:
@@ -47,7 +60,8 @@ def street_canyon() -> Place:
                   Building(name="concrete"))  # fmt: skip
     scene = Geometry([ground, *(box(a, b) for a, b in blocks)])
     plane = Plane(center=[0, 0, 1.5], shape=(25, 30), pitch=3.3)
-    return Place(scene, Transmitter([-38, 0, 4.0], beam_angle=0.05), plane, [outline(a, b) for a, b in blocks])
+    return Place(scene, Transmitter([-38, 0, 4.0], beam_angle=0.05), plane, [outline(a, b) for a, b in blocks], blocks,
+                 "utd")  # fmt: skip
 
 
 def stairwell() -> Place:
@@ -62,10 +76,11 @@ def stairwell() -> Place:
             low, high = (0.0, 1.4) if flight == 0 else (1.6, 3.0)
             steps.append(((x, low, z + 0.15), (x + 0.5, high, z + 0.3)))
     landings = [((6.5, 0, 2.85), (8, 3, 3.0)), ((0, 0, 5.85), (1.5, 3, 6.0))]
-    scene = Geometry([box(a, b) for a, b in (*parts, *steps, *landings)])
+    solids = [*parts, *steps, *landings]
+    scene = Geometry([box(a, b) for a, b in solids])
     plane = Plane(center=[4, 0.7, 4.5], normal=[0, 1.0, 0], up=[0, 0, 1.0], shape=(22, 20), pitch=0.4)
     drawn = [outline(a, b, (0, 2)) for a, b in (*parts[:4], *landings, *steps[:10])]
-    return Place(scene, Transmitter([7.2, 1.5, 1.5], beam_angle=0.12), plane, drawn)
+    return Place(scene, Transmitter([7.2, 1.5, 1.5], beam_angle=0.12), plane, drawn, solids, "fraunhofer")
 
 
 def two_rooms() -> Place:
@@ -78,7 +93,8 @@ def two_rooms() -> Place:
               for z in (0.0, 2.7)]  # fmt: skip
     plane = Plane(center=[0, 0, 1.2], shape=(24, 40), pitch=0.25)
     drawn = [np.array(part, float) for part in (*outer, *inner)]
-    return Place(Geometry([*walls, *floors]), Transmitter([-3.5, -2, 1.8], beam_angle=0.12), plane, drawn)
+    antenna = Transmitter([-3.5, -2, 1.8], beam_angle=0.12)
+    return Place(Geometry([*walls, *floors]), antenna, plane, drawn, [], "fraunhofer")
 
 
 PLACES = {"street canyon": street_canyon, "stairwell": stairwell, "two rooms": two_rooms}

@@ -32,7 +32,6 @@ from specklegen.wavetracing import (
     PlaneWave,
     PointEmitter,
     bilinear_intensity,
-    coverage,
     expected_trials,
     field_on_plane,
     perforated_screen,
@@ -42,6 +41,7 @@ from specklegen.wavetracing import (
     trace,
     wedge_coefficients,
 )
+from specklegen.wavetracing.materials import LIGHT_SPEED
 
 OUT = Path("docs/wavetracing")
 K = 2 * np.pi
@@ -295,9 +295,26 @@ def trials(out, quick):  # noqa: ARG001
 FREQUENCIES = {"street canyon": (0.9e9, 5e9), "stairwell": (5e9, 28e9), "two rooms": (2.4e9, 28e9)}
 
 
+def flux(place, scene, frequency, mode, diffraction, beams):
+    """Power flux over a place's map and its error, over that of free space at 1 m, and statistics."""
+    source = PointEmitter(place.antenna.position, LIGHT_SPEED / frequency, 4 * np.pi, place.antenna.beam_angle)
+    found = trace(scene, source, place.plane, beams, 1, mode, diffraction, max_events=16, threads=1)
+    return found.fluence[0], found.fluence_error[0], found.statistics
+
+
+def decibel(values, error):
+    """Mean of some cells in dB, its error in brackets; "none" where it is below twice that."""
+    if not values.size:
+        return "-"
+    mean, deviation = values.mean(), np.sqrt((error**2).sum()) / values.size
+    if mean <= 2 * deviation:
+        return "none"
+    return f"{10 * np.log10(mean):.1f} ({10 / np.log(10) * deviation / mean:.1f})"
+
+
 def maps(out, quick):
     """Coverage of three places by waves and by rays, and where they differ."""
-    rows, beams = [], 20_000 if quick else 200_000
+    rows, beams = [], 20_000 if quick else 100_000
     figure, panels = plt.subplots(3, 3, figsize=(11, 9))
     for line, (name, make) in zip(panels, PLACES.items(), strict=True):
         place = make()
@@ -307,30 +324,30 @@ def maps(out, quick):
         middle = place.plane.center[list(axes)]
         extent[:2] += middle[0]
         extent[2:] += middle[1]
+        black = Geometry([Mesh(mesh.vertices, mesh.faces) for mesh in place.scene.meshes])
         for frequency in FREQUENCIES[name]:
-            where = place.antenna, place.plane, frequency
             start = time.process_time()
-            found = {"wave": coverage(place.scene, *where, "wave", beams=beams, seed=1, threads=1)}
+            wave, wave_error, statistics = flux(place, place.scene, frequency, "wave", place.diffraction, beams)
             speed = beams / (time.process_time() - start) / 1e3
-            found["ray"] = coverage(place.scene, *where, "ray", beams=20 * beams, seed=1, threads=1)
-            wave, ray = (found[m].rss_dBm for m in ("wave", "ray"))
-            black = Geometry([Mesh(mesh.vertices, mesh.faces) for mesh in place.scene.meshes])
-            once = coverage(black, *where, "wave", beams=beams, seed=1, threads=1).rss_dBm
-            dark, both = ray.mask, ~ray.mask & ~wave.mask
-            error = np.hypot(found["wave"].error.filled(9), found["ray"].error.filled(9))
-            free = 20 * np.log10(frequency / 1e9)  # what an antenna of one size in wavelengths loses
-            statistics = found["wave"].statistics
-            powers = [float((10 ** (image / 10)).filled(0)[dark].mean()) for image in (wave, once)]
+            ray, ray_error, _ = flux(place, place.scene, frequency, "ray", "fraunhofer", 20 * beams)
+            once, once_error, _ = flux(place, black, frequency, "wave", place.diffraction, beams)
+            dark, error = place.air & (ray == 0), np.hypot(wave_error, ray_error)
+            both = place.air & (ray > 0)
             rows.append([
-                f"{name}, {frequency / 1e9:g} GHz", f"{dark.mean():.0%}", f"{wave.mask.mean():.0%}",
-                *(f"{10 * np.log10(power) + free:.1f}" if power > 0 else "none" for power in powers),
-                *(f"{np.mean(sign * (wave - ray)[both] > 4 * error[both]):.1%}" for sign in (-1, 1)),
+                f"{name}, {frequency / 1e9:g} GHz", place.diffraction, f"{dark.sum() / place.air.sum():.0%}",
+                decibel(wave[dark], wave_error[dark]), decibel(once[dark], once_error[dark]),
+                *(f"{np.mean((sign * (wave - ray) > 4 * error)[both]):.1%}" for sign in (-1, 1)),
                 f"{statistics.ballistic_share:.0%}", statistics.region_area,
                 statistics.region_triangles / max(1, statistics.regions), speed,
             ])  # fmt: skip
             if frequency == FREQUENCIES[name][0]:
-                low, high = np.ma.median(ray) - 25, np.ma.median(ray) + 15
-                shown = [(wave, low, high, "viridis"), (ray, low, high, "viridis"), (wave - ray, -6, 6, "RdBu_r")]
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    shown_wave, shown_ray = (
+                        np.ma.masked_invalid(10 * np.log10(np.where(place.air, image, 0))) for image in (wave, ray)
+                    )
+                low, high = np.ma.median(shown_ray) - 35, np.ma.median(shown_ray) + 15
+                shown = [(shown_wave, low, high, "viridis"), (shown_ray, low, high, "viridis"),
+                         (shown_wave - shown_ray, -6, 6, "RdBu_r")]  # fmt: skip
                 for panel, (image, least, most, colours), what in zip(
                     line, shown, ("wave", "ray", "wave - ray, dB"), strict=True
                 ):
@@ -343,9 +360,9 @@ def maps(out, quick):
                     figure.colorbar(drawn, ax=panel, shrink=0.7)
     save(figure, out, "coverage")
     table(
-        f"Coverage, {beams} beams; means over cells that no ray reaches, in dBm at 1 GHz for the same power flux; "
-        "shares of cells in which one is above the other by 4 standard errors",
-        ["place", "dark to rays", "dark to waves", "wave there", "walls black", "ray above", "wave above", "ballistic",
+        f"Coverage, {beams} beams and {20 * beams} rays; means over cells in the air that no ray reaches, in dB over "
+        "free space at 1 m (error); shares of lit cells in which one is above the other by 4 standard errors",
+        ["place", "edges", "dark to rays", "wave there", "walls black", "ray above", "wave above", "ballistic",
          "region, m²", "triangles a region", "beams a ms"], rows,
     )  # fmt: skip
 

@@ -21,7 +21,9 @@ INTERRUPTED = 130
 
 _EXTRAS = {
     "sklearn": "digits", "miepython": "mie", "distributed": "dask", "dask": "dask", "dask_jobqueue": "dask",
-    "treams": "validate", "marimo": "explore",
+    "cloudpickle": "dask", "trimesh": "mesh", "mapbox_earcut": "mesh", "shapely": "mesh", "pyarrow": "parquet",
+    "upath": "remote", "lightning": "lightning", "deepinv": "deepinv", "embreex": "validate", "treams": "validate",
+    "marimo": "explore",
 }  # fmt: skip
 """Packages that come with an extra of this one."""
 

@@ -176,6 +176,7 @@ def evaluate(
     from specklegen.models.judging.unseen import seen_by, unseen
     from specklegen.models.learning.examples import batches_of
     from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
+    from specklegen.models.learning.solver import ANY_OBJECT, EXTENT, load_solver
     from specklegen.models.retrieval.phase_retrieval import Retrieval
 
     named = {_name(path, models): Reconstructor.load(path) for path in models or []}
@@ -195,7 +196,9 @@ def evaluate(
     if "image" not in loaded.images_layout():
         reject("evaluate --recipe", "one with one image of each object", recipe)
     writable(out)
-    seen = seen_by(model.trained_on for model in named.values()) if split != "train" else set()
+    tables = [model.trained_on for model in named.values()]
+    tables.append(load_hidden(ANY_OBJECT, None).objects.model_dump(mode="json"))
+    seen = seen_by(tables) if split != "train" else set()
     chosen = unseen(loaded.objects, seed, split, samples, seen)
     known = torch.stack([torch.from_numpy(loaded.objects.image(seed, "train", n)) for n in range(256)])
     methods: dict[str, baselines.Method] = {
@@ -205,6 +208,8 @@ def evaluate(
         settings = Retrieval(restarts=restarts)
         methods |= {"Katz": baselines.katz(settings, seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
+    if max(loaded.objects.shape) <= EXTENT:
+        methods |= {"solver for any object": baselines.any_object(load_solver(), loaded, seed)}
     methods |= {name: model.reconstruct for name, model in named.items()}
     found, cases = evaluation.evaluate(methods, batches_of(loaded, chosen, seed, split), loaded.profile)
     found.write(out)

@@ -60,8 +60,12 @@ def generate(
     rendered = said["rendered"]
     typer.echo(
         f"{said['done']} of {counted(said['total'], 'sample')} in {out} ({said['bytes'] / 2**20:.1f} MiB); "
-        f"rendered {rendered} in {took:.1f} s" + (f", {rendered / took:.0f} a second" if rendered else "")
+        f"rendered {rendered} in {took:.1f} s" + (f", {_rate(rendered / took)} a second" if rendered else "")
     )
+
+
+def _rate(rate: float) -> str:
+    return f"{rate:.0f}" if rate >= 10 else f"{rate:.2g}"
 
 
 def _part(shard_range: str) -> tuple[int, int]:
@@ -162,7 +166,10 @@ def export(
     samples: Annotated[int | None, typer.Option(min=1, help="The first so many (default: all).")] = None,
 ) -> None:
     """Write samples of a store as files that every program reads."""
+    from specklegen.datasets import SpeckleCache
     from specklegen.datasets.loading.export import export as write
 
+    if samples is not None and samples > (there := len(SpeckleCache(folder))):
+        reject("--samples", f"at most {there}, which the store has", samples)
     written = write(folder, out, format, None if samples is None else range(samples))
     typer.echo(f"{counted(len(written), 'file')} in {out}")

@@ -30,6 +30,7 @@ from scipy.special import hankel1e
 
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks
+from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, PositiveInt, Value
 from specklegen.kernels import rays
 
@@ -93,6 +94,8 @@ class GreensMatrix:
 
     value: np.ndarray
     standard_error: np.ndarray
+
+    __repr__ = short
 
 
 class CylindricalFocus(Value):

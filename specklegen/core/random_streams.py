@@ -28,6 +28,7 @@ class Stream(IntEnum):
     TYPES = 7
     DIFFRACTION = 21
     BEAMS = 22
+    MATERIALS = 31
 
 
 def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:

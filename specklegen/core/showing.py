@@ -1,8 +1,7 @@
 """Short texts of results: what they hold and how large it is, not the numbers themselves."""
 
+from dataclasses import fields
 from typing import Any
-
-import numpy as np
 
 
 def summary(owner: object, **fields: Any) -> str:
@@ -10,7 +9,13 @@ def summary(owner: object, **fields: Any) -> str:
     return f"{type(owner).__name__}({', '.join(f'{name}={_short(value)}' for name, value in fields.items())})"
 
 
+def short(owner: Any) -> str:
+    """``__repr__`` of a dataclass or a named tuple that holds arrays or tensors: its :func:`summary`."""
+    names = owner._fields if isinstance(owner, tuple) else [field.name for field in fields(owner) if field.repr]
+    return summary(owner, **{name: getattr(owner, name) for name in names})
+
+
 def _short(value: Any) -> str:
-    if isinstance(value, np.ndarray):
-        return f"{value.dtype}[{', '.join(map(str, value.shape))}]"
+    if hasattr(value, "dtype") and getattr(value, "shape", ()):  # of NumPy or torch
+        return f"{str(value.dtype).removeprefix('torch.')}[{', '.join(map(str, value.shape))}]"
     return f"{value:.4g}" if isinstance(value, float) else repr(value)

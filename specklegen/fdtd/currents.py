@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.showing import short
 from specklegen.fdtd.layers import Moments
 
 _HALVINGS = 11  # a 32nd of a period to 1e-4 rad, where the fit is flat to 1e-8
@@ -56,6 +57,8 @@ class SingleDelay:
     amplitude: np.ndarray
     delay: np.ndarray
     error: np.ndarray
+
+    __repr__ = short
 
     def out_of_phase(self, omega: np.ndarray) -> np.ndarray:
         """Return the replaced P complex128[F, N]; ``omega`` float64[F] in radians a step."""

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.showing import short
 from specklegen.core.values import Positive, Value
 from specklegen.fdtd.layers import RandomLayer
 
@@ -72,6 +73,8 @@ class Incidence:
     omega: np.ndarray
     theta: np.ndarray
     spectrum: np.ndarray
+
+    __repr__ = short
 
     @property
     def steps(self) -> int:

@@ -20,6 +20,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.showing import short
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.kernels.fdtd import correlated_normals
 
@@ -38,6 +39,8 @@ class Moments:
 
     mean: np.ndarray
     second: np.ndarray
+
+    __repr__ = short
 
 
 class RandomLayer(Value):

@@ -5,6 +5,8 @@ from typing import TypedDict
 
 import numpy as np
 
+from specklegen.core.showing import short
+
 
 class Validity(TypedDict):
     """Whether a mean field of first or second order may be believed; see `specklegen.fdtd.validity`."""
@@ -32,6 +34,8 @@ class ScatteredField:
     forward: np.ndarray
     validity: Validity | None = None
 
+    __repr__ = short
+
 
 @dataclass(frozen=True, kw_only=True)
 class MeanField(ScatteredField):
@@ -43,3 +47,5 @@ class MeanField(ScatteredField):
     back_error: np.ndarray
     forward_error: np.ndarray
     realizations: int
+
+    __repr__ = short

@@ -4,35 +4,9 @@ import math
 
 import numpy as np
 
+from specklegen.kernels import beam_state as beam
 from specklegen.kernels import kernel
-from specklegen.kernels.beam_state import (
-    CONE_AT,
-    CX,
-    CY,
-    CZ,
-    DX,
-    DY,
-    DZ,
-    MX,
-    MY,
-    MZ,
-    PX,
-    PY,
-    PZ,
-    SPREAD,
-    STRETCH,
-    WIDTH,
-    XX,
-    XY,
-    XZ,
-    YX,
-    YY,
-    YZ,
-    axes_about,
-    kicked,
-    leave_region,
-    mean_kicked,
-)
+from specklegen.kernels.beam_state import axes_about, kicked, leave_region, mean_kicked
 from specklegen.kernels.cone_bvh import collect
 from specklegen.kernels.cones import CONE
 from specklegen.kernels.region_patterns import cover, draw_polygon, draw_raster, shares
@@ -50,7 +24,7 @@ _NULL, _UNIFORM, _GAUSSIAN, _TRIES, _EVANESCENT, _LOCAL = 3, 6, 7, 8, 9, 13  # r
 def scatter_diffusely(key0, key1, path, counter, state, z, least, nx, ny, nz):
     """Send the beam off over the hemisphere of the lit side, density cos(theta) / pi; return the counter."""
     u, v, _, _ = uniforms(key0, key1, np.uint64(0), path, counter)
-    if state[DX] * nx + state[DY] * ny + state[DZ] * nz > 0.0:
+    if state[beam.DX] * nx + state[beam.DY] * ny + state[beam.DZ] * nz > 0.0:
         nx, ny, nz = -nx, -ny, -nz
     x, y, w, a, b, c = axes_about(nx, ny, nz)
     r, h = math.sqrt(u), math.sqrt(1.0 - u)
@@ -59,8 +33,8 @@ def scatter_diffusely(key0, key1, path, counter, state, z, least, nx, ny, nz):
     dy = r * (cosine * y + sine * b) + h * ny
     dz = r * (cosine * w + sine * c) + h * nz
     leave_region(state, z, least, dx, dy, dz)
-    state[CX], state[CY], state[CZ] = state[PX], state[PY], state[PZ]
-    state[DX], state[DY], state[DZ] = dx, dy, dz
+    state[beam.CX], state[beam.CY], state[beam.CZ] = state[beam.PX], state[beam.PY], state[beam.PZ]
+    state[beam.DX], state[beam.DY], state[beam.DZ] = dx, dy, dz
     return counter + _ONE
 
 
@@ -68,7 +42,7 @@ def scatter_diffusely(key0, key1, path, counter, state, z, least, nx, ny, nz):
 def paint(state, wide, depth, far, open_event, which, half_x, half_y, boxes, link, corners, facet, fine, mask):
     """Fill ``mask`` with what is open about the beam's axis, or with the facet ``which``, seen along the mean."""
     for c in range(CONE):
-        wide[c] = state[CONE_AT + c]
+        wide[c] = state[beam.CONE_AT + c]
     # Twice the envelope: the field at its rim is a tenth of that on the axis, at twice the rim a ten-thousandth.
     wide[12] *= 2.0
     wide[13] *= 2.0
@@ -79,17 +53,17 @@ def paint(state, wide, depth, far, open_event, which, half_x, half_y, boxes, lin
         count, _ = collect(wide, depth, far, boxes, link, corners, places)
     fine[:, :] = 1 if open_event else 0
     flat = np.empty(6)
-    e = state[STRETCH]
+    e = state[beam.STRETCH]
     for n in range(count):
         place = places[n]
         if not open_event and facet[place] != which:
             continue
         for v in range(3):
-            x = corners[place, 3 * v] - state[CX]
-            y = corners[place, 3 * v + 1] - state[CY]
-            w = corners[place, 3 * v + 2] - state[CZ]
-            flat[2 * v] = state[XX] * x + state[XY] * y + state[XZ] * w
-            flat[2 * v + 1] = (state[YX] * x + state[YY] * y + state[YZ] * w) / e
+            x = corners[place, 3 * v] - state[beam.CX]
+            y = corners[place, 3 * v + 1] - state[beam.CY]
+            w = corners[place, 3 * v + 2] - state[beam.CZ]
+            flat[2 * v] = state[beam.XX] * x + state[beam.XY] * y + state[beam.XZ] * w
+            flat[2 * v + 1] = (state[beam.YX] * x + state[beam.YY] * y + state[beam.YZ] * w) / e
         cover(fine, 0 if open_event else 1, half_x, half_y, flat[0], flat[1], flat[2], flat[3], flat[4], flat[5])
     shares(fine, mask)
 
@@ -106,11 +80,11 @@ def diffract(
     beam's own field, and is added to the mean; where the field's phase is too curved for the grid (LOCAL_CHIRP), the
     pattern is that of |u|, and is added to the mean's local direction at the ray.
     """
-    e = state[STRETCH]
+    e = state[beam.STRETCH]
     edges, area = 0, 0.0
     half_x = half_y = chirp = local_x = local_y = 0.0
     if uniform:
-        cone = state[CONE_AT : CONE_AT + CONE]
+        cone = state[beam.CONE_AT : beam.CONE_AT + CONE]
         if not open_event:
             edges, area = project(rim_ends, rims[which], rims[which + 1], 0, cone, e, flat)
         elif forced:
@@ -128,30 +102,30 @@ def diffract(
         statistics[_UNIFORM] += 1
     else:
         statistics[_GAUSSIAN] += 1
-        grown = z * state[SPREAD]
-        half_x = 2.0 * math.sqrt(state[WIDTH] ** 2 + grown * grown)
+        grown = z * state[beam.SPREAD]
+        half_x = 2.0 * math.sqrt(state[beam.WIDTH] ** 2 + grown * grown)
         half_y = half_x / e
-        sigma = 2.0 * (state[WIDTH] / 3.0) ** 2
-        steep = grown / state[WIDTH]  # rho / Sigma = z / (k Sigma), with tan = 9 / (2 k a) at the diffraction limit
+        sigma = 2.0 * (state[beam.WIDTH] / 3.0) ** 2
+        steep = grown / state[beam.WIDTH]  # rho / Sigma = z / (k Sigma), tan = 9 / (2 k a) at the diffraction limit
         chirp = steep / (sigma * (1.0 + steep * steep))
         if steep > _STEEP:
             statistics[_LOCAL] += 1
-            x = state[PX] - state[CX]
-            y = state[PY] - state[CY]
-            w = state[PZ] - state[CZ]
-            local_x = chirp * (state[XX] * x + state[XY] * y + state[XZ] * w)
-            local_y = chirp * (state[YX] * x + state[YY] * y + state[YZ] * w) / e
+            x = state[beam.PX] - state[beam.CX]
+            y = state[beam.PY] - state[beam.CY]
+            w = state[beam.PZ] - state[beam.CZ]
+            local_x = chirp * (state[beam.XX] * x + state[beam.XY] * y + state[beam.XZ] * w)
+            local_y = chirp * (state[beam.YX] * x + state[beam.YY] * y + state[beam.YZ] * w) / e
             chirp = 0.0
         paint(state, wide, depth, far, open_event, which, half_x, half_y, boxes, link, corners, facet, fine, mask)
         if mask.sum() == 0.0:
             # Seen along the mean nothing is open, though the ray, a little aslant, did pass: it goes on unbent.
             statistics[_NULL] += 1
-            leave_region(state, z, least, state[MX], state[MY], state[MZ])
+            leave_region(state, z, least, state[beam.MX], state[beam.MY], state[beam.MZ])
             return counter, True
     nx = ny = nz = 0.0
     if uniform or not open_event:
         nx, ny, nz = normals[which, 0], normals[which, 1], normals[which, 2]
-    side = state[DX] * nx + state[DY] * ny + state[DZ] * nz
+    side = state[beam.DX] * nx + state[beam.DY] * ny + state[beam.DZ] * nz
     for _ in range(_AGAIN):
         if uniform:
             x, y, counter, tries, good = draw_polygon(key0, key1, path, counter, flat[:edges], area)
@@ -172,7 +146,7 @@ def diffract(
         # A direction that would leave on the other side of the screen than it should is no light either.
         if there and (side == 0.0 or (dx * nx + dy * ny + dz * nz) * side > 0.0):
             leave_region(state, z, least, mx, my, mz)
-            state[DX], state[DY], state[DZ] = dx, dy, dz
+            state[beam.DX], state[beam.DY], state[beam.DZ] = dx, dy, dz
             return counter, True
         statistics[_EVANESCENT] += 1
     return counter, False

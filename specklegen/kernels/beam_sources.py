@@ -10,34 +10,9 @@ import math
 
 import numpy as np
 
+from specklegen.kernels import beam_state as beam
 from specklegen.kernels import kernel
-from specklegen.kernels.beam_state import (
-    CX,
-    CY,
-    CZ,
-    DX,
-    DY,
-    DZ,
-    MX,
-    MY,
-    MZ,
-    PRODUCT,
-    PX,
-    PY,
-    PZ,
-    SLOPE,
-    SPREAD,
-    STRETCH,
-    WIDTH,
-    XX,
-    XY,
-    XZ,
-    YX,
-    YY,
-    YZ,
-    axes_about,
-    kicked,
-)
+from specklegen.kernels.beam_state import axes_about, kicked
 from specklegen.kernels.rng import normal_pair, uniforms
 from specklegen.kernels.trigonometry import sincos_turns
 
@@ -62,12 +37,12 @@ def emit(key0, key1, path, source, mode, k, state):
         r = math.sqrt(max(0.0, 1.0 - mz * mz))
         mx, my = r * cosine, r * sine
     x, y, z, a, b, c = axes_about(mx, my, mz)
-    state[XX], state[XY], state[XZ], state[YX], state[YY], state[YZ] = x, y, z, a, b, c
-    state[MX], state[MY], state[MZ] = mx, my, mz
-    state[DX], state[DY], state[DZ] = mx, my, mz
-    state[WIDTH], state[STRETCH] = source[RADIUS], 1.0
-    state[SLOPE] = state[SPREAD] = source[TANGENT]
-    state[PRODUCT] = source[TANGENT] * source[TANGENT]
+    state[beam.XX], state[beam.XY], state[beam.XZ], state[beam.YX], state[beam.YY], state[beam.YZ] = x, y, z, a, b, c
+    state[beam.MX], state[beam.MY], state[beam.MZ] = mx, my, mz
+    state[beam.DX], state[beam.DY], state[beam.DZ] = mx, my, mz
+    state[beam.WIDTH], state[beam.STRETCH] = source[RADIUS], 1.0
+    state[beam.SLOPE] = state[beam.SPREAD] = source[TANGENT]
+    state[beam.PRODUCT] = source[TANGENT] * source[TANGENT]
     # A rectangle is flat along one axis, whose number is in w's place of no use: each corner differs in two.
     if int(source[KIND]) == POINT:
         px, py, pz = source[LOWER], source[LOWER + 1], source[LOWER + 2]
@@ -75,8 +50,8 @@ def emit(key0, key1, path, source, mode, k, state):
         px = source[LOWER] + u * (source[UPPER] - source[LOWER])
         py = source[LOWER + 1] + v * (source[UPPER + 1] - source[LOWER + 1])
         pz = source[LOWER + 2] + w * (source[UPPER + 2] - source[LOWER + 2])
-    state[PX], state[PY], state[PZ] = px, py, pz
-    state[CX], state[CY], state[CZ] = px, py, pz
+    state[beam.PX], state[beam.PY], state[beam.PZ] = px, py, pz
+    state[beam.CX], state[beam.CY], state[beam.CZ] = px, py, pz
     if mode != _WAVE:
         return counter
     spread = 1.0 / (2.0 * source[RADIUS] / 3.0)  # root of 1 / (2 Sigma), Sigma = 2 (a / 3)^2
@@ -88,14 +63,14 @@ def emit(key0, key1, path, source, mode, k, state):
             if gx * gx + gy * gy <= 9.0:
                 break
         s = source[RADIUS] / 3.0
-        state[CX] -= s * (gx * x + gy * a)
-        state[CY] -= s * (gx * y + gy * b)
-        state[CZ] -= s * (gx * z + gy * c)
+        state[beam.CX] -= s * (gx * x + gy * a)
+        state[beam.CY] -= s * (gx * y + gy * b)
+        state[beam.CZ] -= s * (gx * z + gy * c)
     while True:
         u, v, _, _ = uniforms(key0, key1, np.uint64(0), path, counter)
         counter += _ONE
         gx, gy = normal_pair(u, v)
         dx, dy, dz, there = kicked(state, gx * spread / k, gy * spread / k)
         if there:
-            state[DX], state[DY], state[DZ] = dx, dy, dz
+            state[beam.DX], state[beam.DY], state[beam.DZ] = dx, dy, dz
             return counter

@@ -17,37 +17,15 @@ import math
 
 import numpy as np
 
+from specklegen.kernels import beam_state as beam
 from specklegen.kernels import inlined, kernel
 from specklegen.kernels.beam_events import diffract, scatter_diffusely
 from specklegen.kernels.beam_sources import emit
-from specklegen.kernels.beam_state import (
-    CONE_AT,
-    CX,
-    CY,
-    CZ,
-    DX,
-    DY,
-    DZ,
-    MX,
-    MY,
-    MZ,
-    PX,
-    PY,
-    PZ,
-    SLOPE,
-    SPREAD,
-    STATE,
-    STRETCH,
-    WIDTH,
-    XX,
-    YX,
-    hold_ray,
-    leave_region,
-    mirror,
-)
+from specklegen.kernels.beam_state import hold_ray, leave_region, mirror
 from specklegen.kernels.cone_bvh import closest, collect
 from specklegen.kernels.cones import CONE
 from specklegen.kernels.ray_bvh import nearest
+from specklegen.kernels.receivers import crossing
 from specklegen.kernels.region_patterns import FINE, GRID
 from specklegen.kernels.regions import FOUND, census
 from specklegen.kernels.rng import normal_pair, uniforms
@@ -67,24 +45,36 @@ _ONE = np.uint64(1)
 
 
 @inlined
+def depth_of(state):
+    """Depth of the ray's point along the beam's mean."""
+    x, y, z = state[beam.PX] - state[beam.CX], state[beam.PY] - state[beam.CY], state[beam.PZ] - state[beam.CZ]
+    return x * state[beam.MX] + y * state[beam.MY] + z * state[beam.MZ]
+
+
+@kernel
+def ray_hit(state, skip, facet, boxes, link, corners):
+    """Distance and place of what the ray of a beam meets first; (inf, -1) for nothing."""
+    hit, place, _ = nearest(
+        state[beam.PX], state[beam.PY], state[beam.PZ], state[beam.DX], state[beam.DY], state[beam.DZ], 0.0, math.inf,
+        skip, facet, boxes, link, corners,
+    )  # fmt: skip
+    return hit, place
+
+
+@inlined
 def cross_planes(state, reach, planes, first_cell, counts, fluence, squares):
     """Count the crossings of receivers on the next ``reach`` of a ray; return how many.
 
-    planes : float64[R, 15], see `walk_beams`
+    planes : float64[R, RECEIVER], see `specklegen.kernels.receivers`
     """
     found = 0
     for r in range(planes.shape[0]):
-        along = state[DX] * planes[r, 9] + state[DY] * planes[r, 10] + state[DZ] * planes[r, 11]
-        x, y, z = planes[r, 0] - state[PX], planes[r, 1] - state[PY], planes[r, 2] - state[PZ]
-        t = (x * planes[r, 9] + y * planes[r, 10] + z * planes[r, 11]) / along
-        if not (t > 0.0 and t <= reach and t < math.inf):
-            continue
-        x, y, z = t * state[DX] - x, t * state[DY] - y, t * state[DZ] - z
-        u = (x * planes[r, 3] + y * planes[r, 4] + z * planes[r, 5]) / planes[r, 12] + 0.5 * planes[r, 14]
-        v = (x * planes[r, 6] + y * planes[r, 7] + z * planes[r, 8]) / planes[r, 12] + 0.5 * planes[r, 13]
-        if u >= 0.0 and u < planes[r, 14] and v >= 0.0 and v < planes[r, 13]:
-            cell = first_cell[r] + int(v) * int(planes[r, 14]) + int(u)
-            steep = 1.0 / abs(along)
+        cell, _, steep = crossing(
+            state[beam.PX], state[beam.PY], state[beam.PZ], state[beam.DX], state[beam.DY], state[beam.DZ], reach,
+            planes, r,
+        )  # fmt: skip
+        if cell >= 0:
+            cell += first_cell[r]
             counts[cell] += 1
             fluence[cell] += steep
             squares[cell] += steep * steep
@@ -116,6 +106,63 @@ def find_region(state, packed, wavelength, z_ray, hit, z_hit, near, fresh, boxes
 
 
 @kernel
+def look_around(
+    state, depth, far, own, places, boxes, link, corners, facet, across, loop, loops, rims, seen, touched, found,
+    statistics, areas,
+):  # fmt: skip
+    """Collect the triangles of a region and take its census: (their places, how many, how many holes)."""
+    packed = state[beam.CONE_AT : beam.CONE_AT + CONE]
+    region, _ = collect(packed, depth, far, boxes, link, corners, places)
+    if region > places.shape[0]:
+        places = np.empty(2 * region, np.int64)
+        region, _ = collect(packed, depth, far, boxes, link, corners, places)
+    statistics[REGIONS] += 1
+    statistics[REGION_TRIANGLES] += region
+    areas[0] += math.pi * (state[beam.WIDTH] + depth * state[beam.SLOPE]) ** 2 / state[beam.STRETCH]
+    holes = census(
+        packed, depth, far, state[beam.PX], state[beam.PY], state[beam.PZ], state[beam.DX], state[beam.DY],
+        state[beam.DZ], own, places, region, corners, facet, across, loop, loops, rims, seen, touched, found,
+    )  # fmt: skip
+    return places, region, holes
+
+
+@kernel
+def cross_section_point(key0, key1, path, counter, state, depth, z_hit):
+    """A point of a beam's cross-section at ``depth``, of its own deviation at ``z_hit``; one pair of normals."""
+    u, v, _, _ = uniforms(key0, key1, np.uint64(0), path, counter)
+    gx, gy = normal_pair(u, v)
+    s = math.sqrt(state[beam.WIDTH] ** 2 + (z_hit * state[beam.SPREAD]) ** 2) / 3.0
+    gx, gy = gx * s, gy * s / (state[beam.STRETCH] * state[beam.STRETCH])
+    return (
+        state[beam.CX] + depth * state[beam.MX] + gx * state[beam.XX] + gy * state[beam.YX],
+        state[beam.CY] + depth * state[beam.MY] + gx * state[beam.XX + 1] + gy * state[beam.YX + 1],
+        state[beam.CZ] + depth * state[beam.MZ] + gx * state[beam.XX + 2] + gy * state[beam.YX + 2],
+    )
+
+
+@kernel
+def step_to_opening(state, which, amplitude, found, normals, rims, rim_ends, hit, nearest_step, farthest_step):
+    """Way along the ray to an open event: the plane of the openings ``which``, or beside the nearest edge."""
+    step = math.inf
+    if which >= 0 and amplitude != 2:
+        nx, ny, nz = normals[which, 0], normals[which, 1], normals[which, 2]
+        at = rim_ends[rims[which]]
+        step = (
+            (at[0] - state[beam.PX]) * nx + (at[1] - state[beam.PY]) * ny + (at[2] - state[beam.PZ]) * nz
+        ) / (state[beam.DX] * nx + state[beam.DY] * ny + state[beam.DZ] * nz)
+    if not (step > 0.0 and step < hit and step < math.inf):
+        step = (
+            (found[2] - state[beam.PX]) * state[beam.DX]
+            + (found[3] - state[beam.PY]) * state[beam.DY]
+            + (found[4] - state[beam.PZ]) * state[beam.DZ]
+        )
+        # Within the region: a ray that is turned on a surface, ahead or behind, may come to lie beyond it.
+        step = min(max(step, nearest_step), farthest_step)
+        step = min(max(step, 0.0), hit)
+    return step
+
+
+@kernel
 def walk_beams(
     key0, key1, first, count, mode, amplitude, max_events, source, wavelength,
     boxes, link, corners, facet, across, loop, normals, whole, rims, rim_ends, holes, loops, loop_ends, most_edges,
@@ -126,15 +173,15 @@ def walk_beams(
     source           : float64[SOURCE]                see `specklegen.kernels.beam_sources`
     boxes .. corners : the hierarchy;  facet .. loop_ends : see `specklegen.kernels.regions`
     material         : int32[n], row of ``materials`` float64[M, 4] of each place
-    planes           : float64[R, 15]                 centre, axes x, y, normal, pitch, rows, columns
+    planes           : float64[R, RECEIVER]           see `specklegen.kernels.receivers`
     counts, fluence, squares : int64, float64, float64[cells], added to: crossings, sum of 1 / |cos| and of its square
     ends             : int64[ENDS];  statistics : int64[STATISTICS];  areas : float64[1], of regions; added to
     """
     k0, k1 = np.uint64(key0), np.uint64(key1)
     k = 2.0 * math.pi / wavelength
     least = 81.0 / (4.0 * k * k)
-    state, found = np.empty(STATE), np.empty(FOUND)
-    packed = state[CONE_AT : CONE_AT + CONE]
+    state, found = np.empty(beam.STATE), np.empty(FOUND)
+    packed = state[beam.CONE_AT : beam.CONE_AT + CONE]
     hole_count = loops.shape[0] - 1
     seen, touched = np.zeros(hole_count, np.int32), np.empty(hole_count, np.int32)
     places, wide = np.empty(256, np.int64), np.empty(CONE)
@@ -151,19 +198,12 @@ def walk_beams(
         events, skip, end, crossed = 0, -1, -1, False
         while end < 0:
             hold_ray(state)
-            hit, place, _ = nearest(
-                state[PX], state[PY], state[PZ], state[DX], state[DY], state[DZ], 0.0, math.inf, skip,
-                facet, boxes, link, corners,
-            )  # fmt: skip
+            hit, place = ray_hit(state, skip, facet, boxes, link, corners)
             # Depths along the axis of the ray's start, and what a step of the ray adds.
-            z_ray = (
-                (state[PX] - state[CX]) * state[MX]
-                + (state[PY] - state[CY]) * state[MY]
-                + (state[PZ] - state[CZ]) * state[MZ]
-            )
-            rate = state[DX] * state[MX] + state[DY] * state[MY] + state[DZ] * state[MZ]
+            z_ray = depth_of(state)
+            rate = state[beam.DX] * state[beam.MX] + state[beam.DY] * state[beam.MY] + state[beam.DZ] * state[beam.MZ]
             z_hit = z_ray + hit * rate if place >= 0 else math.inf
-            depth, far, open_event, edges, hole_number, region = math.inf, math.inf, False, 0, 0, 0
+            depth, far, open_event, hole_number, region = math.inf, math.inf, False, 0, 0
             own = facet[place] if place >= 0 else -1
             if mode == WAVE and rate > 0.0:
                 near, fresh, nulls = z_ray, True, 0
@@ -174,24 +214,13 @@ def walk_beams(
                     if plain or depth == math.inf or z_hit < depth:
                         depth = math.inf
                         break
-                    far = depth + 2.0 * (state[WIDTH] + depth * state[SLOPE])
-                    region, _ = collect(packed, depth, far, boxes, link, corners, places)
-                    if region > places.shape[0]:
-                        places = np.empty(2 * region, np.int64)
-                        region, _ = collect(packed, depth, far, boxes, link, corners, places)
-                    statistics[REGIONS] += 1
-                    statistics[REGION_TRIANGLES] += region
-                    areas[0] += math.pi * (state[WIDTH] + depth * state[SLOPE]) ** 2 / state[STRETCH]
-                    hole_number = census(
-                        packed, depth, far, state[PX], state[PY], state[PZ], state[DX], state[DY], state[DZ],
-                        own if z_hit <= far else -1, places, region, corners, facet, across, loop, loops, rims,
-                        seen, touched, found,
+                    far = depth + 2.0 * (state[beam.WIDTH] + depth * state[beam.SLOPE])
+                    places, region, hole_number = look_around(
+                        state, depth, far, own if z_hit <= far else -1, places, boxes, link, corners, facet, across,
+                        loop, loops, rims, seen, touched, found, statistics, areas,
                     )  # fmt: skip
-                    edges = int(found[0])
-                    if z_hit <= far:
-                        break
-                    if edges > 0:
-                        open_event = True
+                    open_event = z_hit > far and found[0] > 0.0
+                    if z_hit <= far or open_event:
                         break
                     statistics[NULL_EVENTS] += 1
                     nulls += 1
@@ -201,32 +230,18 @@ def walk_beams(
                         depth = math.inf
                         break
             elif mode == BALLISTIC and place >= 0:
-                a = state[WIDTH] + z_hit * state[SLOPE]
+                a = state[beam.WIDTH] + z_hit * state[beam.SLOPE]
                 depth, far = max(z_hit - a, z_ray), z_hit + a
-                region, _ = collect(packed, depth, far, boxes, link, corners, places)
-                if region > places.shape[0]:
-                    places = np.empty(2 * region, np.int64)
-                    region, _ = collect(packed, depth, far, boxes, link, corners, places)
-                statistics[REGIONS] += 1
-                statistics[REGION_TRIANGLES] += region
-                areas[0] += math.pi * (state[WIDTH] + depth * state[SLOPE]) ** 2 / state[STRETCH]
-                hole_number = census(
-                    packed, depth, far, state[PX], state[PY], state[PZ], state[DX], state[DY], state[DZ], own,
-                    places, region, corners, facet, across, loop, loops, rims, seen, touched, found,
+                places, region, hole_number = look_around(
+                    state, depth, far, own, places, boxes, link, corners, facet, across, loop, loops, rims, seen,
+                    touched, found, statistics, areas,
                 )  # fmt: skip
-                edges = int(found[0])
-                if edges > 0:
-                    # A point of the cross-section, of the beam's own deviation there; a ray along the mean through it.
-                    u, v, _, _ = uniforms(k0, k1, np.uint64(0), path, counter)
+                if found[0] > 0.0:
+                    # A ray along the mean through a point of the cross-section: does it pass?
+                    qx, qy, qz = cross_section_point(k0, k1, path, counter, state, depth, z_hit)
                     counter += _ONE
-                    gx, gy = normal_pair(u, v)
-                    s = math.sqrt(state[WIDTH] ** 2 + (z_hit * state[SPREAD]) ** 2) / 3.0
-                    gx, gy = gx * s, gy * s / (state[STRETCH] * state[STRETCH])
-                    qx = state[CX] + depth * state[MX] + gx * state[XX] + gy * state[YX]
-                    qy = state[CY] + depth * state[MY] + gx * state[XX + 1] + gy * state[YX + 1]
-                    qz = state[CZ] + depth * state[MZ] + gx * state[XX + 2] + gy * state[YX + 2]
                     _, other, _ = nearest(
-                        qx, qy, qz, state[MX], state[MY], state[MZ], 0.0, far - depth, skip,
+                        qx, qy, qz, state[beam.MX], state[beam.MY], state[beam.MZ], 0.0, far - depth, skip,
                         facet, boxes, link, corners,
                     )  # fmt: skip
                     if other < 0:
@@ -234,7 +249,7 @@ def walk_beams(
                         statistics[CROSSINGS] += cross_planes(
                             state, hit, planes, first_cell, counts, fluence, squares
                         )
-                        state[PX], state[PY], state[PZ] = qx, qy, qz
+                        state[beam.PX], state[beam.PY], state[beam.PZ] = qx, qy, qz
                         z_ray, hit = depth, math.inf
             if not open_event and place < 0:
                 passed = cross_planes(state, math.inf, planes, first_cell, counts, fluence, squares)
@@ -248,6 +263,7 @@ def walk_beams(
 
             # Where along the ray it happens: at the facet, in the plane of the openings, or beside the nearest edge.
             forced = amplitude == 1
+            which, step = own, hit
             if open_event:
                 statistics[OPEN_EVENTS] += 1
                 which = int(found[1])
@@ -257,36 +273,17 @@ def walk_beams(
                         if holes[f + 1] > holes[f]:
                             which = f
                             break
-                step = math.inf
-                if which >= 0 and amplitude != 2:
-                    across_facet = (
-                        state[DX] * normals[which, 0] + state[DY] * normals[which, 1] + state[DZ] * normals[which, 2]
-                    )
-                    at = rim_ends[rims[which]]
-                    step = (
-                        (at[0] - state[PX]) * normals[which, 0]
-                        + (at[1] - state[PY]) * normals[which, 1]
-                        + (at[2] - state[PZ]) * normals[which, 2]
-                    ) / across_facet
-                if not (step > 0.0 and step < hit and step < math.inf):
-                    step = (
-                        (found[2] - state[PX]) * state[DX]
-                        + (found[3] - state[PY]) * state[DY]
-                        + (found[4] - state[PZ]) * state[DZ]
-                    )
-                    # Within the region: a ray that is turned on a surface, ahead or behind, may come to lie beyond it.
-                    if mode == WAVE:
-                        step = min(max(step, (depth - z_ray) / rate), (far - z_ray) / rate)
-                    step = min(max(step, 0.0), hit)
-            else:
-                which = own
-                step = hit
+                wave = mode == WAVE
+                step = step_to_opening(
+                    state, which, amplitude, found, normals, rims, rim_ends, hit,
+                    (depth - z_ray) / rate if wave else -math.inf, (far - z_ray) / rate if wave else math.inf,
+                )  # fmt: skip
             passed = cross_planes(state, step, planes, first_cell, counts, fluence, squares)
             statistics[CROSSINGS] += passed
             crossed = crossed or passed > 0
-            state[PX] += step * state[DX]
-            state[PY] += step * state[DY]
-            state[PZ] += step * state[DZ]
+            state[beam.PX] += step * state[beam.DX]
+            state[beam.PY] += step * state[beam.DY]
+            state[beam.PZ] += step * state[beam.DZ]
             z = z_ray + step * (rate if mode == WAVE else 1.0)
 
             fate = TRANSMITTED
@@ -294,7 +291,7 @@ def walk_beams(
             if not open_event:
                 statistics[SURFACE_EVENTS if depth == math.inf else MATTER_EVENTS] += 1
                 nx, ny, nz = normals[own, 0], normals[own, 1], normals[own, 2]
-                cosine = min(1.0, abs(state[DX] * nx + state[DY] * ny + state[DZ] * nz))
+                cosine = min(1.0, abs(state[beam.DX] * nx + state[beam.DY] * ny + state[beam.DZ] * nz))
                 u, _, _, _ = uniforms(k0, k1, np.uint64(0), path, counter)
                 counter += _ONE
                 fate = outcome(materials, material[place], cosine, u)
@@ -324,9 +321,9 @@ def walk_beams(
                     end = FAILED
                     break
             else:
-                leave_region(state, z, least, state[MX], state[MY], state[MZ])
+                leave_region(state, z, least, state[beam.MX], state[beam.MY], state[beam.MZ])
             if fate == REFLECTED:
-                mirror(state, state[PX], state[PY], state[PZ], nx, ny, nz)
+                mirror(state, state[beam.PX], state[beam.PY], state[beam.PZ], nx, ny, nz)
         ends[end] += 1
 
 

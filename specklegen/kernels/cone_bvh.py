@@ -158,6 +158,20 @@ def _unpacked(cone):
     )  # fmt: skip
 
 
+@inlined
+def push_nearer_last(stack, depths, height, left, one, right, two):
+    """Push those of two nodes that are met, at finite depths, so that the nearer is taken first; the new height."""
+    if one > two:
+        left, right, one, two = right, left, two, one
+    if two < math.inf:
+        stack[height], depths[height] = right, two
+        height += 1
+    if one < math.inf:
+        stack[height], depths[height] = left, one
+        height += 1
+    return height
+
+
 @kernel
 def closest(packed, near, far, boxes, link, corners):
     """Least depth in [near, far] at which the cone meets a triangle, and the triangle's place; (inf, -1) for none.
@@ -196,14 +210,7 @@ def closest(packed, near, far, boxes, link, corners):
         left, right = node + 1, link[node]
         one = _box(cone, slack, slack_y, near, far, boxes, left)
         two = _box(cone, slack, slack_y, near, far, boxes, right)
-        if one > two:
-            left, right, one, two = right, left, two, one
-        if two < math.inf:
-            stack[height], depths[height] = right, two
-            height += 1
-        if one < math.inf:
-            stack[height], depths[height] = left, one
-            height += 1
+        height = push_nearer_last(stack, depths, height, left, one, right, two)
     return best, place, visited
 
 

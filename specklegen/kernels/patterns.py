@@ -99,6 +99,16 @@ def draw_slits(key0, key1, first, widths, centres, phases, cumulative, longest, 
             counts[2] += 1
 
 
+@inlined
+def _kept(xi, n, x, y, longest, counts):
+    """Keep a draw that is not evanescent; count one that is."""
+    if x * x + y * y > longest * longest:
+        counts[1] += 1
+        return False
+    xi[n, 0], xi[n, 1] = x, y
+    return True
+
+
 @kernel
 def draw_polygon(key0, key1, first, edges, area, radius, cumulative, longest, xi, counts):
     """Fill ``xi`` float64[n, 2] with draws ``first``, ``first`` + 1, ...; NaN where every try failed.
@@ -154,10 +164,7 @@ def draw_polygon(key0, key1, first, edges, area, radius, cumulative, longest, xi
                 bound *= sides
             value = polygon_transform(edges, area, x, y)
             if keep * bound < value.real * value.real + value.imag * value.imag:
-                if x * x + y * y > longest * longest:
-                    counts[1] += 1
-                else:
-                    xi[n, 0], xi[n, 1] = x, y
+                if _kept(xi, n, x, y, longest, counts):
                     break
         counts[0] += tries
         if xi[n, 0] != xi[n, 0]:
@@ -195,10 +202,7 @@ def draw_table(key0, key1, first, probability, alias, corners, lowest, step, lon
             right = b * (above if upper else below) < corners[row + upper, column + 1]
             x = lowest + (column + (math.sqrt(v) if right else 1.0 - math.sqrt(v))) * step
             y = lowest + (row + (math.sqrt(w) if upper else 1.0 - math.sqrt(w))) * step
-            if x * x + y * y > longest * longest:
-                counts[1] += 1
-            else:
-                xi[n, 0], xi[n, 1] = x, y
+            if _kept(xi, n, x, y, longest, counts):
                 break
         counts[0] += tries
         if xi[n, 0] != xi[n, 0]:

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
-from specklegen.kernels.cone_bvh import DEPTH, LEAF
+from specklegen.kernels.cone_bvh import DEPTH, LEAF, push_nearer_last
 
 _HUGE = 1e300  # one over a component that is zero: products stay defined, 0 * huge = 0
 
@@ -110,14 +110,7 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, facet, boxes, link, corners
         left, right = node + 1, link[node]
         a = box_entry(px, py, pz, ix, iy, iz, near, best, boxes, left)
         b = box_entry(px, py, pz, ix, iy, iz, near, best, boxes, right)
-        if a > b:
-            left, right, a, b = right, left, b, a
-        if b < math.inf:
-            stack[height], depths[height] = right, b
-            height += 1
-        if a < math.inf:
-            stack[height], depths[height] = left, a
-            height += 1
+        height = push_nearer_last(stack, depths, height, left, a, right, b)
     if place < 0:
         return math.inf, -1, visited
     return best, place, visited

@@ -37,6 +37,17 @@ def power_coefficients(materials, row, cosine):
 
 
 @inlined
+def reflectance(materials, row, cosine):
+    """Share of unpolarised power that a surface mirrors at cos(theta) in [0, 1]."""
+    kind = int(materials[row, 0])
+    if kind == CONDUCTOR:
+        return 1.0
+    if kind == ABSORBER or kind == DIFFUSE:
+        return 0.0
+    return power_coefficients(materials, row, cosine)[0]
+
+
+@inlined
 def outcome(materials, row, cosine, u):
     """Outcome of an event, from one uniform u."""
     kind = int(materials[row, 0])

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import real_array, whole_number
 from specklegen.core.errors import reject
+from specklegen.core.showing import short
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.scene.media import Slab
 from specklegen.scene.screens import ScreenStack, ThinMedium, require_thin
@@ -48,6 +49,8 @@ class JointCorrelation:
     magnitude: np.ndarray
     standard_error: np.ndarray
     plane: float
+
+    __repr__ = short
 
 
 def joint_correlation(

@@ -11,6 +11,7 @@ times the rms angle is far below xi.
 """
 
 import math
+from functools import cached_property
 from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
@@ -186,7 +187,7 @@ class ScreenStack(Value):
             reject("ScreenStack.gaps", f"{len(self.screens) - 1} numbers for {len(self.screens)} screens", self.gaps)
         return self
 
-    @property
+    @cached_property
     def stack(self) -> "ScreenStack":
         """The stack with every ground glass as the screen that it is taken for."""
         if all(isinstance(each, PhaseScreen) for each in self.screens):

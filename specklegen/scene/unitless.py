@@ -14,7 +14,10 @@ _LENGTHS = {
 
 
 def unitless_fingerprint(value: Value, unit: float) -> str:
-    """SHA-256 of a value with every length over ``unit``, to 9 digits: the same in any unit of length."""
+    """SHA-256 of a value with every length over ``unit``, to 9 digits: the same in any unit of length.
+
+    Numbers without a dimension are taken whole. A sine that was computed from lengths may differ in its last bit.
+    """
     content = _unitless(value.model_dump(mode="json"), unit)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 

@@ -19,7 +19,7 @@ N the normal density in the plane, n = 0 (the unscattered light) left out. Where
 
 import math
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, lru_cache, reduce
 
 import numpy as np
 from scipy.stats import binom, poisson, qmc
@@ -113,6 +113,18 @@ class Lobes:
         """T of every term, float64[N]."""
         return self.events.sum(axis=1)
 
+    @cached_property
+    def _gathered(self) -> tuple[np.ndarray, np.ndarray]:
+        return gathered(self.variances, self.shares)
+
+    @cached_property
+    def mirrored(self) -> float:
+        """|S_+ - S_-|^2 / f^2 at p = 0: correlation of an intensity with its mirror image about the beam, at most."""
+        if not len(self.shares):
+            return 0.0
+        even, odd = (self.of_parity(parity).density(np.zeros(1))[0] for parity in (0, 1))
+        return float(((even - odd) / (even + odd)) ** 2)
+
     def densities(self, sine: float) -> np.ndarray:
         """P(n) N(p; T) of every term at |p| = ``sine``, per unit of the plane of sines: float64[N]."""
         variance = self.variances
@@ -123,7 +135,7 @@ class Lobes:
         sines = np.asarray(sines, np.float64)
         if not len(self.shares):
             return np.zeros(sines.shape)
-        variance, share = gathered(self.variances, self.shares)
+        variance, share = self._gathered
         exponent = -0.5 * np.square(sines)[..., None] / variance
         return np.exp(exponent) @ (share / (2 * np.pi * variance))
 
@@ -189,6 +201,7 @@ def _deflections(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return counts, np.full(_DRAWN, seen / _DRAWN)
 
 
+@lru_cache(maxsize=256)
 def _poisson(mean: float) -> tuple[np.ndarray, np.ndarray]:
     """Numbers and weights of a Poisson distribution: all that matter, or of a large mean the nodes of Gauss.
 

@@ -33,10 +33,10 @@ from .phased_rays import phase_rays as phase_rays
 from .plane import Plane as Plane
 from .plane import PlaneField as PlaneField
 from .plane_field import field_on_plane as field_on_plane
-from .tracing import Ledger as Ledger
-from .tracing import Statistics as Statistics
-from .tracing import WaveTrace as WaveTrace
 from .tracing import trace as trace
+from .wave_trace import Ledger as Ledger
+from .wave_trace import Statistics as Statistics
+from .wave_trace import WaveTrace as WaveTrace
 from .wedge import geometric_shares as geometric_shares
 from .wedge import lossy_wedge_field as lossy_wedge_field
 from .wedge import wedge_coefficients as wedge_coefficients

@@ -16,13 +16,15 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed
+from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, Value
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.materials import LIGHT_SPEED
 from specklegen.wavetracing.phased_rays import phase_rays
 from specklegen.wavetracing.plane import Plane
-from specklegen.wavetracing.tracing import Ledger, Statistics, trace
+from specklegen.wavetracing.tracing import Diffraction, trace
+from specklegen.wavetracing.wave_trace import Ledger, Statistics
 
 
 class Transmitter(Value):
@@ -71,6 +73,8 @@ class Coverage:
     ledger: Ledger | None
     statistics: Statistics | None
 
+    __repr__ = short
+
 
 def coverage(
     geometry: Geometry,
@@ -83,6 +87,7 @@ def coverage(
     beams: int = 200_000,
     seed: Seed = 0,
     max_events: int = 16,
+    diffraction: Diffraction = "fraunhofer",
     threads: Threads = None,
 ) -> Coverage:
     """Map the power that an antenna would receive.
@@ -102,8 +107,8 @@ def coverage(
         phases, without chance (`phase_rays`; soft, every surface perfect).
     gain
         G_r of the receiving antenna, as a factor.
-    beams, seed, max_events, threads
-        As in `trace`.
+    beams, seed, max_events, diffraction, threads
+        As in `trace`; ``diffraction`` for "wave" alone. With "utd" noise may leave cells below 0, which are masked.
 
     Raises
     ------
@@ -126,8 +131,9 @@ def coverage(
         return Coverage(
             np.ma.array(decibel_milliwatt(power), mask=none), np.ma.array(np.zeros_like(power), mask=none), None, None
         )
-    found = trace(geometry, source, plane, beams, seed, mode=method, max_events=max_events, threads=threads)
-    power = received_power(found.fluence[0], wavelength, gain)
+    bent: Diffraction = diffraction if method == "wave" else "fraunhofer"
+    found = trace(geometry, source, plane, beams, seed, method, bent, max_events=max_events, threads=threads)
+    power = received_power(np.maximum(found.fluence[0], 0.0), wavelength, gain)
     none = power == 0
     relative = np.divide(found.fluence_error[0], found.fluence[0], out=np.zeros_like(power), where=~none)
     return Coverage(

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.showing import short
+
 FLAT = np.deg2rad(175.0)
 """Interior angle above which two faces make no edge."""
 WELD = 1e-9
@@ -38,6 +40,8 @@ class Edges:
     ends: np.ndarray
     faces: np.ndarray
     wedge: np.ndarray
+
+    __repr__ = short
 
     def __len__(self) -> int:
         return len(self.wedge)

@@ -13,6 +13,7 @@ import numpy as np
 
 from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.parallel import Threads, map_blocks, slices
+from specklegen.core.showing import summary
 from specklegen.kernels import cone_bvh, ray_bvh
 from specklegen.wavetracing.cones import Cone
 from specklegen.wavetracing.edges import Edges, Topology, edges_of, topology, weld
@@ -67,6 +68,9 @@ class Geometry:
         cone_bvh.build(self.vertices, self.faces, self.boxes, self.link, self.order)
         self.corners = np.empty((len(self.faces), 9))
         cone_bvh.lay_out(self.vertices, self.faces, self.order, self.corners)
+
+    def __repr__(self) -> str:
+        return summary(self, vertices=self.vertices, faces=self.faces, meshes=len(self.meshes))
 
     def __len__(self) -> int:
         return len(self.faces)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.showing import short
 from specklegen.wavetracing.materials import Absorber, Material
 
 
@@ -36,6 +37,8 @@ class Mesh:
     vertices: np.ndarray
     faces: np.ndarray
     material: Material = field(default_factory=Absorber)
+
+    __repr__ = short
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, slices
 from specklegen.core.random_streams import Seed, Stream, stream_key
+from specklegen.core.showing import short
 from specklegen.kernels.patterns import draw_polygon, draw_slits, draw_table, fill_alias
 from specklegen.wavetracing.angular_spectrum import quadrature
 from specklegen.wavetracing.aperture import Amplitude, aperture_transform
@@ -57,6 +58,8 @@ class Pattern:
     trials: int
     evanescent: int
     failed: int
+
+    __repr__ = short
 
 
 def sample_slits(

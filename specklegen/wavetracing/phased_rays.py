@@ -23,6 +23,7 @@ queries, so a point within 1e-7 of the scene of a shadow boundary may see either
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -31,7 +32,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.errors import reject
+from specklegen.core.errors import DoubtWarning, reject
 from specklegen.wavetracing.edges import normals
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.facets import facets_of
@@ -196,6 +197,9 @@ def phase_rays(
     RuleError
         For arguments out of range; points or a source nearer to an edge on a path than 1 / k, where there is no ray
         yet; more than 20000 sequences of facets or pairs of edges.
+
+    A `DoubtWarning` says where edges are shorter than the Fresnel zone of the nearest point: corners matter there, from
+    which there are no rays.
     """
     points = np.asarray(points, float)
     if points.ndim < 1 or points.shape[-1] != 3 or not np.isfinite(points).all():
@@ -217,6 +221,7 @@ def phase_rays(
             reject(f"phase_rays {name}", f"few enough for {_MOST} combinations", count, "Use trace for such scenes.")
     k = 2 * np.pi / source.wavelength
     flat = points.reshape(-1, 3)
+    _doubt_corners(edges, flat, source.wavelength)
     start = np.broadcast_to(source.position, flat.shape)
     sign = -1.0 if polarisation == "soft" else 1.0
     sequences = list(mirrors.sequences(reflections))
@@ -240,6 +245,20 @@ def phase_rays(
                     part = _by_two(mirrors, one, two, start, flat, before, between, behind, k, polarisation)
                     u += sign**count * part
     return (np.sqrt(source.power / (4 * np.pi)) * u).reshape(points.shape[:-1])
+
+
+def _doubt_corners(edges: list[_Edge], points: np.ndarray, wavelength: float) -> None:
+    """Warn of edges shorter than the Fresnel zone of the nearest of the points."""
+    short = 0
+    for edge in edges if len(points) else []:
+        nearest = np.linalg.norm(points - edge.start - edge.length / 2 * edge.along, axis=1).min()
+        short += bool(edge.length < 2 * np.sqrt(wavelength * nearest))
+    if short:
+        warnings.warn(
+            f"{short} of {len(edges)} edges are shorter than the Fresnel zone of the nearest point: corners matter, "
+            "from which phase_rays has no rays; use field_on_plane for openings, or trace for power",
+            DoubtWarning, stacklevel=3,
+        )  # fmt: skip
 
 
 def _wave(edge: _Edge, q, source, point, radii, k: float, polarisation: str) -> np.ndarray:

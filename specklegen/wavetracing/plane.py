@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, PositiveInt, Value
 
 
@@ -85,6 +86,8 @@ class PlaneField:
     values: np.ndarray
     pitch: float
     wavelength: float
+
+    __repr__ = short
 
     def __post_init__(self) -> None:
         values = np.asarray(self.values, dtype=np.complex128)

@@ -2,16 +2,16 @@
 
 Weakly-local wave optics: a beam's cone finds the *regions* in which it interacts; inside a region everything
 interferes, and between regions intensities add. Power splits by chance: each beam carries one ray of its Wigner
-ensemble, which meets matter or passes, so that reflected, absorbed and diffracted shares are counts of beams.
+ensemble, which meets matter or passes, so that reflected, absorbed and diffracted shares are counts of beams. With UTD
+rays alone are such counts, and edges send rays of their own, of signed weights (`specklegen.kernels.edge_walk`).
 
 Source: S. Steinberg, M. Pharr, *Wave Tracing: Generalizing the Path Integral to Wave Optics*. What is wrong by design:
 light that reaches a point through two regions does not interfere; penumbrae widen by about a beam's cross-section; near
-a region, at a Fresnel number above 0.1, the pattern is that of the far field.
+a region, at a Fresnel number above 0.1, the pattern is that of the far field. UTD knows the near field, but no corners.
 """
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -20,113 +20,26 @@ from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.parallel import Threads, in_turn, thread_count
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import beam_walk
+from specklegen.kernels.edge_walk import walk_edges
+from specklegen.kernels.receivers import RECEIVER
+from specklegen.wavetracing.edge_table import EdgeTable, edge_table
 from specklegen.wavetracing.emitters import CollimatedEmitter, Emitter, PointEmitter
 from specklegen.wavetracing.facets import Facets, facets_of
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.plane import Plane
+from specklegen.wavetracing.wave_trace import Ledger, Statistics, WaveTrace
 
 Mode = Literal["wave", "ballistic", "ray"]
+Diffraction = Literal["fraunhofer", "utd"]
 Amplitude = Literal["auto", "uniform", "gaussian"]
 
 _MODES: dict[str, int] = {"wave": beam_walk.WAVE, "ballistic": beam_walk.BALLISTIC, "ray": beam_walk.RAY}
 _AMPLITUDES: dict[str, int] = {"auto": 0, "uniform": 1, "gaussian": 2}
 _BLOCK, _BLOCKS = 2048, 64  # beams of a block at least; blocks at most
 
-
-@dataclass(frozen=True)
-class Ledger:
-    """How beams ended: every beam once.
-
-    Attributes
-    ----------
-    received : int
-        Left the scene after crossing a receiver; receivers let light pass.
-    absorbed, escaped : int
-        On a surface; out of the scene without crossing a receiver.
-    stopped : int
-        After ``max_events`` interactions.
-    failed : int
-        No wavevector could be drawn: the opening has no area, or every try was refused.
-    """
-
-    received: int
-    absorbed: int
-    escaped: int
-    stopped: int
-    failed: int
-
-    @property
-    def total(self) -> int:
-        """All beams."""
-        return self.received + self.absorbed + self.escaped + self.stopped + self.failed
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """What beams met, in counts.
-
-    Attributes
-    ----------
-    surface, open, matter, null : int
-        Ordinary surface events; regions passed; regions in which matter was hit; regions that changed nothing: without
-        edge or hit, or with nothing open as the mean of the beam sees them.
-    restarts, plain_rays : int
-        Stretches lengthened because the cone touched at once; beams that went on as a plain ray after 16 of them.
-    uniform, gaussian, local_chirp : int
-        Patterns of uniform and of Gaussian light; of the latter those whose phase, too curved for the
-        grid, was taken out.
-    trials, evanescent : int
-        Proposals of the sampler of uniform patterns; draws above the wavenumber, drawn again.
-    regions, region_triangles, crossings : int
-        Regions looked at, triangles in them, and crossings of receivers.
-    region_area : float
-        Mean cross-section of a region (an area); 0 without any.
-    """
-
-    surface: int
-    open: int
-    matter: int
-    null: int
-    restarts: int
-    plain_rays: int
-    uniform: int
-    gaussian: int
-    trials: int
-    evanescent: int
-    region_triangles: int
-    regions: int
-    crossings: int
-    local_chirp: int
-    region_area: float
-
-    @property
-    def ballistic_share(self) -> float:
-        """Share of interactions that were ordinary surface events, outside all regions."""
-        return self.surface / max(1, self.surface + self.open + self.matter)
-
-
-@dataclass(frozen=True)
-class WaveTrace:
-    """Power on receivers.
-
-    Attributes
-    ----------
-    irradiance : list of float64[h, w]
-        Power through each pixel over its area, one array a receiver.
-    standard_error : list of float64[h, w]
-        Of each value.
-    fluence, fluence_error : list of float64[h, w]
-        Power over the area across the light, the sum of w / (A |cos|): what a small sphere receives.
-    ledger : Ledger
-    statistics : Statistics
-    """
-
-    irradiance: list[np.ndarray]
-    standard_error: list[np.ndarray]
-    fluence: list[np.ndarray]
-    fluence_error: list[np.ndarray]
-    ledger: Ledger
-    statistics: Statistics
+_Counts = tuple[np.ndarray, ...]
+"""Of a block of beams: sums of w and w^2, of w / |cos| and its square, each float64[cells]; ends; statistics; area of
+regions; what edge rays bring to received and absorbed."""
 
 
 def trace(
@@ -136,7 +49,7 @@ def trace(
     beams: int,
     seed: Seed,
     mode: Mode = "wave",
-    diffraction: Literal["fraunhofer"] = "fraunhofer",
+    diffraction: Diffraction = "fraunhofer",
     amplitude: Amplitude = "auto",
     max_events: int = 32,
     threads: Threads = None,
@@ -159,7 +72,9 @@ def trace(
         "wave"; "ballistic": the mean ray finds what is met, which injects energy behind openings; "ray": geometrical
         optics.
     diffraction
-        "fraunhofer": directions from the far-field pattern of each region.
+        "fraunhofer": directions from the far-field pattern of each region. "utd": rays from edges by the uniform
+        theory, for the mean of soft and hard, right from a wavelength behind an edge on; edges must be long, and
+        corners send nothing. Mode "wave" only.
     amplitude
         Light in an opening. "uniform": u = 1 over all holes of the screen met, and the pattern's wavevector added to
         the ray's. "gaussian": the beam's own field, added to the mean. "auto": uniform where all edges in the region
@@ -178,72 +93,123 @@ def trace(
     RuleError
         For an argument out of range.
 
-    A `DoubtWarning` says where edges are shorter than the wavelength, for which Fraunhofer's pattern is no model.
+    A `DoubtWarning` says where edges are shorter than the wavelength, for which Fraunhofer's pattern is no model, or
+    than their Fresnel zone towards the nearest receiver, where UTD would need rays from corners.
     """
     planes = [planes] if isinstance(planes, Plane) else list(planes)
+    _check(geometry, emitter, beams, mode, diffraction, amplitude, max_events)
+    facets = facets_of(geometry)
+    sizes = [plane.shape[0] * plane.shape[1] for plane in planes]
+    first_cell = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    walked = _by_edges if diffraction == "utd" else _by_patterns
+    walk = walked(geometry, facets, emitter, planes, first_cell, seed, _MODES[mode], _AMPLITUDES[amplitude], max_events)
+    # Sums of floats depend on the blocks, so these depend on the number of beams alone.
+    size = max(_BLOCK, -(-int(beams) // _BLOCKS))
+    parts = [(first, min(size, beams - first)) for first in range(0, beams, size)]
+    workers = min(thread_count(threads) if threads is None or isinstance(threads, int) else thread_count(), len(parts))
+    total = None
+    for found in in_turn(lambda part, _: walk(*part), parts, workers):
+        total = found if total is None else tuple(a + b for a, b in zip(total, found, strict=True))
+    assert total is not None
+    return _found(total, planes, first_cell, emitter.power / beams, beams)
+
+
+def _check(geometry, emitter, beams, mode, diffraction, amplitude, max_events) -> None:
+    """Refuse arguments of `trace` that are out of range."""
     if not isinstance(geometry, Geometry):
         reject("trace geometry", "a Geometry", geometry)
     if not isinstance(emitter, CollimatedEmitter | PointEmitter):
         reject("trace emitter", "a CollimatedEmitter or a PointEmitter", emitter)
     if isinstance(beams, bool) or not isinstance(beams, int | np.integer) or not 1 <= beams < 2**48:
         reject("trace beams", "a whole number of at least 1", beams)
-    for name, value, allowed in (("mode", mode, _MODES), ("amplitude", amplitude, _AMPLITUDES)):
+    choices = ("fraunhofer", "utd")
+    for name, value, allowed in (
+        ("mode", mode, _MODES), ("diffraction", diffraction, choices), ("amplitude", amplitude, _AMPLITUDES),
+    ):  # fmt: skip
         if value not in allowed:
             reject(f"trace {name}", f"one of {', '.join(allowed)}", value)
-    if diffraction != "fraunhofer":
-        reject("trace diffraction", "'fraunhofer'", diffraction)
+    if diffraction == "utd" and mode != "wave":
+        reject("trace diffraction", "'fraunhofer' in the modes 'ballistic' and 'ray'", diffraction)
+    if diffraction == "utd" and amplitude != "auto":
+        reject("trace amplitude", "'auto' with UTD", amplitude, "Its light is each ray's: plane, or of a point.")
     if isinstance(max_events, bool) or not isinstance(max_events, int | np.integer) or max_events < 0:
         reject("trace max_events", "a whole number of at least 0", max_events)
-    facets = facets_of(geometry)
-    if mode != "ray":
+
+
+def _by_patterns(
+    geometry: Geometry, facets: Facets, emitter: Emitter, planes, first_cell, seed, mode, amplitude, max_events
+) -> Callable[[int, int], _Counts]:
+    """How a block of beams is walked with Fraunhofer's patterns; each weighs 1."""
+    if mode != beam_walk.RAY:
         _doubt_short_edges(facets, emitter.wavelength)
+    key, materials, packed = stream_key(seed, Stream.BEAMS), _materials(geometry, emitter), _packed(planes)
+    source, cells = emitter.packed(), int(first_cell[-1])
 
-    key = stream_key(seed, Stream.BEAMS)
-    materials = np.array([mesh.material.row(emitter.wavelength) for mesh in geometry.meshes])
-    packed = np.array([_packed(plane) for plane in planes]).reshape(-1, 15)
-    sizes = [plane.shape[0] * plane.shape[1] for plane in planes]
-    first_cell = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    cells = int(first_cell[-1])
-    source = emitter.packed()
-
-    def block(part: tuple[int, int], _: Threads) -> tuple[np.ndarray, ...]:
+    def walk(first: int, count: int) -> _Counts:
         counts, fluence, squares = np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells)
         ends, statistics = np.zeros(beam_walk.ENDS, np.int64), np.zeros(beam_walk.STATISTICS, np.int64)
         areas = np.zeros(1)
         beam_walk.walk_beams(
-            *key, part[0], part[1], _MODES[mode], _AMPLITUDES[amplitude], max_events, source, emitter.wavelength,
+            *key, first, count, mode, amplitude, max_events, source, emitter.wavelength,
             geometry.boxes, geometry.link, geometry.corners, *facets[:10], facets.most_edges,
             facets.material, materials, packed, first_cell, counts, fluence, squares, ends, statistics, areas,
         )  # fmt: skip
-        return counts, fluence, squares, ends, statistics, areas
+        return counts, counts, fluence, squares, ends, statistics, areas, np.zeros(2)
 
-    # Sums of floats depend on the blocks, so these depend on the number of beams alone.
-    size = max(_BLOCK, -(-int(beams) // _BLOCKS))
-    parts = [(first, min(size, beams - first)) for first in range(0, beams, size)]
-    workers = min(thread_count(threads) if threads is None or isinstance(threads, int) else thread_count(), len(parts))
-    total = None
-    for found in in_turn(block, parts, workers):
-        total = found if total is None else tuple(a + b for a, b in zip(total, found, strict=True))
-    assert total is not None
-    counts, fluence, squares, ends, statistics, areas = total
-    share = emitter.power / beams
+    return walk
+
+
+def _by_edges(
+    geometry: Geometry, facets: Facets, emitter: Emitter, planes, first_cell, seed, mode, amplitude, max_events
+) -> Callable[[int, int], _Counts]:
+    """How a block of beams is walked with UTD."""
+    table = edge_table(geometry, facets)
+    _doubt_corners(table, emitter.wavelength, planes)
+    key, materials, packed = stream_key(seed, Stream.BEAMS), _materials(geometry, emitter), _packed(planes)
+    source, cells = emitter.packed(), int(first_cell[-1])
+
+    def walk(first: int, count: int) -> _Counts:
+        images = np.zeros((4, cells))
+        ends, statistics = np.zeros(beam_walk.ENDS, np.int64), np.zeros(beam_walk.STATISTICS, np.int64)
+        balance = np.zeros(2)
+        walk_edges(
+            *key, first, count, max_events, source, emitter.wavelength,
+            geometry.boxes, geometry.link, geometry.corners, facets.facet, facets.normals, facets.rims,
+            facets.rim_ends, *table, facets.material, materials, packed, first_cell, *images, ends, statistics, balance,
+        )  # fmt: skip
+        return *images, ends, statistics, np.zeros(1), balance
+
+    return walk
+
+
+def _found(total: _Counts, planes: list[Plane], first_cell: np.ndarray, share: float, beams: int) -> WaveTrace:
+    """Images and ledger of summed counts; ``share`` is the power of a beam."""
+    power, power_squares, fluence, fluence_squares, ends, statistics, areas, balance = total
     images: list[list[np.ndarray]] = [[], [], [], []]
     for plane, start in zip(planes, first_cell, strict=False):
         part = slice(start, start + plane.shape[0] * plane.shape[1])
         scale = share / plane.pitch**2
-        for n, values, second in ((0, counts[part], counts[part]), (2, fluence[part], squares[part])):
+        for n, values, second in (
+            (0, power[part], power_squares[part]), (2, fluence[part], fluence_squares[part]),
+        ):  # fmt: skip
             # Crossings of one beam in one pixel are taken as independent.
             deviation = np.sqrt(np.maximum(second - values * (values / beams), 0.0))
             images[n].append((scale * values).reshape(plane.shape))
             images[n + 1].append((scale * deviation).reshape(plane.shape))
     area = float(areas[0]) / max(1, int(statistics[beam_walk.REGIONS]))
-    found = Statistics(*statistics.tolist(), region_area=area)
-    return WaveTrace(images[0], images[1], images[2], images[3], Ledger(*ends.tolist()), found)
+    ledger = Ledger(*ends.tolist(), *balance.tolist())
+    return WaveTrace(*images, ledger, Statistics(*statistics.tolist(), region_area=area))
 
 
-def _packed(plane: Plane) -> np.ndarray:
-    """Return float64[15], what kernels know of a receiver: centre, axes, pitch, rows, columns."""
-    return np.concatenate([plane.center, plane.axes.ravel(), [plane.pitch, *plane.shape]])
+def _materials(geometry: Geometry, emitter: Emitter) -> np.ndarray:
+    """Return float64[M, 4], what kernels know of the material of each mesh."""
+    return np.array([mesh.material.row(emitter.wavelength) for mesh in geometry.meshes])
+
+
+def _packed(planes: list[Plane]) -> np.ndarray:
+    """Return float64[R, RECEIVER], what kernels know of receivers: centre, axes, pitch, rows, columns."""
+    rows = [np.concatenate([plane.center, plane.axes.ravel(), [plane.pitch, *plane.shape]]) for plane in planes]
+    return np.array(rows).reshape(-1, RECEIVER)
 
 
 def _doubt_short_edges(facets: Facets, wavelength: float) -> None:
@@ -253,5 +219,20 @@ def _doubt_short_edges(facets: Facets, wavelength: float) -> None:
         warnings.warn(
             f"{short} of {len(length)} edges are shorter than a wavelength: Fraunhofer diffraction is no model of them",
             DoubtWarning,
-            stacklevel=3,
+            stacklevel=4,
+        )
+
+
+def _doubt_corners(table: EdgeTable, wavelength: float, planes: list[Plane]) -> None:
+    """Warn where corners matter: an edge shorter than its Fresnel zone as the nearest receiver sees it."""
+    start, along, length = table.edges[:, :3], table.edges[:, 3:6], table.edges[:, 6]
+    middle = start + along * (length / 2)[:, None]
+    distance = np.min([np.linalg.norm(middle - plane.center, axis=1) for plane in planes], axis=0)
+    short = int((length < 2 * np.sqrt(wavelength * distance)).sum())
+    if short:
+        warnings.warn(
+            f"{short} of {len(length)} edges are shorter than the Fresnel zone of the nearest receiver: corners "
+            'matter, from which UTD has no rays here; use diffraction="fraunhofer" there',
+            DoubtWarning,
+            stacklevel=4,
         )

@@ -2,20 +2,24 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
 from scenes import ROOT
+from test_packaging import IMPORT_NAMES
 from typer.testing import CliRunner
 
 from specklegen import __version__
 from specklegen.cli import commands
 from specklegen.cli.failures import told
 from specklegen.cli.recipe_options import names_starting_with
+from specklegen.cli.stores import _rate
 from specklegen.datasets import recipe_names
 from specklegen.datasets.store.shards import DamagedShard, MissingSample
 
@@ -141,7 +145,7 @@ def test_what_stops_a_command_is_a_line(words, says, tmp_path, monkeypatch, caps
 
 def test_what_is_not_in_a_store_is_not_exported(store, tmp_path, capsys):
     status, message = said_by_main(capsys, "export", store, "--out", tmp_path, "--samples", 7)
-    assert (status, "The store has 4." in message) == (2, True)
+    assert (status, "--samples must be at most 4, which the store has; got 7." in message) == (2, True)
     (tmp_path / "in the way").write_text("")
     status, message = said_by_main(capsys, "export", store, "--out", tmp_path / "in the way")
     assert (status, "in the way" in message) == (2, True)
@@ -165,6 +169,22 @@ def test_errors_of_the_system_are_told_and_defects_are_not():
     assert "nested" in str(told(RecursionError()))
     assert "pip install 'specklegen-torch[dask]'" in str(told(ModuleNotFoundError("no", name="distributed")))
     assert told(TypeError("a defect")) is None
+
+
+def test_a_package_of_an_extra_that_is_missing_is_named_with_its_extra():
+    """Every one that the package imports, under the name that it is imported by."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for extra in extras.keys() - {"dev", "docs"}:
+        for line in extras[extra]:
+            package = re.split(r"[<>=\[]", line)[0].lower()
+            name = IMPORT_NAMES.get(package, package.replace("-", "_"))
+            said = told(ModuleNotFoundError("no", name=f"{name}.inner"))
+            assert said == f"this needs the package {name}: pip install 'specklegen-torch[{extra}]'"
+
+
+@pytest.mark.parametrize(("rate", "written"), [(0.4343, "0.43"), (9.96, "10"), (12.5, "12"), (12345.6, "12346")])
+def test_a_slow_rate_is_not_none(rate, written):
+    assert _rate(rate) == written
 
 
 def test_two_calls_report_what_each_has_rendered(tmp_path):
@@ -191,12 +211,12 @@ def test_ctrl_c_says_that_the_store_goes_on(tmp_path):
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     ledger = Path(store) / "valid" / "c"
-    for _ in range(1200):
+    for _ in range(6000):
         if ledger.is_dir() and any(ledger.iterdir()):
             break
         time.sleep(0.1)
     call.send_signal(signal.SIGINT)
-    told_last = call.communicate(timeout=120)[1]
+    told_last = call.communicate(timeout=600)[1]
     assert call.returncode == 130
     assert "run the same command again to go on from there" in told_last
     assert "Traceback" not in told_last

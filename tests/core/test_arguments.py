@@ -7,10 +7,12 @@ import specklegen as sg
 from specklegen.core.arguments import instance, real_array, real_number, whole_number
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import RuleError, shown
+from specklegen.datasets import SpeckleStream, load_recipe
 
 DEEP: list = []
 for _ in range(100_000):
     DEEP = [DEEP]
+TILTS = load_recipe("tilt-stack")
 SLAB = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.9))
 
 
@@ -50,6 +52,10 @@ SLAB = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreens
         (lambda: sg.memory_effect(SLAB, wavelength=0.5, tilts=[0], threads="x"), "threads must be a whole number"),
         (lambda: sg.CollimatedBeams.tilts("x", width=1.0), "CollimatedBeams.tilts angles must be an array of numbers"),
         (lambda: sg.FarField.angles("x"), "FarField.angles must be an array of numbers"),
+        (lambda: TILTS.sample(0, "train", 1.5), "TiltStack.sample index must be a whole number; got 1.5."),
+        (lambda: TILTS.sample(0, "train", -1), "TiltStack.sample index must be at least 0 and at most .*; got -1."),
+        (lambda: SpeckleStream(TILTS).loader(1.5), "loader.num_workers must be a whole number; got 1.5."),
+        (lambda: SpeckleStream(TILTS).loader(-1), "loader.num_workers must be at least 0; got -1."),
     ],
 )  # fmt: skip
 def test_a_wrong_argument_is_a_broken_rule(call, says):

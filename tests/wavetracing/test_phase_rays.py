@@ -1,10 +1,12 @@
 """Fields by images and edges: free space, a mirror, half planes and wedges against their own theory, a strip."""
 
+import warnings
+
 import numpy as np
 import pytest
 from wavetracing.solids import box
 
-from specklegen.core.errors import RuleError
+from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.oracles.strip_solver import strip_solver
 from specklegen.oracles.wedge_series import wedge_series
 from specklegen.wavetracing import Geometry, Mesh, PointEmitter, phase_rays, wedge_field
@@ -138,6 +140,16 @@ def test_two_stages_against_the_wave_solver():
         errors.append(np.linalg.norm(found - exact) / np.linalg.norm(exact))
     assert errors[0] > 4e-2
     assert errors[1] < 8.9e-3
+
+
+def test_corners_are_doubted():
+    """An edge of 20 whose Fresnel zone, seen from 200, is 28; seen from 50 it is 14."""
+    plate = Geometry(sheet([[-10, -10, 0], [10, -10, 0], [10, 10, 0], [-10, 10, 0]]))
+    with pytest.warns(DoubtWarning, match="4 of 4 edges are shorter .* phase_rays has no rays"):
+        phase_rays(plate, lamp([0, 0, 50.0]), np.array([[1.0, 2, -200]]), 0, 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DoubtWarning)
+        phase_rays(plate, lamp([0, 0, 50.0]), np.array([[1.0, 2, -50]]), 0, 1)
 
 
 def test_refused():

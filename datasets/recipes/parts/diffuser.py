@@ -118,6 +118,10 @@ class Diffuser(Value):
         """Take the wavelength of a laboratory."""
         self._laboratory = wavelength
 
+    def realized(self, rng: np.random.Generator, split: Split) -> "KnownDiffuser":
+        """One stack with its memory effect."""
+        return self.known(self.draw(rng, split))
+
     def known(self, slab: ScreenStack) -> "KnownDiffuser":
         """Return a stack of this diffuser with its memory effect."""
         wavelength = self.wavelength or self._laboratory

@@ -1,7 +1,7 @@
 """The material of a recipe: a slab whose parameters may be drawn anew for every medium."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
@@ -168,6 +168,10 @@ class Material(Value):
         found = getattr(self.by_split, split) if own else getattr(self, name)
         return 0.0 if found is None else found
 
+    def realized(self, rng: np.random.Generator, split: Split) -> "KnownMaterial":
+        """One slab of a split with its kernel."""
+        return self.known(self.draw(rng, split))
+
     def known(self, slab: Slab) -> "KnownMaterial":
         """Return a slab of this material with its kernel, found as the recipe says."""
         return known(slab, self.kernel_paths, self.kernel, self.kernel_tolerance)
@@ -219,12 +223,15 @@ class KnownMaterial:
         Lateral wavevector difference at which C_I is half way to its floor, per unit length; inf where there is none.
     estimator : Estimator
         Where the kernel comes from.
+    drawn : Mapping[str, float]
+        What was drawn for it besides, by name.
     """
 
     slab: Slab
     kernel: MemoryEffectCorrelation
     half_range: float
     estimator: Estimator = Estimator.PATHS
+    drawn: Mapping[str, float] = field(default_factory=dict)
 
     def range_sine(self, wavelength: float) -> float:
         """Sine of the memory-effect range; inf where there is none."""
@@ -251,6 +258,7 @@ class KnownMaterial:
             "forward_radiance": self.forward_radiance,
             "memory_effect_range": float(np.arcsin(min(sine, 1.0))) if np.isfinite(sine) else np.inf,
             "estimator": float(self.estimator),
+            **self.drawn,
         }
 
 
@@ -260,7 +268,7 @@ def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: 
     if source == "atlas":
         kernel = correlation_for(slab, paths=paths, tolerance=tolerance)
     else:
-        kernel = estimate_correlation(slab, paths, pilot_seed(slab.fingerprint()))
+        kernel = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
         if not kernel.weights.any():
             reject("Material.kernel_paths", "enough for some light to come through the slab", paths,
                    f"None does at optical depth {slab.optical_depth:.4g} and albedo {slab.albedo:g}.")  # fmt: skip
@@ -277,5 +285,5 @@ def known_light(slab: Slab, paths: int, bandwidth: float, spectrum: Spectrum) ->
     RuleError
         If the band makes too many modes.
     """
-    correlation = estimate_spectral_correlation(slab, paths, pilot_seed(slab.fingerprint()))
+    correlation = estimate_spectral_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     return light_modes(correlation, bandwidth, spectrum)

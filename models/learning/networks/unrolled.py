@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from specklegen.models.learning.inputs import zero_phase
-from specklegen.models.metrics import align, pearson
+from specklegen.models.metrics import align, alignment, move, pearson
 
 Deviance = Callable[[Tensor], Tensor]
 """Of objects float[B, K, n, n], float[B, K]."""
@@ -30,6 +30,10 @@ _STEPS = (0.0, 0.15, 0.5)
 
 SETTLING = 30
 """Steps down the likelihood after the last stage, for what an image leaves unexplained."""
+BRIEFLY = (10, 0.3)
+"""Steps of what is settled before the first stage, and their rate."""
+_DARK = 0.005
+"""Least brightness that a stage begins with."""
 
 
 class Seen(NamedTuple):
@@ -109,35 +113,87 @@ class Unrolled(nn.Module):
     side
         Lags either way that the dense net sees.
     width
-        Channels of the priors; a tenth of the dense net's units.
+        Channels of the priors.
     stages
         Of likelihood and prior.
     answers
         First answers of phase retrieval.
+    units, blocks
+        Of the dense net.
     """
 
-    def __init__(self, frame: int = 36, side: int = 28, width: int = 32, stages: int = 3, answers: int = 4) -> None:
+    def __init__(
+        self, frame: int = 36, side: int = 28, width: int = 32, stages: int = 3, answers: int = 4, units: int = 448,
+        blocks: int = 3,
+    ) -> None:  # fmt: skip
         super().__init__()
         self.frame, self.side, self.width, self.count, self.answers = frame, side, width, stages, answers
-        self.dense = Dense(side, frame, 10 * width, 2)
-        self.priors = nn.ModuleList(Prior(5 + answers + SCALARS + 1, width, 2) for _ in range(stages))
+        self.units, self.blocks = units, blocks
+        self.dense = Dense(side, frame, units, blocks)
+        channels = 4 + (2 + 2 * answers) + (SCALARS + 2 + answers)
+        self.priors = nn.ModuleList(Prior(channels, width, 2) for _ in range(stages))
 
     def forward(self, seen: Seen, deviance: Deviance) -> list[Tensor]:
         """Brightness 0 to 1 after the dense net and each stage, float[B, n, n] each; the last is the answer."""
-        start = self.dense(seen).sigmoid()
-        answers, deviances = ranked(seen.answers, deviance)
-        here = align(start, answers[:, 0])
-        x = torch.logit(answers[:, 0].clamp(0.02, 0.98))
+        return self.refined(self.candidates(seen, deviance), deviance)
+
+    def candidates(self, seen: Seen, deviance: Deviance) -> "Candidates":
+        """What the stages begin with; no gradient goes through it."""
+        with torch.no_grad():
+            start = self.started(seen)
+            answers = seen.answers / seen.answers.amax((-2, -1), keepdim=True).clamp_min(1e-6)
+        near, found = settled(torch.cat([start[:, None], answers], dim=1), deviance, *BRIEFLY)
+        with torch.no_grad():
+            order = found[:, 1:].argsort(1)
+            answers, group = (x.gather(1, order[..., None, None].expand_as(x)) for x in (answers, near[:, 1:]))
+            group = align(group, group[:, :1].expand_as(group))
+            onto = alignment(group[:, 0], start)
+            group = torch.stack([move(each, onto) for each in group.unbind(1)], dim=1)
+            alone = align(answers, start[:, None].expand_as(answers))
+            pictures = torch.cat([start[:, None], near[:, :1], group, alone], dim=1)
+            return Candidates(pictures, torch.cat([found[:, :1], found[:, 1:].gather(1, order)], dim=1), seen.scalars)
+
+    def started(self, seen: Seen) -> Tensor:
+        """What the dense net makes of lags, and of lags in a mirror, float[B, n, n]: their mean in logits."""
+        mirrored = seen._replace(lags=torch.roll(seen.lags.flip(-2), 1, -2))
+        one, other = self.dense(seen).sigmoid(), self.dense(mirrored).flip(-2).sigmoid()
+        both = torch.stack([one, align(other, one)]).clamp(_DARK, 1 - _DARK)
+        return torch.logit(both).mean(0).sigmoid()
+
+    def refined(self, candidates: "Candidates", deviance: Deviance) -> list[Tensor]:
+        """Brightness after the dense net and each stage, as of :meth:`forward`."""
+        start = candidates.pictures[:, 0]
+        x = torch.logit(start.clamp(_DARK, 1 - _DARK))
         made = [start]
         for prior in self.priors:
             shown = x.sigmoid()
             better, gradient, least = improved(shown.detach(), deviance)
-            maps = torch.cat([seen.scalars, (least - deviances[:, 0])[:, None]], dim=1)
-            maps = maps[..., None, None].expand(-1, -1, self.frame, self.frame)
-            pictures = torch.stack([x / 4, shown, here, better, gradient], dim=1)
-            x = x + prior(torch.cat([pictures, answers, maps], dim=1))
+            numbers = [candidates.scalars, candidates.deviances - candidates.deviances.amin(1, keepdim=True),
+                       (least - candidates.deviances.amin(1))[:, None]]  # fmt: skip
+            maps = torch.cat(numbers, dim=1)[..., None, None].expand(-1, -1, self.frame, self.frame)
+            pictures = torch.stack([x / 4, shown, better, gradient], dim=1)
+            x = x + prior(torch.cat([pictures, candidates.pictures, maps], dim=1))
             made.append(x.sigmoid())
         return made
+
+
+class Candidates(NamedTuple):
+    """What the stages begin with, of B objects.
+
+    Attributes
+    ----------
+    pictures : float[B, 2 + 2 K, n, n]
+        The dense net's image, and the same settled; the answers settled, the most probable first, moved onto one
+        another and together onto that image; the answers as they were, moved onto it one by one.
+    deviances : float[B, 1 + K]
+        Of what was settled.
+    scalars : float[B, SCALARS]
+        Of :class:`Seen`.
+    """
+
+    pictures: Tensor
+    deviances: Tensor
+    scalars: Tensor
 
 
 def ranked(answers: Tensor, deviance: Deviance) -> tuple[Tensor, Tensor]:
@@ -173,21 +229,24 @@ def improved(image: Tensor, deviance: Deviance, steps: int = 1) -> tuple[Tensor,
     return image, gradient / 4, least
 
 
-def settled(image: Tensor, deviance: Deviance, steps: int = SETTLING) -> tuple[Tensor, Tensor]:
-    """Most probable image near one float[B, n, n], its brightest pixel 1, and its deviance float[B].
+def settled(
+    images: Tensor, deviance: Deviance, steps: int = SETTLING, rate: float = 0.1
+) -> tuple[Tensor, Tensor]:
+    """Most probable images near those given, float[B, K, n, n], brightest pixels 1, and their deviances float[B, K].
 
     Adam on the logarithm of the brightness (Kingma and Ba, ICLR 2015); few steps, since many fit the noise.
     """
-    logarithm = image.detach().clamp_min(1e-3).log().requires_grad_()
-    optimizer = torch.optim.Adam([logarithm], lr=0.1, betas=(0.9, 0.9))
+    logarithm = images.detach().clamp_min(1e-3).log().requires_grad_()
+    optimizer = torch.optim.Adam([logarithm], lr=rate, betas=(0.9, 0.9))
     with torch.enable_grad():
         for _ in range(steps):
             optimizer.zero_grad()
-            deviance(logarithm.exp()[:, None])[:, 0].sum().backward()
+            deviance(logarithm.exp()).sum().backward()
             optimizer.step()
     with torch.no_grad():
         found = logarithm.exp()
-        return found / found.amax((-2, -1), keepdim=True), deviance(found[:, None])[:, 0]
+        found = found / found.amax((-2, -1), keepdim=True)
+        return found, deviance(found)
 
 
 def invariant_loss(image: Tensor, target: Tensor) -> Tensor:

@@ -177,7 +177,7 @@ def _decompose(
         if _worst(at_nodes, lattice.at(np.eye(nodes**2), spots), rough) > tolerance:
             continue  # no rank helps where the lattice itself does not resolve F
         found = _training_values(train, train_weight, tiling, lattice, values)
-        _, r, pivots = qr(found, mode="economic", pivoting=True)  # type: ignore[misc]
+        r, pivots = pivoted(found)
         tails = np.sqrt(np.cumsum(np.square(np.abs(r)).sum(axis=1)[::-1])[::-1])
         # A finer lattice only asks for more; pivoting comes within a factor 2 of the least rank.
         if (tails > tolerance * tails[0]).sum() > 2 * MAX_RANK:
@@ -191,6 +191,24 @@ def _decompose(
         if factor is not None:
             return factor
     return None
+
+
+def pivoted(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R and the pivots of a QR decomposition whose first column leaves the least of all others.
+
+    Pivoting alone starts with the largest column, which often is a corner of the views. The best one lies near their
+    middle; where one column is enough, its error is about 0.6 of that from a corner.
+    """
+    gram = columns.conj().T @ columns
+    power = np.diagonal(gram).real
+    first = int(np.argmax(np.square(np.abs(gram)).sum(axis=0) / np.maximum(power, 1e-300)))
+    others = np.delete(np.arange(len(gram)), first)
+    size = np.sqrt(power[first])
+    unit = columns[:, [first]] / max(size, 1e-300)
+    along = unit.conj().T @ columns[:, others]
+    _, r, pivots = qr(columns[:, others] - unit @ along, mode="economic", pivoting=True)  # type: ignore[misc]
+    top = np.hstack([[[size]], along[:, pivots]])
+    return np.vstack([top, np.pad(r, ((0, 0), (1, 0)))]), np.concatenate([[first], others[pivots]])
 
 
 def _least_rank(

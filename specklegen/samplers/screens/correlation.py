@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from specklegen.core.values import remembered
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.scene.screens import ScreenStack
 from specklegen.theory.phase_screens import Lobes, gathered, index_correlation, lobes
@@ -48,6 +49,7 @@ class ScreenCorrelation(MemoryEffectCorrelation):
         return (super().correlation(sines, wavenumber) if self.weights.any() else 1.0) * kept
 
 
+@remembered(64)
 def screen_correlation(stack: ScreenStack, wavelength: float) -> ScreenCorrelation:
     """K of a stack at the view along the beam, as a distribution of lateral walks; its weights add up to f(0)."""
     terms = lobes(stack, wavelength)
@@ -117,8 +119,8 @@ def envelope(stack: ScreenStack, wavelength: float, beams: np.ndarray, views: np
     return Envelope(single(gain * (even + odd)), single(gain * (even - odd)))
 
 
-def profile(terms: Lobes, sines: np.ndarray, part: Lobes | None = None) -> np.ndarray:
-    """Root of f, or of a part of it, over f(0), at |p| float64[...]: interpolated in a fine table."""
-    reach = np.linspace(0.0, float(sines.max(initial=0.0)) * (1 + 1e-12) + 1e-300, _NODES)
+def profile(terms: Lobes, sines: np.ndarray, part: Lobes | None = None, nodes: int = _NODES) -> np.ndarray:
+    """Root of f, or of a part of it, over f(0), at |p| float64[...]: interpolated in a table, fine unless asked."""
+    reach = np.linspace(0.0, float(sines.max(initial=0.0)) * (1 + 1e-12) + 1e-300, nodes)
     table = np.sqrt((part or terms).density(reach) / terms.density(np.zeros(1)))
     return np.interp(sines, reach, table)

@@ -9,7 +9,7 @@ image of the object times P_n. They are fitted at Gauss nodes, as many as bring 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
 from specklegen.core.random_streams import Seed
 from specklegen.samplers.screens.correlation import profile, screen_correlation
-from specklegen.samplers.screens.rule import mirror_error
 from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
 from specklegen.scene.screens import ScreenStack
 from specklegen.scene.sensors import FarFieldGrid
@@ -33,6 +32,7 @@ else:
 TOLERANCE = 4e-3
 """Error of E^2, over its peak, that the polynomials may leave."""
 MOST_DEGREE = 8
+_COARSE = 256  # nodes of tables that only choose the degree: right to 1e-4
 _LOST = 0.02  # correlation that may be lost to what objects have no model of
 
 
@@ -103,7 +103,7 @@ def screen_objects(
         For screens so weak that images are correlated with their mirror image, or tilts at which the index tells.
     """
     terms = lobes(stack, wavelength)
-    mirrored = mirror_error(terms)
+    mirrored = terms.mirrored
     if mirrored > _LOST:
         reject(
             "Diffuser.screens", f"so strong that an image's mirror image is correlated with it by {_LOST:g} at most",
@@ -123,20 +123,21 @@ def screen_objects(
         object_pitch=object_pitch, grid=grid, base=base, **options,
     )  # fmt: skip
 
-    def squared(x: np.ndarray, y: np.ndarray, beams: np.ndarray) -> np.ndarray:
+    def squared(x: np.ndarray, y: np.ndarray, beams: np.ndarray, **nodes: int) -> np.ndarray:
         """E^2 [T, B, len(y), len(x)] of beams float64[B, 2] under every base tilt."""
         light = base[:, None] + beams
         apart = np.hypot(x - light[..., 0, None, None], y[:, None] - light[..., 1, None, None])
         views = 1 - np.square(x) - np.square(y)[:, None]
-        return views / np.sqrt(1 - np.square(light).sum(-1))[..., None, None] * np.square(profile(terms, apart))
+        gain = views / np.sqrt(1 - np.square(light).sum(-1))[..., None, None]
+        return gain * np.square(profile(terms, apart, **nodes))
 
     x, y = grid.sines
     few_x, few_y = (axis[np.unique(np.linspace(0, len(axis) - 1, 9).astype(int))] for axis in (x, y))
     corners = half * np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
     for degree in range(MOST_DEGREE + 1):
         nodes, fit, orders = _fit(degree)
-        held = np.einsum("tbhw,bn->tnhw", squared(few_x, few_y, nodes * half), fit)
-        exact, at = squared(few_x, few_y, corners), _values(np.sign(corners), orders)
+        held = np.einsum("tbhw,bn->tnhw", squared(few_x, few_y, nodes * half, nodes=_COARSE), fit)
+        exact, at = squared(few_x, few_y, corners, nodes=_COARSE), _values(np.sign(corners), orders)
         if np.abs(np.einsum("tnhw,bn->tbhw", held, at) - exact).max() <= TOLERANCE or not half.any():
             break
     else:
@@ -150,6 +151,7 @@ def screen_objects(
     )
 
 
+@lru_cache(maxsize=MOST_DEGREE + 1)
 def _fit(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nodes float64[B, 2], what turns values there into coefficients float64[B, N], and orders int64[N, 2]."""
     points, weights = leggauss(degree + 1)

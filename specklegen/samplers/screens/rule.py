@@ -119,12 +119,4 @@ def _mirror_error(scene: Scene, terms: Lobes) -> float:
     inside = np.hypot(*(scene.beams.directions[:, :2].T - nearest)) <= scene.speckle_size
     if not inside.any():
         return 0.0
-    return mirror_error(terms)
-
-
-def mirror_error(terms: Lobes) -> float:
-    """Correlation of an image's intensity with that of its mirror image about the beam, where it is largest."""
-    if not len(terms.shares):
-        return 0.0
-    even, odd = (terms.of_parity(parity).density(np.zeros(1))[0] for parity in (0, 1))
-    return float(((even - odd) / (even + odd)) ** 2)
+    return terms.mirrored

@@ -242,7 +242,7 @@ def atlas_correlation(slab: Slab, tolerance: float = TOLERANCE) -> MemoryEffectC
 def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation:
     """K of a slab from where it is cheapest: the atlas, the disk, or ``paths`` new paths.
 
-    A function of the material alone: an estimate's seed is the slab's fingerprint, and the disk returns its
+    A function of the material alone: an estimate's seed is the slab in units of its thickness, and the disk returns its
     bits. ``source`` of the result says which of "atlas", "cache" and "estimate" it was.
 
     Parameters
@@ -260,6 +260,6 @@ def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLE
     file = correlation_cache.path_of(slab, paths)
     kernel = correlation_cache.load(file)
     if kernel is None:
-        kernel = estimate_correlation(slab, paths, pilot_seed(slab.fingerprint()))
+        kernel = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
         correlation_cache.store(kernel, file)
     return kernel

@@ -124,7 +124,7 @@ class Mie(_WithAnisotropy):
         cos = np.cos(np.minimum(theta, math.pi - 1e-3 / (1 + self.size_parameter)))
         s1, s2 = np.zeros((2, *cos.shape), np.complex128)
         before, now = np.zeros_like(cos), np.ones_like(cos)  # pi_(n-1), pi_n: Bohren and Huffman, Eqs. 4.47, 4.74
-        for n, (a, b) in enumerate(self._coefficients.T, start=1):
+        for n, (a, b) in enumerate(self.coefficients.T, start=1):
             tau = n * cos * now - (n + 1) * before
             share = (2 * n + 1) / (n * (n + 1))
             s1 += share * (a * now + b * tau)
@@ -134,15 +134,15 @@ class Mie(_WithAnisotropy):
         return np.sqrt(power) * np.exp(1j * np.angle(1j * (s1 + s2)))
 
     @cached_property
-    def _coefficients(self) -> np.ndarray:
-        """a_n and b_n, complex128[2, N]."""
+    def coefficients(self) -> np.ndarray:
+        """a_n and b_n, complex128[2, N]: Bohren and Huffman, Eqs. 4.56 and 4.57."""
         return np.asarray(_miepython().coefficients(self.refractive_index, self.size_parameter))
 
     @cached_property
     def _strength(self) -> float:
         """Sum of (2n + 1)(|a_n|^2 + |b_n|^2): x^2/2 of the scattering efficiency."""
-        order = np.arange(1, self._coefficients.shape[1] + 1)
-        return float(((2 * order + 1) * np.abs(self._coefficients) ** 2).sum())
+        order = np.arange(1, self.coefficients.shape[1] + 1)
+        return float(((2 * order + 1) * np.abs(self.coefficients) ** 2).sum())
 
 
 def _refuse_flatland(dimensions: Dimensions) -> None:

@@ -15,9 +15,10 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten
 from torch.utils.data import DataLoader
 
-from specklegen.core.errors import DoubtWarning
+from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.loading import stream as streams
+from specklegen.datasets.recipes import recipe as recipes
 from specklegen.datasets.recipes.parts.material import known
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.identity import device_kind, fingerprint, identity
@@ -76,6 +77,20 @@ def test_the_generator_of_other_devices_renders_the_same_samples(name, monkeypat
     assert drawn, "the kernel was replaced"
 
 
+@pytest.fixture
+def meta_is_a_device(monkeypatch):
+    """Let "meta", which holds no numbers and is refused, stand for a device."""
+    for module in (streams, recipes):
+        monkeypatch.setattr(module, "checked_device", lambda field, device: torch.device(device))
+
+
+@pytest.mark.parametrize("device", ["gpu", "meta", "cuda:99", 3.5])
+def test_a_device_that_is_not_there_is_refused(device):
+    with pytest.raises(RuleError, match=r"TiltStack\.on device must be a device that torch has here; got"):
+        load_recipe("tilt-stack").on(device)
+
+
+@pytest.mark.usefixtures("meta_is_a_device")
 def test_where_a_recipe_renders_is_no_part_of_what_it_says():
     recipe = load_recipe("through-slab", SMALL["through-slab"])
     moved = recipe.on("meta")
@@ -98,12 +113,6 @@ def test_the_kind_of_device_is_part_of_the_identity_of_a_store(tmp_path):
     generate(recipe, samples=3, folder=tmp_path / "a.zarr", processes=1)
     with pytest.raises(ValueError, match=r"device \('cpu' there, 'cuda' here\)"):
         generate(recipe.on("cuda:0"), samples=3, folder=tmp_path / "a.zarr", processes=1)
-
-
-@pytest.fixture
-def meta_is_a_device(monkeypatch):
-    """Let "meta", which holds no numbers and is refused, stand for a device."""
-    monkeypatch.setattr(streams, "checked_device", lambda field, device: torch.device(device))
 
 
 @pytest.mark.usefixtures("meta_is_a_device")

@@ -25,7 +25,7 @@ from specklegen.datasets.store.generate import GenerationError, generate
 from specklegen.datasets.store.info import info
 
 SAMPLES, SHARD = 40, 4
-TIMEOUT = 60
+TIMEOUT = 300
 
 
 def within(seconds, function, *arguments, **options):

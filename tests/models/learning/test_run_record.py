@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import shutil
 import signal
 
@@ -120,7 +119,7 @@ def test_ctrl_c_saves_after_the_step(whole, tmp_path):
 
     def interrupting(done, total):
         if done == 7:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
         train(SETTINGS, DATA, HELD_OUT, tmp_path, steps=interrupting)
@@ -137,8 +136,8 @@ def test_a_second_ctrl_c_stops_inside_a_step_and_saves_nothing_of_it(whole, tmp_
     def impatient(self, *arguments, **options):
         step(self, *arguments, **options)
         if next(count) == 6:
-            os.kill(os.getpid(), signal.SIGINT)
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(torch.optim.AdamW, "step", impatient)
     with pytest.raises(KeyboardInterrupt):

@@ -214,6 +214,33 @@ def test_paths_sampler_images_agree():
     assert_z(found, 0.0, error, slack=0.01)  # of the paths: expected_error of the recipe
 
 
+@pytest.mark.parametrize("looks", [1.0, 4.0])
+def test_thinned_measurements_are_independent(looks):
+    """Two of half as many looks: of that deviance for the true object each, uncorrelated, their mean as it was."""
+    brightness, count = objects((6, 6)), 6
+    layout = SpeckleLikelihood(flat((96, 96), count), (6, 6), Optics(2.0, 3.0))
+    spectrum = layout.object_spectrum(brightness.expand(count, -1, -1))
+    power = spectrum * torch.from_numpy(np.random.default_rng(2).gamma(looks, 1 / looks, spectrum.shape))
+    whole = layout.seeing(power, layout.noise, looks)
+    parts = whole.thinned(seed=3)
+    assert torch.allclose((parts[0].power + parts[1].power) / 2, power, rtol=1e-12)
+    ratios = [((part.power / spectrum)[part.used]).numpy() for part in parts]
+    n = ratios[0].size
+    product = (ratios[0] - 1) * (ratios[1] - 1)
+    # Frequencies of one place share the beta variable over the images: that leaves the spread of a product as it is.
+    assert_z(product.mean(), 0.0, product.std() / np.sqrt(n))
+    correlated = product + 0.1 * np.square(ratios[0] - 1)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(correlated.mean(), 0.0, correlated.std() / np.sqrt(n))
+    for part, ratio in zip(parts, ratios, strict=True):
+        assert part.looks == looks / 2
+        assert_z(np.var(ratio), 2 / looks, np.std(np.square(ratio - 1)) / np.sqrt(n))
+        each = ratio - 1 - np.log(ratio)
+        assert_z(each.mean(), expected_deviance(looks / 2), each.std() / np.sqrt(n))
+    assert torch.equal(whole.thinned(seed=3)[0].power, parts[0].power)
+    assert torch.equal(layout.power, torch.ones_like(layout.power))  # what it was made of is as it was
+
+
 def test_bad_optics_are_refused():
     with pytest.raises(RuleError, match=r"Optics\.grain must be above 0"):
         SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(1.0, 0.0))

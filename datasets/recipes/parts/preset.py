@@ -1,0 +1,149 @@
+"""The material of a recipe by its name: a slab of :mod:`specklegen.materials`, its numbers drawn like all others.
+
+In TOML a ``[material]`` with a preset instead of a slab's numbers:
+
+    [material]
+    preset = { name = "intralipid", wavelength = 0.633, dilution = { uniform = [0.02, 0.1] } }
+    thickness = 1000.0
+    outside = 1.0
+
+A number may be "range": it is then drawn from the range that the literature leaves. The wavelength is that in vacuum,
+in micrometres; lengths of the recipe are in units of ``unit`` metres.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import product
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import BeforeValidator, Field, TypeAdapter, WithJsonSchema, model_validator
+
+from specklegen import materials
+from specklegen.core.errors import reject
+from specklegen.core.values import Positive, Value
+from specklegen.datasets.recipes.parts.distributions import Choice, Draw, Uniform, drawn, ends, is_draw, require_above
+from specklegen.datasets.recipes.parts.material import KnownMaterial, known
+from specklegen.datasets.split import Split
+from specklegen.materials import BulkMaterial
+from specklegen.scene.faces import Faces
+from specklegen.scene.media import Slab
+
+_DRAW = TypeAdapter(Draw)
+_FIXED = ("name", "wavelength", "unit")
+
+
+def _read(table: Any) -> Any:
+    if not isinstance(table, Mapping) or "name" not in table or "wavelength" not in table:
+        reject("Material.preset", 'a table such as {name = "intralipid", wavelength = 0.633}', table)
+    numbers = materials.about(table["name"]).numbers
+    read = {}
+    for field, value in table.items():
+        if field in _FIXED:
+            read[field] = value
+        elif field not in numbers:
+            reject("Material.preset", f"given numbers among {', '.join(numbers)}", field)
+        elif value == "range":
+            known = numbers[field]
+            read[field] = Choice(choice=known.choices) if known.choices else Uniform(uniform=(known.low, known.high))
+        else:
+            read[field] = _DRAW.validate_python(value)
+    return read
+
+
+NamedMaterial = Annotated[
+    dict[str, Any],
+    BeforeValidator(_read),
+    WithJsonSchema({"type": "object", "required": ["name", "wavelength"],
+                    "properties": {"name": {"enum": materials.list()}}}),
+]  # fmt: skip
+"""Name, vacuum wavelength and numbers of a preset, with distributions in place of numbers."""
+
+
+class PresetMaterial(Value):
+    """A slab of a named material.
+
+    Parameters
+    ----------
+    preset
+        Name, wavelength (in vacuum, micrometres), ``unit`` (metres in a length of the recipe, 1e-6 by default), and the
+        numbers of the preset; each may be a constant, a range, a choice, or "range" for that of the literature.
+    thickness
+        Of the slab.
+    outside
+        Refractive index before and behind it, whose step reflects light; by default there is none.
+    kernel_paths
+        As of a slab that is given by its numbers.
+    """
+
+    preset: NamedMaterial
+    thickness: Draw
+    outside: Positive | None = None
+    kernel_paths: Annotated[int, Field(ge=64, le=10**9)] = 100_000
+
+    kernel: ClassVar = "estimate"
+    by_split: ClassVar = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        require_above("Material.thickness", self.thickness, 0)
+        made = [self._bulk(numbers) for numbers in self._corners()]
+        if len({bulk.refractive_index for bulk in made}) > 1:
+            reject("Material.preset", "of one refractive index, which fixes the wavelength inside",
+                   sorted({bulk.refractive_index for bulk in made}), "Give a constant for what the index depends on.")
+        return self
+
+    @property
+    def wavelength(self) -> float:
+        """Inside the material."""
+        return self._bulk(self._corners()[0]).wavelength
+
+    @property
+    def faces(self) -> Faces:
+        """Of its slabs."""
+        return self.extremes()[0].faces
+
+    @property
+    def varies(self) -> bool:
+        """Whether two media may have different parameters."""
+        return any(low < high for low, high in map(ends, [self.thickness, *self._draws().values()]))
+
+    def realized(self, rng: np.random.Generator, split: Split) -> KnownMaterial:  # noqa: ARG002 - as of a slab
+        """One slab with its memory effect, and the numbers that were drawn for it."""
+        thickness = drawn(self.thickness, rng)
+        numbers = {name: drawn(source, rng) for name, source in self._draws().items()}
+        told = {f"preset_{name}": float(value) for name, value in numbers.items()}
+        return replace(self.known(self._slab(thickness, numbers)), drawn=told)
+
+    def slab_of(self, parameters: Mapping[str, float]) -> Slab:
+        """Slab of a sample, from its stored parameters."""
+        return self._slab(parameters["thickness"], {name: parameters[f"preset_{name}"] for name in self._draws()})
+
+    def labels(self, slab: Slab) -> dict[str, float]:  # noqa: ARG002
+        """None: what was drawn is among the parameters of the realized material."""
+        return {}
+
+    def extremes(self) -> list[Slab]:
+        """Slabs at the ends of every range."""
+        return [self._slab(t, numbers) for t in sorted(set(ends(self.thickness))) for numbers in self._corners()]
+
+    def known(self, slab: Slab) -> KnownMaterial:
+        """Return a slab with its memory effect."""
+        return known(slab, self.kernel_paths)
+
+    def _draws(self) -> dict[str, Any]:
+        return {name: self.preset[name] for name in sorted(self.preset) if is_draw(self.preset[name])}
+
+    def _corners(self) -> list[dict[str, float]]:
+        draws = self._draws()
+        corners = product(*(sorted(set(ends(source))) for source in draws.values()))
+        return [dict(zip(draws, corner, strict=True)) for corner in corners]
+
+    def _bulk(self, numbers: Mapping[str, float]) -> BulkMaterial:
+        made = materials.get(**(self.preset | numbers))
+        if not isinstance(made, BulkMaterial):
+            reject("Material.preset", "a bulk", self.preset["name"], "Write a ground glass as screens.")
+        return made
+
+    def _slab(self, thickness: float, numbers: Mapping[str, float]) -> Slab:
+        return self._bulk(numbers).slab(thickness, self.outside)

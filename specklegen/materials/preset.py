@@ -1,0 +1,153 @@
+"""What a preset holds, and what it makes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from specklegen.core.values import Positive, UnitInterval, Value
+from specklegen.scene.faces import Faces
+from specklegen.scene.media import Slab
+from specklegen.scene.scatterers import AnyScatterer, Scatterer
+from specklegen.scene.screens import GroundGlass
+
+
+class Checked(StrEnum):
+    """How far a number was followed back when it was written down here."""
+
+    SOURCE = "read in the source"
+    SECOND_HAND = "read in another work that cites the source"
+    NOT = "not checked against the source text"
+    ASSUMED = "assumed: no source gives it"
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a material.
+
+    Attributes
+    ----------
+    default, low, high : float
+        What is taken, and the ends of the range from which :func:`specklegen.materials.draw` draws evenly.
+    unit, meaning, source : str
+    checked : Checked
+    choices : tuple of float
+        Of a number that takes a few values alone, from which one is drawn.
+    """
+
+    default: float
+    low: float
+    high: float
+    unit: str
+    meaning: str
+    source: str
+    checked: Checked
+    choices: tuple[float, ...] = ()
+
+    def drawn(self, rng: np.random.Generator) -> float:
+        """One of the choices, or a number evenly from the range."""
+        return float(rng.choice(self.choices) if self.choices else rng.uniform(self.low, self.high))
+
+    def __str__(self) -> str:
+        spread = f" ({self.low:g} to {self.high:g})" if self.low < self.high else ""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.default:g}{spread}{unit}: {self.meaning}. {self.source}; {self.checked}."
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What light meets inside a material, per micrometre.
+
+    Attributes
+    ----------
+    scatterer : Scatterer
+        Of its lengths (those of a sphere) in the unit that was asked for.
+    scattering, absorption : float
+        Coefficients, 1 / micrometre.
+    refractive_index : float
+    """
+
+    scatterer: Scatterer
+    scattering: float
+    absorption: float
+    refractive_index: float
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A named material.
+
+    Attributes
+    ----------
+    name, summary : str
+    wavelengths : (float, float)
+        Vacuum wavelengths that its formulas hold for, micrometres.
+    numbers : Mapping[str, Number]
+        What may be given or drawn, by name.
+    references : tuple of str
+    doubts : str
+        What the model leaves out.
+    make : Callable
+        Maps (vacuum wavelength in micrometres, units of length in a micrometre, **numbers) to :class:`Optics`, or to a
+        thin medium.
+    """
+
+    name: str
+    summary: str
+    wavelengths: tuple[float, float]
+    numbers: Mapping[str, Number]
+    references: tuple[str, ...]
+    make: Callable[..., Optics | GroundGlass] = field(repr=False)
+    doubts: str = ""
+
+    def __str__(self) -> str:
+        low, high = self.wavelengths
+        lines = [f"{self.name}: {self.summary}", f"  wavelength: {low:g} to {high:g} micrometres, in vacuum"]
+        lines += [f"  {name} = {number}" for name, number in self.numbers.items()]
+        lines += [f"  {self.doubts}"] if self.doubts else []
+        return "\n".join(lines + [f"  [{n}] {text}" for n, text in enumerate(self.references, start=1)])
+
+
+class BulkMaterial(Value):
+    """A scattering material without a shape; :meth:`slab` gives it one.
+
+    Parameters
+    ----------
+    name
+        Of the preset.
+    scatterer, mean_free_path, albedo
+        As of :class:`specklegen.Slab`.
+    refractive_index
+        Of what lies between the scatterers.
+    wavelength
+        Inside the material, in the unit of the mean free path: that of a scene.
+    """
+
+    name: str
+    scatterer: AnyScatterer
+    mean_free_path: Positive
+    albedo: UnitInterval
+    refractive_index: Positive
+    wavelength: Positive
+
+    @property
+    def transport_length(self) -> float:
+        """l* = mean_free_path / (1 - g)."""
+        return self.mean_free_path / (1 - self.scatterer.mean_cosine())
+
+    def slab(self, thickness: float, outside: float | None = 1.0, wall: float | None = None) -> Slab:
+        """A layer of it.
+
+        Parameters
+        ----------
+        thickness
+            Same unit as the mean free path.
+        outside
+            Refractive index before and behind it, whose step reflects light; None for matched faces.
+        wall
+            Refractive index of a thin plate over each face.
+        """
+        faces = Faces() if outside is None else Faces(inside=self.refractive_index, outside=outside, wall=wall)
+        return Slab(thickness=thickness, mean_free_path=self.mean_free_path, albedo=self.albedo,
+                    scatterer=self.scatterer, faces=faces)  # fmt: skip

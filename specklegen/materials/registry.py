@@ -1,0 +1,112 @@
+"""Presets by name."""
+
+import warnings
+
+import numpy as np
+
+from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.random_streams import Seed, Stream, stream_key
+from specklegen.materials.fog import FOG
+from specklegen.materials.ground_glass import GROUND_GLASS
+from specklegen.materials.intralipid import INTRALIPID
+from specklegen.materials.milk import MILK
+from specklegen.materials.paint import PAINT
+from specklegen.materials.preset import BulkMaterial, Preset
+from specklegen.materials.spheres import POLYSTYRENE, SILICA
+from specklegen.materials.tissue import BONE, BRAIN, MUSCLE, SKIN
+from specklegen.scene.screens import GroundGlass
+
+PRESETS: dict[str, Preset] = {
+    preset.name: preset
+    for preset in (
+        POLYSTYRENE, SILICA, INTRALIPID, MILK, SKIN, BRAIN, BONE, MUSCLE, FOG, PAINT, GROUND_GLASS,
+    )
+}  # fmt: skip
+
+
+def names() -> list[str]:
+    """Names of all presets."""
+    return sorted(PRESETS)
+
+
+def about(name: str) -> Preset:
+    """Record of a preset: its numbers, their ranges, where they come from and how far that was checked; print it.
+
+    Raises
+    ------
+    RuleError
+        If there is no preset of that name.
+    """
+    if name not in PRESETS:
+        reject("materials name", f"one of {', '.join(names())}", name)
+    return PRESETS[name]
+
+
+def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -> BulkMaterial | GroundGlass:
+    """A material by its name.
+
+    Parameters
+    ----------
+    name
+        One of ``list()``.
+    wavelength
+        In vacuum, micrometres.
+    unit
+        Metres in the unit of length of what is returned; micrometres by default.
+    **numbers
+        Of the preset, in the units that ``about(name)`` states; what is left out has its default.
+
+    Returns
+    -------
+    BulkMaterial or GroundGlass
+        A bulk, with scatterer, mean free path, albedo, refractive index and the wavelength inside; or a thin medium.
+
+    Raises
+    ------
+    RuleError
+        If there is no such preset or number, or the wavelength is beyond its formulas.
+
+    Warns
+    -----
+    DoubtWarning
+        Where a number lies outside the range of the literature.
+    """
+    preset = about(name)
+    low, high = preset.wavelengths
+    if not (isinstance(wavelength, int | float) and low <= wavelength <= high):
+        reject(f"materials.get({name!r}) wavelength", f"{low:g} to {high:g} micrometres, in vacuum", wavelength)
+    if not (isinstance(unit, int | float) and 0 < unit < np.inf):
+        reject("materials.get unit", "greater than 0 (metres)", unit)
+    for field, value in numbers.items():
+        if field not in preset.numbers:
+            reject(f"materials.get({name!r})", f"given numbers among {', '.join(preset.numbers)}", field)
+        known = preset.numbers[field]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
+            reject(f"materials.get({name!r}) {field}", "a finite number of at least 0", value)
+        if not known.low <= value <= known.high:
+            warnings.warn(
+                f"materials.get({name!r}) {field} = {value:g} lies outside {known.low:g} to {known.high:g}: "
+                f"{known.source}.", DoubtWarning, stacklevel=2,
+            )  # fmt: skip
+    given = {field: number.default for field, number in preset.numbers.items()} | numbers
+    micrometre = 1e-6 / unit
+    made = preset.make(float(wavelength), micrometre, **given)
+    if isinstance(made, GroundGlass):
+        return made
+    extinction = made.scattering + made.absorption
+    if not extinction > 0:
+        reject(f"materials.get({name!r})", "given numbers that scatter light", given)
+    return BulkMaterial(
+        name=name, scatterer=made.scatterer, mean_free_path=micrometre / extinction,
+        albedo=made.scattering / extinction, refractive_index=made.refractive_index,
+        wavelength=wavelength * micrometre / made.refractive_index,
+    )  # fmt: skip
+
+
+def draw(
+    name: str, wavelength: float, *, seed: Seed, unit: float = 1e-6, **numbers: float
+) -> BulkMaterial | GroundGlass:
+    """A material by its name, what is not given drawn evenly from the ranges of the literature; see :func:`get`."""
+    rng = np.random.default_rng(stream_key(seed, Stream.MATERIALS))
+    spread = {field: number.drawn(rng) for field, number in about(name).numbers.items()}
+    return get(name, wavelength, unit=unit, **(spread | numbers))

@@ -1,0 +1,80 @@
+"""Tissues, by the review of Jacques: mu_s (1 - g) = a (lambda / 500 nm)^-b, n = 1.514 - (1.514 - 1.33) W.
+
+S. L. Jacques, Physics in Medicine and Biology 58, R37 (2013), Eqs. 1 and 3; a and b of table 2 with one standard
+deviation either way, W the share of water. The absorption is that of blood alone at 806 nm, 4.38 / cm times its share
+of the volume: give your own at other wavelengths.
+"""
+
+from collections.abc import Mapping
+
+from specklegen.materials.preset import Checked, Number, Optics, Preset
+from specklegen.scene.scatterers import HenyeyGreenstein
+
+_JACQUES = "Jacques, Physics in Medicine and Biology 58, R37 (2013)"
+_BLOOD = 0.438  # 1 / mm at 806 nm, of whole blood
+
+
+def make(
+    wavelength: float, micrometre: float, *, a: float, b: float, g: float, water: float, absorption: float
+) -> Optics:
+    """Optics of a tissue."""
+    reduced = a * 1e-4 * (wavelength / 0.5) ** -b  # 1 / cm to 1 / micrometre
+    return Optics(HenyeyGreenstein(g=g), reduced / (1 - g), absorption / 1000, 1.514 - (1.514 - 1.33) * water)
+
+
+def _numbers(
+    a: tuple[float, float, float], b: tuple[float, float, float], water: tuple[float, float, float],
+    blood: tuple[float, float, float], *, from_water: str, checked: Checked = Checked.SOURCE,
+    g: Number | None = None, table: str = "table 2, mean and standard deviation",
+) -> Mapping[str, Number]:  # fmt: skip
+    return {
+        "a": Number(*a, "1 / cm", "mu_s (1 - g) at 500 nm", f"{_JACQUES}, {table}", Checked.SOURCE),
+        "b": Number(*b, "", "power of the wavelength", f"{_JACQUES}, {table}", Checked.SOURCE),
+        "g": g or Number(0.9, 0.85, 0.95, "", "anisotropy, hardly known: figure 8 spreads at least so far",
+                         _JACQUES, Checked.SOURCE),
+        "water": Number(*water, "", "share of water, which gives the refractive index", from_water, checked),
+        "absorption": Number(*(round(_BLOOD * share, 5) for share in blood), "1 / mm",
+                             f"blood at 806 nm, {100 * blood[0]:.3g} % of the volume", f"{_JACQUES}, table 3",
+                             Checked.SOURCE),
+    }  # fmt: skip
+
+
+def _tissue(name: str, summary: str, numbers: Mapping[str, Number], *more: str, doubts: str = "") -> Preset:
+    left_out = "Henyey-Greenstein lobes; the lobes of tissues differ from them at small angles."
+    references = (_JACQUES + ": read in the source", *more)
+    return Preset(name, summary, (0.4, 1.3), numbers, references, make, f"{left_out} {doubts}".strip())
+
+
+SKIN = _tissue(
+    "skin", "skin, dermis and epidermis together",
+    _numbers((46.0, 32.3, 59.7), (1.421, 0.904, 1.938), (0.65, 0.2, 0.7), (0.0041, 0.0005, 0.0157),
+             from_water=f"{_JACQUES}, table 3, dermis and whole skin"),
+    doubts="Melanin of the epidermis is left out.",
+)  # fmt: skip
+
+BRAIN = _tissue(
+    "brain", "brain",
+    _numbers((24.2, 12.5, 35.9), (1.611, 0.548, 2.674), (0.8, 0.7, 0.8), (0.03, 0.0142, 0.0375),
+             from_water="Gray matter .8, white matter .7: Biswas and Luu (2011)", checked=Checked.SECOND_HAND),
+    "Biswas and Luu (2011), as cited by Jacques and in a data set of refractive indices of the brain",
+    doubts="White matter scatters several times as much as gray, and less once it is cut out.",
+)  # fmt: skip
+
+BONE = _tissue(
+    "bone", "bone and skull",
+    _numbers((22.9, 8.3, 37.5), (0.716, 0.034, 1.398), (0.19, 0.12, 0.25), (0.0136, 0.0136, 0.03),
+             from_water="Timmins and Wall, Calcified Tissue Research 23, 1 (1977)", checked=Checked.SECOND_HAND),
+    "Timmins and Wall, Calcified Tissue Research 23, 1 (1977): read in a program that cites it",
+    doubts="Three skulls and bones in all, of 9.5 to 38.4 / cm; the index by the share of water is an extrapolation.",
+)  # fmt: skip
+
+MUSCLE = _tissue(
+    "muscle", "muscle",
+    _numbers((13.0, 9.8, 13.0), (0.926, 0.926, 2.82), (0.75, 0.7, 0.8), (0.0116, 0.0116, 0.0361),
+             from_water="Water is some three quarters of muscle", checked=Checked.NOT,
+             table="table 1, rows 29 (Tromberg 1996) and 40 (Alexandrakis et al. 2005)",
+             g=Number(0.93, 0.9, 0.95, "", "anisotropy from 650 to 800 nm", "Bashkatov, Genina and Tuchin, Journal of "
+                      "Innovative Optical Health Sciences 4, 9 (2011), table of muscle", Checked.SECOND_HAND)),
+    "Bashkatov, Genina and Tuchin, J. Innovative Optical Health Sciences 4, 9 (2011): read in notes that cite it",
+    doubts="Fibers, which scatter along and across differently, are left out.",
+)  # fmt: skip

@@ -1,0 +1,61 @@
+"""Edges of a scene as arrays, laid out for the walk of beams with UTD (`specklegen.kernels.edge_waves`)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from specklegen.wavetracing.edges import normals
+from specklegen.wavetracing.facets import Facets
+from specklegen.wavetracing.geometry import Geometry
+
+
+class EdgeTable(NamedTuple):
+    """Edges that diffract.
+
+    Attributes
+    ----------
+    at : int32[F, 3]
+        Edge at each side of a place in the leaves, each edge once; -1 for none.
+    edges : float64[E, 14]
+        Start, unit vector along, length, n, unit normal of the 0-face, unit vector into that face.
+    facets, rows : int32[E, 2]
+        Plane facets of the two faces, of a boundary both sides of its one face; and their rows of materials.
+    """
+
+    at: np.ndarray
+    edges: np.ndarray
+    facets: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def shortest(self) -> float:
+        """Length of the shortest edge; inf without any."""
+        return float(self.edges[:, 6].min(initial=np.inf))
+
+
+def edge_table(scene: Geometry, facets: Facets) -> EdgeTable:
+    """Lay out the edges of a scene."""
+    found = scene.edges
+    start, stop = found.ends[:, 0], found.ends[:, 1]
+    length = np.linalg.norm(stop - start, axis=1)
+    along = np.divide(stop - start, length[:, None], out=np.zeros_like(start), where=length[:, None] > 0)
+    face, other = found.faces.T
+    inward = scene.vertices[scene.faces[face]].mean(axis=1) - start
+    inward -= (inward * along).sum(axis=1, keepdims=True) * along
+    size = np.linalg.norm(inward, axis=1, keepdims=True)
+    inward = np.divide(inward, size, out=np.zeros_like(inward), where=size > 0)
+    normal = normals(scene.vertices, scene.faces)[face]
+    place = np.empty(len(scene), np.int64)
+    place[scene.order] = np.arange(len(scene))
+    both = np.stack([face, np.where(other < 0, face, other)], axis=1)
+    at = np.full(3 * len(scene), -1, np.int32)
+    sides = np.flatnonzero(scene.topology.diffracts)
+    first = (scene.topology.neighbour[sides] < 0) | (sides // 3 < scene.topology.neighbour[sides])
+    kept = length > 0
+    at[sides[first][kept]] = np.flatnonzero(kept)
+    return EdgeTable(
+        at=at.reshape(-1, 3)[scene.order],
+        edges=np.column_stack([start, along, length, found.wedge, normal, inward]),
+        facets=facets.facet[place[both]].astype(np.int32),
+        rows=facets.material[place[both]].astype(np.int32),
+    )

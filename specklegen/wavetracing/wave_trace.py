@@ -1,0 +1,112 @@
+"""What tracing beams finds: power on receivers, how beams ended, and what they met."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from specklegen.core.showing import short
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """How beams ended: every beam once.
+
+    Attributes
+    ----------
+    received : int
+        Left the scene after crossing a receiver; receivers let light pass.
+    absorbed, escaped : int
+        On a surface; out of the scene without crossing a receiver.
+    stopped : int
+        After ``max_events`` interactions.
+    failed : int
+        No wavevector could be drawn: the opening has no area, or every try was refused. With UTD: more than 128 edges
+        met one wave together.
+    edge_received, edge_absorbed : float
+        With UTD, what rays from edges add to the two, in beams: sums of signed weights. UTD conserves power nearly, and
+        rays from edges that leave without crossing a receiver have no weight.
+    """
+
+    received: int
+    absorbed: int
+    escaped: int
+    stopped: int
+    failed: int
+    edge_received: float = 0.0
+    edge_absorbed: float = 0.0
+
+    @property
+    def total(self) -> int:
+        """All beams."""
+        return self.received + self.absorbed + self.escaped + self.stopped + self.failed
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What beams met, in counts.
+
+    Attributes
+    ----------
+    surface, open, matter, null : int
+        Ordinary surface events; regions passed; regions in which matter was hit; regions that changed nothing: without
+        edge or hit, or with nothing open as the mean of the beam sees them.
+    restarts, plain_rays : int
+        Stretches lengthened because the cone touched at once; beams that went on as a plain ray after 16 of them.
+    uniform, gaussian, local_chirp : int
+        Patterns of uniform and of Gaussian light; of the latter those whose phase, too curved for the
+        grid, was taken out.
+    trials, evanescent : int
+        Proposals of the sampler of uniform patterns; draws above the wavenumber, drawn again.
+    regions, region_triangles, crossings : int
+        Regions looked at, triangles in them, and crossings of receivers. With UTD ``open`` counts rays from edges,
+        ``regions`` legs of rays that pass edges, ``region_triangles`` the edges there.
+    region_area : float
+        Mean cross-section of a region (an area); 0 without any.
+    """
+
+    surface: int
+    open: int
+    matter: int
+    null: int
+    restarts: int
+    plain_rays: int
+    uniform: int
+    gaussian: int
+    trials: int
+    evanescent: int
+    region_triangles: int
+    regions: int
+    crossings: int
+    local_chirp: int
+    region_area: float
+
+    @property
+    def ballistic_share(self) -> float:
+        """Share of interactions that were ordinary surface events, outside all regions."""
+        return self.surface / max(1, self.surface + self.open + self.matter)
+
+
+@dataclass(frozen=True)
+class WaveTrace:
+    """Power on receivers.
+
+    Attributes
+    ----------
+    irradiance : list of float64[h, w]
+        Power through each pixel over its area, one array a receiver.
+    standard_error : list of float64[h, w]
+        Of each value.
+    fluence, fluence_error : list of float64[h, w]
+        Power over the area across the light, the sum of w / (A |cos|): what a small sphere receives.
+    ledger : Ledger
+    statistics : Statistics
+    """
+
+    irradiance: list[np.ndarray]
+    standard_error: list[np.ndarray]
+    fluence: list[np.ndarray]
+    fluence_error: list[np.ndarray]
+    ledger: Ledger
+    statistics: Statistics
+
+    __repr__ = short

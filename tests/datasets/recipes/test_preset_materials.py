@@ -1,0 +1,96 @@
+"""Recipes whose material has a name."""
+
+import numpy as np
+import pytest
+
+import specklegen as sg
+from specklegen.datasets import load_recipe
+from specklegen.datasets.recipes.volume_stack import VolumeStack
+
+PRESET = {"name": "intralipid", "wavelength": 0.633, "dilution": {"uniform": [0.03, 0.06]}}
+TOML = """
+name = "phantom"
+kind = "tilt-stack"
+media = "new"
+[material]
+preset = { name = "intralipid", wavelength = 0.633, dilution = { uniform = [0.03, 0.06] } }
+thickness = 1000.0
+kernel_paths = 2000
+[window]
+width = 60000.0
+[camera]
+shape = [16, 16]
+pixels_per_grain = 3.0
+[tilts]
+count = 2
+step = 1e-5
+"""
+
+
+@pytest.fixture(scope="module")
+def phantom(tmp_path_factory):
+    file = tmp_path_factory.mktemp("preset") / "phantom.toml"
+    file.write_text(TOML)
+    return file
+
+
+def changed(phantom, **material):
+    return load_recipe(phantom, {"material": material})
+
+
+def test_a_named_material_is_planned_rendered_and_known_again(phantom):
+    recipe = load_recipe(phantom)
+    sample = recipe.sample(0, "train", 3)
+    told = sample["parameters"]
+    material = sg.materials.get("intralipid", 0.633, dilution=told["preset_dilution"])
+    assert 0.03 <= told["preset_dilution"] <= 0.06
+    assert told["mean_free_path"] == pytest.approx(material.mean_free_path, rel=1e-12)
+    assert told["wavelength"] == recipe.wavelength == material.wavelength
+    assert recipe.material.slab_of(told) == material.slab(told["thickness"], outside=None)
+    assert sample["stack"].mean() == pytest.approx(1, abs=0.5)
+    assert recipe.material.varies
+    np.testing.assert_array_equal(sample["stack"], load_recipe(phantom).sample(0, "train", 3)["stack"])
+    assert type(recipe)(**recipe.model_dump(mode="json", exclude_none=True)).fingerprint() == recipe.fingerprint()
+
+
+def test_a_preset_takes_the_place_of_a_slab_that_is_inherited():
+    recipe = load_recipe("two-tilts", {"material": {"preset": {"name": "skin", "wavelength": 0.8}, "thickness": 500.0}})
+    assert recipe.material.extremes() == [sg.materials.get("skin", 0.8).slab(500.0, outside=None)]
+
+
+def test_faces_reflect_where_they_are_asked_for(phantom):
+    faced = changed(phantom, outside=1.0)
+    faces = faced.material.extremes()[0].faces
+    assert faces == sg.Faces(inside=faces.inside, outside=1.0)
+    assert faced.fingerprint() != load_recipe(phantom).fingerprint()
+
+
+def test_range_is_that_of_the_literature(phantom):
+    lean = {"preset": {"name": "skin", "wavelength": 0.8, "a": "range", "dilution": None}}
+    with pytest.raises(sg.RuleError, match="numbers among a, b, g"):
+        changed(phantom, **lean)
+    table = load_recipe(phantom).model_dump(mode="json", exclude_none=True)
+    table["material"] = table["material"] | {"preset": {"name": "skin", "wavelength": 0.8, "a": "range"}}
+    recipe = type(load_recipe(phantom))(**table)
+    depths = sorted(slab.optical_depth / slab.thickness for slab in recipe.material.extremes())
+    assert depths[-1] / depths[0] == pytest.approx(59.7 / 32.3, rel=1e-2)
+
+
+@pytest.mark.parametrize(("preset", "says"), [
+    ({"name": "skim", "wavelength": 0.6}, "must be one of bone, brain"),
+    ({"name": "skin"}, "wavelength = 0.633"),
+    ({"name": "skin", "wavelength": 0.6, "water": "range"}, "one refractive index"),
+    ({"name": "ground-glass", "wavelength": 0.6}, "Write a ground glass as screens"),
+])  # fmt: skip
+def test_what_is_no_bulk_is_refused_with_the_remedy(phantom, preset, says):
+    table = load_recipe(phantom).model_dump(mode="json", exclude_none=True)
+    table["material"] = table["material"] | {"preset": preset}
+    with pytest.raises(sg.RuleError, match=says):
+        type(load_recipe(phantom))(**table)
+
+
+def test_boxes_are_made_of_numbers(phantom):
+    table = load_recipe(phantom).model_dump(mode="json", exclude_none=True)
+    table |= {"kind": "volume-stack", "outline": {"width": 40.0}}
+    with pytest.raises(sg.RuleError, match="where the kind is volume-stack"):
+        VolumeStack(**table)

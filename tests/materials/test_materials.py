@@ -1,0 +1,181 @@
+"""Presets: their Mie sums against single spheres, their formulas against other measurements, their records."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+import specklegen as sg
+from specklegen.materials import indices
+from specklegen.materials.registry import PRESETS
+from specklegen.materials.suspensions import Sizes, lognormal, modified_gamma, suspension
+
+THETA = np.linspace(0.0, np.pi, 181)
+
+
+@pytest.fixture(scope="module")
+def made():
+    return {name: sg.materials.get(name, 0.633) for name in sg.materials.list()}
+
+
+def test_the_list_holds_what_people_ask_for():
+    asked = {"polystyrene", "silica", "intralipid", "milk", "brain", "skin", "muscle", "bone", "fog", "tio2-paint"}
+    assert asked | {"ground-glass"} == set(sg.materials.list())
+
+
+@pytest.mark.parametrize("name", sorted(PRESETS))
+def test_every_number_says_its_range_where_it_is_from_and_how_far_that_was_checked(name):
+    preset = sg.materials.about(name)
+    text = str(preset)
+    assert preset.references
+    for field, number in preset.numbers.items():
+        assert number.low <= number.default <= number.high
+        assert number.meaning
+        assert number.source
+        assert f"{field} = {number.default:g}" in text
+        assert str(number.checked) in text
+
+
+def test_slabs_of_every_bulk_can_be_planned(made):
+    for material in made.values():
+        if isinstance(material, sg.materials.BulkMaterial):
+            slab = material.slab(5 * material.mean_free_path)
+            assert slab.faces.inside == material.refractive_index
+            assert material.slab(1.0, outside=None).faces.matched
+            assert material.wavelength == pytest.approx(0.633 / material.refractive_index, rel=1e-12)
+
+
+def test_spheres_in_water_are_those_of_mie(made):
+    """The mean free path by number density times cross-section, computed here anew."""
+    sphere = sg.Mie(radius=0.5, wavelength=0.633 / indices.water(0.633),
+                    refractive_index=indices.polystyrene(0.633) / indices.water(0.633))  # fmt: skip
+    density = 0.01 / (4 / 3 * math.pi * 0.5**3)
+    expected = 1 / (density * sphere.scattering_cross_section)
+    assert made["polystyrene"].mean_free_path == pytest.approx(expected, rel=1e-12)
+    assert made["polystyrene"].scatterer == sphere
+
+
+def test_lengths_are_in_the_unit_that_is_asked_for():
+    for name in ("polystyrene", "skin"):
+        one, metres = sg.materials.get(name, 0.633), sg.materials.get(name, 0.633, unit=1.0)
+        assert metres.mean_free_path == pytest.approx(1e-6 * one.mean_free_path, rel=1e-12)
+        assert metres.wavelength == pytest.approx(1e-6 * one.wavelength, rel=1e-12)
+        assert metres.scatterer.mean_cosine() == pytest.approx(one.scatterer.mean_cosine(), rel=1e-9)
+
+
+@pytest.mark.parametrize("index", [1.19, 1.5 + 0.02j])
+def test_a_suspension_of_one_size_is_that_sphere(index):
+    sphere = sg.Mie(radius=0.5, wavelength=0.5, refractive_index=index)
+    found = suspension(((Sizes(radii=[0.5], numbers=[1.0]), index),), 0.5)
+    assert found.scattering == pytest.approx(sphere.scattering_cross_section, rel=1e-12)
+    assert found.absorption == pytest.approx(
+        sphere.extinction_cross_section - sphere.scattering_cross_section, rel=1e-9, abs=1e-15
+    )
+    power = np.abs(found.scatterer.amplitude(np.cos(THETA)))
+    # Both tables are linear between nodes that leave 1e-4.
+    np.testing.assert_allclose(power, np.abs(sphere.amplitude(np.cos(THETA))), rtol=1e-3, atol=1e-4 * power.max())
+
+
+def test_a_suspension_of_two_kinds_is_their_sum():
+    kinds = ((Sizes(radii=[0.1, 0.3], numbers=[5.0, 1.0]), 1.2), (Sizes(radii=[0.2], numbers=[2.0]), 1.1))
+    spheres = [(sg.Mie(radius=r, wavelength=0.5, refractive_index=index), n)
+               for sizes, index in kinds for r, n in zip(sizes.radii, sizes.numbers, strict=True)]  # fmt: skip
+    found = suspension(kinds, 0.5)
+    each = np.array([n * sphere.scattering_cross_section for sphere, n in spheres])
+    assert found.scattering == pytest.approx(each.sum(), rel=1e-12)
+    power = sum(c * np.abs(s.exact_amplitude(THETA)) ** 2 for c, (s, _) in zip(each, spheres, strict=True)) / each.sum()
+    np.testing.assert_allclose(np.abs(found.scatterer.amplitude(np.cos(THETA))) ** 2, power, rtol=1e-3)
+    cosines = [s.g for s, _ in spheres]
+    assert found.scatterer.g == pytest.approx(float(each @ cosines / each.sum()), abs=2e-5)
+
+
+def test_sizes_have_the_moments_that_they_are_named_by():
+    """Midpoints of 4096 equal shares: moments right to a thousandth, mostly of the tails."""
+    drops = modified_gamma(6.0, 3.0, 4096)
+    mean = [float((drops.numbers * drops.radii**n).sum() / drops.numbers.sum()) for n in (1, 2, 3)]
+    gamma = [math.gamma(7 + n) / math.gamma(7) / 3.0**n for n in (1, 2, 3)]
+    np.testing.assert_allclose(mean, gamma, rtol=2e-3)
+    globules = lognormal(0.5, 0.6, 4096)
+    share = globules.numbers * globules.radii**3
+    share /= share.sum()
+    average = float(share @ globules.radii)
+    assert average == pytest.approx(0.5, rel=2e-3)
+    assert math.sqrt(float(share @ (globules.radii - average) ** 2)) == pytest.approx(0.3, rel=1e-2)
+    assert globules.filling(0.04).volume == pytest.approx(0.04, rel=1e-12)
+
+
+@pytest.mark.parametrize(("wavelength", "reduced"), [(0.6328, 25.9), (0.751, 21.2), (0.833, 18.4)])
+def test_intralipid_is_what_others_measured(wavelength, reduced):
+    """Nine batches of Di Ninni et al. (2011), mu_s (1 - g) of the undiluted emulsion in 1 / mm: within 2 %."""
+    material = sg.materials.get("intralipid", wavelength, dilution=0.01)
+    assert 100 * 1000 / material.transport_length == pytest.approx(reduced, rel=0.02)
+
+
+def test_intralipid_is_that_of_van_staveren_within_what_is_said():
+    """Half a share of the 20 % emulsion holds the fat of the 10 % one."""
+    found = sg.materials.get("intralipid", 0.633, dilution=0.05)
+    scattering, g = 0.1 * 16 * 0.633**-2.4, 1.1 - 0.58 * 0.633
+    assert 1000 / found.transport_length == pytest.approx(scattering * (1 - g), rel=0.01)
+    assert scattering * found.mean_free_path / 1000 == pytest.approx(1.28, abs=0.02)
+
+
+@pytest.mark.parametrize(("name", "numbers"), [
+    ("skin", (46.0, 1.421)), ("brain", (24.2, 1.611)), ("bone", (22.9, 0.716)), ("muscle", (13.0, 0.926)),
+])  # fmt: skip
+def test_tissues_follow_the_power_law_of_jacques(name, numbers):
+    a, b = numbers
+    for wavelength in (0.5, 0.8):
+        found = sg.materials.get(name, wavelength)
+        scattering = found.albedo / found.mean_free_path * (1 - found.scatterer.mean_cosine())
+        assert 1e4 * scattering == pytest.approx(a * (wavelength / 0.5) ** -b, rel=1e-12)
+        assert 0.99 < found.albedo < 1
+
+
+@pytest.mark.parametrize(("contrast", "depth"), [(0.02, 3.912), (0.05, 2.996)])
+def test_fog_leaves_the_visibility_that_is_asked_for(contrast, depth):
+    found = sg.materials.get("fog", 0.55, visibility=120.0, contrast=contrast)
+    assert 120e6 / found.mean_free_path == pytest.approx(depth, abs=5e-4)
+
+
+def test_drops_scatter_twice_their_section():
+    """The extinction paradox, for the modified gamma law whose mean square radius is known."""
+    drops = modified_gamma(6.0, 1.5, 32)
+    section = math.pi * float((drops.numbers * drops.radii**2).sum())
+    # 2 + 1.99 x^(-2/3) at x = 2 pi 6 / 0.55 = 69 (Nussenzveig and Wiscombe, 1980): 2.12
+    assert suspension(((drops, 1.3334),), 0.55).scattering / section == pytest.approx(2.12, abs=0.04)
+
+
+def test_ground_glass_is_the_thin_medium_of_its_grit(made):
+    assert made["ground-glass"] == sg.GroundGlass(grit=220)
+
+
+def test_draws_stay_in_the_ranges_and_are_functions_of_the_seed():
+    numbers = sg.materials.about("skin").numbers
+    reduced = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for seed in range(40):
+            one = sg.materials.draw("skin", 0.5, seed=seed)
+            assert one == sg.materials.draw("skin", 0.5, seed=seed)
+            reduced.append(1e4 * one.albedo / one.mean_free_path * (1 - one.scatterer.mean_cosine()))
+    assert numbers["a"].low <= min(reduced) < 40 < 52 < max(reduced) <= numbers["a"].high
+    assert sg.materials.draw("skin", 0.5, seed=1, g=0.9).scatterer.g == 0.9
+    assert {sg.materials.draw("ground-glass", 0.5, seed=s).grit for s in range(40)} == {120, 220, 400, 600, 1500}
+
+
+def test_what_is_outside_the_literature_warns_and_what_makes_no_sense_is_refused():
+    with pytest.warns(sg.DoubtWarning, match="a = 90 lies outside 32.3 to 59.7.*Jacques"):
+        sg.materials.get("skin", 0.5, a=90.0)
+    with pytest.raises(sg.RuleError, match="name must be one of bone, brain"):
+        sg.materials.get("skim", 0.5)
+    with pytest.raises(sg.RuleError, match="wavelength must be 0.4 to 1.3 micrometres"):
+        sg.materials.get("skin", 633.0)
+    with pytest.raises(sg.RuleError, match="numbers among a, b, g"):
+        sg.materials.get("skin", 0.5, fat=3.0)
+    with pytest.raises(sg.RuleError, match="at least 0"):
+        sg.materials.get("skin", 0.5, a=-1.0)
+    with pytest.raises(sg.RuleError, match="numbers that scatter"), pytest.warns(sg.DoubtWarning):
+        sg.materials.get("intralipid", 0.5, dilution=0.0)
+    with pytest.raises(sg.RuleError, match="unit must be greater than 0"):
+        sg.materials.get("skin", 0.5, unit=0.0)

@@ -1,0 +1,167 @@
+"""Every command that the pages print runs as it is printed, or says here why it does not.
+
+    pytest -m slow tests/test_doc_commands.py     # minutes each, in a folder of their own
+"""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from doc_commands import PROGRAMS, Shell, commands, plain, shells
+from PIL import Image
+from scenes import ROOT
+from test_docs import blocks
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from specklegen.cli.commands import app
+from specklegen.datasets import load_recipe
+from specklegen.datasets.store.generate import generate
+
+QUICK = [shell for shell in shells() if str(shell).startswith("docs/recipes.md") and "recipes" in shell.lines[0]] + [
+    shell for shell in shells() if shell.page == "docs/datasets.md" and shell.lines[0].startswith("specklegen plan")
+]
+"""Run by every `make test`; all others are slow."""
+
+NOT_RUN = {
+    "make (demo|test)": "test_newcomer.py runs the one; the other is this suite",
+    "make bench|python scripts/benchmark.py .*": "its answer is a time, on a quiet machine",
+    "make docs": "test_site.py runs what it runs",
+    "pip install .*": "asks a package index; scripts/check_install.py runs it in a clean environment",
+    "pytest (?!-m gpu).*": "files of this suite",
+    "torchrun .*": "test_docs.py runs the program with as many processes",
+    ".*SLURM_ARRAY_TASK_ID.*": "for a cluster; test_store.py runs all parts",
+    "specklegen (train|info|verify|preview|train characters-of-new-fonts)": "a name; its arguments stand elsewhere",
+    "specklegen --install-completion": "writes into the user's shell",
+    "specklegen evaluate runs/(unet/best.pt runs/dense|material)/best.pt": "models of runs of an hour",
+    "python scripts/error_vs_time.py.*": "references take hours, and pages of the repository are written",
+    "python scripts/(figures/tan13|reproduce_figures|wave_openings).py .*": "hours; test_reproduce_figures.py",
+    "python scripts/(plan_accuracy|wavetracing_benchmark).py": "its answer is times, on a quiet machine",
+    "python scripts/gpu_benchmark.py .*": "its answer is times, on a quiet machine",
+    "python scripts/stability_report.py --slow": "an hour; test_stability.py runs its rows",
+    "python scripts/train_(any_object|through_slab).py.*": "an hour or more",
+    "python scripts/fit_recoverability.py simulate .*": "hours",
+}
+"""Commands that are not run here, and why; those of scripts are checked for their options."""
+
+SHORTENED = {
+    "specklegen train .*": "--epochs 1 --validation-samples 8 --set samples.train=64 --batch-size 16",
+    "specklegen evaluate.*": "--samples 4 --restarts 1",
+    "python scripts/phase_retrieval_table.py .*": "--quick",
+}
+"""Commands that take an hour as they are printed, and what is added to them here."""
+
+
+def reason(command: str) -> str | None:
+    return next((why for pattern, why in NOT_RUN.items() if re.fullmatch(pattern, command)), None)
+
+
+def to_run(shell: Shell) -> list[str]:
+    """Its lines but those that are not run, made shorter where need be."""
+    kept = []
+    for line in shell.lines:
+        if not re.match(PROGRAMS, line):
+            kept += [line] if "=" in line.split()[0] else []  # a variable; no line of "..."
+        elif reason(plain(line)) is None:
+            more = next((words for pattern, words in SHORTENED.items() if re.fullmatch(pattern, plain(line))), "")
+            tail = re.search(r"&( wait)?$", line)
+            kept.append(f"{plain(line)} {more} {tail[0] if tail else ''}".strip())
+    return kept
+
+
+SLOW = [shell for shell in shells() if shell not in QUICK and any(re.match(PROGRAMS, line) for line in to_run(shell))]
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory) -> Path:
+    """The folder that the pages speak of: pictures, a bench, and the scripts."""
+    folder = tmp_path_factory.mktemp("commands")
+    (folder / "my-images").mkdir()
+    for n in range(10):
+        Image.fromarray(np.full((20, 20 + n), 20 * n + 9, np.uint8)).save(folder / "my-images" / f"{n}.png")
+    (folder / "bench.toml").write_text(next(b.text for b in blocks() if b.language == "toml" and "my-bench" in b.text))
+    (folder / "scripts").symlink_to(ROOT / "scripts")
+    (folder / "tests").symlink_to(ROOT / "tests")
+    return folder
+
+
+@pytest.mark.parametrize("shell", QUICK, ids=str)
+def test_a_quick_command_runs_as_printed(shell, bench, monkeypatch):
+    monkeypatch.chdir(bench)
+    for line in shell.lines:
+        result = CliRunner().invoke(app, shlex.split(plain(line))[1:])
+        assert result.exit_code == 0, f"{line}\n{result.output}"
+
+
+@pytest.fixture(scope="module")
+def store(bench) -> None:
+    """The store that the page on data sets speaks of."""
+    generate(load_recipe("through-slab"), samples=96, folder=bench / "data" / "a.zarr", processes=1)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("store")
+@pytest.mark.parametrize("shell", SLOW, ids=str)
+def test_a_slow_command_runs_as_printed(shell, bench):
+    if "reconstruct" in shell.lines[0]:
+        for n in range(2):
+            frame = load_recipe(bench / "bench.toml").sample(0, "test", n)["image"]
+            Image.fromarray(np.asarray(frame, np.uint16)).save(bench / f"shot-{n}.tiff")
+    script = "set -e\ntrap 'kill $(jobs -p) 2>/dev/null || true' EXIT\n" + "\n".join(to_run(shell))
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=bench, env=environment, capture_output=True, text=True, timeout=1800
+    )  # fmt: skip
+    assert done.returncode == 0, script + done.stdout[-2000:] + done.stderr[-2000:]
+    assert "Traceback" not in done.stderr
+
+
+def test_every_exception_still_stands_on_a_page():
+    for pattern in [*NOT_RUN, *SHORTENED]:
+        for part in pattern.split("|") if "(" not in pattern else [pattern]:
+            assert any(re.fullmatch(part, command) for command in commands()), part
+
+
+def test_every_command_is_found():
+    """In blocks of any kind, and in sentences."""
+    assert {"make demo", "pip install .", "specklegen evaluate runs/mine/best.pt", "pytest -m gpu"} <= set(commands())
+    assert sum(len(shell.lines) for shell in shells() if shell.page == "docs/datasets.md") >= 20
+    assert len(commands()) >= 90
+
+
+RUN = {plain(line) for shell in QUICK for line in shell.lines}
+PARSED = [
+    command
+    for command in commands()
+    if re.match("specklegen [a-z]", command) and command not in RUN and not (reason(command) or "").startswith("a name")
+]
+
+
+@pytest.mark.parametrize("command", PARSED)
+def test_a_command_on_a_page_is_one(command):
+    """It and its options exist, and its values have the right type; nothing is run."""
+    words, outer = shlex.split(command)[1:], get_command(app)
+    with outer.make_context("specklegen", list(words), resilient_parsing=True) as context:
+        name, inner, rest = outer.resolve_command(context, list(words))
+        assert inner is not None
+        assert inner.make_context(name, rest, parent=context).args == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [command for command in commands() if command.startswith("python ")])
+def test_the_options_of_a_script_exist(command):
+    """Its parser takes the command, choices and types included, and knows each option."""
+    words = [sys.executable, *shlex.split(command)[1:]]
+    done = subprocess.run(
+        [*words, "--help"], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+        timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for word in words:
+        assert not word.startswith("--") or word in done.stdout, word
