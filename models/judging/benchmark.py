@@ -9,7 +9,7 @@ import csv
 import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -68,10 +68,10 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
     """
     drawn = batch["parameters"]
     known = {name: values for name, values in drawn.items() if name not in TOLD}
-    curves = []
+    curves, material = [], cast(Any, recipe.material)  # a slab's or a diffuser's: each knows its own
     for n in range(len(batch["object"])):
         own = {name: float(values[n]) for name, values in drawn.items()}
-        kernel = recipe.material.known(recipe.material.slab_of(own)).kernel
+        kernel = material.known(material.slab_of(own)).kernel
         curves.append(memory_effect_of(kernel, own["wavelength"], own["object_pitch"])(np.arange(FRAME)))
     return {
         **batch, "object": torch.zeros_like(batch["object"]), "parameters": known,
@@ -190,8 +190,9 @@ def benchmark(
     if not own and not beside:
         reject("benchmark functions", "at least one, or a baseline", own)
     chosen = [task(name) for name in tasks] if tasks is not None else list(TASKS)
-    if not chosen or len(set(chosen_names := [each.name for each in chosen])) < len(chosen):
-        reject("benchmark tasks", "at least one, each once", chosen_names)
+    names = [each.name for each in chosen]
+    if not names or len(set(names)) < len(names):
+        reject("benchmark tasks", "at least one, each once", names)
     if isinstance(samples, bool) or not isinstance(samples, int) or not 2 <= samples <= SAMPLES:
         reject("benchmark samples", f"a whole number from 2 to {SAMPLES}", samples)
     recipes = {each.name: each.recipe() for each in chosen}

@@ -5,7 +5,7 @@ stand. A new slider is a field, a line of :data:`CONTROLS`, and its place in :mo
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from specklegen.datasets.objects import Bars, Blobs, Glyphs, Points, Polygons, Silhouettes, Strokes
 
@@ -17,7 +17,7 @@ class State(NamedTuple):
     mean_free_path: float = 100.0
     lobe: str = "HenyeyGreenstein"
     g: float = 0.9
-    index: float = 1.0
+    refractive_index: float = 1.0
     wavelength: float = 0.5
     aperture: float = 50_000.0
     object: str = "Glyphs"
@@ -48,7 +48,7 @@ CONTROLS: dict[str, Control] = {
     "mean_free_path": Control("mean free path, µm", (50.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0)),
     "lobe": Control("lobe", ("HenyeyGreenstein", "VonMisesFisher")),
     "g": Control("anisotropy g", (0.1, 0.3, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98)),
-    "index": Control("refractive index, in air (1: no faces)", (1.0, 1.2, 1.33, 1.4, 1.5, 1.6)),
+    "refractive_index": Control("refractive index, in air (1: no faces)", (1.0, 1.2, 1.33, 1.4, 1.5, 1.6)),
     "wavelength": Control("wavelength in the slab, µm", (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2)),
     "aperture": Control("aperture, µm", (5e3, 7e3, 1e4, 1.5e4, 2e4, 3e4, 5e4, 7e4, 1e5)),
     "object": Control(
@@ -65,11 +65,12 @@ CONTROLS: dict[str, Control] = {
 
 def state_of(address: Mapping[str, str]) -> State:
     """State that an address holds: numbers go to the nearest step, what it does not hold or say well to the default."""
-    return State(**{name: _read(address[name], control.steps) for name, control in CONTROLS.items()
-                    if name in address and _read(address[name], control.steps) is not None})  # fmt: skip
+    read = {name: _read(address[name], control.steps) for name, control in CONTROLS.items() if name in address}
+    return State()._replace(**{name: value for name, value in read.items() if value is not None})
 
 
-def _read(text: str, steps: tuple):
+def _read(text: str, steps: tuple) -> Any:
+    """Step that a text means; None where it means none."""
     if isinstance(steps[0], str):
         return text if text in steps else None
     try:

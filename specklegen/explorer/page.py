@@ -98,8 +98,8 @@ def _katz(state: State) -> str:
         drawing.picture(drawing.png(found.image), "phase retrieval") + "phase retrieval",
         drawing.picture(drawing.png(shown.sample(state)["object"], high=1.0), "the object") + "the object",
     ) + (
-        f"<p>After the best shift and turn, Pearson correlation {found.correlation:.2f}; to the object as a lens of this "
-        f"aperture would show it, {found.limited:.2f}.</p>"
+        f"<p>After the best shift and turn, Pearson correlation {found.correlation:.2f}; to the object as a lens of "
+        f"this aperture would show it, {found.limited:.2f}.</p>"
     )
 
 

@@ -43,14 +43,14 @@ def tilts_table(state: State) -> dict[str, Any]:
 
 def _scene(state: State) -> dict[str, Any]:
     # No table holds slabs with faces. The stationary sampler answers at once; where it is unfit, it warns.
-    faced = state.index != 1.0
+    faced = state.refractive_index != 1.0
     material = {
         "wavelength": state.wavelength, "thickness": state.thickness, "albedo": 1.0, "kernel_paths": _PATHS,
         "optical_depth": state.thickness / state.mean_free_path, "scatterer": _scatterer(state),
         "kernel": "estimate" if faced else "atlas",
     }  # fmt: skip
     return {
-        "material": material | ({"faces": {"inside": state.index, "outside": 1.0}} if faced else {}),
+        "material": material | ({"faces": {"inside": state.refractive_index, "outside": 1.0}} if faced else {}),
         "window": {"width": state.aperture, "profile": "square"},
         "camera": {"shape": [state.camera, state.camera], "pixels_per_grain": PIXELS},
         "sampler": "stationary",
@@ -67,7 +67,8 @@ def _scatterer(state: State) -> dict[str, Any]:
 def concentration_of(g: float) -> float:
     """Concentration of the von Mises-Fisher lobe of an anisotropy: coth kappa - 1 / kappa = g."""
     excess = lambda log: VonMisesFisher(concentration=float(np.exp(log))).mean_cosine() - g  # noqa: E731
-    return float(f"{np.exp(brentq(excess, -10, 20, xtol=1e-12)):.6g}")
+    log: Any = brentq(excess, -10, 20, xtol=1e-12)
+    return float(f"{np.exp(log):.6g}")
 
 
 def recipe_of(state: State) -> HiddenObject:

@@ -138,7 +138,7 @@ def test_doubts_are_told_again_and_again():
 
 def test_faces_are_in_the_recipe_that_is_shown():
     """Reflecting faces lengthen paths, which shortens the memory effect."""
-    faced = State(index=1.5)
+    faced = State(refractive_index=1.5)
     assert recipe.recipe_table(faced)["material"]["faces"] == {"inside": 1.5, "outside": 1.0}
     assert panels.memory_curve(faced).range < 0.9 * panels.memory_curve(BEGIN).range
 
