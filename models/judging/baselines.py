@@ -61,11 +61,6 @@ def network(model: Reconstructor) -> Method:
     return method
 
 
-def solver(solver: Solver, recipe: HiddenObject, seed: int = 0) -> Method:
-    """The solver for any object, each material's C_I known; ``seed`` is that of phase retrieval's starts."""
-    return lambda batch: solver.solve(*measured(batch, recipe), seed=seed).image
-
-
 def another_object(objects: Tensor) -> Method:
     """Answer with some training object [N, h, w], which has nothing to do with the image: the level of chance.
 
@@ -118,7 +113,10 @@ def katz(
 
 
 def any_object(solver: Solver, recipe: HiddenObject, seed: int = 0) -> Method:
-    """The solver for any object, which knows each material's C_I and reads camera noise off the image."""
+    """The solver for any object, which knows each material's C_I and reads camera noise off the image.
+
+    ``seed`` is that of phase retrieval's starts.
+    """
     return lambda batch: solver.solve(*measured(batch, recipe), seed=seed).image
 
 

@@ -45,7 +45,7 @@ BASELINES: dict[str, Callable[[HiddenObject], Function]] = {
     "Katz": lambda recipe: baselines.katz(_KATZ, seed=SEED),
     "Katz, C_I": lambda recipe: baselines.katz(_KATZ, recipe=recipe, seed=SEED),
     "packaged network": lambda recipe: baselines.network(load_pretrained()),
-    "solver": lambda recipe: baselines.solver(load_solver(), recipe, seed=SEED),
+    "solver": lambda recipe: baselines.any_object(load_solver(), recipe, seed=SEED),
 }
 """Name of a baseline to what makes it for a task. The last two and "Katz, C_I" come with the package or know C_I."""
 
