@@ -37,7 +37,7 @@ from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
 from specklegen.scene.illumination import Profile
 from specklegen.scene.sensors import FarFieldGrid
 
-DATA_VERSION = 3
+DATA_VERSION = 4
 """Raised by hand whenever pixels change; a golden test guards it."""
 
 PARAMETERS = ArraySpec(

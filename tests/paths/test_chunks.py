@@ -48,7 +48,7 @@ def test_every_thread_has_a_small_chunk_and_large_ones_are_fewer():
 def test_large_transforms_get_more_connections_at_a_time():
     """On a wide grid the transforms cost more than the connections: fewer chunks, but never beyond what one needs."""
     counts = {}
-    for views in (64, 400):
+    for views in (64, 800):
         grid = sg.FarField.grid(shape=(views, views), pitch=4e-6)
         scene = sg.Scene(
             wavelength=1.0,
@@ -57,7 +57,7 @@ def test_large_transforms_get_more_connections_at_a_time():
             sensor=grid,
         )
         counts[views] = sg.plan(scene, paths=1_000_000, sampler="paths").chosen.work.chunks.count
-    assert counts[64] >= 2 * counts[400]
+    assert counts[64] >= 2 * counts[800]
 
 
 # ---- In turn -------------------------------------------------------------------------------------------

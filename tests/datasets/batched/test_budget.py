@@ -16,7 +16,7 @@ BATCH = 256
 # Launches an image, and megabytes an image, at most: a tenth above what was counted.
 BUDGETS = {
     "unknown-slab": (2.05, 22.6), "unseen-material": (2.4, 35.0), "tilt-stack": (1.4, 3.7),
-    "material-regression": (1.8, 10.0), "through-slab": (0.95, 12.8), "through-slab-lab": (1.0, 14.0),
+    "material-regression": (1.8, 10.0), "through-slab": (0.95, 12.8), "through-slab-lab": (1.0, 19.0),
 }  # fmt: skip
 
 
