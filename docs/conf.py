@@ -84,7 +84,7 @@ PACKAGES = ("", ".datasets", ".models", ".coherence", ".wavetracing", ".fdtd")
 """Packages whose names are public."""
 
 
-def write_pages(app) -> None:
+def write_pages(app, config) -> None:
     """Copy the pages of the root into the site, with links as they are from there, and list every public name."""
     folder = DOCS / "project"
     shutil.rmtree(folder, ignore_errors=True)
@@ -128,6 +128,6 @@ def escape_formulas(app, what, name, thing, options, lines: list[str]) -> None:
 
 def setup(app) -> None:
     """Connect the functions above."""
-    app.connect("builder-inited", write_pages, priority=1)
+    app.connect("config-inited", write_pages)  # before Sphinx looks for pages, among which autosummary looks for names
     app.connect("source-read", rewrite_links)
     app.connect("autodoc-process-docstring", escape_formulas, priority=100)
