@@ -39,7 +39,7 @@ def compile_kernels(recipe) -> None:
     print("Compiling, once ...", end=" ", flush=True)
     begin = time.perf_counter()
     slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.9))
-    sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-5], paths=64)
+    sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-5], paths=4000)
     recipe.sample(0, "train", 0)
     print(f"{time.perf_counter() - begin:.0f} s")
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     from specklegen.models.learning.reconstructor import Reconstructor
 
+MOST_KEPT = 10**6
+"""Images that are looked at together; all are kept in memory."""
 Target = Literal["object", "label", "material"]
 Input = Literal["autocorrelation", "camera", "registered", "registered+power"]
 Network = Literal["residual", "unet", "stack-unet", "dense", "perceptron"]
@@ -38,7 +40,9 @@ def train(
     validation: Annotated[
         Path | None, typer.Option(help="Store of other media (needed with a store; a recipe has a split for it).")
     ] = None,
-    validation_samples: Annotated[int, typer.Option(min=1, help="Of a recipe's validation split.")] = 256,
+    validation_samples: Annotated[
+        int, typer.Option(min=1, max=MOST_KEPT, help="Of a recipe's validation split.")
+    ] = 256,
     target: Annotated[Target, typer.Option(help="What the network is to tell.")] = "object",
     input: Annotated[
         Input, typer.Option(help="What the network sees; of stacks of tilts one of the last two.")
@@ -151,7 +155,7 @@ def evaluate(
         ),
     ] = None,
     split: Split = "test",
-    samples: Annotated[int, typer.Option(min=1, help="Images.")] = 32,
+    samples: Annotated[int, typer.Option(min=1, max=MOST_KEPT, help="Images.")] = 32,
     katz: Annotated[bool, typer.Option(help="Phase retrieval beside, plain and with C_I.")] = True,
     restarts: Annotated[int, typer.Option(min=1, max=1000, help="Of phase retrieval.")] = 10,
     solver: Annotated[bool, typer.Option(help="The solver for any object beside.")] = False,

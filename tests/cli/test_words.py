@@ -230,3 +230,14 @@ def test_random_lines_end_in_an_answer_or_a_message(lines, seed):
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
     assert f" {0} traceback" in done.stdout
+
+
+@pytest.mark.parametrize("words", [
+    ("evaluate", "model.pt", "--samples"), ("train", "through-slab", "--out", "run", "--validation-samples"),
+])  # fmt: skip
+def test_more_images_than_fit_are_refused_by_the_option(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run(*words, 10**23)
+    assert result.exit_code == 2
+    assert f"Invalid value for '{words[-1]}'" in result.output
+    assert not list(tmp_path.iterdir())
