@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from specklegen.core.arguments import whole_number
 from specklegen.core.errors import counted, reject
 from specklegen.core.escaping import cell, csv_cell
 from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject
@@ -23,18 +24,18 @@ from specklegen.models.judging.baselines import FRAME, Batch
 from specklegen.models.judging.evaluation import Evaluation, evaluate
 from specklegen.models.judging.tasks import SAMPLES, SEED, TASKS, VERSION, task
 from specklegen.models.learning.examples import batches_of
-from specklegen.models.learning.measurement import memory_effect_of
 from specklegen.models.learning.reconstructor import load_pretrained
 from specklegen.models.learning.solver import load_solver
 from specklegen.models.metrics import Interval
+from specklegen.models.retrieval.autocorrelation import memory_effect_of
 from specklegen.models.retrieval.phase_retrieval import Retrieval
 
 Function = Callable[[Batch], Any]
 """Of a blinded batch (:func:`blinded`) to brightness real[B, n, n], n at most 64, on the object's pitch, up to shift
 and 180-degree turn."""
 
-TOLD = ("label", "family", *CENTRE, "expected_contrast")
-"""Parameters of a sample that tell of its object."""
+TOLD = ("label", "family", *CENTRE, "expected_contrast", "medium")
+"""Parameters of a sample that tell of its object, or its number, of which the object is a function."""
 
 _KNOWN = 256  # training objects whose mean is an answer
 _STEP = 16  # images between two steps of a bar
@@ -73,8 +74,9 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
         own = {name: float(values[n]) for name, values in drawn.items()}
         kernel = material.known(material.slab_of(own)).kernel
         curves.append(memory_effect_of(kernel, own["wavelength"], own["object_pitch"])(np.arange(FRAME)))
+    seen = {name: batch[name] for name in ("image", "frames") if name in batch}
     return {
-        **batch, "object": torch.zeros_like(batch["object"]), "parameters": known,
+        **seen, "object": torch.zeros_like(batch["object"]), "parameters": known,
         "memory_effect": torch.from_numpy(np.stack(curves)),
     }  # fmt: skip
 
@@ -193,8 +195,7 @@ def benchmark(
     names = [each.name for each in chosen]
     if not names or len(set(names)) < len(names):
         reject("benchmark tasks", "at least one, each once", names)
-    if isinstance(samples, bool) or not isinstance(samples, int) or not 2 <= samples <= SAMPLES:
-        reject("benchmark samples", f"a whole number from 2 to {SAMPLES}", samples)
+    whole_number("benchmark samples", samples, 2, SAMPLES)
     recipes = {each.name: each.recipe() for each in chosen}
     tell = progress or (lambda done, total: None)
     evaluations, total = {}, len(recipes) * samples

@@ -8,20 +8,13 @@ import torch
 
 from specklegen.core.errors import reject
 from specklegen.datasets.recipes.hidden_object import HiddenObject
-from specklegen.models.learning.solver import MemoryEffect
 from specklegen.models.likelihood.likelihood import Optics
 from specklegen.models.likelihood.periodogram import Periodogram, periodogram
+from specklegen.models.retrieval.autocorrelation import MemoryEffect, memory_effect_of
 from specklegen.models.retrieval.camera_noise import camera_noise
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 
 TILE = 160
 """Longest side of a tile in pixels: larger cameras are cut, which makes their periodograms less noisy."""
-
-
-def memory_effect_of(correlation: MemoryEffectCorrelation, wavelength: float, pitch: float) -> MemoryEffect:
-    """C_I of a slab over distances in object pixels, ``pitch`` in direction sines."""
-    wavenumber = 2 * np.pi / wavelength * pitch
-    return lambda distance: np.square(correlation(wavenumber * np.asarray(distance, np.float64)))
 
 
 def seen_by_camera(images: torch.Tensor, grain: torch.Tensor, tile: int | None = TILE) -> Periodogram:

@@ -6,7 +6,7 @@ Nothing in it depends on the size of the camera, on the window, or on the unit o
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -28,7 +28,7 @@ from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, e
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.metrics import align, pearson
 from specklegen.models.retrieval import wiener
-from specklegen.models.retrieval.autocorrelation import distances
+from specklegen.models.retrieval.autocorrelation import MemoryEffect, at_distances, distances
 from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
 
 ANY_OBJECT = "any-object"
@@ -41,8 +41,6 @@ RESTARTS = Retrieval(restarts=2, steps=4, error_reduction=20, extent=EXTENT)
 """Of phase retrieval, from each guess."""
 GUESSES: tuple[wiener.Division, ...] = ("dense", "empirical")
 
-MemoryEffect = Callable[[np.ndarray], np.ndarray]
-"""C_I of a slab at distances in object pixels, any shape."""
 
 
 class Solution(NamedTuple):
@@ -117,8 +115,8 @@ class Solver:
         n = self.network.frame
         likelihood = SpeckleLikelihood(seen, (n, n), optics)
         steps = np.arange(1 - n, n)
-        between = torch.stack([_at(c_i, np.hypot(steps[:, None], steps)) for c_i in memory])
-        at_lags = torch.stack([_at(c_i, distances(LAGS)) for c_i in memory])
+        between = torch.stack([at_distances(c_i, np.hypot(steps[:, None], steps)).float() for c_i in memory])
+        at_lags = torch.stack([at_distances(c_i, distances(LAGS)).float() for c_i in memory])
         shown = first_look(likelihood, at_lags, n, seed)
         self.network.eval()
 
@@ -187,11 +185,6 @@ def _weights(network: Unrolled, ranges: RangeNet) -> dict[str, Tensor]:
     """Weights of both, by the names that they have in a file."""
     named = network.state_dict(prefix=_NETWORK) | ranges.state_dict(prefix=_RANGES)
     return dict(named)
-
-
-def _at(c_i: MemoryEffect, distance: np.ndarray) -> Tensor:
-    unique, inverse = np.unique(distance, return_inverse=True)
-    return torch.from_numpy(np.asarray(c_i(unique), np.float32)[inverse].reshape(distance.shape))
 
 
 def first_look(

@@ -26,6 +26,7 @@ from specklegen.core.random_streams import Seed
 from specklegen.core.showing import short
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.likelihood.spectrum import Transforms, autocorrelation_of, transforms, waves
+from specklegen.models.retrieval.autocorrelation import at_distances, memory_effect_of
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.scene.window import Profile, Window
 
@@ -77,9 +78,7 @@ def memory_effect_between(
         (h, w) of the object.
     """
     rows, columns = (np.arange(1 - n, n) for n in shape)
-    unique, inverse = np.unique(np.hypot(rows[:, None], columns), return_inverse=True)
-    c_i = np.square(kernel(2 * np.pi / wavelength * pitch * unique))
-    return torch.from_numpy(c_i[inverse].reshape(len(rows), len(columns)))
+    return at_distances(memory_effect_of(kernel, wavelength, pitch), np.hypot(rows[:, None], columns))
 
 
 def expected_deviance(looks: float) -> float:

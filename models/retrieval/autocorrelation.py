@@ -12,6 +12,8 @@ grain. Sources: Bertolotti et al., Nature 491, 232 (2012); Katz et al., Nature P
 Autocorrelations are real[..., n, n], their lags in pixels and in the order of an FFT: the zero lag first.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from scipy.fft import next_fast_len
@@ -19,6 +21,9 @@ from torch import Tensor
 
 from specklegen.core.errors import reject
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+
+MemoryEffect = Callable[[np.ndarray], np.ndarray]
+"""C_I of a slab at distances in object pixels, any shape."""
 
 FLOOR = 0.1
 """Smallest C_I to divide by: below it there is more noise than object."""
@@ -124,6 +129,18 @@ def autocorrelation(
     return inside.mean(-3)
 
 
+def memory_effect_of(kernel: MemoryEffectCorrelation, wavelength: float, pitch: float) -> MemoryEffect:
+    """C_I of a slab over distances in pixels, ``pitch`` in direction sines."""
+    wavenumber = 2 * np.pi / wavelength * pitch
+    return lambda distance: np.square(kernel(wavenumber * np.asarray(distance, np.float64)))
+
+
+def at_distances(memory_effect: MemoryEffect, distance: np.ndarray) -> Tensor:
+    """C_I at distances in pixels, float64 of their shape; asked once of each that occurs."""
+    unique, inverse = np.unique(distance, return_inverse=True)
+    return torch.from_numpy(np.asarray(memory_effect(unique), np.float64)[inverse].reshape(distance.shape))
+
+
 def memory_effect_at_lags(kernel: MemoryEffectCorrelation, wavelength: float, pitch: float, window: int) -> Tensor:
     """C_I of a material at every lag, float64[n, n].
 
@@ -138,9 +155,7 @@ def memory_effect_at_lags(kernel: MemoryEffectCorrelation, wavelength: float, pi
     window
         n.
     """
-    unique, inverse = np.unique(distances(window), return_inverse=True)
-    c_i = np.square(kernel(2 * np.pi / wavelength * pitch * unique))
-    return torch.from_numpy(c_i[inverse].reshape(window, window))
+    return at_distances(memory_effect_of(kernel, wavelength, pitch), distances(window))
 
 
 def taper(window: int, flat: float, end: float) -> Tensor:

@@ -66,8 +66,7 @@ def _scatterer(state: State) -> dict[str, Any]:
 @lru_cache
 def concentration_of(g: float) -> float:
     """Concentration of the von Mises-Fisher lobe of an anisotropy: coth kappa - 1 / kappa = g."""
-    excess = lambda log: VonMisesFisher(concentration=float(np.exp(log))).mean_cosine() - g  # noqa: E731
-    log: Any = brentq(excess, -10, 20, xtol=1e-12)
+    log: Any = brentq(lambda x: VonMisesFisher(concentration=float(np.exp(x))).mean_cosine() - g, -10, 20, xtol=1e-12)
     return float(f"{np.exp(log):.6g}")
 
 

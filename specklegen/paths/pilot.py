@@ -85,11 +85,8 @@ def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
     seed = pilot_seed(scene.unitless_fingerprint())
     bank = tracer.trace(seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
     powers = _powers(tracer, reverse, bank)
-    paths = np.concatenate([owner for owner, _ in powers])
-    moments, means, share = PathMoments(0.0, 0.0), [], 0.0
+    means, share = [], 0.0
     for single, multiple in zip(*(weights for _, weights in powers), strict=True):
-        found = PathMoments.of(np.concatenate([single, multiple]), paths, PILOT_PATHS)
-        moments = max(moments, found, key=lambda m: m.relative_variance)
         mean = (single.sum() + multiple.sum()) / PILOT_PATHS
         means.append(mean)
         rest = np.bincount(powers[1][0], multiple, PILOT_PATHS)
@@ -97,7 +94,7 @@ def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
             share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(PILOT_PATHS)) / mean)
     drawn = isinstance(tracer, SlabTracer) and tracer.across
     unseen = 0.0 if drawn else unseen_variance(scene)
-    moments = _sure(moments, tracer, reverse, seed, bank, powers).stated()
+    moments = _sure(tracer, reverse, seed, bank, powers).stated()
     moments = replace(moments, relative_variance=max(moments.relative_variance, unseen))
     dark = dark_views(scene, drawn, np.array(means))
     return Pilot(tracer, bank, moments, float(max(means, default=0.0)), float(share), unseen, dark)
@@ -112,9 +109,15 @@ def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:
     ]
 
 
-def _sure(
-    moments: PathMoments, tracer: Tracer, reverse: bool, seed: Seed, bank: PathBank, found: _Powers
-) -> PathMoments:
+def _worst(found: _Powers, count: int) -> PathMoments:
+    """Moments at the light and view where the weights of ``count`` paths vary most."""
+    paths = np.concatenate([owner for owner, _ in found])
+    each = zip(*(weights for _, weights in found), strict=True)
+    moments = (PathMoments.of(np.concatenate(weights), paths, count) for weights in each)
+    return max(moments, key=lambda m: m.relative_variance, default=PathMoments(0.0, 0.0))
+
+
+def _sure(tracer: Tracer, reverse: bool, seed: Seed, bank: PathBank, found: _Powers) -> PathMoments:
     """Moments at the worst light and view from as many paths as it takes to know their variance, or as may be traced.
 
     The first of them, ``bank`` and what it ``found``, are there.
@@ -123,13 +126,11 @@ def _sure(
     rate = max(bank.events / _MOST_EVENTS[lock_step], len(bank) / _MOST_CONNECTIONS)  # of the first paths
     most = int(PILOT_PATHS / rate) if rate > 0 else PILOT_PATHS
     count = PILOT_PATHS
+    moments = _worst(found, count)
     while moments.carriers < ENOUGH and 2 * count <= most:
         more = tracer.trace(seed, count, first=count, stream=Stream.PILOT, threads=1)
         found, count = found + _powers(tracer, reverse, more), 2 * count
-        paths = np.concatenate([owner for owner, _ in found])
-        each = zip(*(weights for _, weights in found), strict=True)
-        moments = max((PathMoments.of(np.concatenate(pair), paths, count) for pair in each),
-                      key=lambda m: m.relative_variance)  # fmt: skip
+        moments = _worst(found, count)
     return moments
 
 

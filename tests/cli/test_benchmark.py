@@ -14,7 +14,7 @@ import torch
 
 
 def even(batch):
-    return torch.ones(len(batch["index"]), *batch["object"].shape[1:])
+    return torch.ones(len(batch["object"]), *batch["object"].shape[1:])
 
 
 number = 3
