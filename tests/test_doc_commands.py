@@ -55,7 +55,6 @@ NOT_RUN = {
 SHORTENED = {
     "specklegen train .*": "--epochs 1 --validation-samples 8 --set samples.train=64 --batch-size 16",
     "specklegen evaluate.*": "--samples 4 --restarts 1",
-    "specklegen benchmark --samples 16": "--task thin --samples 2",
     "python scripts/phase_retrieval_table.py .*": "--quick",
 }
 """Commands that take an hour as they are printed, and what is added to them here."""
