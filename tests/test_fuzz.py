@@ -17,7 +17,6 @@ from zscore import limit
 import specklegen as sg
 from specklegen.core.errors import RuleError
 
-
 SEED = os.environ.get("FUZZ_SEED")
 
 
