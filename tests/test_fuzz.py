@@ -85,7 +85,7 @@ def test_any_scene_has_a_covariance_a_plan_and_an_image(count):
             )
             if found is not None:
                 assert_sensible(scene, found)
-            plan = result_or_refusal((DIM,), lambda: sg.plan(scene, paths=16, reverse=reverse))
+            plan = result_or_refusal((ABSORBED, DIM), lambda: sg.plan(scene, paths=16, reverse=reverse))
             if plan is not None:
                 assert np.isfinite([plan.seconds, plan.expected_error, plan.memory_bytes]).all()
                 doubtful = scene.medium.mean_free_path < scene.wavelength
