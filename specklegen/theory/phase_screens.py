@@ -162,6 +162,19 @@ class Lobes:
         apart = np.square(ways - mean[:, None]).sum(-1)
         return (events * apart).sum(axis=1), mean
 
+    @cached_property
+    def walk_shares(self) -> np.ndarray:
+        """<e_m / T> by the light that goes on along the beam, float64[M]: how far the pattern follows each screen."""
+        weight = self.densities(0.0)
+        return weight @ (self.events / self.variances[:, None]) / weight.sum() if weight.any() else 0 * self.steps
+
+    def decorrelation(self, ways: np.ndarray) -> np.ndarray:
+        """K(0, a), real, of a_m float64[..., M, 2]: float64[...]; equal ways are found once."""
+        flat = np.reshape(ways, (-1, ways.shape[-2] * 2))
+        unique, which = np.unique(flat, axis=0, return_inverse=True)
+        found = np.array([self.correlation(np.zeros(2), way.reshape(-1, 2)).real for way in unique])
+        return found[which.reshape(-1)].reshape(ways.shape[:-2])
+
     def of_parity(self, parity: int) -> "Lobes":
         """The terms of an even or odd number of deflections; half of each where nodes stand for many numbers."""
         if (self.counts % 1 != 0).any():

@@ -21,7 +21,7 @@ import numpy as np
 from specklegen.core.values import remembered
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.scene.screens import ScreenStack
-from specklegen.theory.phase_screens import Lobes, gathered, index_correlation, lobes
+from specklegen.theory.phase_screens import Lobes, gathered, index_correlation, lobes, tilt_ways
 
 _NODES = 2048  # of the tables that fields are made with
 _CIRCULAR = 1e-3  # share of the mirrored field that nobody sees
@@ -42,10 +42,13 @@ class ScreenCorrelation(MemoryEffectCorrelation):
     ----------
     stack : ScreenStack
     wavelength : float
+    moved : float64[T, M, 2] or None
+        How far each screen has moved at each beam of :meth:`correlation`.
     """
 
     stack: ScreenStack | None = None
     wavelength: float = float("nan")
+    moved: np.ndarray | None = None
 
     def __call__(self, q: np.ndarray | float) -> np.ndarray:
         """K at lateral wavevector differences q (radians per unit length), any shape; K(0) = 1."""
@@ -59,7 +62,12 @@ class ScreenCorrelation(MemoryEffectCorrelation):
         """Matrix float64[T, T] of K between beams at direction sines float64[T, 2]; positive semidefinite."""
         assert self.stack is not None
         kept = index_correlation(self.stack, self.wavelength, np.hypot(*np.reshape(sines, (-1, 2)).T))
-        return (super().correlation(sines, wavenumber) if self.weights.any() else 1.0) * kept
+        if not self.weights.any():
+            return kept
+        if self.moved is None:
+            return super().correlation(sines, wavenumber) * kept
+        ways = tilt_ways(self.stack, sines) + self.moved
+        return lobes(self.stack, self.wavelength).decorrelation(ways[:, None] - ways) * kept
 
 
 @remembered(64)
@@ -79,14 +87,9 @@ def screen_correlation(stack: ScreenStack, wavelength: float) -> ScreenCorrelati
     )  # fmt: skip
 
 
-def pivot(stack: ScreenStack, wavelength: float) -> float:
-    """Mean lateral walk over the sine to the view, by the light that goes on along the beam."""
-    terms = lobes(stack, wavelength)
-    weight = terms.densities(0.0)
-    if not weight.any():
-        return 0.0
-    mean = terms.events @ stack.distances / terms.variances
-    return float(weight @ mean / weight.sum())
+def drifts(stack: ScreenStack, wavelength: float, moved: np.ndarray) -> np.ndarray:
+    """How far screens that have moved float64[T, M, 2] carry the pattern, float64[T, 2]: the mean over deflections."""
+    return np.einsum("m,tmc->tc", lobes(stack, wavelength).walk_shares, moved)
 
 
 class Envelope(NamedTuple):
@@ -103,14 +106,20 @@ class Envelope(NamedTuple):
     mirrored: np.ndarray | None
 
 
-def envelope(stack: ScreenStack, wavelength: float, beams: np.ndarray, views: np.ndarray) -> Envelope:
-    """Envelope of beams float64[T, 3] at views float64[H, W, 3], unit vectors."""
+def envelope(
+    stack: ScreenStack, wavelength: float, beams: np.ndarray, views: np.ndarray, drift: np.ndarray | None = None
+) -> Envelope:
+    """Envelope of beams float64[T, 3] at views float64[H, W, 3], unit vectors.
+
+    ``drift`` float64[T, 2] is how far the screens have carried the pattern of each beam (:func:`drifts`).
+    """
     terms = lobes(stack, wavelength)
-    wavenumber, walk = terms.wavenumber, pivot(stack, wavelength)
+    wavenumber, pivot = terms.wavenumber, terms.walk_shares @ stack.distances
     apart = views[None, ..., :2] - beams[:, None, None, :2]
-    along = np.einsum("thwc,tc->thw", apart, beams[:, :2])
+    walk = pivot * beams[:, :2] if drift is None else pivot * beams[:, :2] + drift
+    along = np.einsum("thwc,tc->thw", apart, walk)
     # In the order of the light's way: over all gaps along the beam, then by the walk about it.
-    turned = stack.distances[0] * (beams[:, 2] - 1)[:, None, None] - walk * along
+    turned = stack.distances[0] * (beams[:, 2] - 1)[:, None, None] - along
     gain = views[None, ..., 2] / np.sqrt(beams[:, 2])[:, None, None] * np.exp(1j * wavenumber * turned)
     sine = np.hypot(apart[..., 0], apart[..., 1])
     single = lambda gain: gain.astype(np.complex64)  # noqa: E731 - as the fields that it multiplies
