@@ -19,9 +19,11 @@ from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
 from specklegen.core.random_streams import Seed
 from specklegen.samplers.screens.correlation import screen_correlation
+from specklegen.samplers.screens.film import film_error, film_of
 from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
 from specklegen.scene.screens import ScreenStack
 from specklegen.scene.sensors import FarFieldGrid
+from specklegen.scene.window import Profile, Window
 from specklegen.theory.phase_screens import index_correlation, lobes
 
 if TYPE_CHECKING:
@@ -92,14 +94,17 @@ class ScreenObjects:
 
 def screen_objects(
     stack: ScreenStack, *, wavelength: float, object_shape: tuple[int, int], object_pitch: float, grid: FarFieldGrid,
-    base: np.ndarray, **options: Any,
+    base: np.ndarray, width: float, profile: Profile = "square", moved: np.ndarray | None = None, **options: Any,
 ) -> ScreenObjects:  # fmt: skip
     """Prepare a sampler for objects of one shape behind screens; ``options`` are those of :func:`object_sampler`.
+
+    Of a film ``moved`` float64[T, M, 2] is how far the screens have moved at each base tilt.
 
     Raises
     ------
     RuleError
-        For screens so weak that images are correlated with their mirror image, or tilts at which the index tells.
+        For screens so weak that images are correlated with their mirror image, tilts at which the index tells, or
+        films through more than two screens whose frames are not like tilts.
     """
     terms = lobes(stack, wavelength)
     mirrored = terms.mirrored
@@ -117,9 +122,19 @@ def screen_objects(
             "Diffuser.screens", f"of an index that leaves {1 - _LOST:g} of the correlation across object and tilts",
             float(f"{kept:.3g}"), "Use a smaller object, smaller tilts, or a lower rms height.",
         )  # fmt: skip
+    if moved is not None:
+        window, reach = Window(profile, width), 2 * float(half.max(initial=0.0))
+        error = film_error(stack, wavelength, moved, window, reach)
+        if error > _LOST:
+            reject(
+                "Dynamics.velocities", f"such that frames are like tilts within {_LOST:g} in C_I",
+                float(f"{error:.2g}"), "Move the screens less, or use two screens, of which it is exact.",
+            )  # fmt: skip
+        film = film_of(stack, wavelength, moved, window)
+        options |= {"like": film.tilts, "kept": film.kept}
     inner = object_sampler(
         screen_correlation(stack, wavelength), wavelength=wavelength, object_shape=object_shape,
-        object_pitch=object_pitch, grid=grid, base=base, **options,
+        object_pitch=object_pitch, grid=grid, base=base, width=width, profile=profile, **options,
     )  # fmt: skip
 
     def squared(x: np.ndarray, y: np.ndarray, points: np.ndarray) -> np.ndarray:

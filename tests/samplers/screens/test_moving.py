@@ -17,33 +17,37 @@ APART = sg.ScreenStack(  # whole points of the waves' grid in a unit of time
     screens=(SCREEN, SCREEN), gaps=(300.0,), velocities=((1.875, 0.0), (-1.875, 1.875))
 )
 TOGETHER = APART.replace(velocities=((22.5, 0.0), (22.5, 0.0)))
+AGAINST = APART.replace(velocities=((-3.75, 0.0), (0.0, 0.0)))
+"""Light that is tilted by three steps, 1/80, meets the first screen 3.75 further on: in time 1 that moves as far."""
 
 
-def film(stack, times=TIMES, profile="gaussian", width=WIDTH, half=HALF):
+def film(stack, times=TIMES, tilted=0, profile="gaussian", width=WIDTH, half=HALF):
     waves = ScreenWaves(stack, 1.0, POINTS, SPACING)
-    return waves, by_hand.scene_of(waves, half, [(0, 0)] * len(times), width, profile, times)
+    steps = [(0, 0), *[(tilted, 0)] * (len(times) - 1)]
+    return waves, by_hand.scene_of(waves, half, steps, width, profile, times)
 
 
-def moments(fields):
+def moments(fields, tilted):
     """Per realization: intensity, and correlations of frame 0 with later ones on three parts of the camera."""
-    side = fields.shape[-1]
-    parts = [slice(0, side // 3), slice(side // 3, -(side // 3)), slice(-(side // 3), side)]
     found = [np.square(np.abs(fields[:, t])).mean((-2, -1)) + 0j for t in range(len(TIMES))]
     for t in range(1, len(TIMES)):
-        product = fields[:, 0] * fields[:, t].conj()
-        neighbour = fields[:, 0, :, 1:] * fields[:, t, :, :-1].conj()
+        one, two = by_hand.moved(fields, t, tilted)
+        third = one.shape[-1] // 3
+        parts = [slice(0, third), slice(third, -third), slice(-third, None)]
+        product, neighbour = one * two.conj(), one[..., 1:] * two[..., :-1].conj()
         found += [part.mean((-2, -1)) for part in (*(product[..., p] for p in parts), neighbour)]
     return np.array(found).T
 
 
-@pytest.fixture(scope="module", params=["apart", "together"])
+@pytest.fixture(scope="module", params=["apart", "together", "against a tilt"])
 def both(request):
-    """Moments [R, n] by waves and by the sampler: screens that move apart, or together and out of the window."""
-    stack = {"apart": APART, "together": TOGETHER}[request.param]
-    waves, scene = film(stack)
-    exact = moments(by_hand.wave_fields(waves, scene, DRAWS, seed=1))
+    """Moments [R, n] by waves and by the sampler: screens that move apart; together, out of the window; as tilts do."""
+    stack = {"apart": APART, "together": TOGETHER, "against a tilt": AGAINST}[request.param]
+    tilted = 3 * (stack is AGAINST)
+    waves, scene = film(stack, [0.0, 1.0, -1.0] if tilted else TIMES, tilted)
+    exact = moments(by_hand.wave_fields(waves, scene, DRAWS, seed=1), tilted)
     with pytest.warns(sg.DoubtWarning, match="contrast"):  # moments of second order do not mind
-        drawn = moments(sg.render(scene, realizations=800, seed=2, sampler="screens").field)
+        drawn = moments(sg.render(scene, realizations=800, seed=2, sampler="screens").field, tilted)
     return exact, drawn
 
 
@@ -60,12 +64,14 @@ def test_films_have_the_moments_of_waves(both):
     assert_same(exact, drawn, 0.01 * np.abs(exact[:, 0].mean()))
 
 
-def test_frames_that_do_not_move_would_be_caught(both):
+def test_films_that_run_backwards_or_stand_still_would_be_caught(both):
     exact, drawn = both
-    still = drawn.copy()
-    still[:, len(TIMES):] = np.tile(drawn[:, 1:2], still.shape[1] - len(TIMES))
-    with pytest.raises(AssertionError, match="z ="):
-        assert_same(exact, still, 0.01 * np.abs(exact[:, 0].mean()))
+    slack, frames = 0.01 * np.abs(exact[:, 0].mean()), len(TIMES)
+    still = np.concatenate([drawn[:, :frames], np.tile(drawn[:, 1:2], drawn.shape[1] - frames)], axis=1)
+    swapped = np.concatenate([drawn[:, :frames], np.roll(drawn[:, frames:], 4, axis=1)], axis=1)
+    for wrong in (still, swapped):
+        with pytest.raises(AssertionError, match="z ="):
+            assert_same(exact, wrong, slack)
 
 
 def test_over_all_views_frames_are_correlated_by_the_product_of_the_screens_autocorrelations():
