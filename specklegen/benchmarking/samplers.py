@@ -97,15 +97,16 @@ def _check_grid(scene: Scene, probes: Probes) -> None:
         reject("sampler", '"paths": it sums directly here as it is', "paths, direct sum")
 
 
-def _check_few(scene: Scene, probes: Probes) -> None:
-    points = len(scene.lights) * len(scene.views)
-    if points > _MOST_POINTS:
-        reject("sampler", f"for at most {_MOST_POINTS} lights times views", f"eigen-sampling of {points}")
-
-
 def _check_volume(scene: Scene, probes: Probes) -> None:
     if scene.thin is not None:
         reject("sampler", '"screens" for a thin medium', "covariance")
+
+
+def _check_few(scene: Scene, probes: Probes) -> None:
+    _check_volume(scene, probes)
+    points = len(scene.lights) * len(scene.views)
+    if points > _MOST_POINTS:
+        reject("sampler", f"for at most {_MOST_POINTS} lights times views", f"eigen-sampling of {points}")
 
 
 def _check_screens(scene: Scene, probes: Probes) -> None:
