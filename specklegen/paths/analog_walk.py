@@ -13,9 +13,13 @@ _MOST_COLLISIONS = 100_000
 
 
 def transmittance(slab: Slab, paths: int, seed: int) -> tuple[float, float]:
-    """Share of a beam along the axis that leaves by the far face, unscattered light included; its standard error."""
+    """Share of a beam along the axis that leaves by the far face, unscattered light included; its standard error.
+
+    The error is at least one path's, since none that was lost does not mean that none can be.
+    """
     weights = walked(slab, paths, seed)[2]
-    return float(np.exp(-slab.optical_depth) + weights.mean()), float(weights.std() / np.sqrt(paths))
+    error = max(float(weights.std() / np.sqrt(paths)), 1 / paths)
+    return float(np.exp(-slab.optical_depth) + weights.mean()), error
 
 
 def walked(slab: Slab, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
