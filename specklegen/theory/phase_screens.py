@@ -129,9 +129,14 @@ class Lobes:
 
         Every term is a product, and one stands for those within 5 per cent: right to 1e-4 of f(0).
         """
-        variance, share = gathered(self.variances, self.shares / self.variances, _GRID_WIDTH)
+        variance, share = self._grid_terms
         along_x, along_y = (np.exp(-0.5 * np.square(axis)[..., None, :] / variance[:, None]) for axis in (x, y))
-        return (along_y * (share / share.sum())[:, None]).swapaxes(-1, -2) @ along_x
+        return (along_y * share[:, None]).swapaxes(-1, -2) @ along_x
+
+    @cached_property
+    def _grid_terms(self) -> tuple[np.ndarray, np.ndarray]:
+        variance, share = gathered(self.variances, self.shares / self.variances, _GRID_WIDTH)
+        return variance, share / share.sum()
 
     @cached_property
     def mirrored(self) -> float:
