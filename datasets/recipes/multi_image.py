@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
-from scipy.optimize import brentq
 
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
@@ -33,8 +32,9 @@ from specklegen.scene.window import Window
 
 if TYPE_CHECKING:
     import torch
+    from scipy import optimize
 else:
-    torch = LazyModule("torch")
+    torch, optimize = LazyModule("torch"), LazyModule("scipy.optimize")
 
 _TIMES = (-20.0, 40.0)
 """Logarithms of times, in frames, between which a correlation time is looked for."""
@@ -139,8 +139,10 @@ class DynamicSlab(HiddenObject):
         window = Window(seen.profile, seen.width)
         stack = material.slab.stack.replace(velocities=motion)
         kept = lambda log_time: frame_correlation(stack, seen.wavelength, stack.moved(np.exp([log_time])), window)[0]  # noqa: E731
-        time = np.exp(brentq(lambda t: kept(t) - np.exp(-1), *_TIMES)) if kept(_TIMES[1]) < np.exp(-1) else np.inf
-        return named | {"correlation_time": float(time)}
+        if kept(_TIMES[1]) > np.exp(-1):
+            return named | {"correlation_time": np.inf}
+        log_time = optimize.root_scalar(lambda t: kept(t) - np.exp(-1), bracket=_TIMES).root
+        return named | {"correlation_time": float(np.exp(log_time))}
 
     def frames_correlation(self, ready: MediumRealization) -> np.ndarray:
         """Correlation float64[F] of one beam's field in the first frame with that in every frame."""
