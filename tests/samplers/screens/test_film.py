@@ -25,7 +25,7 @@ def images():
         PAIR, wavelength=1.0, object_shape=(1, 3), object_pitch=PITCH, grid=sg.FarField.grid((12, 12), 1 / 1500),
         base=np.zeros((3, 2)), width=500.0, moved=MOVED, tolerance=1e-4,
     )  # fmt: skip
-    media = [made.medium(7, r) for r in range(250)]
+    media = [made.medium(7, r) for r in range(200)]
     return np.array([[made.images(each, one[None]).numpy() for one in np.eye(3)] for each in media])
 
 

@@ -12,7 +12,7 @@ from specklegen.theory.phase_screens import coherence, lobes
 
 SCREEN = sg.PhaseScreen(rms_phase=3.0, correlation_length=15.0)
 TIMES, HALF, WIDTH = np.array([0.0, 1.0, 2.0]), 8, 110.0
-POINTS, SPACING, DRAWS = 128, 1.875, 100
+POINTS, SPACING, DRAWS = 128, 1.875, 64
 APART = sg.ScreenStack(  # whole points of the waves' grid in a unit of time
     screens=(SCREEN, SCREEN), gaps=(300.0,), velocities=((1.875, 0.0), (-1.875, 1.875))
 )
@@ -47,7 +47,7 @@ def both(request):
     waves, scene = film(stack, [0.0, 1.0, -1.0] if tilted else TIMES, tilted)
     exact = moments(by_hand.wave_fields(waves, scene, DRAWS, seed=1), tilted)
     with pytest.warns(sg.DoubtWarning, match="contrast"):  # moments of second order do not mind
-        drawn = moments(sg.render(scene, realizations=800, seed=2, sampler="screens").field, tilted)
+        drawn = moments(sg.render(scene, realizations=500, seed=2, sampler="screens").field, tilted)
     return exact, drawn
 
 

@@ -51,7 +51,7 @@ def test_the_planner_states_how_much_the_envelope_varies_and_leaves_the_scene_to
 def test_path_sums_have_the_envelope(scene):
     side = 2 * HALF + 1
     probes = Probes.among([(0, 0), (0, HALF * side + HALF)])
-    found = np.array([paths_estimate(scene, probes, 8000, seed).value[:2].real for seed in range(64)])
+    found = np.array([paths_estimate(scene, probes, 4000, seed).value[:2].real for seed in range(64)])
     lacking = (found[:, 1] - found[:, 0]) / found[:, 1].mean()
     mean, error = lacking.mean(keepdims=True), np.array([lacking.std(ddof=1) / 8])
     assert_z(mean, np.array([darker(scene)]), error, degrees=63, slack=0.003)
