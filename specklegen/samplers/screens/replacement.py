@@ -3,7 +3,8 @@
 M equal screens of sigma^2 = OD / M each, whose correlation length xi = (2 / (1 - g))^(1/2) / k gives the lobe of one
 deflection the slab's mean 1 - cos. Their gaps L / (M^2 - 1)^(1/2) and their middle at L / 2 leave both variances of the
 lateral walk as in the slab, L^2 / 12 and L^2 / 3 times OD theta^2. What is replaced is the shape of the lobe, which
-becomes Gaussian; wide angles, backscattering and absorption are left out. docs/screens.md.
+becomes Gaussian; wide angles, backscattering and absorption are left out: screens let all light through, and what the
+slab lets through is walked beside them. docs/screens.md.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,9 @@ import numpy as np
 
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
-from specklegen.core.random_streams import Seed
+from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import short
+from specklegen.paths.analog_walk import transmittance
 from specklegen.samplers.screens.correlation import screen_correlation
 from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.scene.media import Slab
@@ -37,6 +39,9 @@ class Replacement:
         Of the slab's, whose paths are random.
     radiance : float
         What leaves straight ahead behind the stack, over what does behind the slab.
+    transmittance, transmittance_error : float
+        Share of the light that the slab lets through at any angle, unscattered light included, and its standard error.
+        The stack lets all of it through, so that its images are 1 / ``transmittance`` times too bright in all.
     """
 
     stack: ScreenStack
@@ -45,6 +50,8 @@ class Replacement:
     of_stack: np.ndarray
     standard_error: np.ndarray
     radiance: float
+    transmittance: float
+    transmittance_error: float
 
     __repr__ = short
 
@@ -95,4 +102,5 @@ def stack_like(
     q = np.linspace(0.0, _REACH * half, _TILTS)
     found, _, error = kernel.intensity(q)
     radiance = float(closed.weights.sum() / (kernel.weights.sum() / kernel.paths))
-    return Replacement(stack, q / wavenumber, found, np.square(closed(q)), error, radiance)
+    through = transmittance(slab, paths, pilot_seed(slab.unitless_fingerprint()))
+    return Replacement(stack, q / wavenumber, found, np.square(closed(q)), error, radiance, *through)

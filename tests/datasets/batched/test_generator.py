@@ -25,8 +25,8 @@ CHANGES = {
 }  # fmt: skip
 SLOW = {
     "any-object", "beyond-memory-effect", "characters-of-new-fonts", "double-diffuser", "dynamic-slab", "ground-glass",
-    "masked-light-slab", "one-angular-size", "partially-coherent-slab", "points-beyond-range", "registered-tilts",
-    "screen-stack",
+    "masked-light-slab", "moving-diffuser", "one-angular-size", "partially-coherent-slab", "points-beyond-range",
+    "registered-tilts", "screen-stack",
 }  # fmt: skip
 SMALL = {"unknown-slab": {}, "tilt-stack": {}, "through-slab": CHANGES["through-slab"]}
 
