@@ -362,14 +362,18 @@ def _each(made: medium.MediumBatch, pick: Callable[[torch.Tensor], torch.Tensor]
 @contextmanager
 def _ieee(kind: str) -> Iterator[None]:
     """Full single precision in products on a kind of device, whatever the program around allows."""
-    before = torch.get_float32_matmul_precision()
-    torch.set_float32_matmul_precision("highest")
+    # One switch a backend: torch refuses to read the switch of all, where a program has set it and allow_tf32, too.
+    switches = torch.backends.cuda.matmul, torch.backends.mkldnn.matmul
+    before = [switch.fp32_precision for switch in switches]
     plain = torch.autocast(kind, enabled=False) if kind in _WITH_AUTOCAST else nullcontext()
     try:
+        for switch in switches:
+            switch.fp32_precision = "ieee"
         with plain:
             yield
     finally:
-        torch.set_float32_matmul_precision(before)
+        for switch, precision in zip(switches, before, strict=True):
+            switch.fp32_precision = precision
 
 
 def _tensors(batch: Any, device: torch.device) -> Any:

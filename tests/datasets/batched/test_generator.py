@@ -9,7 +9,7 @@ import torch
 
 import specklegen.datasets.recipes.recipe as recipes
 from specklegen.datasets import SpeckleStream, load_recipe
-from specklegen.datasets.batched import fresh, kept, plan
+from specklegen.datasets.batched import fresh, kept, optics, plan
 from specklegen.datasets.batched import generator as generator_module
 from specklegen.datasets.batched.generator import SpeckleGenerator
 from specklegen.datasets.loading import stream as stream_module
@@ -126,20 +126,39 @@ def test_companions_and_order_do_not_matter(name):
     equal(SpeckleGenerator(load_recipe(name, SMALL[name]), 3)(np.arange(4, 9)), whole, slice(4, 9))
 
 
+def _old_and_new():
+    torch.set_float32_matmul_precision("medium")
+    torch.backends.cuda.matmul.allow_tf32 = True
+
+
+SWITCHES = {
+    "all": lambda: torch.set_float32_matmul_precision("medium"),
+    "old and new": _old_and_new,  # torch then refuses to say what the switch of all is
+    "one backend": lambda: setattr(torch.backends.cuda.matmul, "fp32_precision", "tf32"),
+}
+BACKENDS = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul)
+
+
 @pytest.mark.parametrize("name", ["unknown-slab", "through-slab-lab"])
-def test_switches_of_the_program_change_nothing(name):
+def test_switches_of_the_program_change_nothing(name, monkeypatch):
     """TF32, autocast and gradients around the generator; they are left as they were."""
     generator = SpeckleGenerator(recipe_of(name), 1)
     plain = generator(range(3))
-    before = torch.get_float32_matmul_precision()
-    try:
-        torch.set_float32_matmul_precision("medium")
-        with torch.autocast("cpu", dtype=torch.bfloat16):
-            equal(generator(range(3)), plain)
-            assert torch.is_autocast_enabled("cpu")
-        assert torch.get_float32_matmul_precision() == "medium"
-    finally:
-        torch.set_float32_matmul_precision(before)
+    seen, images = [], optics.images
+    monkeypatch.setattr(optics, "images", lambda *a: [seen.append([b.fp32_precision for b in BACKENDS]), images(*a)][1])
+    for switch in SWITCHES.values():
+        try:
+            switch()
+            before = [backend.fp32_precision for backend in BACKENDS]
+            assert before != ["ieee"] * 2
+            with torch.autocast("cpu", dtype=torch.bfloat16):
+                equal(generator(range(3)), plain)
+                assert torch.is_autocast_enabled("cpu")
+            assert [backend.fp32_precision for backend in BACKENDS] == before
+        finally:
+            torch.set_float32_matmul_precision("highest")
+    assert all(each == ["ieee"] * 2 for each in seen)
+    assert len(seen) == 9
     image = plain["image"]
     assert not image.requires_grad
     assert not image.is_inference()
