@@ -97,6 +97,16 @@ def draw_images(axes: "Axes", images: np.ndarray, titles: Sequence[str] = (), *,
     axes.tick_params(length=0)
 
 
+def draw_map(
+    axes: "Axes", values: np.ndarray, unit: str, *, span: Sequence[float] | None = None, low: float | None = None,
+    cmap: str = "magma",
+) -> None:  # fmt: skip
+    """Draw real[H, W] with its scale beside it, row 0 at the bottom; ``span`` is (left, right, bottom, top)."""
+    extent = None if span is None else (span[0], span[1], span[2], span[3])
+    shown = axes.imshow(values, cmap=cmap, vmin=low, origin="lower", extent=extent, interpolation="nearest")
+    axes.figure.colorbar(shown, ax=axes, label=unit)
+
+
 def draw_stack(axes: "Axes", images: np.ndarray) -> None:
     """Draw images real[..., H, W] side by side; of a row of views, real[(T,) V], a row a tilt."""
     if images.ndim < 3:
