@@ -168,6 +168,22 @@ def test_the_object_is_marked_where_it_is():
     assert band / (last - first) == pytest.approx(0.2 / curve.angles[-1], abs=2e-3)
 
 
+@pytest.mark.parametrize("last", [0.006, 0.0734, 0.31, 0.92, 1.0, 3.3, 47.0])
+def test_an_axis_has_few_round_numbers(last):
+    found = drawing.ticks(last)
+    assert 3 <= len(found) <= 6
+    assert found[0] == 0
+    assert 0.6 * last < found[-1] <= last
+    assert all(f"{step:.3g}".strip("0.") in ("1", "2", "5") for step in np.diff(found))
+
+
+def test_a_verdict_that_works_says_what_it_follows_from():
+    found = panels.verdict(State(extent=0.05))
+    said = drawing.verdict_html(found)
+    assert "works" in said
+    assert f"noise {found.numbers['noise']:.2g}, distortion {found.numbers['distortion']:.2g}" in said
+
+
 def test_what_is_impossible_is_said_and_does_nothing(monkeypatch):
     """Words of an error are shown as they are; the other panels stay."""
 
