@@ -42,7 +42,7 @@ def main() -> None:
 
 def row(name: str, size: float) -> None:
     """Print a row of the table, in MB of a million bytes."""
-    print(f"| {name} | {size / 1e6:.0f} |", flush=True)
+    print(f"| {name} | {size / 1e6:.1f} |", flush=True)
 
 
 def requirements(wheel: Path) -> tuple[list[str], dict[str, list[str]]]:

@@ -219,12 +219,9 @@ def test_it_is_served_to_this_machine_alone(monkeypatch):
     """And nobody is asked whether there is a newer marimo."""
     asked = {}
 
-    class Ended:
-        returncode = 0
-
     monkeypatch.setattr(explore, "find_spec", lambda name: object())
-    note = lambda words, **options: asked.update(words=words, **options) or Ended  # noqa: E731
-    monkeypatch.setattr(explore.subprocess, "run", note)
+    note = lambda program, words, environment: asked.update(words=words, env=environment)  # noqa: E731
+    monkeypatch.setattr(explore.os, "execve", note)
     assert CliRunner().invoke(commands.app, ["explore", "--no-browser", "--port", "27181"]).exit_code == 0
     assert asked["words"][asked["words"].index("--host") + 1] == "127.0.0.1"
     assert asked["words"][-3:] == ["--port", "27181", "--headless"]
