@@ -34,6 +34,7 @@ NOT_RUN = {
     "make docs": "test_site.py runs what it runs",
     "pip install .*": "asks a package index; scripts/check_install.py runs it in a clean environment",
     "pytest (?!-m gpu).*": "files of this suite",
+    "python scripts/install_sizes.py .*": "installs gigabytes, and its answer depends on the day",
     "torchrun .*": "test_docs.py runs the program with as many processes",
     ".*SLURM_ARRAY_TASK_ID.*": "for a cluster; test_store.py runs all parts",
     "specklegen (train|info|verify|preview|train characters-of-new-fonts)": "a name; its arguments stand elsewhere",
@@ -55,9 +56,10 @@ NOT_RUN = {
 SHORTENED = {
     "specklegen train .*": "--epochs 1 --validation-samples 8 --set samples.train=64 --batch-size 16",
     "specklegen evaluate.*": "--samples 4 --restarts 1",
+    "specklegen generate (?!.*--samples (96|128|256)).*": "--samples 64",
     "python scripts/phase_retrieval_table.py .*": "--quick",
 }
-"""Commands that take an hour as they are printed, and what is added to them here."""
+"""Commands that take many minutes as they are printed, and what is added to them here."""
 
 
 def reason(command: str) -> str | None:

@@ -35,11 +35,17 @@ class Pictured:
 
         ``label`` names a curve in a legend, and is the title of anything else.
         """
-        if axes is None:
-            from matplotlib import pyplot
+        if axes is not None:
+            self._draw(axes, label)
+            return axes
+        from matplotlib import pyplot
 
-            axes = pyplot.subplots(layout="constrained")[1]
+        figure, axes = pyplot.subplots(layout="constrained")
         self._draw(axes, label)
+        if axes.get_aspect() == 1:  # of images: nothing is left white above and below a strip of them
+            across, up = (abs(high - low) for low, high in (axes.get_xlim(), axes.get_ylim()))
+            wide, high = figure.get_size_inches()
+            figure.set_size_inches(wide, min(high, wide * up / across + 0.8))
         return axes
 
     def _repr_html_(self) -> str:

@@ -210,6 +210,15 @@ def test_a_plot_without_axes_makes_a_figure():
     assert "Axes" in done.stdout, done.stderr
 
 
+def test_a_new_figure_is_as_high_as_its_strip_of_images():
+    import matplotlib
+
+    matplotlib.use("agg")
+    strip, curve = (SHOWN[name]().plot().figure for name in ("stack", "curve"))
+    assert strip.get_figheight() < 0.8 * curve.get_figheight()
+    assert strip.get_figwidth() == curve.get_figwidth()
+
+
 def test_the_phase_function_that_is_plotted_has_unit_integral():
     axes = Figure().subplots()
     SHOWN["mixture"]().plot(axes)
