@@ -11,13 +11,16 @@ collision after the other, to first order in the tilt.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import real_array, whole_number
 from specklegen.core.errors import reject
+from specklegen.core.picturing import Pictured
 from specklegen.core.showing import short
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.paths.analog_walk import walked
@@ -29,7 +32,7 @@ from specklegen.theory.phase_screens import coherence, spread, tilt_ways
 
 
 @dataclass(frozen=True)
-class JointCorrelation:
+class JointCorrelation(Pictured):
     """Correlation of the scattered field with itself, tilted and shifted along x.
 
     Attributes
@@ -51,6 +54,29 @@ class JointCorrelation:
     plane: float
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "tilts, shifts": "x".join(map(str, self.magnitude.shape)),
+            "largest standard error": float(self.standard_error.max()),
+            "plane": self.plane,
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """|C| with the best shift of each tilt as a dashed line; a curve where there is one tilt, or one shift."""
+        if 1 in self.magnitude.shape:
+            over, name = (self.shifts, "shift") if len(self.tilts) == 1 else (self.tilts, "tilt (sine)")
+            bars = 2 * self.standard_error.ravel()
+            axes.errorbar(over, self.magnitude.ravel(), bars, fmt="o-", ms=3, lw=1, label=label)
+            axes.set(xlabel=name, ylabel="|C|", ylim=(-0.03, 1.05))
+            return
+        rows, columns = np.argsort(self.tilts), np.argsort(self.shifts)
+        tilts, shifts = self.tilts[rows], self.shifts[columns]
+        shown = axes.pcolormesh(shifts, tilts, self.magnitude[np.ix_(rows, columns)], cmap="magma", vmin=0, vmax=1)
+        axes.figure.colorbar(shown, ax=axes, label="|C|")
+        across = axes.get_xlim()
+        axes.plot(self.plane * tilts, tilts, "--", color="white", lw=1)
+        axes.set(xlabel="shift", ylabel="tilt (sine)", xlim=across, title=label or "")
 
 
 def joint_correlation(

@@ -7,12 +7,15 @@ becomes Gaussian; wide angles, backscattering and absorption are left out: scree
 slab lets through is walked beside them. docs/screens.md.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
+from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import short
 from specklegen.paths.analog_walk import transmittance
@@ -25,7 +28,7 @@ _REACH, _TILTS = 2.0, 17  # in half ranges of the slab
 
 
 @dataclass(frozen=True)
-class Replacement:
+class Replacement(Pictured):
     """A stack like a slab, with the error that it makes.
 
     Attributes
@@ -54,6 +57,22 @@ class Replacement:
     transmittance_error: float
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "screens": len(self.stack.screens),
+            "largest difference of C_I": self.error,
+            "largest standard error": float(self.standard_error.max()),
+            "radiance straight ahead, over the slab's": self.radiance,
+            "share of light that the slab lets through": self.transmittance,
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Both curves of C_I, the slab's with bars of two standard errors."""
+        axes.errorbar(self.tilts, self.of_slab, 2 * self.standard_error, fmt="o", ms=3, lw=1, label="slab")
+        axes.plot(self.tilts, self.of_stack, label="stack of screens")
+        axes.set(xlabel="tilt (sine)", ylabel=r"intensity correlation  $C_I$", ylim=(-0.03, 1.05), title=label or "")
+        axes.legend()
 
     @property
     def error(self) -> float:
