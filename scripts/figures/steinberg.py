@@ -314,7 +314,8 @@ def decibel(values, error):
 
 def maps(out, quick):
     """Coverage of three places by waves and by rays, and where they differ."""
-    rows, beams = [], 10_000 if quick else 40_000
+    rows, beams = [], 10_000 if quick else 500_000
+    rays = max(4 * beams, 200_000)
     figure, panels = plt.subplots(3, 3, figsize=(11, 9))
     for line, (name, make) in zip(panels, PLACES.items(), strict=True):
         place = make()
@@ -329,7 +330,7 @@ def maps(out, quick):
             start = time.process_time()
             wave, wave_error, statistics = flux(place, place.scene, frequency, "wave", place.diffraction, beams)
             speed = beams / (time.process_time() - start) / 1e3
-            ray, ray_error, _ = flux(place, place.scene, frequency, "ray", "fraunhofer", 20 * beams)
+            ray, ray_error, _ = flux(place, place.scene, frequency, "ray", "fraunhofer", rays)
             once, once_error, _ = flux(place, black, frequency, "wave", place.diffraction, beams)
             dark, error = place.air & (ray == 0), np.hypot(wave_error, ray_error)
             both = place.air & (ray > 0) & (wave != 0)  # a cell without a beam states no error
@@ -360,7 +361,7 @@ def maps(out, quick):
                     figure.colorbar(drawn, ax=panel, shrink=0.7)
     save(figure, out, "coverage")
     table(
-        f"Coverage, {beams} beams and {20 * beams} rays; means over cells in the air that no ray reaches, in dB over "
+        f"Coverage, {beams} beams and {rays} rays; means over cells in the air that no ray reaches, in dB over "
         "free space at 1 m (error); shares of lit cells in which one is above the other by 4 standard errors",
         ["place", "edges", "dark to rays", "wave there", "walls black", "ray above", "wave above", "ballistic",
          "region, m²", "triangles a region", "beams a ms"], rows,

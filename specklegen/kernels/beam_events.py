@@ -7,14 +7,16 @@ import numpy as np
 from specklegen.kernels import beam_state as beam
 from specklegen.kernels import kernel
 from specklegen.kernels.beam_state import axes_about, kicked, leave_region, mean_kicked
-from specklegen.kernels.cone_bvh import collect
+from specklegen.kernels.cone_bvh import collect_all
 from specklegen.kernels.cones import CONE
-from specklegen.kernels.region_patterns import cover, draw_polygon, draw_raster, shares
+from specklegen.kernels.masked_beams import cover, draw_raster, shares
+from specklegen.kernels.region_patterns import draw_polygon
 from specklegen.kernels.regions import project, recentre
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
 
 _ONE = np.uint64(1)
+_NOTHING, _EVERYTHING = np.uint64(0), np.uint64(2**64 - 1)
 _AGAIN = 1024  # evanescent draws in a row
 _STEEP = 4.0  # rho / Sigma above which the curved phase would be undersampled
 _NULL, _UNIFORM, _GAUSSIAN, _TRIES, _EVANESCENT, _LOCAL = 3, 6, 7, 8, 9, 13  # rows of the statistics
@@ -40,18 +42,17 @@ def scatter_diffusely(key0, key1, path, counter, state, z, least, nx, ny, nz):
 
 @kernel
 def paint(state, wide, depth, far, open_event, which, half_x, half_y, boxes, link, corners, facet, fine, mask):
-    """Fill ``mask`` with what is open about the beam's axis, or with the facet ``which``, seen along the mean."""
+    """Fill ``mask`` with what is open about the beam's axis, or with the facet ``which``, seen along the mean.
+
+    Return whether there is any.
+    """
     for c in range(CONE):
         wide[c] = state[beam.CONE_AT + c]
     # Twice the envelope: the field at its rim is a tenth of that on the axis, at twice the rim a ten-thousandth.
     wide[12] *= 2.0
     wide[13] *= 2.0
-    places = np.empty(256, np.int64)
-    count, _ = collect(wide, depth, far, boxes, link, corners, places)
-    if count > places.shape[0]:
-        places = np.empty(count, np.int64)
-        count, _ = collect(wide, depth, far, boxes, link, corners, places)
-    fine[:, :] = 1 if open_event else 0
+    places, count = collect_all(wide, depth, far, boxes, link, corners, np.empty(256, np.int64))
+    fine[:, :] = _EVERYTHING if open_event else _NOTHING
     flat = np.empty(6)
     e = state[beam.STRETCH]
     for n in range(count):
@@ -65,14 +66,14 @@ def paint(state, wide, depth, far, open_event, which, half_x, half_y, boxes, lin
             flat[2 * v] = state[beam.XX] * x + state[beam.XY] * y + state[beam.XZ] * w
             flat[2 * v + 1] = (state[beam.YX] * x + state[beam.YY] * y + state[beam.YZ] * w) / e
         cover(fine, 0 if open_event else 1, half_x, half_y, flat[0], flat[1], flat[2], flat[3], flat[4], flat[5])
-    shares(fine, mask)
+    return shares(fine, mask)
 
 
 @kernel
 def diffract(
     key0, key1, path, counter, state, wide, z, depth, far, k, least, open_event, uniform, forced, which, hole_number,
-    touched, boxes, link, corners, facet, normals, rims, rim_ends, holes, loops, loop_ends, flat, fine, mask, padded,
-    power, twiddles, line, statistics,
+    touched, boxes, link, corners, facet, normals, rims, rim_ends, holes, loops, loop_ends, flat, fine, mask,
+    statistics,
 ):  # fmt: skip
     """Add a wavevector of the region's pattern to the beam; return (counter, whether one was found).
 
@@ -116,8 +117,9 @@ def diffract(
             local_x = chirp * (state[beam.XX] * x + state[beam.XY] * y + state[beam.XZ] * w)
             local_y = chirp * (state[beam.YX] * x + state[beam.YY] * y + state[beam.YZ] * w) / e
             chirp = 0.0
-        paint(state, wide, depth, far, open_event, which, half_x, half_y, boxes, link, corners, facet, fine, mask)
-        if mask.sum() == 0.0:
+        if not paint(
+            state, wide, depth, far, open_event, which, half_x, half_y, boxes, link, corners, facet, fine, mask
+        ):
             # Seen along the mean nothing is open, though the ray, a little aslant, did pass: it goes on unbent.
             statistics[_NULL] += 1
             leave_region(state, z, least, state[beam.MX], state[beam.MY], state[beam.MZ])
@@ -131,9 +133,7 @@ def diffract(
             x, y, counter, tries, good = draw_polygon(key0, key1, path, counter, flat[:edges], area)
             statistics[_TRIES] += tries
         else:
-            x, y, counter, good = draw_raster(
-                key0, key1, path, counter, mask, half_x, half_y, chirp, padded, power, twiddles, line
-            )
+            x, y, counter, good = draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp)
         if not good:
             return counter, False
         fx, fy = (x + local_x) / k, (y + local_y) / k

@@ -22,11 +22,11 @@ from specklegen.kernels import inlined, kernel
 from specklegen.kernels.beam_events import diffract, scatter_diffusely
 from specklegen.kernels.beam_sources import emit
 from specklegen.kernels.beam_state import hold_ray, leave_region, mirror
-from specklegen.kernels.cone_bvh import closest, collect
+from specklegen.kernels.cone_bvh import collect_all, first_region
 from specklegen.kernels.cones import CONE
+from specklegen.kernels.masked_beams import FINE, GRID, WORDS
 from specklegen.kernels.ray_bvh import nearest
 from specklegen.kernels.receivers import crossing
-from specklegen.kernels.region_patterns import FINE, GRID
 from specklegen.kernels.regions import FOUND, census
 from specklegen.kernels.rng import normal_pair, uniforms
 from specklegen.kernels.surfaces import ABSORBED, REFLECTED, SCATTERED, TRANSMITTED, outcome
@@ -51,7 +51,7 @@ def depth_of(state):
     return x * state[beam.MX] + y * state[beam.MY] + z * state[beam.MZ]
 
 
-@kernel
+@inlined
 def ray_hit(state, skip, facet, boxes, link, corners):
     """Distance and place of what the ray of a beam meets first; (inf, -1) for nothing."""
     hit, place, _ = nearest(
@@ -83,8 +83,8 @@ def cross_planes(state, reach, planes, first_cell, counts, fluence, squares):
 
 
 @kernel
-def find_region(state, packed, wavelength, z_ray, hit, z_hit, near, fresh, boxes, link, corners, statistics):
-    """Next region on a beam's way: (depth, whether the ray goes on as a plain ray).
+def find_region(packed, wavelength, z_ray, hit, near, fresh, boxes, link, corners, places, spans, statistics):
+    """Next region on a beam's way: (depth, its end, number of triangles, their places, spans, whether a plain ray).
 
     Depth inf: no region before the cone has left the scene. ``near``: depth from which to search; behind an interaction
     (``fresh``) the first stretch is the ray's alone, and grows while the cone touches at once.
@@ -93,37 +93,34 @@ def find_region(state, packed, wavelength, z_ray, hit, z_hit, near, fresh, boxes
     while True:
         start = max(near, z_ray + length) if fresh else near
         if fresh and hit <= length:
-            return math.inf, True
-        depth, _, _ = closest(packed, start, math.inf, boxes, link, corners)
+            return math.inf, math.inf, 0, places, spans, True
+        depth, far, region = first_region(packed, start, not fresh, boxes, link, corners, places, spans)
+        if region > places.shape[0]:
+            places, spans = np.empty(region, np.int64), np.empty((region, 2))
+            continue
         if not fresh or depth == math.inf or depth > start:
-            return depth, False
+            return depth, far, region, places, spans, False
         tries += 1
         statistics[RESTARTS] += 1
         if tries > _RESTARTS:
             statistics[PLAIN_RAYS] += 1
-            return math.inf, True
+            return math.inf, math.inf, 0, places, spans, True
         length = min(_GROWTH * length, _LONGEST * wavelength)
 
 
 @kernel
 def look_around(
-    state, depth, far, own, places, boxes, link, corners, facet, across, loop, loops, rims, seen, touched, found,
+    state, packed, depth, far, own, places, region, corners, facet, across, loop, loops, rims, seen, touched, found,
     statistics, areas,
 ):  # fmt: skip
-    """Collect the triangles of a region and take its census: (their places, how many, how many holes)."""
-    packed = state[beam.CONE_AT : beam.CONE_AT + CONE]
-    region, _ = collect(packed, depth, far, boxes, link, corners, places)
-    if region > places.shape[0]:
-        places = np.empty(2 * region, np.int64)
-        region, _ = collect(packed, depth, far, boxes, link, corners, places)
+    """Take the census of a region of ``region`` triangles; return the number of its holes."""
     statistics[REGIONS] += 1
     statistics[REGION_TRIANGLES] += region
     areas[0] += math.pi * (state[beam.WIDTH] + depth * state[beam.SLOPE]) ** 2 / state[beam.STRETCH]
-    holes = census(
+    return census(
         packed, depth, far, state[beam.PX], state[beam.PY], state[beam.PZ], state[beam.DX], state[beam.DY],
         state[beam.DZ], own, places, region, corners, facet, across, loop, loops, rims, seen, touched, found,
     )  # fmt: skip
-    return places, region, holes
 
 
 @kernel
@@ -138,6 +135,15 @@ def cross_section_point(key0, key1, path, counter, state, depth, z_hit):
         state[beam.CY] + depth * state[beam.MY] + gx * state[beam.XX + 1] + gy * state[beam.YX + 1],
         state[beam.CZ] + depth * state[beam.MZ] + gx * state[beam.XX + 2] + gy * state[beam.YX + 2],
     )
+
+
+@kernel
+def seen_aside(state, step, qx, qy, qz, facet, boxes, link, corners):
+    """Whether nothing stands between a ray, ``step`` ahead of its point, and a point q beside it."""
+    px, py = state[beam.PX] + step * state[beam.DX], state[beam.PY] + step * state[beam.DY]
+    pz = state[beam.PZ] + step * state[beam.DZ]
+    _, place, _ = nearest(px, py, pz, qx - px, qy - py, qz - pz, 0.0, 1.0, -1, facet, boxes, link, corners)
+    return place < 0
 
 
 @kernel
@@ -184,13 +190,9 @@ def walk_beams(
     packed = state[beam.CONE_AT : beam.CONE_AT + CONE]
     hole_count = loops.shape[0] - 1
     seen, touched = np.zeros(hole_count, np.int32), np.empty(hole_count, np.int32)
-    places, wide = np.empty(256, np.int64), np.empty(CONE)
+    places, spans, wide = np.empty(256, np.int64), np.empty((256, 2)), np.empty(CONE)
     flat = np.empty((max(most_edges, loop_ends.shape[0]), 4))
-    fine, mask = np.empty((FINE, FINE), np.uint8), np.empty((GRID, GRID))
-    padded, power = np.empty((GRID, 2 * GRID), np.complex128), np.empty(2 * GRID)
-    line, twiddles = np.empty(2 * GRID, np.complex128), np.empty(GRID, np.complex128)
-    for m in range(GRID):
-        twiddles[m] = complex(math.cos(math.pi * m / GRID), -math.sin(math.pi * m / GRID))
+    fine, mask = np.empty((FINE, WORDS), np.uint64), np.empty((GRID, GRID))
 
     for n in range(count):
         path = np.uint64(first + n)
@@ -208,15 +210,14 @@ def walk_beams(
             if mode == WAVE and rate > 0.0:
                 near, fresh, nulls = z_ray, True, 0
                 while True:
-                    depth, plain = find_region(
-                        state, packed, wavelength, z_ray, hit, z_hit, near, fresh, boxes, link, corners, statistics
+                    depth, far, region, places, spans, plain = find_region(
+                        packed, wavelength, z_ray, hit, near, fresh, boxes, link, corners, places, spans, statistics
                     )
                     if plain or depth == math.inf or z_hit < depth:
                         depth = math.inf
                         break
-                    far = depth + 2.0 * (state[beam.WIDTH] + depth * state[beam.SLOPE])
-                    places, region, hole_number = look_around(
-                        state, depth, far, own if z_hit <= far else -1, places, boxes, link, corners, facet, across,
+                    hole_number = look_around(
+                        state, packed, depth, far, own if z_hit <= far else -1, places, region, corners, facet, across,
                         loop, loops, rims, seen, touched, found, statistics, areas,
                     )  # fmt: skip
                     open_event = z_hit > far and found[0] > 0.0
@@ -232,8 +233,9 @@ def walk_beams(
             elif mode == BALLISTIC and place >= 0:
                 a = state[beam.WIDTH] + z_hit * state[beam.SLOPE]
                 depth, far = max(z_hit - a, z_ray), z_hit + a
-                places, region, hole_number = look_around(
-                    state, depth, far, own, places, boxes, link, corners, facet, across, loop, loops, rims, seen,
+                places, region = collect_all(packed, depth, far, boxes, link, corners, places)
+                hole_number = look_around(
+                    state, packed, depth, far, own, places, region, corners, facet, across, loop, loops, rims, seen,
                     touched, found, statistics, areas,
                 )  # fmt: skip
                 if found[0] > 0.0:
@@ -244,7 +246,8 @@ def walk_beams(
                         qx, qy, qz, state[beam.MX], state[beam.MY], state[beam.MZ], 0.0, far - depth, skip,
                         facet, boxes, link, corners,
                     )  # fmt: skip
-                    if other < 0:
+                    # A point beyond a wall beside the ray is no opening, though nothing stands behind it.
+                    if other < 0 and seen_aside(state, depth - z_ray, qx, qy, qz, facet, boxes, link, corners):
                         open_event = True
                         statistics[CROSSINGS] += cross_planes(
                             state, hit, planes, first_cell, counts, fluence, squares
@@ -315,7 +318,7 @@ def walk_beams(
                 counter, good = diffract(
                     k0, k1, path, counter, state, wide, z, depth, far, k, least, open_event, uniform, forced, which,
                     hole_number, touched, boxes, link, corners, facet, normals, rims, rim_ends, holes, loops, loop_ends,
-                    flat, fine, mask, padded, power, twiddles, line, statistics,
+                    flat, fine, mask, statistics,
                 )  # fmt: skip
                 if not good:
                     end = FAILED

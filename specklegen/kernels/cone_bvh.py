@@ -138,7 +138,14 @@ def lay_out(vertices, faces, order, corners):
 
 
 @spliced
-def _box(cone, slack, slack_y, near, far, boxes, node):
+def _box(cone, span, slack, slack_y, near, far, boxes, node):
+    lx, ux, ly, uy, lz, uz = span
+    if (
+        boxes[node, 0] - boxes[node, 3] > ux or boxes[node, 0] + boxes[node, 3] < lx
+        or boxes[node, 1] - boxes[node, 4] > uy or boxes[node, 1] + boxes[node, 4] < ly
+        or boxes[node, 2] - boxes[node, 5] > uz or boxes[node, 2] + boxes[node, 5] < lz
+    ):  # fmt: skip
+        return math.inf
     ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t = cone
     return box_depth(ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t, slack, slack_y, near, far, boxes, node)
 
@@ -156,6 +163,28 @@ def _unpacked(cone):
         cone[0], cone[1], cone[2], cone[3], cone[4], cone[5], cone[6], cone[7], cone[8], cone[9], cone[10], cone[11],
         cone[12], cone[13],
     )  # fmt: skip
+
+
+@inlined
+def _reach(origin, across, ahead, a, t, near, far, slack):
+    """Least and greatest coordinate of the cone in [near, far] along one axis, which is ``across`` its unit circle."""
+    first = max(near, -a / t) if t > 0.0 else near
+    grows, falls = ahead + t * across, ahead - t * across
+    upper = a * across + (far if grows > 0.0 else first) * grows
+    lower = (far if falls < 0.0 else first) * falls - a * across
+    return origin + lower - 1e-12 * abs(lower) - slack, origin + upper + 1e-12 * abs(upper) + slack
+
+
+@inlined
+def _span(cone, near, far, slack):
+    """Box along the axes of space that holds a cone in [near, far]: least and greatest x, y, z."""
+    ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t = cone
+    square = yx * yx + yy * yy + yz * yz  # of the stretch, which the scaled y brings twice
+    yx, yy, yz = yx / square, yy / square, yz / square
+    lx, ux = _reach(ox, math.sqrt(xx * xx + yx * yx), zx, a, t, near, far, slack)
+    ly, uy = _reach(oy, math.sqrt(xy * xy + yy * yy), zy, a, t, near, far, slack)
+    lz, uz = _reach(oz, math.sqrt(xz * xz + yz * yz), zz, a, t, near, far, slack)
+    return lx, ux, ly, uy, lz, uz
 
 
 @inlined
@@ -185,10 +214,10 @@ def closest(packed, near, far, boxes, link, corners):
     if link.shape[0] == 0:
         return best, place, visited
     cone, slack = _unpacked(packed), rounding(packed, boxes)
-    slack_y = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8]))
+    slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
     stack = np.empty(DEPTH, np.int32)
     depths = np.empty(DEPTH)
-    start = _box(cone, slack, slack_y, near, far, boxes, 0)
+    start = _box(cone, span, slack, slack_y, near, far, boxes, 0)
     if start == math.inf:
         return best, place, 1
     stack[0], depths[0], height = 0, start, 1
@@ -208,8 +237,8 @@ def closest(packed, near, far, boxes, link, corners):
                 break  # nothing comes before the beginning
             continue
         left, right = node + 1, link[node]
-        one = _box(cone, slack, slack_y, near, far, boxes, left)
-        two = _box(cone, slack, slack_y, near, far, boxes, right)
+        one = _box(cone, span, slack, slack_y, near, far, boxes, left)
+        two = _box(cone, span, slack, slack_y, near, far, boxes, right)
         height = push_nearer_last(stack, depths, height, left, one, right, two)
     return best, place, visited
 
@@ -227,8 +256,8 @@ def collect(packed, near, far, boxes, link, corners, out):
     if link.shape[0] == 0:
         return found, visited
     cone, slack = _unpacked(packed), rounding(packed, boxes)
-    slack_y = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8]))
-    if _box(cone, slack, slack_y, near, far, boxes, 0) == math.inf:
+    slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
+    if _box(cone, span, slack, slack_y, near, far, boxes, 0) == math.inf:
         return found, visited
     stack = np.empty(DEPTH, np.int32)
     stack[0], height = 0, 1
@@ -246,13 +275,99 @@ def collect(packed, near, far, boxes, link, corners, out):
                     found += 1
             continue
         left, right = node + 1, link[node]
-        if _box(cone, slack, slack_y, near, far, boxes, right) < math.inf:
+        if _box(cone, span, slack, slack_y, near, far, boxes, right) < math.inf:
             stack[height] = right
             height += 1
-        if _box(cone, slack, slack_y, near, far, boxes, left) < math.inf:
+        if _box(cone, span, slack, slack_y, near, far, boxes, left) < math.inf:
             stack[height] = left
             height += 1
     return found, visited
+
+
+@kernel
+def collect_all(packed, near, far, boxes, link, corners, places):
+    """`collect` into ``places`` int64[room], or into a longer list where it has no room: the list and their number."""
+    count, _ = collect(packed, near, far, boxes, link, corners, places)
+    if count > places.shape[0]:
+        places = np.empty(2 * count, np.int64)
+        count, _ = collect(packed, near, far, boxes, link, corners, places)
+    return places, count
+
+
+@kernel
+def _keep(places, depths, count, near, far):
+    """Keep of ``count`` triangles those with a depth in [near, far], in their order; their number."""
+    kept = 0
+    for n in range(count):
+        if depths[n, 0] <= far and depths[n, 1] >= near:
+            places[kept], depths[kept, 0], depths[kept, 1] = places[n], depths[n, 0], depths[n, 1]
+            kept += 1
+    return kept
+
+
+@kernel
+def first_region(packed, near, touching, boxes, link, corners, places, spans):
+    """What `closest` and then `collect` find, in one search: the least depth d beyond ``near``, and [d, d + 2 a(d)].
+
+    touching : whether a cone that meets something at ``near`` itself is of interest; if not, that alone is found
+    places   : int64[room], out, in rising order;  spans : float64[room, 2], workspace
+
+    Return the depth (inf for none), the end of the region, and its number of triangles; where that is more than the
+    room, it is the room to come again with.
+    """
+    n, best, far, found = corners.shape[0], math.inf, math.inf, 0
+    if link.shape[0] == 0:
+        return best, far, 0
+    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
+    start = _box(cone, span, slack, slack_y, near, far, boxes, 0)
+    if start == math.inf:
+        return best, far, 0
+    stack, depths = np.empty(DEPTH, np.int32), np.empty(DEPTH)
+    stack[0], depths[0], height = 0, start, 1
+    while height > 0:
+        height -= 1
+        if depths[height] > far:
+            continue
+        node = stack[height]
+        if link[node] < 0:
+            first = -1 - link[node]
+            for f in range(first, min(first + LEAF, n)):
+                low, high = _triangle(cone, near, far, corners, f)
+                if low == math.inf:
+                    continue
+                if low < best:
+                    best = low
+                    far = best + 2.0 * (packed[12] + best * packed[13])
+                if found == places.shape[0]:
+                    found = _keep(places, spans, found, near, far)
+                    if 2 * found > places.shape[0]:
+                        return best, far, 4 * found
+                places[found], spans[found, 0], spans[found, 1] = f, low, high
+                found += 1
+            if best <= near and not touching:
+                return best, far, 0
+            continue
+        left, right = node + 1, link[node]
+        one = _box(cone, span, slack, slack_y, near, far, boxes, left)
+        two = _box(cone, span, slack, slack_y, near, far, boxes, right)
+        # As `push_nearer_last`, written out, which is quicker here.
+        if one > two:
+            left, right, one, two = right, left, two, one
+        if two < math.inf:
+            stack[height], depths[height] = right, two
+            height += 1
+        if one < math.inf:
+            stack[height], depths[height] = left, one
+            height += 1
+    found = _keep(places, spans, found, best, far)
+    for m in range(1, found):
+        place, at = places[m], m
+        while at > 0 and places[at - 1] > place:
+            places[at] = places[at - 1]
+            at -= 1
+        places[at] = place
+    return best, far, found
 
 
 @kernel
@@ -271,7 +386,7 @@ def boxes_in_cones(cones, near, far, boxes, low):
     for n in range(cones.shape[0]):
         cone, box = _unpacked(cones[n]), boxes[n : n + 1]
         slack = rounding(cones[n], box)
-        slack_y = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8]))
-        low[n] = _box(cone, slack, slack_y, near[n], far[n], box, 0)
+        slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near[n], far[n], slack)
+        low[n] = _box(cone, span, slack, slack_y, near[n], far[n], box, 0)
 
 

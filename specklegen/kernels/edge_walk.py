@@ -31,7 +31,7 @@ from specklegen.kernels.beam_sources import COLLIMATED, KIND, LOWER, UPPER, emit
 from specklegen.kernels.beam_state import axes_about, leave_region, mirror
 from specklegen.kernels.beam_walk import ABSORBED_END, ESCAPED, FAILED, RECEIVED, STOPPED, ray_hit
 from specklegen.kernels.beam_walk import WAVE as WAVE_MODE
-from specklegen.kernels.cone_bvh import collect
+from specklegen.kernels.cone_bvh import collect_all
 from specklegen.kernels.cones import CONE
 from specklegen.kernels.edge_waves import (
     along,
@@ -180,10 +180,7 @@ def edges_about(state, skip, but, wide, places, edge_at, edges, edge_facets, box
     for c in range(CONE):
         wide[c] = state[beam.CONE_AT + c]
     wide[12], wide[13] = 2.0 * state[beam.WIDTH], 2.0 * state[beam.SPREAD]
-    touched, _ = collect(wide, 0.0, math.inf, boxes, link, corners, places)
-    if touched > places.shape[0]:
-        places = np.empty(touched, np.int64)
-        touched, _ = collect(wide, 0.0, math.inf, boxes, link, corners, places)
+    places, touched = collect_all(wide, 0.0, math.inf, boxes, link, corners, places)
     count = 0
     for n in range(touched):
         for side in range(3):

@@ -6,6 +6,7 @@ side of it is an edge, an opening for light.
 """
 
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -13,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from specklegen.wavetracing.geometry import Geometry
 
+_FOUND: WeakKeyDictionary[Geometry, "Facets"] = WeakKeyDictionary()
 _PLANE = 1e-7  # radians between triangles of one facet
 
 
@@ -38,7 +40,13 @@ class Facets(NamedTuple):
 
 
 def facets_of(scene: Geometry) -> Facets:
-    """Find facets, borders and holes of a scene."""
+    """Facets, borders and holes of a scene, found once for as long as it lives."""
+    if scene not in _FOUND:
+        _FOUND[scene] = _facets_of(scene)
+    return _FOUND[scene]
+
+
+def _facets_of(scene: Geometry) -> Facets:
     found, faces = scene.topology, scene.faces
     count = len(faces)
     neighbour = found.neighbour

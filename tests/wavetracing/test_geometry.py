@@ -5,7 +5,7 @@ import pytest
 from wavetracing.solids import box, soup, sphere
 
 from specklegen.core.errors import DoubtWarning, RuleError
-from specklegen.kernels.cone_bvh import triangles_in_cones
+from specklegen.kernels.cone_bvh import closest, collect, first_region, triangles_in_cones
 from specklegen.wavetracing import Cone, Geometry, Mesh, perforated_screen
 from specklegen.wavetracing.cones import transverse_frame
 
@@ -42,6 +42,31 @@ def test_cones_find_what_brute_force_finds(seed):
         assert scene.collect(cone, near, far).tolist() == np.flatnonzero(np.isfinite(low)).tolist()
         found += int(np.isfinite(low).sum())
     assert found > 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_region_is_found_in_one_search(seed):
+    """The least depth d, and all triangles in [d, d + 2 a(d)], are those of two searches; with room for them or not."""
+    rng = np.random.default_rng(seed)
+    scene = Geometry(soup(2000, seed))
+    tree, most = (scene.boxes, scene.link, scene.corners), 0
+    places, spans, expected = np.empty(2000, np.int64), np.empty((2000, 2)), np.empty(2000, np.int64)
+    for _ in range(60):
+        cone, near = random_cone(rng).packed(), rng.uniform(0, 0.5)
+        depth, far, count = first_region(cone, near, True, *tree, places, spans)
+        assert depth == closest(cone, near, np.inf, *tree)[0]
+        if depth == np.inf:
+            assert count == 0
+            continue
+        assert far == pytest.approx(depth + 2 * (cone[12] + depth * cone[13]), rel=1e-14)
+        assert places[:count].tolist() == expected[: collect(cone, depth, far, *tree, expected)[0]].tolist()
+        most = max(most, count)
+        if count > 2:
+            asked = first_region(cone, near, True, *tree, places[:2], spans[:2])[2]
+            assert 2 < asked <= 8
+        if depth == near:
+            assert first_region(cone, near, False, *tree, places, spans)[::2] == (near, 0)
+    assert most > 20
 
 
 @pytest.mark.slow

@@ -6,7 +6,8 @@ from scipy.stats import chi2
 from wavetracing.screens import FAR, HEXAGRAM, HEXAGRAM_AREA, rim_intensity, screen, slit
 from zscore import FALSE_ALARM, assert_z
 
-from specklegen.kernels.region_patterns import GRID, draw_polygons, draw_raster
+from specklegen.kernels.masked_beams import GRID, draw_raster
+from specklegen.kernels.region_patterns import draw_polygons
 from specklegen.wavetracing import CollimatedEmitter, Geometry, Mesh, Plane, trace
 
 K = 2 * np.pi
@@ -166,15 +167,10 @@ def test_power_of_a_square_within_circles():
 def raster_excess(mask, chirp, assumed, draws=6000):
     """Chi^2 of drawn cells of wavevectors against |DFT|^2 of the masked beam, over cells of 10 counts and more."""
     half, n = 30.0, GRID
-    padded, power = np.empty((n, 2 * n), complex), np.empty(2 * n)
-    line, twiddles = np.empty(2 * n, complex), np.exp(-1j * np.pi * np.arange(n) / n)
     step = 2 * np.pi / (2 * n * (2 * half / n))
     counts = np.zeros((2 * n, 2 * n))
     for path in range(draws):
-        x, y, _, good = draw_raster(
-            np.uint64(1), np.uint64(2), np.uint64(path), np.uint64(0), mask, half, half, chirp, padded, power,
-            twiddles, line,
-        )  # fmt: skip
+        x, y, _, good = draw_raster(*np.uint64([1, 2, path, 0]), mask, half, half, chirp)
         assert good
         column, row = round(x / step), round(y / step)
         if max(abs(column), abs(row)) < n:  # else beyond the grid, from the rims
