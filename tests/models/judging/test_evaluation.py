@@ -96,8 +96,8 @@ def test_division_by_the_memory_effect_helps_beyond_it(katz):
     assert beyond.interval("C_I", "diffraction-limited").low > 0.8
 
 
-@pytest.mark.xfail(reason="three points at two ranges: Wiener's guesses reach 0.71, no division 0.73, 1 / C 0.90")
 def test_what_each_image_chooses_helps_beyond_it(katz):
+    """Three points at two ranges; nothing is lost within the range."""
     beyond = katz[2.0]
     assert beyond.gain("chosen", "plain", "diffraction-limited").low > 0
 
