@@ -35,7 +35,7 @@ from specklegen.models.retrieval.phase_retrieval import Retrieval
 
 CAMERA, FRAME, BATCH, HELD_OUT = 128, 36, 32, 600
 POINTS = (2, 3, 4, 5, 6, 8, 11)
-MATERIALS, LAYOUTS, SAMPLES, CERTIFIED, SPARSE = 400, 64, 7680, 1600, 256
+MATERIALS, LAYOUTS, SAMPLES, CERTIFIED, SPARSE = 400, 64, 7680, 1600, 64
 LATER = 10**6  # number of the first batch of these: not one that the dense net has seen
 START_SHARE, RANGE_MINUTES = 0.45, 5.0
 START_RATE, STAGE_RATE = 1e-3, 2e-3

@@ -5,6 +5,7 @@ that are wide apart fade beyond the memory-effect range. The search is that of
 :mod:`specklegen.models.likelihood.constellation`, from the network's image and from phase retrieval's answers.
 """
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -29,13 +30,15 @@ class FewPoints(NamedTuple):
     ----------
     image : float32[n, n]
         Points of brightness 1.
-    count : int
-    evidence : float32[e]
-        What the certificate of constellations is read from.
+    points : int
+    evidence : float32[5]
+        What the certificate of constellations is read from: the excess in spreads of the log-likelihood, the logarithm
+        of the count, the share of the searches that ended here, the logarithm of 1 and what the next best end costs
+        more, and the correlation with the network's image.
     """
 
     image: Tensor
-    count: int
+    points: int
     evidence: Tensor
 
     __repr__ = short
@@ -72,8 +75,6 @@ def few_points(
             continue
         image = best.image(last.shape[-1])
         alike = pearson(align(last[n : n + 1], image[None]), image[None])[0]
-        told = [excess, len(best.places), best.reached, best.margin, float(alike), float(shining[n])]
-        numbers = torch.tensor(told)
-        numbers[1], numbers[3], numbers[5] = numbers[1].log(), numbers[3].log1p(), numbers[5].log()
-        found[n] = FewPoints(image, len(best.places), torch.cat([numbers, begun.scalars[n]]))
+        told = [excess, math.log(len(best.places)), best.reached, math.log1p(best.margin), float(alike)]
+        found[n] = FewPoints(image, len(best.places), torch.tensor(told))
     return found

@@ -140,7 +140,7 @@ class Solver:
         if self.points is not None:
             for place, few in enumerate(few_points(image, begun, likelihood, between, self.network.answers)):
                 if few is not None:
-                    image[place], count[place] = few.image, few.count
+                    image[place], count[place] = few.image, few.points
                     probability[place] = self.points(few.evidence)
         (near,), (found,) = (x.unbind(1) for x in settled(image[:, None], deviance))
         log = -seen.looks * likelihood.frequencies * found

@@ -102,6 +102,14 @@ def test_what_each_image_chooses_helps_beyond_it(katz):
     assert beyond.gain("chosen", "plain", "diffraction-limited").low > 0
 
 
+def test_an_image_without_error_has_a_mean(batch):
+    """Its PSNR is infinite, of which no mean can be taken."""
+    objects = torch.zeros_like(batch["object"])
+    objects[:, 3, 4], objects[:, 8, 6] = 1.0, 1.0
+    found, _ = evaluation.evaluate({"exact": lambda b: b["object"]}, [{**batch, "object": objects}])
+    assert found.interval("exact", score="psnr") == (evaluation.PERFECT,) * 3
+
+
 def test_an_object_without_margin_is_still_found(batch):
     """Framed, moved and cut: the object's own pixels come back to the bit."""
     truth = evaluation.targets_of(batch)["sharp"]

@@ -9,6 +9,7 @@ import torch
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.datasets.objects import Glyphs, Points
+from specklegen.models.judging.points import share_found
 from specklegen.models.learning.measurement import measured, memory_effect_of, seen_by_camera
 from specklegen.models.learning.networks.range_net import RangeNet, extents, shares
 from specklegen.models.learning.networks.unrolled import Seen, Unrolled, improved, invariant_loss, ranked, settled
@@ -143,8 +144,8 @@ def test_any_camera_and_window_and_the_same_bits_again(camera, profile):
 
 
 def test_the_packaged_solver_puts_points_in_their_places():
-    """Four points, one range wide, drawn from the law; a character beside them stays the network's."""
-    objects = torch.from_numpy(np.stack([Points(count=4).image(2, "test", 0), Glyphs().image(2, "test", 0)])).float()
+    """Three points, one range wide, drawn from the law; a character beside them stays the network's."""
+    objects = torch.from_numpy(np.stack([Points(count=3).image(2, "test", 0), Glyphs().image(2, "test", 0)])).float()
     dark = Periodogram(torch.ones(2, 128, 65), torch.zeros(2), 1.0, (128, 128))
     likelihood = SpeckleLikelihood(dark, (SIDE, SIDE), Optics(STEP, GRAIN))
     steps = np.arange(1 - SIDE, SIDE)
@@ -153,9 +154,9 @@ def test_the_packaged_solver_puts_points_in_their_places():
     drawn = spectrum * torch.from_numpy(np.random.default_rng(4).exponential(1.0, spectrum.shape)).float()
     dark.power[:, np.arange(-reach, reach + 1) % 128, : spectrum.shape[2]] = drawn
     found = load_solver().solve(dark, Optics(STEP, GRAIN), [through_slab(1.0)] * 2)
-    assert found.points.tolist() == [4, 0]
+    assert found.points.tolist() == [3, 0]
     whole = torch.nn.functional.pad(objects, (4, 4, 4, 4))
-    assert pearson(align(found.image, whole), whole)[0] > 0.999
+    assert share_found(align(found.image, whole)[0].numpy(), whole[0].numpy()) == 1  # within 1.5 pixels
     assert found.probability[0] > 0.5
 
 
