@@ -1,6 +1,7 @@
 """Evaluation: perfect and useless methods get what they deserve; tables, pictures and commands hold together."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,7 +98,7 @@ def test_division_by_the_memory_effect_helps_beyond_it(katz):
 
 
 def test_what_each_image_chooses_helps_beyond_it(katz):
-    """Three points at two ranges; nothing is lost within the range."""
+    """Three points at two ranges."""
     beyond = katz[2.0]
     assert beyond.gain("chosen", "plain", "diffraction-limited").low > 0
 
@@ -213,7 +214,7 @@ def test_parts_of_a_table_are_its_images(judged):
     assert part.interval("Katz") == found.interval("Katz")
     half = found.part(np.arange(7) < 3)
     assert half.interval("Katz").mean == pytest.approx(found.values["Katz"]["sharp"]["pearson"][:3].mean())
-    mixed = found._replace(families=np.arange(7) % 2, extents=np.array([0.1, 0.1, 3, 3, 3, 2, 1.5]))
+    mixed = replace(found, families=np.arange(7) % 2, extents=np.array([0.1, 0.1, 3, 3, 3, 2, 1.5]))
     assert list(mixed.parts()) == ["0 to 0.5 ranges", "1 to 2 ranges", "above 2 ranges", "family 0", "family 1"]
 
 
