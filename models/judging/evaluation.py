@@ -29,6 +29,8 @@ from specklegen.models.retrieval.apodisation import diffraction_limited, framed,
 from specklegen.scene.window import Profile
 
 TARGETS = ("sharp", "diffraction-limited")
+PERFECT = 100.0
+"""Largest score that counts, in decibels of a PSNR: that of an image without error is infinite, and has no mean."""
 CANDIDATES = 32
 """Objects among which a method has to name its own."""
 EXTENTS = (0.0, 0.5, 1.0, 2.0, float("inf"))
@@ -247,7 +249,7 @@ def evaluate(
             for target, truth in truths.items():
                 for score, function in SCORES.items():
                     found = function(aligned[target], truth[..., : shape[0], : shape[1]])
-                    values[name][target][score].append(found)
+                    values[name][target][score].append(found.clamp(max=PERFECT))
         objects.append(truths["sharp"])
         cases += _cases(batch, shown, {name: values[name]["sharp"]["pearson"][-1] for name in methods})
     if not cases:

@@ -19,6 +19,7 @@ from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.core.showing import short, summary
+from specklegen.models.learning.few_points import few_points
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks.range_net import RangeNet
 from specklegen.models.learning.networks.unrolled import BRIEFLY, Candidates, Seen, Unrolled, settled
@@ -60,6 +61,8 @@ class Solution(NamedTuple):
         The certificate: that the image's correlation with the true object exceeds .8.
     evidence : float32[B, e]
         What the certificate was read from; see :func:`evidence_of`.
+    points : int64[B]
+        How many points the image is of, where few points explain what was measured; 0 where the network made it.
     """
 
     image: Tensor
@@ -68,6 +71,7 @@ class Solution(NamedTuple):
     log_likelihood: Tensor
     probability: Tensor
     evidence: Tensor
+    points: Tensor
 
     __repr__ = short
 
@@ -82,10 +86,15 @@ class Solver:
         Reads the probability of success from the evidence.
     ranges : RangeNet
         Reads the memory-effect range off images of a slab that nobody knows.
+    points : Certificate or None
+        Reads it from the evidence of constellations (:mod:`specklegen.models.learning.few_points`); None where they are
+        not searched for.
     """
 
-    def __init__(self, network: Unrolled, certificate: Certificate, ranges: RangeNet) -> None:
-        self.network, self.certificate, self.ranges = network, certificate, ranges
+    def __init__(
+        self, network: Unrolled, certificate: Certificate, ranges: RangeNet, points: Certificate | None = None
+    ) -> None:
+        self.network, self.certificate, self.ranges, self.points = network, certificate, ranges, points
 
     def __repr__(self) -> str:
         return summary(self, frame=self.network.frame, side=self.network.side, stages=self.network.count)
@@ -126,9 +135,16 @@ class Solver:
         begun = self.network.candidates(shown, deviance)
         made = [image.detach() for image in self.network.refined(begun, deviance)]
         evidence = evidence_of(self.network, made, begun, likelihood, between, at_lags)
-        (near,), (found,) = (x.unbind(1) for x in settled(made[-1][:, None], deviance))
+        image, probability = made[-1], self.certificate(evidence)
+        count = torch.zeros(len(image), dtype=torch.int64)
+        if self.points is not None:
+            for place, few in enumerate(few_points(image, begun, likelihood, between, self.network.answers)):
+                if few is not None:
+                    image[place], count[place] = few.image, few.points
+                    probability[place] = self.points(few.evidence)
+        (near,), (found,) = (x.unbind(1) for x in settled(image[:, None], deviance))
         log = -seen.looks * likelihood.frequencies * found
-        return Solution(centred(made[-1]), centred(near), found, log, self.certificate(evidence), evidence)
+        return Solution(centred(image), centred(near), found, log, probability, evidence, count)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the solver, its weights rounded to eight bits."""
@@ -137,6 +153,7 @@ class Solver:
             "stages": self.network.count, "answers": self.network.answers, "units": self.network.units,
             "blocks": self.network.blocks, "certificate": self.certificate._asdict(),
             "ranges": [self.ranges.side, self.ranges.units, self.ranges.count],
+            "points": None if self.points is None else self.points._asdict(),
         }  # fmt: skip
         kept: dict[str, Tensor] = {}
         for key, weight in _weights(self.network, self.ranges).items():
@@ -156,7 +173,7 @@ class Solver:
         weights = restored(kept)
         numbers: list[int] = []
         own: list[int] = []
-        certificate = None
+        certificate = points = None
         try:
             numbers = [
                 whole_number(f"model {name}", stated[name], 1, 2**10)
@@ -166,6 +183,7 @@ class Solver:
             with torch.device("meta"):
                 promised = _weights(Unrolled(*numbers), RangeNet(*own))
             certificate = Certificate.of(stated["certificate"])
+            points = None if stated.get("points") is None else Certificate.of(stated["points"])
             fits = stated["name"] == "unrolled"
             fits &= {key: value.shape for key, value in promised.items()} == {k: w.shape for k, w in weights.items()}
         except (KeyError, TypeError, ValueError, RuntimeError):
@@ -175,7 +193,7 @@ class Solver:
         network, ranges = Unrolled(*numbers), RangeNet(*own)
         for prefix, net in ((_NETWORK, network), (_RANGES, ranges)):
             net.load_state_dict({key[len(prefix) :]: w for key, w in weights.items() if key.startswith(prefix)})
-        return cls(network, certificate, ranges)
+        return cls(network, certificate, ranges, points)
 
 
 _NETWORK, _RANGES = "network.", "ranges."  # what the names of weights begin with

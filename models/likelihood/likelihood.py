@@ -190,6 +190,12 @@ class SpeckleLikelihood(nn.Module):
         ratio = torch.where(used, power / expected, 1.0).clamp_min(torch.finfo(expected.dtype).tiny)
         return (ratio - 1 - ratio.log()).sum((-2, -1)) / used.sum((-2, -1))
 
+    def select(self, which: slice) -> Self:
+        """Some of the objects."""
+        other = copy.copy(self)
+        other._buffers = {name: None if value is None else value[which] for name, value in self._buffers.items()}
+        return other
+
     def seeing(self, power: Tensor, noise: Tensor, looks: float) -> Self:
         """Return the same layout with another measurement: power float[B, F, G] at its frequencies, noise float[B]."""
         other = copy.copy(self)
@@ -235,6 +241,22 @@ class SpeckleLikelihood(nn.Module):
     def frequencies(self) -> Tensor:
         """How many frequencies count, int64[B]."""
         return self.used.flatten(1).sum(1)
+
+    @property
+    def spread(self) -> Tensor:
+        """Standard deviation of the log-likelihood of the true object, float[B].
+
+        Of each frequency I / S - log(I / S) has the variance psi'(n) - 1 / n, of n looks.
+        """
+        looks = torch.tensor(self.looks, dtype=torch.float64)
+        each = float(torch.polygamma(1, looks) - 1 / looks)
+        return self.looks * (each * self.frequencies.to(self.power)).sqrt()
+
+    def excess(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
+        """-log L less what it is expected to be of the true object, float[B, ...]."""
+        return -self.log_likelihood(objects, memory_effect) - self.looks * expected_deviance(self.looks) * (
+            self.frequencies.reshape(-1, *[1] * (objects.ndim - 3))
+        )
 
     def log_likelihood(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
         """Logarithm of the likelihood, less that of an S equal to the periodogram; float[B, ...], at most 0."""

@@ -29,8 +29,8 @@ _REACH = 1.25
 """Where the dense guess ends, in sides of the object."""
 _BESIDE = (1.0, 2.5)
 """Lags just beside the grain's peak, in grains."""
-_SMOOTH = 1.5
-"""Lags that the empirical guess is smoothed over."""
+_SMOOTH = 0.5
+"""Grains that the empirical guess is smoothed over: a point's peak is as wide as a grain."""
 
 
 def lag_variance(images: Tensor) -> Tensor:
@@ -81,12 +81,14 @@ def weights(
         power = dense_power(lags, c, side, grain)
         found = c * power / (c.square() * power + noise)
     else:
-        found = _kept(lags, noise) / c.clamp_min(FLOOR)
+        found = _kept(lags, noise, grain) / c.clamp_min(FLOOR)
     return found / found[:, :1, :1].clamp_min(torch.finfo(lags.dtype).tiny)
 
 
 SPARSE = 2.9
-"""Power of the lags over that of the dense guess, above which objects are few bright points (docs/imaging.md)."""
+"""Power of the lags over that of the dense guess, above which objects are bright points (docs/imaging.md)."""
+FEW = 0.17
+"""Share of the lags that stand out of the noise, up to which points are few."""
 BEND = 1.5
 """Power of the bend over that of the noise, above which division helps (docs/imaging.md)."""
 _VISIBLE = 0.3  # C_I below which a lag says little of R
@@ -98,18 +100,23 @@ def choice(lags: Tensor, memory_effect: Tensor, variance: Tensor, *, side: float
     The expected residual of weights of 1 has two parts: the bend, sum_l (1 - C)^2 R^2, which division removes, and the
     noise, sum_l s^2, which division adds to. Both are summed over lags as far as they show an object, which is where a
     division acts. An object is sparse if those lags hold far more power than a dense object's would that is as bright
-    beside the grain's peak.
+    beside the grain's peak. Of few points, whose pairs fill few of the lags, the empirical guess keeps the pairs;
+    of many it would lose the weaker ones, and lags are divided down to C = 0.1.
     """
     c, noise = memory_effect.to(lags).expand_as(lags), variance.to(lags)[:, None, None]
     length = torch.from_numpy(distances(lags.shape[-1])).to(lags)
     counted = ((length > _BESIDE[0] * grain.to(lags)[:, None, None]) & (length < _REACH * side)).to(lags)
-    shown = _kept(lags, noise) * counted
+    shown = _kept(lags, noise, grain) * counted
     seen = shown * lags.square()
     dense = c.square() * dense_power(lags, c, side, grain) * counted
-    sparse = seen.sum((1, 2)) > SPARSE * dense.sum((1, 2))
+    sparse = seen.sum((1, 2)) / dense.sum((1, 2)).clamp_min(torch.finfo(lags.dtype).tiny)
     bend = ((1 / c.clamp_min(_VISIBLE) - 1).square() * seen).sum((1, 2))
     divide = bend > BEND * (noise * shown).sum((1, 2))
-    kinds: list[Division] = ["empirical" if few else "dense" for few in sparse.tolist()]
+    filled = shown.sum((1, 2)) / counted.sum((1, 2))
+    kinds: list[Division] = [
+        "dense" if power <= SPARSE else "empirical" if share <= FEW else "floor"
+        for power, share in zip(sparse.tolist(), filled.tolist(), strict=True)
+    ]
     return [kind if yes else "none" for kind, yes in zip(kinds, divide.tolist(), strict=True)]
 
 
@@ -126,14 +133,14 @@ def dense_power(lags: Tensor, memory_effect: Tensor, side: float, grain: Tensor)
     return (level[:, None, None] * (1 - length / (_REACH * side)).clamp_min(0).square()).square()
 
 
-def _kept(lags: Tensor, noise: Tensor) -> Tensor:
+def _kept(lags: Tensor, noise: Tensor, grain: Tensor) -> Tensor:
     """Share of the power of every lag that is not noise."""
-    power = _smoothed(lags).square()
+    power = _smoothed(lags, grain).square()
     return (power - noise).clamp_min(0) / power.clamp_min(torch.finfo(lags.dtype).tiny)
 
 
-def _smoothed(lags: Tensor) -> Tensor:
+def _smoothed(lags: Tensor, grain: Tensor) -> Tensor:
     """Gaussian mean over neighbouring lags, which wrap."""
     steps = torch.fft.fftfreq(lags.shape[-1], device=lags.device).to(lags)
-    one = torch.exp(-2 * (torch.pi * _SMOOTH * steps).square())
-    return torch.fft.ifft2(torch.fft.fft2(lags) * one[:, None] * one).real
+    one = torch.exp(-2 * (torch.pi * _SMOOTH * grain.to(lags)[:, None] * steps).square())
+    return torch.fft.ifft2(torch.fft.fft2(lags) * one[:, :, None] * one[:, None]).real

@@ -1,6 +1,7 @@
 """Evaluation: perfect and useless methods get what they deserve; tables, pictures and commands hold together."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,10 +97,18 @@ def test_division_by_the_memory_effect_helps_beyond_it(katz):
     assert beyond.interval("C_I", "diffraction-limited").low > 0.8
 
 
-@pytest.mark.xfail(reason="three points at two ranges: Wiener's guesses reach 0.71, no division 0.73, 1 / C 0.90")
 def test_what_each_image_chooses_helps_beyond_it(katz):
+    """Three points at two ranges."""
     beyond = katz[2.0]
     assert beyond.gain("chosen", "plain", "diffraction-limited").low > 0
+
+
+def test_an_image_without_error_has_a_mean(batch):
+    """Its PSNR is infinite, of which no mean can be taken."""
+    objects = torch.zeros_like(batch["object"])
+    objects[:, 3, 4], objects[:, 8, 6] = 1.0, 1.0
+    found, _ = evaluation.evaluate({"exact": lambda b: b["object"]}, [{**batch, "object": objects}])
+    assert found.interval("exact", score="psnr") == (evaluation.PERFECT,) * 3
 
 
 def test_an_object_without_margin_is_still_found(batch):
@@ -205,7 +214,7 @@ def test_parts_of_a_table_are_its_images(judged):
     assert part.interval("Katz") == found.interval("Katz")
     half = found.part(np.arange(7) < 3)
     assert half.interval("Katz").mean == pytest.approx(found.values["Katz"]["sharp"]["pearson"][:3].mean())
-    mixed = found._replace(families=np.arange(7) % 2, extents=np.array([0.1, 0.1, 3, 3, 3, 2, 1.5]))
+    mixed = replace(found, families=np.arange(7) % 2, extents=np.array([0.1, 0.1, 3, 3, 3, 2, 1.5]))
     assert list(mixed.parts()) == ["0 to 0.5 ranges", "1 to 2 ranges", "above 2 ranges", "family 0", "family 1"]
 
 

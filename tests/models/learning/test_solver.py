@@ -8,16 +8,17 @@ import torch
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
-from specklegen.datasets.objects import Glyphs
+from specklegen.datasets.objects import Glyphs, Points
+from specklegen.models.judging.points import share_found
 from specklegen.models.learning.measurement import measured, memory_effect_of, seen_by_camera
 from specklegen.models.learning.networks.range_net import RangeNet, extents, shares
 from specklegen.models.learning.networks.unrolled import Seen, Unrolled, improved, invariant_loss, ranked, settled
 from specklegen.models.learning.range_fit import fit_range, range_of
-from specklegen.models.learning.solver import Solver
+from specklegen.models.learning.solver import Solver, load_solver
 from specklegen.models.likelihood.certificate import Certificate
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import Periodogram
-from specklegen.models.metrics import pearson
+from specklegen.models.metrics import align, pearson
 
 SIDE, GRAIN, STEP = 28, 3.0, 1.2
 EVIDENCE = 22
@@ -142,6 +143,23 @@ def test_any_camera_and_window_and_the_same_bits_again(camera, profile):
     assert torch.allclose(alone.image[0], found.image[1], atol=1e-3)
 
 
+def test_the_packaged_solver_puts_points_in_their_places():
+    """Three points, one range wide, drawn from the law; a character beside them stays the network's."""
+    objects = torch.from_numpy(np.stack([Points(count=3).image(2, "test", 0), Glyphs().image(2, "test", 0)])).float()
+    dark = Periodogram(torch.ones(2, 128, 65), torch.zeros(2), 1.0, (128, 128))
+    likelihood = SpeckleLikelihood(dark, (SIDE, SIDE), Optics(STEP, GRAIN))
+    steps = np.arange(1 - SIDE, SIDE)
+    spectrum = likelihood.object_spectrum(objects, torch.from_numpy(through_slab(1.0)(np.hypot(steps[:, None], steps))))
+    reach = spectrum.shape[1] // 2
+    drawn = spectrum * torch.from_numpy(np.random.default_rng(4).exponential(1.0, spectrum.shape)).float()
+    dark.power[:, np.arange(-reach, reach + 1) % 128, : spectrum.shape[2]] = drawn
+    found = load_solver().solve(dark, Optics(STEP, GRAIN), [through_slab(1.0)] * 2)
+    assert found.points.tolist() == [3, 0]
+    whole = torch.nn.functional.pad(objects, (4, 4, 4, 4))
+    assert share_found(align(found.image, whole)[0].numpy(), whole[0].numpy()) == 1  # within 1.5 pixels
+    assert found.probability[0] > 0.5
+
+
 def test_one_memory_effect_for_each_image():
     _, seen, optics, _, _ = drawn(2)
     with pytest.raises(RuleError, match="one for each of 2 objects"):
@@ -149,10 +167,11 @@ def test_one_memory_effect_for_each_image():
 
 
 def test_file_holds_all_of_it(tmp_path):
-    solver = Solver(small(3), BLIND._replace(constant=1.5), RangeNet(units=8))
+    solver = Solver(small(3), BLIND._replace(constant=1.5), RangeNet(units=8), BLIND)
     solver.save(tmp_path / "one.pt")
     again = Solver.load(tmp_path / "one.pt")
     assert again.certificate == solver.certificate
+    assert again.points == BLIND
     for net, read in ((solver.network, again.network), (solver.ranges, again.ranges)):
         for old, new in zip(net.parameters(), read.parameters(), strict=True):
             assert (old - new).abs().max() <= old.abs().max() / 127

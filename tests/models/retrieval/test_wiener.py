@@ -90,7 +90,7 @@ def drawn(family, ranges, camera=128, step=1.0, count=6):
         (Glyphs(), 0.5, 128, "none"), (Glyphs(), 2.0, 128, "dense"), (Glyphs(), 3.0, 128, "dense"),
         (Glyphs(), 2.0, 480, "dense"),
         (Points(), 0.5, 128, "none"), (Points(), 2.0, 128, "empirical"), (Points(), 3.0, 128, "empirical"),
-        (Points(), 2.0, 480, "empirical"),
+        (Points(), 2.0, 480, "floor"), (Points(count=12), 2.0, 480, "floor"),
     ],
 )  # fmt: skip
 def test_whether_to_divide(family, ranges, camera, wanted):
