@@ -1,6 +1,7 @@
 """Evaluation: perfect and useless methods get what they deserve; tables, pictures and commands hold together."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -205,7 +206,7 @@ def test_parts_of_a_table_are_its_images(judged):
     assert part.interval("Katz") == found.interval("Katz")
     half = found.part(np.arange(7) < 3)
     assert half.interval("Katz").mean == pytest.approx(found.values["Katz"]["sharp"]["pearson"][:3].mean())
-    mixed = found._replace(families=np.arange(7) % 2, extents=np.array([0.1, 0.1, 3, 3, 3, 2, 1.5]))
+    mixed = replace(found, families=np.arange(7) % 2, extents=np.array([0.1, 0.1, 3, 3, 3, 2, 1.5]))
     assert list(mixed.parts()) == ["0 to 0.5 ranges", "1 to 2 ranges", "above 2 ranges", "family 0", "family 1"]
 
 
