@@ -49,6 +49,7 @@ NOT_RUN = {
     "python scripts/gpu_benchmark.py .*": "its answer is times, on a quiet machine",
     "python scripts/stability_report.py --slow": "an hour; test_stability.py runs its rows",
     "python scripts/train_(any_object|through_slab).py.*": "an hour or more",
+    "python scripts/any_object_table.py .*": "an hour",
     "python scripts/fit_recoverability.py simulate .*": "hours",
 }
 """Commands that are not run here, and why; those of scripts are checked for their options."""
