@@ -43,6 +43,8 @@ html_theme_options = {
     "navbar_end": ["theme-switcher"],
 }
 html_show_sourcelink = False
+_ALONE = ("*", "project/readme", "project/changelog", "project/contributing", "project/security")
+html_sidebars = {page: [] for page in _ALONE}  # a page without children has nothing to list beside it
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
@@ -71,6 +73,7 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "abort_on_example_error": True,
     "copyfile_regex": "",
+    "capture_repr": ("_repr_html_",),  # pictures and tables of results; the text of an Axes says nothing
 }
 linkcheck_timeout = 20
 

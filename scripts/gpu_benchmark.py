@@ -22,8 +22,9 @@ import torch
 
 import specklegen as sg
 from specklegen.datasets import load_recipe
-from specklegen.datasets.batched import plan
+from specklegen.datasets.batched import fresh, plan
 from specklegen.datasets.batched.generator import SpeckleGenerator
+from specklegen.datasets.batched.samplers import Samplers
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.stacks import stack_sampler
@@ -118,22 +119,30 @@ def hidden_objects(kernel: MemoryEffectCorrelation, device: torch.device, repeat
     }  # fmt: skip
 
 
-STREAMS = ("unknown-slab", "through-slab", "through-slab-lab", "tilt-stack", "material-regression", "two-tilts")
+STREAMS = (
+    "unknown-slab", "through-slab", "through-slab-lab", "tilt-stack", "material-regression", "two-tilts",
+    "dynamic-slab", "partially-coherent-slab",
+)  # fmt: skip
 
 
 def needs(generator: SpeckleGenerator, numbers: list[int]) -> tuple[float, float]:
     """Bytes and operations that one image cannot do without, on average: every array written once and read once."""
-    (h, w), tilts = plan.beams_of(generator.recipe)
     height, width = generator.recipe.camera_shape
+    frames, h, w = 1, 1, 1
     if generator.way == plan.DRAWN:
+        (h, w), tilts = plan.beams_of(generator.recipe)
         ranks = generator.ranks(generator.prepare(numbers)[0])
         (rows, columns), cells = generator.sizes.lags, np.prod(generator.sizes.cells)
-    else:
+    elif generator.way == plan.KEPT:
         assert generator.library is not None
         groups = generator.library.groups
-        ranks = [groups[group].modes.shape[2] for group, _ in generator.library.places]
+        ranks = [groups[group].samplers.modes.shape[2] for group, _ in generator.library.places]
         rows, columns, cells = groups[0].spectra.shape[2], 2 * groups[0].spectra.shape[3] - 2, 0
-        tilts = groups[0].tilts.shape[1]
+        tilts, h, w = groups[0].samplers.tilts.shape[1], *_pixels(groups[0].samplers)
+    else:
+        media, frames = generator.media, fresh.frames_of(generator.recipe)
+        ranks, tilts, (h, w) = [media.samplers.modes.shape[2]], 1, _pixels(media.samplers)
+        (rows, columns), cells = media.lags, media.envelope[0].numel()
     half, found = columns // 2 + 1, []
     for rank in ranks:
         pairs = rank * (rank + 1) / 2
@@ -143,9 +152,13 @@ def needs(generator: SpeckleGenerator, numbers: list[int]) -> tuple[float, float
         transforms = 5 * rows * columns * np.log2(rows * columns) * (rank + pairs / 2) if cells else 0
         objects = 8 * tilts * pairs * (rows * h * w + rows * w * half) * (h * w > 1) + 8 * tilts * pairs * rows * half
         images = 8 * tilts * height * half * (rows + width)
-        found.append((noise + sums + camera, transforms + objects + images))
+        found.append((frames * (noise + sums + camera), frames * (transforms + images) + objects))
     mean_bytes, operations = np.mean(found, axis=0)
     return float(mean_bytes), float(operations)
+
+
+def _pixels(made: Samplers) -> tuple[int, int]:
+    return made.transforms["object_rows"].shape[2], made.transforms["object_columns"].shape[1]
 
 
 def stream(name: str, device: torch.device, repeats: int) -> dict[str, float]:
@@ -153,7 +166,7 @@ def stream(name: str, device: torch.device, repeats: int) -> dict[str, float]:
     batch = 256 if device.type == "cuda" else 16
     generator = SpeckleGenerator(load_recipe(name), 0, device=device)
     plain = SpeckleGenerator(load_recipe(name), 0)
-    key = "image" if "image" in generator.recipe.layout() else "stack"
+    key = next(iter(generator.recipe.layout()))
     error = agreement(generator(range(16))[key].double(), plain(range(16))[key].double(), 1e-4)
     first = iter(range(0, 10**9, batch))
 

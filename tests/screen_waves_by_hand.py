@@ -6,13 +6,13 @@ import specklegen as sg
 from specklegen.oracles.screen_waves import ScreenWaves
 
 
-def scene_of(waves, half, steps, width, profile="square"):
+def scene_of(waves, half, steps, width, profile="square", times=None):
     """The scene of a periodic square: views and tilts on the steps of its spectrum."""
     sines = np.asarray(steps) * waves.step
     return sg.Scene(
         wavelength=waves.wavelength,
         medium=waves.stack,
-        illumination=sg.CollimatedBeams.tilts(np.arcsin(sines), width, profile),
+        illumination=sg.CollimatedBeams.tilts(np.arcsin(sines), width, profile, times=times),
         sensor=sg.FarField.grid((2 * half + 1, 2 * half + 1), waves.step),
     )
 
@@ -34,9 +34,22 @@ def wave_fields(waves: ScreenWaves, scene, draws, seed):
     free = waves.fields(np.zeros((len(waves.stack.screens), 1, 1)), steps, window) * unscattered
     found = []
     for _ in range(draws):
-        spectrum = waves.spectra(waves.fields(waves.phases(rng), steps, window) - free)
-        found.append(spectrum[:, rows][:, :, columns] * gain)
+        phases = waves.phases(rng)
+        if scene.beams.times is None:
+            fields = waves.fields(phases, steps, window)
+        else:
+            both = zip(scene.beams.times, steps, strict=True)
+            fields = np.concatenate([waves.fields(at(phases, waves, t), s[None], window) for t, s in both])
+        found.append(waves.spectra(fields - free)[:, rows][:, :, columns] * gain)
     return np.array(found)
+
+
+def at(phases, waves, time):
+    """Phases float64[M, n, n] of moving screens at a time, by whole points of the grid."""
+    steps = waves.stack.moved([time])[0] / waves.spacing
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
+    whole = np.rint(steps).astype(int)
+    return np.stack([np.roll(each, (y, x), (0, 1)) for each, (x, y) in zip(phases, whole, strict=True)])
 
 
 def moved(fields, t, step):

@@ -13,7 +13,9 @@ import shutil
 import subprocess
 import sys
 import threading
+from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
 from scenes import ROOT
@@ -70,6 +72,41 @@ def test_the_gallery_has_pictures(site):
     shown = {file.name for file in (site / "_images").glob("sphx_glr_plot_*.png")}
     for script in (ROOT / "docs/gallery").glob("plot_*.py"):
         assert any(script.stem in name for name in shown), script
+
+
+class Links(HTMLParser):
+    """Anchors and links of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.anchors: set[str] = set()
+        self.links: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        self.anchors |= {found[name] for name in ("id", "name") if found.get(name)}
+        self.links |= {found[name] for name in ("href", "src") if found.get(name)}
+
+
+@pytest.mark.slow
+def test_every_link_inside_the_site_leads_somewhere(site):
+    """To a file, and to an anchor where it names one; `make linkcheck` follows those to other sites."""
+    ours = [page for page in site.rglob("*.html") if page.relative_to(site).parts[0] not in ("_static", "_modules")]
+    pages = {page.resolve(): Links(page.read_text()) for page in ours}
+    lost = []
+    for page, held in pages.items():
+        for link in held.links:
+            address = urlsplit(link)
+            if address.scheme or address.netloc:
+                continue
+            there = (page.parent / unquote(address.path)).resolve() if address.path else page
+            there = there / "index.html" if there.is_dir() else there
+            known = address.fragment == "" or there not in pages or unquote(address.fragment) in pages[there].anchors
+            if not there.is_file() or not known:
+                lost.append((page.name, link))
+    assert sum(len(held.links) for held in pages.values()) > 1000
+    assert lost == []
 
 
 @pytest.fixture(scope="module")

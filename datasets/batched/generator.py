@@ -19,10 +19,13 @@ from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Stream
-from specklegen.datasets.batched import camera, kept, medium, plan, rendering, words
+from specklegen.datasets.batched import camera, fresh, kept, medium, plan, rendering, samplers, words
 from specklegen.datasets.batched.atlas import Kernels
 from specklegen.datasets.batched.glyphs import GlyphTables, glyph_places, glyph_tables, glyphs
 from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject, centre_of
+from specklegen.datasets.recipes.multi_image import DynamicSlab
+from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
+from specklegen.datasets.recipes.parts.light import MEDIUM_PURPOSES
 from specklegen.datasets.recipes.recipe import NOISES, Recipe
 from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
 from specklegen.datasets.split import Purpose, Split, split_number, substream
@@ -65,6 +68,10 @@ class SpeckleGenerator:
             self.library = kept.library(cast(HiddenObject, self.recipe), seed, self.split, self.device)
             if self.library is None:
                 self.way, self.why = plan.STEPS, [f"its media take more than {kept.MOST_BYTES >> 20} MB"]
+        if self.way == plan.FRESH:
+            self.media = fresh.fresh_media(self.recipe, seed, self.split, self.device)
+            if isinstance(recipe, PartiallyCoherent):
+                self.source = fresh.source_of(recipe, self.device)
         if self.way != plan.STEPS and plan.draws_objects(recipe):
             assert isinstance(recipe, HiddenObject)
             self.outlines = glyph_tables(recipe.objects, self.device)  # type: ignore[arg-type]
@@ -85,15 +92,16 @@ class SpeckleGenerator:
             reject("SpeckleGenerator indices", "at least one index, each a whole number of at least 0", numbers)
         # Complex products of a user who allows TF32 would be wrong by 3e-4, and half precision is no place for this.
         with torch.no_grad(), _ieee(self.device.type), one_torch_thread():
-            if self.way == plan.STEPS:
-                return self._by_steps(numbers)
-            return self._drawn(numbers) if self.way == plan.DRAWN else self._through_kept(numbers)
+            ways = {plan.DRAWN: self._drawn, plan.KEPT: self._through_kept, plan.FRESH: self._of_one_material}
+            return ways.get(self.way, self._by_steps)(numbers)
 
     def report(self) -> dict[str, Any]:
         """Say how batches are made: the way, what keeps the recipe from a faster one, and what the host still does."""
         host = [] if self.way != plan.STEPS else ["everything: samples one by one on the CPU, then copied"]
         if self.way == plan.KEPT:
             host.append("all media, once, when the generator is made")
+        if self.way == plan.FRESH:
+            host.append("the sampler that all media share, once, when the generator is made")
         if self.way != plan.STEPS and isinstance(self.recipe, HiddenObject) and self.outlines is None:
             host.append(f"pictures of {self.recipe.objects.type}")
         return {"way": self.way, "device": str(self.device), "why": list(self.why), "host": host}
@@ -174,17 +182,19 @@ class SpeckleGenerator:
             places[place] = position  # a sample that fills up a chunk comes again: the same bits
         images = torch.cat(parts)[self._put(places)] if parts else self._nothing(len(numbers))
         parameters = dict(made.parameters)
-        # On the CPU one by one: a transform of several has other last bits than that of one.
-        alone = [slice(n, n + 1) for n in range(len(numbers))] if self.device.type == "cpu" else [slice(None)]
         contrasts = [
             rendering.expected_contrast(self.recipe, self.sizes, self.tables, _cut(made, part), light[part])
-            for part in alone
+            for part in self._alone(len(numbers))
         ]
         parameters["expected_contrast"] = torch.cat(contrasts)
         parameters["medium"] = self._put(media).to(torch.float64)
         batch = self._named(numbers, images, light, parameters, made.tilts)
         left = [place for place, rank in enumerate(ranks) if not rank]
         return self._mended(batch, numbers, left) if left else batch
+
+    def _alone(self, count: int) -> list[slice]:
+        """Samples one by one on the CPU, where a transform or sum of several has other last bits than that of one."""
+        return [slice(n, n + 1) for n in range(count)] if self.device.type == "cpu" else [slice(None)]
 
     def buckets(self, ranks: list[int], most: int, tilts: int) -> tuple[list[int], list[tuple[int, slice]]]:
         """Order in which to render, and the slices of it that are rendered together, each with its rank.
@@ -199,11 +209,9 @@ class SpeckleGenerator:
         order: list[int] = []
         slices = []
         for bucket, places in sorted(members.items()):
-            size = self.chunk(bucket, tilts)
-            for first in range(0, len(places), size):
-                some = places[first : first + size]
-                slices.append((bucket, slice(len(order), len(order) + size)))
-                order += some + some[:1] * (size - len(some))
+            for some in _chunks(places, self.chunk(bucket, tilts)):
+                slices.append((bucket, slice(len(order), len(order) + len(some))))
+                order += some
         return order, slices
 
     def chunk(self, rank: int, tilts: int) -> int:
@@ -240,16 +248,13 @@ class SpeckleGenerator:
         seen, contrasts, rows, tilts = [], [], [], []
         for number, group in enumerate(self.library.groups):
             places = [place for place, m in enumerate(media) if self.library.places[m][0] == number]
-            size = 1 if self.device.type == "cpu" else KEPT_CHUNK
-            for first in range(0, len(places), size):
-                some = places[first : first + size]
-                some += some[:1] * (size - len(some))  # every chunk of one shape
+            for some in _chunks(places, 1 if self.device.type == "cpu" else KEPT_CHUNK):
                 objects = light[self._put(some)]
                 which = self._put([self.library.places[media[place]][1] for place in some])
-                seen.append(kept.render(group, which, objects))
-                contrasts.append(kept.expected_contrast(group, which, objects))
-                rows.append(group.parameters[which])
-                tilts.append(group.tilts[which])
+                seen.append(samplers.render(group.samplers, which, group.spectra[which][:, None], objects))
+                contrasts.append(samplers.expected_contrast(group.samplers, which, objects))
+                rows.append(group.samplers.parameters[which])
+                tilts.append(group.samplers.tilts[which])
                 order += some
         places = [0] * len(numbers)
         for position, place in enumerate(order):
@@ -259,6 +264,53 @@ class SpeckleGenerator:
         contrast = torch.cat(contrasts)[back]
         parameters = columns | {"expected_contrast": contrast, "medium": self._put(media).to(torch.float64)}
         return self._named(numbers, torch.cat(seen)[back], light, parameters, torch.cat(tilts)[back])
+
+    def _of_one_material(self, numbers: list[int]) -> dict[str, Any]:
+        recipe, shared = self.recipe, self.media.samplers
+        media = [recipe.medium_number(n) for n in numbers]
+        count, keys = len(numbers), self._film_keys(media)
+        parameters = dict(zip(self.media.names, shared.parameters.expand(count, -1).unbind(1), strict=True))
+        still = torch.ones(count, dtype=torch.float64, device=self.device)
+        if isinstance(recipe, DynamicSlab):
+            drawn = self._uniforms(media, [Purpose.DYNAMICS])[:, 0, 0]
+            parameters["correlation_time"] = medium.value_of(recipe.dynamics.correlation_time, drawn)  # type: ignore[arg-type]
+            still = torch.exp(-1 / parameters["correlation_time"])
+        light, told = self._light(numbers)
+        size = 1 if self.device.type == "cpu" else fresh.chunk(self.media, keys.shape[2], CHUNK, CHUNK_BYTES)
+        seen = []
+        for some in _chunks([*range(count)], size):
+            at = self._put(some)
+            spectra = fresh.spectra(self.media, keys[at], still[at])
+            seen.append(samplers.render(shared, torch.zeros_like(at), spectra, light[at].to(torch.float32)))
+        first = torch.zeros(count, dtype=torch.int64, device=self.device)
+        contrasts = [samplers.expected_contrast(shared, first[part], light[part]) for part in self._alone(count)]
+        parameters |= told | {"expected_contrast": torch.cat(contrasts), "medium": self._put(media).to(torch.float64)}
+        return self._named(numbers, torch.cat(seen)[:count], light, parameters, shared.tilts.expand(count, -1, -1))
+
+    def _film_keys(self, media: list[int]) -> torch.Tensor:
+        """Keys int64[B, halves, F, 2] of the fields of media, frame by frame."""
+        halves = MEDIUM_PURPOSES[: self.recipe.light.halves]
+        keys = self._keys(media, halves, Stream.STATIONARY)[:, :, None]
+        frames = fresh.frames_of(self.recipe)
+        if frames == 1:
+            return keys
+        moved = self._words(media, [Purpose.DYNAMICS])[:, :, None].expand(-1, len(halves), frames - 1, -1)
+        number = torch.stack(torch.meshgrid(torch.arange(len(halves)), torch.arange(1, frames), indexing="ij"), -1)
+        moved = torch.cat([moved, number.expand(len(media), -1, -1, -1)], -1)
+        later = words.stream_keys(words.keyed(Stream.STATIONARY, moved)).to(self.device, non_blocking=True)
+        return torch.cat([keys, later], 2)
+
+    def _light(self, numbers: list[int]) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """Brightness real[B, h, w] of objects or of the beams of a source, and what was drawn for it."""
+        recipe = self.recipe
+        if not isinstance(recipe, PartiallyCoherent):
+            return self._objects(numbers), {}
+        drawn = self._uniforms(numbers, [Purpose.OBJECT])[:, 0, 0]
+        length = medium.value_of(recipe.coherence_length, drawn)  # type: ignore[arg-type]
+        parts = self._alone(len(numbers))
+        light = torch.cat([fresh.beams(self.source, length[part]) for part in parts])
+        modes = torch.cat([fresh.effective_modes(self.source, light[part]) for part in parts])
+        return light, {"coherence_length": length, "effective_modes": modes}
 
     def _named(
         self, numbers: list[int], images: torch.Tensor, light: torch.Tensor, parameters: dict[str, torch.Tensor],
@@ -270,16 +322,24 @@ class SpeckleGenerator:
             keys = self._keys(numbers, NOISES, Stream.CAMERA)
             images = camera.expose(recipe.exposure, images, keys)
         index = {"index": self._put(numbers)}
-        stack = {"stack": images, "tilts": tilts}
+        picture, *others = recipe.layout()
+        named = {picture: images[:, 0] if picture == "image" else images}
+        named |= {"tilts": tilts} if "tilts" in others else {}
         if isinstance(recipe, HiddenObject):
-            named = stack if images.shape[1] > 1 or "stack" in recipe.layout() else {"image": images[:, 0]}
             parameters |= self._told(numbers, light)
             return {**named, "object": light, **index, "parameters": parameters}
-        batch: dict[str, Any] = {**stack, **index, "parameters": parameters}
+        batch: dict[str, Any] = {**named, **index, "parameters": parameters}
         if isinstance(recipe, MaterialRegression):
             target = [parameters["g"], torch.log10(parameters["optical_depth"]), torch.log10(parameters["thickness"])]
             batch["target"] = torch.stack(target, -1).to(torch.float32)
         return batch
+
+
+def _chunks(places: list[int], size: int) -> Iterator[list[int]]:
+    """Cut places into chunks of one size, the last filled up with its first place."""
+    for first in range(0, len(places), size):
+        some = places[first : first + size]
+        yield some + some[:1] * (size - len(some))
 
 
 def _chosen(made: medium.MediumBatch, places: torch.Tensor) -> medium.MediumBatch:
@@ -302,14 +362,18 @@ def _each(made: medium.MediumBatch, pick: Callable[[torch.Tensor], torch.Tensor]
 @contextmanager
 def _ieee(kind: str) -> Iterator[None]:
     """Full single precision in products on a kind of device, whatever the program around allows."""
-    before = torch.get_float32_matmul_precision()
-    torch.set_float32_matmul_precision("highest")
+    # One switch a backend: torch refuses to read the switch of all, where a program has set it and allow_tf32, too.
+    switches = torch.backends.cuda.matmul, torch.backends.mkldnn.matmul
+    before = [switch.fp32_precision for switch in switches]
     plain = torch.autocast(kind, enabled=False) if kind in _WITH_AUTOCAST else nullcontext()
     try:
+        for switch in switches:
+            switch.fp32_precision = "ieee"
         with plain:
             yield
     finally:
-        torch.set_float32_matmul_precision(before)
+        for switch, precision in zip(switches, before, strict=True):
+            switch.fp32_precision = precision
 
 
 def _tensors(batch: Any, device: torch.device) -> Any:

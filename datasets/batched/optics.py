@@ -39,112 +39,184 @@ def waves(along: torch.Tensor, across: torch.Tensor, gain: torch.Tensor) -> torc
 
 
 def _fields_on_the_cpu(
-    key: torch.Tensor, rows: torch.Tensor, columns: torch.Tensor, envelope: torch.Tensor, rank: int
-) -> torch.Tensor:
-    fields = np.zeros((len(key), rank, *envelope.shape[1:], 2), np.float32)
-    for place, ((k0, k1), ny, nx) in enumerate(zip(key.tolist(), rows.tolist(), columns.tolist(), strict=True)):
-        drawn = np.empty((rank * ny * nx, 2), np.float32)
-        rng.fill_normals(k0, k1, 0, drawn)
-        drawn *= np.float32(0.5**0.5)
-        amplitude = envelope[place % len(envelope), :ny, :nx].numpy()
-        fields[place, :, :ny, :nx] = drawn.reshape(rank, ny, nx, 2) * amplitude[..., None]
+    key: torch.Tensor, kept: torch.Tensor, rows: torch.Tensor, columns: torch.Tensor, envelope: torch.Tensor,
+    rank: int, grid: list[int],
+) -> torch.Tensor:  # fmt: skip
+    fields = np.zeros((*key.shape[:2], rank, *grid, 2), np.float32)
+    size = zip(rows.tolist(), columns.tolist(), kept.tolist(), strict=True)
+    for place, (film, (ny, nx, share)) in enumerate(zip(key.tolist(), size, strict=True)):
+        amplitude = envelope[place % len(envelope), :ny, :nx, None].numpy() * np.float32(0.5**0.5)
+        drawn, before = np.empty((rank * ny * nx, 2), np.float32), None
+        for frame, (k0, k1) in enumerate(film):
+            rng.fill_normals(k0, k1, 0, drawn)
+            white = drawn.reshape(rank, ny, nx, 2) * amplitude
+            before = white if before is None else np.float32(share) * before + _fresh(share) * white
+            fields[place, frame, :, :ny, :nx] = before
     return torch.from_numpy(fields)
 
 
+def _fresh(share: float) -> np.float32:
+    return np.float32(np.sqrt(1 - share**2))
+
+
 @fused(
-    "fields(Tensor key, Tensor rows, Tensor columns, Tensor envelope, int rank) -> Tensor",
-    lambda k, r, c, e, rank: e.new_empty((len(k), rank, *e.shape[1:], 2)),
+    "fields(Tensor key, Tensor kept, Tensor rows, Tensor columns, Tensor envelope, int rank, int[] grid) -> Tensor",
+    lambda k, s, r, c, e, rank, grid: e.new_empty((*k.shape[:2], rank, *grid, 2)),
     _fields_on_the_cpu,
 )
 def fields(
-    key: torch.Tensor, rows: torch.Tensor, columns: torch.Tensor, envelope: torch.Tensor, rank: int
-) -> torch.Tensor:
-    """White fields under a window, real and imaginary part: float32[B, rank, y, x, 2].
+    key: torch.Tensor, kept: torch.Tensor, rows: torch.Tensor, columns: torch.Tensor, envelope: torch.Tensor,
+    rank: int, grid: list[int],
+) -> torch.Tensor:  # fmt: skip
+    """White fields under a window, frame after frame, on the grid of their transform: float32[B, F, rank, *grid, 2].
+
+    Their real and imaginary parts. From frame to frame they follow a first-order autoregression.
 
     Parameters
     ----------
-    key : int64[B, 2]
-        Keys of the media.
+    key : int64[B, F, 2]
+        Keys of the frames of each medium.
+    kept : float64[B]
+        Correlation of one frame with the next.
     rows, columns : int64[B]
         Cells of each; what lies beyond them is 0.
     envelope : float32[B or 1, y, x]
         Amplitude of the window.
     rank
         Fields of each.
+    grid
+        Rows and columns, no fewer than the window's.
     """
-    height, width = envelope.shape[1:]
-    y = torch.arange(height, device=key.device)[:, None]
-    x = torch.arange(width, device=key.device)
+    (height, width), (down, across) = envelope.shape[1:], grid
+    y = torch.arange(down, device=key.device)[:, None]
+    x = torch.arange(across, device=key.device)
     r = torch.arange(rank, device=key.device)[:, None, None]
     ny, nx = rows[:, None, None, None], columns[:, None, None, None]
     pair = (r * ny + y) * nx + x
-    words = philox(key[:, None, None, None], pair >> 1)
     second = (pair & 1) == 1
-    u, v = (torch.where(second, words[n + 2], words[n]).to(torch.float64) * 2.0**-32 + 2.0**-33 for n in (0, 1))
-    radius = torch.sqrt(-torch.log(u)) * envelope[:, None] * ((y < ny) & (x < nx))
-    angle = 2 * torch.pi * v
-    return torch.stack([radius * torch.cos(angle), radius * torch.sin(angle)], -1).to(torch.float32)
+    amplitude = envelope[:, y.clamp(max=height - 1), x.clamp(max=width - 1)]
+    amplitude = (amplitude[:, None] * ((y < ny) & (x < nx)))[..., None]
+    share = kept[:, None, None, None, None]
+    frames: list[torch.Tensor] = []
+    for frame in range(key.shape[1]):
+        words = philox(key[:, frame, None, None, None], pair >> 1)
+        u, v = (torch.where(second, words[n + 2], words[n]).to(torch.float64) * 2.0**-32 + 2.0**-33 for n in (0, 1))
+        angle, radius = 2 * torch.pi * v, torch.sqrt(-torch.log(u))
+        white = torch.stack([radius * torch.cos(angle), radius * torch.sin(angle)], -1) * amplitude
+        frames.append(share * frames[-1] + torch.sqrt(1 - share.square()) * white if frames else white)
+    return torch.stack(frames, 1).to(torch.float32)
+
+
+def _pairs_on_the_cpu(views: torch.Tensor) -> torch.Tensor:
+    rank = views.shape[2]
+    found = views.new_zeros((len(views), rank * (rank + 1) // 2, *views.shape[3:5]))
+    for products, media in zip(found, views, strict=True):
+        for draw in media:
+            real, imaginary = draw[..., 0].contiguous(), draw[..., 1].contiguous()
+            first = 0
+            for r in range(rank):
+                part = products[first : first + rank - r]
+                part.addcmul_(real[r], real[r:]).addcmul_(imaginary[r], imaginary[r:])
+                first += rank - r
+    return found
 
 
 @fused(
     "pair_products(Tensor views) -> Tensor",
-    lambda v: v.new_empty((len(v), v.shape[1] * (v.shape[1] + 1) // 2, *v.shape[2:4])),
+    lambda v: v.new_empty((len(v), v.shape[2] * (v.shape[2] + 1) // 2, *v.shape[3:5])),
+    _pairs_on_the_cpu,
 )
 def pair_products(views: torch.Tensor) -> torch.Tensor:
-    """Re u_r u_q* for r <= q, float32[B, R(R+1)/2, y, x], from real and imaginary parts float32[B, R, y, x, 2]."""
+    """Re u_r u_q* for r <= q, added up over draws of light: float32[B, R(R+1)/2, y, x].
+
+    Of real and imaginary parts float32[B, draws, R, y, x, 2].
+    """
     real, imaginary = views[..., 0], views[..., 1]
-    rank = views.shape[1]
+    rank = views.shape[2]
     parts = [
-        real[:, r : r + 1] * real[:, r:] + imaginary[:, r : r + 1] * imaginary[:, r:] for r in range(rank)
+        (real[:, :, r : r + 1] * real[:, :, r:] + imaginary[:, :, r : r + 1] * imaginary[:, :, r:]).sum(1)
+        for r in range(rank)
     ]
     return torch.cat(parts, 1)
 
 
-def spectra(drawn: torch.Tensor, lags: tuple[int, int]) -> torch.Tensor:
-    """Lag spectra of the products of fields float32[B, R, y, x, 2]: complex64[B, R(R+1)/2, rows, columns / 2 + 1]."""
-    views = torch.fft.ifft2(torch.view_as_complex(drawn), s=lags, norm="forward")
+def spectra(drawn: torch.Tensor) -> torch.Tensor:
+    """Lag spectra of the products of fields complex64[B, draws, R, y, x]: complex64[B, R(R+1)/2, y, x / 2 + 1]."""
+    views = torch.fft.ifft2(drawn, norm="forward")
     return torch.fft.rfft2(pair_products(torch.view_as_real(views)), norm="forward")
 
 
 @fused(
     "mode_maps(Tensor modes, Tensor light) -> Tensor",
-    lambda m, o: m.new_empty((*m.shape[:2], m.shape[2] * (m.shape[2] + 1) // 2, m.shape[3])),
+    lambda m, o: m.new_empty((len(m), o.shape[1], m.shape[1], m.shape[2] * (m.shape[2] + 1) // 2, o.shape[2])),
 )
 def mode_maps(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-    """O phi_r phi_q, twice for r < q: float32[B, T, R(R+1)/2, P], of modes float32[B, T, R, P], light float32[B, P]."""
+    """O phi_r phi_q, twice for r < q: float32[B, h, T, R(R+1)/2, w], of modes float32[B, T, R, h w], light [B, h, w].
+
+    The rows come first, so that the transforms of all pairs are one product along either axis.
+    """
     rank = modes.shape[2]
     parts = []
     for r in range(rank):
-        part = modes[:, :, r : r + 1] * modes[:, :, r:] * light[:, None, None]
+        part = modes[:, :, r : r + 1] * modes[:, :, r:] * light.flatten(1)[:, None, None]
         parts.append(torch.cat([part[:, :, :1], 2 * part[:, :, 1:]], 2))
-    return torch.cat(parts, 2)
+    return torch.cat(parts, 2).unflatten(3, light.shape[1:]).permute(0, 3, 1, 2, 4).contiguous()
+
+
+def _lags_on_the_cpu(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
+    factors = torch.view_as_complex(turned).permute(0, 2, 3, 1, 4)
+    return torch.view_as_real((torch.view_as_complex(spectra) * factors).sum(2))
+
+
+def _lags(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
+    return spectra.new_empty((len(turned), max(turned.shape[2], spectra.shape[1]), *spectra.shape[3:]))
+
+
+@fused("lag_sum(Tensor turned, Tensor spectra) -> Tensor", _lags, _lags_on_the_cpu)
+def lag_sum(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
+    """Object transforms times spectra, added up over the pairs: float32[B, T or F, n, m, 2].
+
+    Of float32[B, n, T, pairs, m, 2] and float32[B, F, pairs, n, m, 2], real and imaginary parts. One of T tilts and F
+    frames is 1.
+    """
+    (a, b), (c, d) = turned.permute(0, 2, 3, 1, 4, 5).unbind(-1), spectra.unbind(-1)
+    return torch.stack([(a * c - b * d).sum(2), (a * d + b * c).sum(2)], -1)
 
 
 def images(
     spectra: torch.Tensor, modes: torch.Tensor, light: torch.Tensor, transforms: dict[str, torch.Tensor]
 ) -> torch.Tensor:
-    """Images float32[B, T, H, W] of objects seen through media.
+    """Images float32[B, T or F, H, W] of objects seen through media, under T tilts or in F frames.
 
     Parameters
     ----------
-    spectra : complex64[B, pairs, n, m]
+    spectra : complex64[B, F, pairs, n, m]
         From :func:`spectra`.
     modes : float32[B, T, R, h * w]
         Modes over the object's pixels, for each base tilt.
     light : float32[B, h, w]
         The objects.
     transforms
-        "object_rows" complex64[B or 1, n, h], "object_columns" [B or 1, m, w], "camera_rows" [B or 1, T, H, n],
-        "camera_columns" [B or 1, T, m, W].
+        "object_rows" complex64[B or 1, n, h], "object_columns" [B or 1, w, m], "camera_rows" [B or 1, T, H, n]; and
+        "camera_columns" float32[B or 1, T, W, 2 m], real and imaginary parts of the conjugate, of whose product only
+        the real part is wanted.
     """
-    count, tilts, _, _ = modes.shape
-    maps = mode_maps(modes, light.flatten(1)).to(spectra.dtype)
+    maps = mode_maps(modes, light)
+    parts = torch.view_as_real(spectra)
     if light.shape[1:] == (1, 1):  # a beam: the transform of one pixel on the axis is 1
-        found = (maps[..., 0] @ spectra.flatten(2)).unflatten(2, spectra.shape[2:])
+        found = (maps[:, 0, :, :, 0] @ parts.flatten(1, 2).flatten(2)).unflatten(2, parts.shape[3:])
     else:
-        turned = transforms["object_rows"][:, None, None] @ maps.unflatten(3, light.shape[1:])
-        turned = turned @ transforms["object_columns"][:, None, None].mT
-        found = (turned * spectra[:, None]).sum(2)
-    seen = (transforms["camera_rows"] @ found) @ transforms["camera_columns"]
-    assert seen.shape[:2] == (count, tilts)
-    return seen.real
+        count, height, tilts, pairs, _ = maps.shape
+        columns = torch.view_as_real(transforms["object_columns"]).flatten(2)
+        turned = _product(maps.flatten(1, 3), columns).view(count, height, -1, 2)
+        turned = torch.view_as_real(_product(transforms["object_rows"], torch.view_as_complex(turned)))
+        found = lag_sum(turned.view(count, -1, tilts, pairs, *parts.shape[4:]), parts)
+    seen = torch.view_as_real(transforms["camera_rows"] @ torch.view_as_complex(found)).flatten(3)
+    return seen @ transforms["camera_columns"].mT
+
+
+def _product(one: torch.Tensor, two: torch.Tensor) -> torch.Tensor:
+    """Matrices [B or 1, ...] times matrices; one that all share is not copied for each."""
+    if len(two) == 1 and len(one) > 1:
+        return (one.flatten(0, 1) @ two[0]).unflatten(0, one.shape[:2])
+    return one @ two

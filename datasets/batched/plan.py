@@ -11,7 +11,8 @@ from specklegen.datasets.batched.atlas import AtlasTables, atlas_tables
 from specklegen.datasets.objects.glyphs import Glyphs
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
-from specklegen.datasets.recipes.parts.distributions import Choice, ends
+from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
+from specklegen.datasets.recipes.parts.distributions import Choice, Draw, ends
 from specklegen.datasets.recipes.parts.preset import PresetMaterial
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.recipes.rendering import RenderedBy
@@ -27,7 +28,8 @@ from specklegen.samplers.stationary.modes import (
     polynomials,
 )
 
-DRAWN, KEPT, STEPS = "drawn media", "kept media", "step by step"
+DRAWN, KEPT, FRESH, STEPS = "drawn media", "kept media", "one material", "step by step"
+_KINDS = (HiddenObject, TwoTilts, DynamicSlab, PartiallyCoherent)
 
 
 @dataclass(frozen=True)
@@ -81,16 +83,19 @@ def way_of(recipe: Recipe) -> tuple[str, list[str]]:
         why.append("the planner wants path sums")
     elif chosen.sampler is RenderedBy.SCREENS:
         why.append("material.screens, whose envelope moves with the tilt,")
-    if recipe.light.halves > 1:
-        why.append("light.polarised = false draws two media a sample")
-    if isinstance(recipe, DynamicSlab):
-        why.append("dynamic-slab draws a film of media a sample")
-    if type(recipe) not in (HiddenObject, TwoTilts) and not isinstance(recipe, TiltStack | DynamicSlab):
+    if type(recipe) not in _KINDS and not isinstance(recipe, TiltStack):
         why.append(f"kind {getattr(recipe, 'kind', type(recipe).__name__)!r} has no batched form")
     if why:
         return STEPS, why
-    if recipe.media is not None:
+    if recipe.media is not None and type(recipe) in (HiddenObject, TwoTilts):
         return KEPT, why
+    if type(recipe) in _KINDS and not _varies(recipe):
+        chosen = [name for name, number in _drawn_each(recipe).items() if isinstance(number, Choice)]
+        return (STEPS, [f"{chosen[0]} is a choice"]) if chosen else (FRESH, why)
+    if type(recipe) in (DynamicSlab, PartiallyCoherent):
+        why.append(f"kind {recipe.kind!r} with media of several materials, fields or tilts")
+    if recipe.light.halves > 1:
+        why.append("light.polarised = false draws two media a sample")
     if recipe.light.bandwidth or recipe.lab is not None:
         why.append("light modes or a laboratory with media that are never seen again")
     if isinstance(recipe.material, PresetMaterial):
@@ -115,6 +120,21 @@ def way_of(recipe: Recipe) -> tuple[str, list[str]]:
     if any(isinstance(number, Choice) for number in numbers):
         why.append("a drawn number is a choice")
     return (STEPS if why else DRAWN), why
+
+
+def _varies(recipe: Recipe) -> bool:
+    """Whether two media may need different samplers."""
+    drawn: list = [recipe._field_number, recipe._pixels] if isinstance(recipe, HiddenObject) else []
+    if isinstance(recipe, TwoTilts):
+        drawn += [recipe.tilts.step, recipe.tilts.azimuth]
+    return recipe.material.varies or any(low < high for low, high in map(ends, drawn))
+
+
+def _drawn_each(recipe: Recipe) -> dict[str, Draw]:
+    """What is drawn for media or samples that share a sampler."""
+    if isinstance(recipe, DynamicSlab):
+        return {"correlation_time": recipe.dynamics.correlation_time}
+    return {"coherence_length": recipe.coherence_length} if isinstance(recipe, PartiallyCoherent) else {}
 
 
 def draws_objects(recipe: Recipe) -> bool:
@@ -143,7 +163,8 @@ def sizes_of(recipe: Recipe) -> Sizes:
             grains += reach * recipe.geometry.width / recipe.wavelength
         else:
             assert isinstance(recipe, HiddenObject)
-            grains += max(_object_grains(recipe))
+            across, along = max(recipe.objects.shape), recipe.objects.shape[1 - axis]
+            grains += max(_object_grains(recipe)) * (along - 1) / across  # from the first pixel to the last
         # In units of a grain: wavelength 1, width 1.
         found.append(cells(1.0, 1.0, recipe.profile, 0.5, grains * (1 + 1e-9)).count)
     columns, rows = found

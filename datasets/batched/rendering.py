@@ -34,8 +34,11 @@ def render(
     values = tables.basis @ medium.columns[:, :, :rank]
     values = (values / torch.linalg.vector_norm(values, dim=2, keepdim=True)).to(torch.float32)
     modes = values[:, :, :, None] if medium.base.shape[1] > 1 else values.mT[:, None]
-    drawn = optics.fields(keys, medium.cells[:, 0], medium.cells[:, 1], medium.envelope, rank)
-    seen = optics.images(optics.spectra(drawn, sizes.lags), modes, light, transforms)
+    rows, columns = medium.cells.unbind(1)
+    still = torch.ones_like(medium.object_pitch)
+    drawn = optics.fields(keys[:, None], still, rows, columns, medium.envelope, rank, [*sizes.lags])
+    spectra = optics.spectra(torch.view_as_complex(drawn))
+    seen = optics.images(spectra[:, None], modes, light, transforms)
     return seen / light.sum((1, 2), dtype=torch.float64).to(torch.float32)[:, None, None, None]
 
 
@@ -55,14 +58,14 @@ def transforms(recipe: Recipe, sizes: Sizes, medium: MediumBatch) -> dict[str, t
             gain = gain * torch.sinc((medium.camera_pitch / wavelength)[:, None] * lag)
         if shape != (1, 1):
             sines = -_centred(shape[axis], medium.object_pitch)
-            found[f"object_{name}"] = torch.view_as_complex(
-                optics.waves(lag, sines / wavelength, torch.ones_like(sines))
-            )
+            ends = (lag, sines / wavelength) if axis == 0 else (sines / wavelength, lag)
+            waves = optics.waves(*ends, torch.ones_like(ends[1]))
+            found[f"object_{name}"] = torch.view_as_complex(waves)
         views = _centred(recipe.camera_shape[axis], medium.camera_pitch)
         views = views[:, None] - medium.base[:, :, 1 - axis, None]
-        waves = optics.waves(views.flatten(1) / -wavelength, lag, gain).unflatten(1, views.shape[1:])
-        found[f"camera_{name}"] = torch.view_as_complex(waves)
-    found["camera_columns"] = found["camera_columns"].mT
+        conjugate = -1 if axis else 1
+        waves = optics.waves(views.flatten(1) / -(conjugate * wavelength), lag, gain).unflatten(1, views.shape[1:])
+        found[f"camera_{name}"] = waves.flatten(3) if axis else torch.view_as_complex(waves)
     return found
 
 

@@ -1,7 +1,8 @@
 """The cache: a generated store as a torch data set that never hands out a sample that is not there."""
 
+import contextlib
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -10,6 +11,7 @@ from torch.utils.data import Dataset
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
+from specklegen.core.picturing import SHOWN, Pictured, draw_stack
 from specklegen.core.showing import summary
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.loading.stream import tensors
@@ -22,7 +24,7 @@ from specklegen.datasets.store.shards import MissingSample
 from specklegen.datasets.store.store import Store
 
 
-class SpeckleCache(Dataset):
+class SpeckleCache(Dataset, Pictured):
     """A store as a map-style data set: ``cache[n]`` equals ``recipe.sample(seed, split, n)`` to the bit.
 
     A sample is a dict of tensors, with "index" (int) and "parameters" (a dict of floats). Files are opened
@@ -98,6 +100,27 @@ class SpeckleCache(Dataset):
     def __repr__(self) -> str:
         split = self.identity["split"]
         return summary(self, folder=str(self.folder), samples=len(self), split=split, keys=self.keys)
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "folder": self.folder,
+            "samples": len(self),
+            "split": self.identity["split"],
+            "seed": self.identity["seed"],
+            "arrays": ", ".join(self.keys),
+            "parameters": ", ".join(self._store.parameter_names),
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Images of those of its first samples that are there."""
+        key = "image" if "image" in self.keys else self.keys[0]
+        found = []
+        for n in range(min(len(self), SHOWN)):
+            with contextlib.suppress(MissingSample):
+                found.append(np.abs(self.numpy(n)[key]))
+        if found:
+            draw_stack(axes, np.stack(found))
+        axes.set_title(label or "")
 
     def __len__(self) -> int:
         return self._store.samples

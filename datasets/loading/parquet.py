@@ -4,8 +4,9 @@
     <out>/README.md              the card; its front matter says where the splits are
     <out>/croissant.json         Croissant 1.0 (MLCommons): files with their SHA-256, and every field
 
-Several splits go into one folder, one call each. Written by pyarrow (extra ``parquet``); the features, as the
-``datasets`` library calls them, stand in the schema, so that ``load_dataset`` gives arrays of the right shape and type.
+Licence and date of publication are for whoever publishes to add. Several splits go into one folder, one call each.
+Written by pyarrow (extra ``parquet``); the features, as the ``datasets`` library calls them, stand in the schema, so
+that ``load_dataset`` gives arrays of the right shape and type.
 """
 
 import hashlib
@@ -26,15 +27,20 @@ _CONTEXT = {
     "@language": "en", "@vocab": "https://schema.org/", "citeAs": "cr:citeAs", "column": "cr:column",
     "conformsTo": "dct:conformsTo", "cr": "http://mlcommons.org/croissant/", "rai": "http://mlcommons.org/croissant/RAI/",
     "data": {"@id": "cr:data", "@type": "@json"}, "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "dct": "http://purl.org/dc/terms/", "examples": {"@id": "cr:examples", "@type": "@json"}, "extract": "cr:extract",
+    "dct": "http://purl.org/dc/terms/", "equivalentProperty": "cr:equivalentProperty",
+    "examples": {"@id": "cr:examples", "@type": "@json"}, "extract": "cr:extract",
     "field": "cr:field", "fileProperty": "cr:fileProperty", "fileObject": "cr:fileObject", "fileSet": "cr:fileSet",
     "format": "cr:format", "includes": "cr:includes", "isLiveDataset": "cr:isLiveDataset", "jsonPath": "cr:jsonPath",
     "key": "cr:key", "md5": "cr:md5", "parentField": "cr:parentField", "path": "cr:path", "recordSet": "cr:recordSet",
     "references": "cr:references", "regex": "cr:regex", "repeated": "cr:repeated", "replace": "cr:replace",
-    "sc": "https://schema.org/", "separator": "cr:separator", "source": "cr:source", "subField": "cr:subField",
-    "transform": "cr:transform",
+    "samplingRate": "cr:samplingRate", "sc": "https://schema.org/", "separator": "cr:separator", "source": "cr:source",
+    "subField": "cr:subField", "transform": "cr:transform",
 }  # fmt: skip
 """The context that the Croissant specification 1.0 prescribes."""
+_CITATION = (
+    "specklegen; and C. Bar, M. Alterman, I. Gkioulekas, A. Levin, A Monte Carlo Framework for Rendering Speckle "
+    "Statistics in Scattering Media, ACM Transactions on Graphics 38(4), 2019"
+)
 
 
 def write_parquet(cache: SpeckleCache, chosen: Sequence[int], out: Path) -> tuple[list[Path], list[dict]]:
@@ -58,7 +64,7 @@ def write_parquet(cache: SpeckleCache, chosen: Sequence[int], out: Path) -> tupl
     arrays = {key: first[key] for key in cache.keys}
     drawn = {f"parameter_{name}": name for name in first["parameters"]}  # an array may have the name of a parameter
     fields = [pa.field("index", pa.int64()), pa.field("seed", pa.int64())]
-    fields += [pa.field(key, _nested(pa, array)) for key, array in arrays.items()]
+    fields += [_array_field(pa, key, array) for key, array in arrays.items()]
     fields += [pa.field(name, pa.float64()) for name in drawn]
     features = {"info": {"features": _features(arrays, list(drawn))}}
     schema = pa.schema(fields, metadata={"huggingface": json.dumps(features)})
@@ -77,11 +83,24 @@ def write_parquet(cache: SpeckleCache, chosen: Sequence[int], out: Path) -> tupl
     return [file, out / "README.md", out / "croissant.json"], [{}] * len(chosen)
 
 
-def _nested(pa: Any, array: np.ndarray) -> Any:
+def _array_field(pa: Any, name: str, array: np.ndarray) -> Any:
+    """Column of nested lists, marked as the extension type that the ``datasets`` library takes for an array.
+
+    Without the mark it does not believe the features of the schema. Readers that do not know the type see the lists.
+    """
     kind = pa.from_numpy_dtype(array.dtype)
     for _ in array.shape:
         kind = pa.list_(kind)
-    return kind
+    if not _has_array_type(array):
+        return pa.field(name, kind)
+    extension = f"datasets.features.features.Array{array.ndim}DExtensionType"
+    shape = json.dumps([array.shape, str(array.dtype)])
+    return pa.field(name, kind, metadata={"ARROW:extension:name": extension, "ARROW:extension:metadata": shape})
+
+
+def _has_array_type(array: np.ndarray) -> bool:
+    """Whether the ``datasets`` library has a type for arrays of so many axes: Array2D to Array5D."""
+    return 2 <= array.ndim <= 5
 
 
 def _features(arrays: dict[str, np.ndarray], parameters: list[str]) -> dict[str, Any]:
@@ -91,7 +110,7 @@ def _features(arrays: dict[str, np.ndarray], parameters: list[str]) -> dict[str,
         return {"dtype": dtype, "_type": "Value"}
 
     def feature(array: np.ndarray) -> dict[str, Any]:
-        if 2 <= array.ndim <= 5:
+        if _has_array_type(array):
             return {"shape": list(array.shape), "dtype": str(array.dtype), "_type": f"Array{array.ndim}D"}
         return value(str(array.dtype)) if array.ndim == 0 else {"feature": value(str(array.dtype)), "_type": "List"}
 
@@ -143,6 +162,7 @@ def _croissant(
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "name": cache.store.attributes["title"],
         "description": f"Speckle images rendered by specklegen; fingerprint {cache.fingerprint}.",
+        "citeAs": _CITATION,
         "version": f"{cache.identity['data_version']}.0.0",
         "distribution": [
             {

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 else:
     torch = LazyModule("torch")
 
-
+Motion = tuple[tuple[float, float], ...]
+"""Velocities (x, y) of screens, lengths a frame."""
 CENTRE = ("object_row", "object_column")
 """Parameters that say where an object lies in its frame."""
 
@@ -214,6 +215,12 @@ class HiddenObject(Recipe):
         """Tilts float64[T, 2] of the illumination of one medium, radians, and what was drawn for them."""
         return np.zeros((1, 2)), {}
 
+    def motion_of(
+        self, material: KnownMaterial | KnownDiffuser, seed: int, split: Split, medium: int,  # noqa: ARG002
+    ) -> Motion:  # fmt: skip
+        """Velocity (x, y) of each screen of one medium, lengths a frame; none of what stands still."""
+        return ()
+
     def media_frames(
         self, sampler: ObjectSampler | ScreenObjects, seed: int, split: Split, medium: int
     ) -> tuple[dict[str, float], Callable[[], list[torch.Tensor]]]:
@@ -229,7 +236,8 @@ class HiddenObject(Recipe):
         pitch = self.pitch(material, share)
         view = self.view(material.slab, pitch, pixels, angles)
         seen = view.seen
-        sampler = _sampler(self, material.slab, seen, pitch, tuple(map(tuple, np.sin(angles).tolist())))
+        motion = self.motion_of(material, seed, split, medium)
+        sampler = _sampler(self, material.slab, seen, pitch, tuple(map(tuple, np.sin(angles).tolist())), motion)
         moved, media = self.media_frames(sampler, seed, split, medium)
         extent = pitch * max(self.objects.shape)
         parameters = material.parameters(seen.wavelength) | {
@@ -239,9 +247,16 @@ class HiddenObject(Recipe):
             "extent_over_range": extent / material.range_sine(seen.wavelength),
             **tilted,
             **moved,
+            **self.motion_parameters(material, seen, motion),
         }
         shared = self.media is not None or self.media_group > 1
         return realization(self, view, sampler, media, parameters, (seed, split, medium), share=shared)
+
+    def motion_parameters(
+        self, material: KnownMaterial | KnownDiffuser, seen: Viewing, motion: Motion,  # noqa: ARG002
+    ) -> dict[str, float]:  # fmt: skip
+        """What is stored of a motion."""
+        return {}
 
     def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One image with its object and parameters; see :class:`Recipe`."""
@@ -266,7 +281,8 @@ class HiddenObject(Recipe):
 
 @lru_cache(maxsize=8)
 def _sampler(
-    recipe: HiddenObject, slab: Slab | ScreenStack, seen: Viewing, pitch: float, base: tuple
+    recipe: HiddenObject, slab: Slab | ScreenStack, seen: Viewing, pitch: float, base: tuple, motion: Motion
 ) -> ObjectSampler | ScreenObjects:
-    material = recipe.material.known(slab)
-    return recipe.object_sampler(material, seen, recipe.objects.shape, pitch, np.array(base), recipe.mode_tolerance)
+    material, shape = recipe.material.known(slab), recipe.objects.shape
+    moved = np.arange(len(base))[:, None, None] * np.array(motion) if motion else None
+    return recipe.object_sampler(material, seen, shape, pitch, np.array(base), recipe.mode_tolerance, moved)

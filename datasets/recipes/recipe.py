@@ -332,14 +332,17 @@ class Recipe(Value, Pictured):
 
     def object_sampler(
         self, material: KnownMaterial | KnownDiffuser, seen: Viewing, shape: tuple[int, int], pitch: float,
-        base: np.ndarray, tolerance: float = 0.01,
+        base: np.ndarray, tolerance: float = 0.01, moved: np.ndarray | None = None,
     ) -> ObjectSampler | ScreenObjects:  # fmt: skip
-        """Sampler of the engine for objects of a shape and pitch under base tilts float64[T, 2] (sines)."""
+        """Sampler of the engine for objects of a shape and pitch under base tilts float64[T, 2] (sines).
+
+        Behind screens ``moved`` float64[T, M, 2] is how far each has moved at every base tilt.
+        """
         if isinstance(material, KnownDiffuser):
             return screen_objects(
                 material.slab.stack, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch, grid=seen.grid,
                 base=base, width=seen.width, profile=seen.profile, pixel_integration=seen.pixel_integration,
-                tolerance=tolerance, device=self.device,
+                tolerance=tolerance, device=self.device, moved=moved,
             )  # fmt: skip
         light = None
         if seen.bandwidth:

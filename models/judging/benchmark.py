@@ -8,8 +8,9 @@ parameters tell of it is left out. The score is the Pearson correlation to the s
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from torch import Tensor
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import counted, reject
 from specklegen.core.escaping import cell, csv_cell
+from specklegen.core.picturing import Pictured
 from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject
 from specklegen.models.judging import baselines
 from specklegen.models.judging.baselines import FRAME, Batch
@@ -81,7 +83,8 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
     }  # fmt: skip
 
 
-class Results(NamedTuple):
+@dataclass(frozen=True)
+class Results(Pictured):
     """Scores of functions on tasks.
 
     Attributes
@@ -94,6 +97,22 @@ class Results(NamedTuple):
 
     evaluations: dict[str, Evaluation]
     samples: int
+
+    def _facts(self) -> Mapping[str, object]:
+        run = "complete" if self.complete else "not complete: not to be compared with one that is"
+        return {f"mean of {function}": self.score(function) for function in self.functions} | {"run": run}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Score of every function on every task, with its interval."""
+        for number, function in enumerate(self.functions):
+            found = np.array([self.interval(function, name) for name in self.evaluations]).T
+            at = np.arange(len(self.evaluations)) + 0.12 * (number - (len(self.functions) - 1) / 2)
+            bars = np.abs(found[1:] - found[0])
+            axes.errorbar(found[0], at, xerr=bars, fmt="o", ms=4, lw=1, label=function)
+        axes.set_yticks(np.arange(len(self.evaluations)), list(self.evaluations))
+        axes.invert_yaxis()
+        axes.set(xlabel="Pearson correlation", title=label or "")
+        axes.legend(fontsize="small")
 
     def interval(self, function: str, task: str) -> Interval:
         """Mean Pearson correlation of a function on a task, with its 95 % interval over media and characters."""

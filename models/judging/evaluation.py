@@ -11,8 +11,9 @@ to 1 (data range 1).
 
 import csv
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -20,6 +21,8 @@ from torch import Tensor
 
 from specklegen.core.errors import reject
 from specklegen.core.escaping import cell, csv_cell
+from specklegen.core.picturing import Pictured
+from specklegen.core.showing import summary
 from specklegen.models.judging.baselines import FRAME, Batch, Method, grain_pixels
 from specklegen.models.metrics import SCORES, Interval, align, bootstrap
 from specklegen.models.retrieval.apodisation import diffraction_limited, framed, transfer_function
@@ -58,7 +61,8 @@ def _darkened(made: Tensor) -> Tensor:
     return (made - torch.cat(edge, dim=-1).median(-1).values[..., None, None]).float()
 
 
-class Evaluation(NamedTuple):
+@dataclass(frozen=True)
+class Evaluation(Pictured):
     """Scores of every method on every image.
 
     Attributes
@@ -84,6 +88,22 @@ class Evaluation(NamedTuple):
     extents: np.ndarray
     families: np.ndarray
     identified: dict[str, np.ndarray]
+
+    def __repr__(self) -> str:
+        return summary(self, images=len(self.media), methods=list(self.values))
+
+    def _facts(self) -> Mapping[str, object]:
+        shown = {method: "{:.3f} [{:.3f}, {:.3f}]".format(*self.interval(method)) for method in self.values}
+        return {"images": len(self.media), "media": len(np.unique(self.media))} | shown
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Mean Pearson correlation of every method to the sharp object, with its interval."""
+        found = np.array([self.interval(method) for method in self.values]).T
+        at = np.arange(len(self.values))
+        axes.errorbar(found[0], at, xerr=np.abs(found[1:] - found[0]), fmt="o", ms=4, lw=1)
+        axes.set_yticks(at, list(self.values))
+        axes.invert_yaxis()
+        axes.set(xlabel="Pearson correlation", title=label or "")
 
     @property
     def characters(self) -> np.ndarray:

@@ -4,13 +4,16 @@ A bench is a recipe with hidden objects: its window, camera, slab, and how large
 be given as ranges. Then one range is fitted to all the images, which were taken through one slab.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from specklegen.core.errors import reject
+from specklegen.core.picturing import SHOWN, Pictured, draw_images
 from specklegen.core.random_streams import Seed
 from specklegen.core.showing import short
 from specklegen.datasets.recipes.hidden_object import HiddenObject
@@ -86,7 +89,8 @@ def bench_of(recipe: HiddenObject) -> Bench:
     return Bench(optics, memory, known, middle.range_sine(recipe.wavelength), pitch)
 
 
-class Finding(NamedTuple):
+@dataclass(frozen=True)
+class Finding(Pictured):
     """What one image tells.
 
     Attributes
@@ -109,8 +113,18 @@ class Finding(NamedTuple):
 
     __repr__ = short
 
+    def _facts(self) -> Mapping[str, object]:
+        told = {each.name: f"{each.numbers}. Remedy: {each.remedy}" for each in self.reasons}
+        return {"probability": self.probability, "deviance": self.deviance, "expected": self.expected} | told
 
-class Findings(NamedTuple):
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """What was reconstructed."""
+        draw_images(axes, self.image[None], high=1.0)
+        axes.set_title(label or "")
+
+
+@dataclass(frozen=True)
+class Findings(Pictured):
     """What the images tell together.
 
     Attributes
@@ -127,6 +141,18 @@ class Findings(NamedTuple):
     fit: RangeFit | None
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        sure = sum(each.probability >= 0.5 for each in self.each)
+        fitted = "given" if self.fit is None else "fitted"
+        return {"images": len(self.each), "likelier right than not": sure, f"range, sine ({fitted})": self.range_sine}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """What was reconstructed of the first images, each with its probability."""
+        shown = self.each[:SHOWN]
+        images = np.stack([each.image for each in shown])
+        draw_images(axes, images, [f"p = {each.probability:.2f}" for each in shown], high=1.0)
+        axes.set_title(label or "")
 
 
 def see_through(

@@ -196,9 +196,9 @@ def conditions_of(
     frames = 1.0
     if isinstance(recipe, DynamicSlab):
         # The spread of an autocorrelation decays with the square of the intensity's correlation.
-        steps_between = np.arange(1, recipe.dynamics.frames)
-        kept = (1 - steps_between / recipe.dynamics.frames) * np.exp(-4 * steps_between / drawn["correlation_time"])
-        frames = recipe.dynamics.frames / (1 + 2 * float(kept.sum()))
+        count, between = recipe.dynamics.frames, recipe.frames_correlation(ready)[1:]
+        kept = (1 - np.arange(1, count) / count) * between**4
+        frames = count / (1 + 2 * float(kept.sum()))
     found = Conditions(
         objects=objects, object_pitch=pitch / grain, memory_effect=np.concatenate([[1.0], c_i[1:]]),
         camera=pixel / grain * float(np.prod(recipe.camera_shape)) ** 0.5, frames=frames,

@@ -8,6 +8,7 @@ their errors, not their times.
 from collections.abc import Callable
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 import specklegen as sg
 from specklegen.benchmarking import Estimate, Probes, Sampler
@@ -15,14 +16,16 @@ from specklegen.core.statistics import BATCHES
 from specklegen.oracles import box_algorithms
 from specklegen.oracles.electric_field import electric_field
 from specklegen.oracles.naive_numba import naive_field
+from specklegen.oracles.screen_waves import ScreenWaves
 from specklegen.oracles.wave_ensemble import CylinderGas, ensemble
 from specklegen.oracles.wave_solver import PlaneLights
 
 from .literal import literal_setup
-from .scenes import CYLINDER
+from .scenes import CYLINDER, PERIOD
 
 PATHS_A_FIELD = 4
 _AT_ONCE = 4096  # fields
+_STACKS = 256  # of the screens sampler, rendered at once
 
 
 def of_fields(probes: Probes, fields: np.ndarray) -> Estimate:
@@ -86,6 +89,38 @@ def waves(scene: sg.Scene, probes: Probes, count: int, seed: int) -> Estimate:
     )
 
 
+def screen_waves(scene: sg.Scene, probes: Probes, count: int, seed: int) -> np.ndarray:
+    """Scattered fields complex128[R, n] of so many drawn pairs of screens, with the sampler's origin and phases."""
+    stack, step = scene.thin, scene.sensor.pitch
+    assert stack is not None
+    points = next_fast_len(int(np.ceil(PERIOD * 8 * stack.rms_angle(scene.wavelength) / scene.wavelength)))
+    program = ScreenWaves(stack, scene.wavelength, points, PERIOD / points)
+    along = program.positions - PERIOD / 2
+    window = scene.beams.window.amplitude(along, along[:, None])
+    lights, views = (each[place] for each, place in zip((scene.lights, scene.views), probes.points.T, strict=True))
+    columns, rows = np.rint(views[:, :2].T / step).astype(int)
+    apart = (views - lights)[:, :2].sum(axis=1) * PERIOD / 2 - (views[:, 2] - 1) * stack.thickness
+    gain = views[:, 2] / np.sqrt(lights[:, 2]) * np.exp(1j * scene.wavenumber * apart)
+    tilts, rng = np.rint(scene.lights[:, :2] / step).astype(int), np.random.default_rng(seed)
+    free = program.fields(np.zeros((len(stack.screens), 1, 1)), tilts, window)
+    free = free * np.exp(-0.5 * stack.optical_depth(scene.wavelength))
+    found = np.empty((count, len(views)), complex)
+    for n in range(count):
+        spectra = program.spectra(program.fields(program.phases(rng), tilts, window) - free)
+        found[n] = spectra[probes.points[:, 0], rows, columns] * gain
+    return found
+
+
+def drawn_screens(scene: sg.Scene, probes: Probes, count: int, seed: int) -> np.ndarray:
+    """Fields complex64[R, n] of as many realizations of the screens sampler."""
+    lights, views = probes.points.T
+    parts = []
+    for n in range(0, count, _STACKS):
+        field = sg.render(scene, seed=(seed, n), realizations=min(_STACKS, count - n), threads=1).field
+        parts.append(field.reshape(*field.shape[:2], -1)[:, lights, views])
+    return np.concatenate(parts)
+
+
 def _measured(scene: sg.Scene, probes: Probes, count: int, seed: int, fields: np.ndarray) -> Estimate:
     return of_fields(probes, fields)
 
@@ -94,5 +129,7 @@ COMPARISONS = {
     "naive Algorithm 2": Sampler("naive Algorithm 2", naive, _measured, first=16),
     "electric-field Monte Carlo": Sampler("electric-field Monte Carlo", electric, _measured, first=256),
     "wave solver": Sampler("wave solver", waves, lambda *arguments: arguments[-1], first=16),
+    "waves through screens": Sampler("waves through screens", screen_waves, _measured, first=4),
+    "screens, drawn fields": Sampler("screens, drawn fields", drawn_screens, _measured, first=64),
 }
 """Name to method; a scene names those that apply to it."""

@@ -70,7 +70,8 @@ def introduction(names: Sequence[str], about: dict[str, dict]) -> str:
     unique = {key: sorted({each[key] for each in known.values()}) for key in ("machine", "commit", "longest")}
     longest = ", ".join(_seconds(each, known) for each in unique["longest"])
     loads = [float(each["load"]) for each in known.values()]
-    crowded = any(machine.busy(each) for each in known.values())
+    crowded = ", ".join(name for name, each in known.items() if machine.busy(each))
+    slow = f"; **busy with other work while {crowded} ran: times there are up to twice too long, read ratios.**"
     notes = "".join(f"\n\n{name}: {each['note']}" for name, each in known.items() if "note" in each)
     return f"""# Performance: error against run time
 
@@ -91,8 +92,7 @@ from none of them. Written by `scripts/error_vs_time.py`; nothing on this page i
 
 Machine: {"; ".join(unique["machine"])}; commit {", ".join(unique["commit"])};
 budgets grow to runs of {longest};
-load average {min(loads, default=0):g} to {max(loads, default=0):g}{
-"**: busy with other work. Processor times are then up to twice too long; read ratios.**" if crowded else "."}
+load average {min(loads, default=0):g} to {max(loads, default=0):g}{slow if crowded else "."}
 
 ```
 python scripts/error_vs_time.py                                          # 15 minutes on two idle cores; --quick: 2

@@ -4,6 +4,8 @@ transfer    the correlation transfer equation of a slab of isotropic scatterers,
             paths: C = S + M(i1, i2; v1, v2) + M(i1, -v2; v1, -i2), for a beam far wider than a mean free path.
 naive       Algorithm 1 as a plain Numba program (no thinning, its own generator).
 literal     Algorithm 3 as a NumPy program, uniform starts.
+coherence   the sheared coherences of thin screens, Eq. 1 of :mod:`specklegen.theory.phase_screens`, transformed by
+            quadrature over the exit plane: no mixture of lobes, and no random number.
 """
 
 import time
@@ -19,6 +21,7 @@ from specklegen.core.statistics import BATCHES
 from specklegen.oracles import box_algorithms
 from specklegen.oracles.naive_covariance import naive_covariance
 from specklegen.theory.correlation_transfer import quadruple
+from specklegen.theory.phase_screens import coherence, tilt_ways
 
 from . import machine
 from .literal import literal_setup
@@ -31,6 +34,7 @@ SECONDS = 40.0
 LONGER = {"transmission-g09-od50": 180.0, "voxels": 210.0}
 """Where that is not enough."""
 _PATHS = 8192  # at a time
+_QUADRATURE = 800  # intervals of the exit plane along an axis
 
 
 @dataclass(frozen=True)
@@ -51,8 +55,9 @@ def load(name: str) -> Reference:
 def freeze(name: str, command: str) -> Reference:
     """Make a scene's reference and store it."""
     case = SCENES[name]()
-    if case.reference == "transfer":
-        value = transfer(case)
+    exact = {"transfer": transfer, "coherence": coherences}
+    if case.reference in exact:
+        value = exact[case.reference](case)
         found, count = Estimate(value, np.zeros(len(value))), 0
     else:
         found, count = estimated(case, LONGER.get(name, SECONDS))
@@ -60,6 +65,7 @@ def freeze(name: str, command: str) -> Reference:
         "transfer": "correlation transfer equation, no Monte Carlo",
         "naive": f"naive Numba Algorithm 1, {count} paths, seed {SEED}",
         "literal": f"literal NumPy Algorithm 3, {count} paths, seed {SEED}",
+        "coherence": "transform of the screens' sheared coherences by quadrature",
     }[case.reference]
     FOLDER.mkdir(exist_ok=True)
     np.savez(
@@ -85,6 +91,25 @@ def transfer(case: Case) -> np.ndarray:
         found = exchange(i1, i2, v1, v2).total + (exchange(i1, -v2, v1, -i2).multiple if backscatter else 0)
         entries.append(found / np.sqrt(i1[2] * i2[2]))
     return np.array(entries) * scene.slab.albedo / (4 * np.pi) * scene.beams.width**2
+
+
+def coherences(case: Case) -> np.ndarray:
+    """Entries of the covariance behind thin screens at views that have moved with the lights, complex128[P]."""
+    scene, found = case.scene, []
+    stack, k = scene.thin, scene.wavenumber
+    assert stack is not None
+    axis = np.linspace(-1.0, 1.0, _QUADRATURE + 1) * 4 * stack.correlation_lengths.max()
+    points = np.stack(np.meshgrid(axis, axis), axis=-1)
+    rest = np.exp(-stack.optical_depth(scene.wavelength))
+    for t1, n1, t2, n2 in case.probes.quadruples:
+        i1, i2, v1, v2 = scene.lights[t1], scene.lights[t2], scene.views[n1], scene.views[n2]
+        ways, seen = tilt_ways(stack, (i1 - i2)[:2]), (v1 - i1)[:2]
+        held = coherence(stack, scene.wavelength, points + ways.mean(axis=0), ways) - rest
+        waves = np.exp(-1j * k * (points + ways.mean(axis=0)) @ seen)
+        turned = stack.distances[0] * (i1[2] - i2[2]) - stack.thickness * (v1[2] - v2[2])  # phases from z = 0
+        gain = v1[2] * v2[2] / np.sqrt(i1[2] * i2[2]) * np.exp(1j * k * turned)
+        found.append(gain * (held * waves).sum() * (axis[1] - axis[0]) ** 2 / scene.wavelength**2)
+    return np.array(found) * scene.beams.window.area
 
 
 def estimated(case: Case, seconds: float) -> tuple[Estimate, int]:

@@ -19,6 +19,8 @@ from specklegen.theory.correlation_transfer import field_correlation
 WIDTH = 1e5
 PITCH = 0.45 / WIDTH  # direction sine; half a grain is the coarsest that resolves the speckle
 CAMERA = 41
+PERIOD = 1000.0
+"""Of the waves through screens; the window is half as wide."""
 CYLINDER = Cylinder.resonant(0.02)
 
 
@@ -32,7 +34,8 @@ class Case:
     scene : Scene
     probes : Probes
     reference : str
-        "transfer" (closed form), "naive" (Algorithm 1 of a slab) or "literal" (Algorithm 3 of boxes).
+        "transfer" (closed form), "naive" (Algorithm 1 of a slab), "literal" (Algorithm 3 of boxes) or "coherence"
+        (transform of the screens' coherences).
     comparisons : tuple of str
         Names of the comparison methods that apply, beside the samplers.
     """
@@ -177,6 +180,21 @@ def voxels() -> Case:
     return Case("grid of voxels", scene, probes, "literal", ("naive Algorithm 2",))
 
 
+def two_screens() -> Case:
+    """Two phase screens some way apart, three tilts; views and tilts lie on the steps of waves with a period."""
+    step = 1 / PERIOD
+    screen = sg.PhaseScreen(rms_phase=3.0, correlation_length=15.0)
+    scene = sg.Scene(
+        wavelength=1.0,
+        medium=sg.ScreenStack(screens=(screen, screen), gaps=(150.0,)),
+        illumination=sg.CollimatedBeams.tilts(np.arcsin(16 * step * np.array([-1, 0, 1])), width=PERIOD / 2),
+        sensor=sg.FarField.grid((CAMERA, CAMERA), step),
+    )
+    first = directions_of_sines("view", [-16 * step, 0.0])
+    probes = Probes.among([(t, nearest(scene, t, first)) for t in range(3)])
+    return Case("two phase screens", scene, probes, "coherence", ("waves through screens", "screens, drawn fields"))
+
+
 def slab(g: float, optical_depth: float, thickness: float) -> sg.Slab:
     """A slab that does not absorb."""
     return sg.Slab(thickness=thickness, mean_free_path=thickness / optical_depth, scatterer=sg.HenyeyGreenstein(g=g))
@@ -198,6 +216,7 @@ _BUILDERS: dict[str, Callable[[], Case]] = {
     "voxels": voxels,
     "hidden-object-within": lambda: hidden(0.7),
     "hidden-object-beyond": lambda: hidden(2.8),
+    "two-screens": two_screens,
 }
 SCENES: dict[str, Callable[[], Case]] = {name: cache(build) for name, build in _BUILDERS.items()}
 """Name to scene, in the order of the page."""

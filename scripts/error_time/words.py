@@ -21,6 +21,9 @@ REMARKS = {
     "evenly: a bias of .007 of the tilt covariances, which shows at the largest count.",
     "hidden-object-beyond": "The same, with more modes and a bias of .004; the tilt covariances judged are those "
     "between far pixels.",
+    "two-screens": "Nothing is traced here. The sampler's covariance is a closed form and meets the reference, a "
+    "quadrature over the exit plane; its reported error is the planner's bound for the whole camera. Fields and waves "
+    "scatter as all speckle does, by 1/√fields; waves pay for two transforms of the plane a screen and a tilt.",
 }
 """Scene to a remark below its figure."""
 

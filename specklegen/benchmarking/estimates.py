@@ -14,6 +14,7 @@ import torch
 from scipy.special import j0
 
 from specklegen.benchmarking.probes import Probes, only
+from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import batch_sums
 from specklegen.paths.bank import PathBank
@@ -23,6 +24,8 @@ from specklegen.paths.tracer import Tracer
 from specklegen.planning.planning import plan
 from specklegen.samplers.covariance.covariance import covariance
 from specklegen.samplers.path_sums.sampler import PathSums
+from specklegen.samplers.screens.correlation import envelope, screen_correlation
+from specklegen.samplers.screens.rule import errors
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.samplers.stationary.oblique import ObliqueCorrelation
@@ -139,6 +142,29 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
         return Estimate(mean_intensity(kernel, area) * _mode_products(scene, probes, kernel), found.standard_error)
     pattern = _window_products(scene, probes, kernel) / mean_intensity(kernel, area)
     return Estimate(pattern * found.value, np.abs(pattern) * found.standard_error)
+
+
+def screens_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
+    """What ``render(scene, sampler="screens")`` draws its fields from, in closed form; its error is the planner's.
+
+    Raises
+    ------
+    RuleError
+        For a single weak screen, whose field is correlated with its mirror image.
+    """
+    plan(scene, sampler="screens", threads=1)
+    stack = scene.thin
+    assert stack is not None
+    assert isinstance(scene.sensor, FarFieldGrid)
+    kernel, (lights, views) = screen_correlation(stack, scene.wavelength), probes.points.T
+    carried = envelope(stack, scene.wavelength, scene.beams.directions, scene.sensor.directions)
+    if carried.mirrored is not None:
+        reject("sampler", "another one for a single weak screen", stack, "Its field is not circular.")
+    gains = carried.direct.reshape(len(scene.lights), -1)[lights, views].astype(np.complex128)
+    p, q = probes.ends.T
+    between = kernel.correlation(scene.beams.directions[:, :2], scene.wavenumber)[lights[p], lights[q]]
+    value = _window_products(scene, probes, kernel) * between * gains[p] * gains[q].conj()
+    return Estimate(value, max(errors(scene).values()) * probes.scale(value))
 
 
 def _batch_sums(kernel: MemoryEffectCorrelation | ObliqueCorrelation, q: np.ndarray) -> np.ndarray:

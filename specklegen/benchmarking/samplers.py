@@ -9,6 +9,7 @@ from specklegen.benchmarking.estimates import (
     covariance_estimate,
     eigen_estimate,
     paths_estimate,
+    screens_estimate,
     single_estimate,
     stationary_estimate,
 )
@@ -96,10 +97,20 @@ def _check_grid(scene: Scene, probes: Probes) -> None:
         reject("sampler", '"paths": it sums directly here as it is', "paths, direct sum")
 
 
+def _check_volume(scene: Scene, probes: Probes) -> None:
+    if scene.thin is not None:
+        reject("sampler", '"screens" for a thin medium', "covariance")
+
+
 def _check_few(scene: Scene, probes: Probes) -> None:
+    _check_volume(scene, probes)
     points = len(scene.lights) * len(scene.views)
     if points > _MOST_POINTS:
         reject("sampler", f"for at most {_MOST_POINTS} lights times views", f"eigen-sampling of {points}")
+
+
+def _check_screens(scene: Scene, probes: Probes) -> None:
+    screens_estimate(scene, probes, 0, 0)
 
 
 def _check_single(scene: Scene, probes: Probes) -> None:
@@ -111,8 +122,9 @@ SAMPLERS = (
     Sampler("paths, direct sum", _render_directly, _after(_direct_estimate), _check_grid, 64),
     Sampler("stationary", partial(rendering, "stationary"), _after(stationary_estimate),
             partial(_check_plan, "stationary")),
-    Sampler("covariance, few points", covariance_estimate, finished, first=256),
+    Sampler("covariance, few points", covariance_estimate, finished, _check_volume, 256),
     Sampler("covariance, eigen-sampling", partial(rendering, "covariance"), _after(eigen_estimate), _check_few, 256),
     Sampler("single scattering, closed form", single_estimate, finished, _check_single, 0, counted=False),
+    Sampler("screens, closed form", screens_estimate, finished, _check_screens, 0, counted=False),
 )  # fmt: skip
 """All samplers; which of them serve a scene, :meth:`Sampler.obstacle` says."""

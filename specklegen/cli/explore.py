@@ -1,7 +1,6 @@
 """The command ``specklegen explore``: sliders for slab, object and camera in a browser."""
 
 import os
-import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,4 +27,4 @@ def explore(
     ]  # fmt: skip
     # Nothing is asked of other machines, be it only whether there is a newer marimo.
     quiet = os.environ | {"MARIMO_SKIP_UPDATE_CHECK": "1", "DO_NOT_TRACK": "1"}
-    raise typer.Exit(subprocess.run(words, env=quiet, check=False).returncode)
+    os.execve(sys.executable, words, quiet)  # in the place of this process: what ends it ends the server

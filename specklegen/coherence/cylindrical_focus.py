@@ -21,8 +21,9 @@ All lengths are in the unit of the wavelength. See docs/coherence.md.
 """
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -30,6 +31,7 @@ from scipy.special import hankel1e
 
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks
+from specklegen.core.picturing import Pictured, draw_map
 from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, PositiveInt, Value
 from specklegen.kernels import rays
@@ -81,7 +83,7 @@ class AxialDetector(Value):
 
 
 @dataclass(frozen=True, eq=False)
-class GreensMatrix:
+class GreensMatrix(Pictured):
     """A Green's function with its error: fields at the pixels = ``value`` @ fields of the sources.
 
     Attributes
@@ -96,6 +98,18 @@ class GreensMatrix:
     standard_error: np.ndarray
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "pixels, modes": "x".join(map(str, self.value.shape)),
+            "largest standard error": float(self.standard_error.max()),
+            "largest magnitude": float(np.abs(self.value).max()),
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Its magnitude."""
+        draw_map(axes, np.abs(self.value), "|G|", low=0)
+        axes.set(xlabel="mode of the source", ylabel="pixel", title=label or "", aspect="auto")
 
 
 class CylindricalFocus(Value):

@@ -150,9 +150,16 @@ def effective_source_modes(
     from scipy.signal import correlate  # half a second, which a plan does not need
 
     lags = np.maximum(correlate(brightness, brightness, method="fft"), 0)
-    y, x = ((np.arange(n) - n // 2) * pitch / wavelength for n in lags.shape)
-    shared = Window(profile, width).coherence(*np.meshgrid(x, y))
-    return float(brightness.sum() ** 2 / (lags * shared**2).sum())
+    shared = shared_speckle(brightness.shape, pitch, wavelength, width, profile)
+    return float(brightness.sum() ** 2 / (lags * shared).sum())
+
+
+def shared_speckle(
+    shape: tuple[int, ...], pitch: float, wavelength: float, width: float, profile: Profile
+) -> np.ndarray:
+    """Return W^(s)^2 at the differences (row, column) of two beams of a lattice, float64[2h - 1, 2w - 1]."""
+    y, x = (np.arange(1 - n, n) * pitch / wavelength for n in shape)
+    return np.square(Window(profile, width).coherence(*np.meshgrid(x, y)))
 
 
 def render_partially_coherent(

@@ -35,11 +35,17 @@ class Pictured:
 
         ``label`` names a curve in a legend, and is the title of anything else.
         """
-        if axes is None:
-            from matplotlib import pyplot
+        if axes is not None:
+            self._draw(axes, label)
+            return axes
+        from matplotlib import pyplot
 
-            axes = pyplot.subplots(layout="constrained")[1]
+        figure, axes = pyplot.subplots(layout="constrained")
         self._draw(axes, label)
+        if axes.get_aspect() == 1:  # of images: nothing is left white above and below a strip of them
+            across, up = (abs(high - low) for low, high in (axes.get_xlim(), axes.get_ylim()))
+            wide, high = figure.get_size_inches()
+            figure.set_size_inches(wide, min(high, wide * up / across + 0.8))
         return axes
 
     def _repr_html_(self) -> str:
@@ -95,6 +101,16 @@ def draw_images(axes: "Axes", images: np.ndarray, titles: Sequence[str] = (), *,
     middles = np.arange(count) * (columns + gap) + (columns - 1) / 2
     axes.set_xticks(middles[: len(titles)], list(titles[:count]))
     axes.tick_params(length=0)
+
+
+def draw_map(
+    axes: "Axes", values: np.ndarray, unit: str, *, span: Sequence[float] | None = None, low: float | None = None,
+    cmap: str = "magma",
+) -> None:  # fmt: skip
+    """Draw real[H, W] with its scale beside it, row 0 at the bottom; ``span`` is (left, right, bottom, top)."""
+    extent = None if span is None else (span[0], span[1], span[2], span[3])
+    shown = axes.imshow(values, cmap=cmap, vmin=low, origin="lower", extent=extent, interpolation="nearest")
+    axes.figure.colorbar(shown, ax=axes, label=unit)
 
 
 def draw_stack(axes: "Axes", images: np.ndarray) -> None:

@@ -19,6 +19,7 @@ STYLE = """<style>
 .sg-panel .sg-row { display: flex; gap: .5rem; }
 .sg-panel .sg-row > * { flex: 1 1 0; min-width: 0; }
 .sg-panel svg { width: 100%; height: auto; }
+.sg-panel p { margin: .4rem 0 0; }
 .sg-wide { grid-column: 1 / -1; }
 .sg-controls { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 20rem), 1fr));
   gap: .3rem 1.5rem; }
@@ -63,6 +64,13 @@ def row(*parts: str) -> str:
     return f'<div class="sg-row">{"".join(f"<div>{part}</div>" for part in parts)}</div>'
 
 
+def ticks(last: float) -> np.ndarray:
+    """Round numbers from 0 to a positive one, 1, 2 or 5 of a power of ten apart: three to six of them."""
+    power = 10 ** np.floor(np.log10(last))
+    step = next(step * power for step in (0.2, 0.5, 1.0, 2.0) if last < 6 * step * power)
+    return step * np.arange(last // step + 1)
+
+
 def curve_svg(curve: Curve) -> str:
     """C_I over the angle as SVG, the object as a band, the range as a dashed line."""
     width, height, left, bottom = 320.0, 200.0, 36.0, 34.0
@@ -79,8 +87,8 @@ def curve_svg(curve: Curve) -> str:
         f'<text x="{left - 5}" y="{up(v) + 4:.1f}" text-anchor="end">{v:g}</text>' for v in (0, 0.5, 1)
     )
     marks = "".join(
-        f'<text x="{across(a):.1f}" y="{height - bottom + 14}" text-anchor="middle">{a:.2g}</text>'
-        for a in (0, last / 3, 2 * last / 3)
+        f'<text x="{across(a):.1f}" y="{height - bottom + 14}" text-anchor="middle">{a:.4g}</text>'
+        for a in ticks(last)
     )
     return (
         f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="memory effect" font-size="11" '
@@ -95,7 +103,7 @@ def curve_svg(curve: Curve) -> str:
 
 
 def verdict_html(found: Verdict) -> str:
-    """Verdict in a sentence, and each reason with its remedy."""
+    """Verdict in a sentence, the errors that it follows from, and each reason against with its remedy."""
     word = "works" if found.works else "fails"
     reasons = "".join(
         f"<li><strong>{html.escape(each.name)}</strong>: {html.escape(each.numbers)}. "
@@ -103,4 +111,6 @@ def verdict_html(found: Verdict) -> str:
     )  # fmt: skip
     beyond = "".join(f" Caution: {name} is outside of what this was fitted on." for name in found.extrapolates)
     said = f"<p><strong>Phase retrieval {word}</strong>, probability {found.probability:.2f}.{beyond}</p>"
-    return f"{said}<ul>{reasons}</ul>"
+    noise, distortion = found.numbers["noise"], found.numbers["distortion"]
+    errors = f"<p>Relative errors of the measured Fourier modulus: noise {noise:.2g}, distortion {distortion:.2g}.</p>"
+    return f"{said}{errors}<ul>{reasons}</ul>"

@@ -1,10 +1,12 @@
 """What the solvers return: scattered fields at the two faces of a layer."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
+from specklegen.core.picturing import SHOWN, Pictured
 from specklegen.core.showing import short
 
 
@@ -19,7 +21,7 @@ class Validity(TypedDict):
 
 
 @dataclass(frozen=True)
-class ScatteredField:
+class ScatteredField(Pictured):
     """Scattered field, total minus incident, in time.
 
     time : float64[T], c0 t
@@ -36,6 +38,17 @@ class ScatteredField:
 
     __repr__ = short
 
+    def _facts(self) -> Mapping[str, object]:
+        return {"time steps": len(self.time)} | dict(self.validity or {"validity": "nothing was approximated"})
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Both fields over time, of six media at most."""
+        for name, field, colour in (("forward", self.forward, "C0"), ("back", self.back, "C1")):
+            for n, each in enumerate(np.atleast_2d(field)[:SHOWN]):
+                axes.plot(self.time, each, color=colour, lw=1, label=None if n else name)
+        axes.set(xlabel=r"time $c_0 t$", ylabel="scattered field", title=label or "")
+        axes.legend()
+
 
 @dataclass(frozen=True, kw_only=True)
 class MeanField(ScatteredField):
@@ -49,3 +62,12 @@ class MeanField(ScatteredField):
     realizations: int
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        return {"realizations": self.realizations} | dict(super()._facts())
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Both means over time, with bands of two standard errors."""
+        super()._draw(axes, label)
+        for field, error in ((self.forward, self.forward_error), (self.back, self.back_error)):
+            axes.fill_between(self.time, field - 2 * error, field + 2 * error, alpha=0.3)

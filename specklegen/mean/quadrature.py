@@ -153,7 +153,8 @@ def _crossings(edges: list[np.ndarray], origins: np.ndarray, light: np.ndarray) 
             outside = (position[:, 0] < faces[0]) | (position[:, 0] > faces[-1])
             far[outside] = -np.inf
             continue
-        crossed = (faces - position) / light[axis]
+        with np.errstate(over="ignore"):  # of light all but along the faces: at infinity
+            crossed = (faces - position) / light[axis]
         near = np.maximum(near, crossed.min(axis=1))
         far = np.minimum(far, crossed.max(axis=1))
         found.append(crossed)

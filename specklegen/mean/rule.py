@@ -50,7 +50,7 @@ def _strongest_mean(scene: Scene) -> float:
     the maximum; or it falls off in rings (disc), so that a block about the nearest view holds it.
     """
     tilt = _nearest_tilt(scene)
-    beam = scene.beams.replace(directions=tilt[None])
+    beam = scene.beams.replace(directions=tilt[None], times=None)
 
     def intensity(sensor: Sensor) -> np.ndarray:
         return np.square(np.abs(mean_field(scene.replace(illumination=beam, sensor=sensor))[0]))

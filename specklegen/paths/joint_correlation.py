@@ -11,27 +11,28 @@ collision after the other, to first order in the tilt.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import real_array, whole_number
 from specklegen.core.errors import reject
+from specklegen.core.picturing import Pictured
 from specklegen.core.showing import short
 from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.paths.analog_walk import walked
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.stretching import relative_variance
 from specklegen.scene.media import Slab
 from specklegen.scene.screens import ScreenStack, ThinMedium, require_thin
 from specklegen.theory.phase_screens import coherence, spread, tilt_ways
 
-_NODES = 20001  # of the scattering angle, dense towards the forward lobe
-_MOST_COLLISIONS = 100_000
-
 
 @dataclass(frozen=True)
-class JointCorrelation:
+class JointCorrelation(Pictured):
     """Correlation of the scattered field with itself, tilted and shifted along x.
 
     Attributes
@@ -53,6 +54,29 @@ class JointCorrelation:
     plane: float
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "tilts, shifts": "x".join(map(str, self.magnitude.shape)),
+            "largest standard error": float(self.standard_error.max()),
+            "plane": self.plane,
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """|C| with the best shift of each tilt as a dashed line; a curve where there is one tilt, or one shift."""
+        if 1 in self.magnitude.shape:
+            over, name = (self.shifts, "shift") if len(self.tilts) == 1 else (self.tilts, "tilt (sine)")
+            bars = 2 * self.standard_error.ravel()
+            axes.errorbar(over, self.magnitude.ravel(), bars, fmt="o-", ms=3, lw=1, label=label)
+            axes.set(xlabel=name, ylabel="|C|", ylim=(-0.03, 1.05))
+            return
+        rows, columns = np.argsort(self.tilts), np.argsort(self.shifts)
+        tilts, shifts = self.tilts[rows], self.shifts[columns]
+        shown = axes.pcolormesh(shifts, tilts, self.magnitude[np.ix_(rows, columns)], cmap="magma", vmin=0, vmax=1)
+        axes.figure.colorbar(shown, ax=axes, label="|C|")
+        across = axes.get_xlim()
+        axes.plot(self.plane * tilts, tilts, "--", color="white", lw=1)
+        axes.set(xlabel="shift", ylabel="tilt (sine)", xlim=across, title=label or "")
 
 
 def joint_correlation(
@@ -86,7 +110,7 @@ def joint_correlation(
         return _of_screens(require_thin(medium, wavelength), wavelength, tilts, shifts)
     whole_number("joint_correlation paths", paths, BATCHES)
     require_reach("joint_correlation", relative_variance(medium), paths)
-    walks, ways, weights = _walked(medium, paths, seed)
+    walks, ways, weights = walked(medium, paths, seed)
     k, batch = 2 * np.pi / wavelength, np.arange(len(weights)) * BATCHES // len(weights)
     if not weights.any():
         reject("joint_correlation paths", "enough for some scattered light to come through", paths)
@@ -118,49 +142,3 @@ def _of_screens(stack: ScreenStack, wavelength: float, tilts: np.ndarray, shifts
     unscattered = np.exp(-stack.optical_depth(wavelength))
     found = (coherence(stack, wavelength, apart, ways) - unscattered) / max(1 - unscattered, 1e-300)
     return JointCorrelation(tilts, shifts, found, 0 * found, spread(stack, wavelength)[2])
-
-
-def _walked(slab: Slab, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lateral walks float64[P, 2], directions float64[P, 2] and weights float64[P], 0 of light that is not seen."""
-    rng = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed)))
-    tables = [_angles(scatterer) for scatterer, _ in slab.scatterer.components]
-    shares = np.cumsum([share for _, share in slab.scatterer.components])
-    position, direction = np.zeros((paths, 3)), np.tile([0.0, 0.0, 1.0], (paths, 1))
-    weights, collided, alive = np.zeros(paths), np.zeros(paths), np.arange(paths)
-    for _ in range(_MOST_COLLISIONS):
-        flight = rng.exponential(slab.mean_free_path, len(alive))[:, None]
-        ahead = position[alive] + flight * direction[alive]
-        inside = (ahead[:, 2] >= 0) & (ahead[:, 2] <= slab.thickness)
-        out = alive[(ahead[:, 2] > slab.thickness) & (collided[alive] > 0)]
-        left = (slab.thickness - position[out, 2:]) / direction[out, 2:]
-        position[out] += left * direction[out]
-        weights[out] = slab.albedo ** collided[out]
-        alive, ahead = alive[inside], ahead[inside]
-        if not len(alive):
-            break
-        position[alive] = ahead
-        collided[alive] += 1
-        kind = np.searchsorted(shares[:-1], rng.random(len(alive)) * shares[-1])
-        drawn = rng.random(len(alive))
-        theta = np.select([kind == n for n in range(len(tables))], [np.interp(drawn, *table) for table in tables])
-        direction[alive] = _turned(direction[alive], theta, 2 * np.pi * rng.random(len(alive)))
-    return position[:, :2], direction[:, :2], weights
-
-
-def _angles(scatterer) -> tuple[np.ndarray, np.ndarray]:
-    """Shares of the light below an angle, and the angles, both float64[n]."""
-    theta = np.pi * np.square(np.linspace(0, 1, _NODES))
-    density = np.square(np.abs(scatterer.amplitude(np.cos(theta)))) * np.sin(theta)
-    shares = np.append(0.0, np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(theta)))
-    return shares / shares[-1], theta
-
-
-def _turned(direction: np.ndarray, theta: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    """Unit vectors turned by theta about azimuths; the frame of Duff et al., JCGT 6, 1 (2017)."""
-    x, y, z = direction.T
-    sign = np.copysign(1.0, z)
-    a = -1 / (sign + z)
-    first = np.stack([1 + sign * x * x * a, sign * x * y * a, -sign * x], axis=1)
-    second = np.stack([x * y * a, sign + y * y * a, -y], axis=1)
-    across = np.sin(theta)[:, None] * (np.cos(azimuth)[:, None] * first + np.sin(azimuth)[:, None] * second)
-    return across + np.cos(theta)[:, None] * direction

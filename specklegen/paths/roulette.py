@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from specklegen.core.parallel import slices
 from specklegen.core.random_streams import Seed, Stream
 from specklegen.kernels.volume import Volume
 from specklegen.paths.bank import PathBank
@@ -17,19 +18,25 @@ from specklegen.paths.volume_tracer import VolumeTracer
 
 ALWAYS_FROM = 10.0  # times the mean contribution (docs/physics.md 2)
 SLAB_PATHS, VOLUME_PATHS = 2000, 4096  # of the pilots
+_AT_ONCE = 256  # paths of a slab's pilot; the bank of all would take 40 MB at an optical depth of 20
 _FIRST_PATHS = 64  # of a pilot, which tell how many more its memory allows
 _PILOT_CONNECTIONS = 2**20
-_SLAB_CONNECTIONS = 2**23  # 2 GB: fewer than SLAB_PATHS from an optical depth of 1700 on
+_SLAB_CONNECTIONS = 2**23  # of all together: fewer than SLAB_PATHS from an optical depth of 1700 on
 
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
     """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
-    fitting = int(_SLAB_CONNECTIONS / tracer.events_per_path)  # all of them are kept here
-    bank = tracer.trace(seed, min(SLAB_PATHS, max(fitting, 16)), stream=Stream.PILOT, threads=1)
-    if len(bank) == 0:
+    fitting = int(_SLAB_CONNECTIONS / tracer.events_per_path)
+    layouts = [tracer.layout.at(light, view) for view in tracer.proposal.probes]
+
+    def largest(part: slice) -> np.ndarray:
+        bank = tracer.trace(seed, part.stop - part.start, first=part.start, stream=Stream.PILOT, threads=1)
+        return np.max([contributions(layout, bank) for layout in layouts], axis=0)
+
+    found = np.concatenate([*map(largest, slices(min(SLAB_PATHS, max(fitting, 16)), _AT_ONCE))])
+    if len(found) == 0:
         return tracer
-    found = [contributions(tracer.layout.at(light, view), bank) for view in tracer.proposal.probes]
-    threshold = ALWAYS_FROM * float(np.max(found, axis=0).sum() / len(bank))
+    threshold = ALWAYS_FROM * float(found.sum() / len(found))
     # Where none of the pilot's light comes out, connections of no weight are dropped, not all of them kept.
     return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold or 1e-300))
 

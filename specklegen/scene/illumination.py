@@ -6,11 +6,11 @@ Directions are unit vectors of travel; the optical axis is the last one (z).
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
@@ -87,12 +87,16 @@ class CollimatedBeams(Value):
         the medium's face of smallest z.
     profile
         Shape of the window; the peak irradiance is 1 per area *of the face*, at every tilt.
+    times
+        float64[T], when each beam is on: before a medium that moves (``ScreenStack(velocities=)``), a film is beams of
+        one direction at many times. None: all at once.
     """
 
     type: Literal["CollimatedBeams"] = "CollimatedBeams"
     directions: Array
     width: Positive
     profile: Profile = "square"
+    times: Array | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -104,7 +108,17 @@ class CollimatedBeams(Value):
                 "Beams enter through the medium's face of smallest z.",
             )  # fmt: skip
         object.__setattr__(self, "directions", directions)
+        if self.times is not None and self.times.shape != (len(directions),):
+            reject("CollimatedBeams.times", f"{len(directions)} numbers, one a beam", self.times.shape)
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_times(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out times that are not there: the beams are what they were before they could have any."""
+        content = write(self)
+        if self.times is None:
+            content.pop("times", None)
+        return content
 
     @property
     def window(self) -> Window:
@@ -112,7 +126,10 @@ class CollimatedBeams(Value):
         return Window(self.profile, self.width)
 
     @classmethod
-    def tilts(cls, angles: ArrayLike, width: float, profile: Profile = "square", dimensions: int = 3) -> Self:
+    def tilts(
+        cls, angles: ArrayLike, width: float, profile: Profile = "square", dimensions: int = 3,
+        times: ArrayLike | None = None,
+    ) -> Self:  # fmt: skip
         """Beams tilted from the axis by ``angles`` in radians.
 
         Parameters
@@ -120,12 +137,13 @@ class CollimatedBeams(Value):
         angles
             float[T] tilts in the x-z plane, or float[T, 2] tilts (x, y); the sine of an angle is the
             direction sine along its axis.
-        width, profile
+        width, profile, times
             As for the class.
         dimensions
             3, or 2 for flatland.
         """
-        return cls(directions=_tilted("CollimatedBeams.tilts", angles, dimensions), width=width, profile=profile)
+        directions = _tilted("CollimatedBeams.tilts", angles, dimensions)
+        return cls(directions=directions, width=width, profile=profile, times=times)
 
 
 class PointSources(Value):

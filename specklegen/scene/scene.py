@@ -58,6 +58,10 @@ class Scene(Value, Pictured):
                 ", ".join(f"{name} of {d} coordinates" for name, d in known.items()),
                 "Flatland vectors are (x, z), those of space (x, y, z).",
             )
+        if isinstance(self.illumination, CollimatedBeams) and self.illumination.times is not None:
+            if self.thin is None or self.thin.velocities is None:
+                reject("CollimatedBeams.times", "left out before a medium that does not move", "times",
+                       "Only a ScreenStack with velocities moves.")  # fmt: skip
         if self.thin is not None:
             self._require_thin()
             return self

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from specklegen.core.errors import counted
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
 from specklegen.scene.media import Slab, VoxelGrid
 from specklegen.scene.screens import ScreenStack
@@ -67,14 +68,14 @@ def _draw_light(axes: "Axes", scene: "Scene") -> None:
     light = scene.illumination
     if isinstance(light, PointSources):
         axes.plot(*_placed(scene, light.points), "*", color="C3", ms=8)
-        axes.text(-1.65, -1.3, f"{len(light.points)} point sources", fontsize=8)
+        axes.text(-1.65, -1.3, counted(len(light.points), "point source"), fontsize=8)
         return
     if isinstance(light, IncoherentObject):
         axes.imshow(light.brightness, extent=(-1.65, -1.05, -0.3, 0.3), cmap="gray", vmin=0, aspect="auto")
         axes.text(-1.65, -1.3, "{}x{} mutually incoherent beams".format(*light.brightness.shape), fontsize=8)
     else:
         angle = np.rad2deg(np.arccos(np.clip(light.directions[:, -1], -1, 1))).max(initial=0.0)
-        axes.text(-1.65, -1.3, f"{len(light.directions)} tilts, up to {angle:.3g}°", fontsize=8)
+        axes.text(-1.65, -1.3, f"{counted(len(light.directions), 'tilt')}, up to {angle:.3g}°", fontsize=8)
     spread = np.unique(np.round(light.directions[:, 0] / np.maximum(np.abs(light.directions[:, -1]), 1e-9), 12))
     chosen = spread[np.unique(np.linspace(0, len(spread) - 1, min(len(spread), _MOST)).astype(int))]
     largest = np.abs(chosen).max(initial=0.0)

@@ -12,13 +12,13 @@ times the rms angle is far below xi.
 
 import math
 from functools import cached_property
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.values import NonNegative, Positive, Value
+from specklegen.core.values import Finite, NonNegative, Positive, Value
 
 STEEPEST = 1 / 3
 """Rms angle along one axis behind a thin medium, at most: of a wider Gaussian lobe more than 1 % is evanescent."""
@@ -172,12 +172,16 @@ class ScreenStack(Value):
         Distance from each screen to the next: one fewer than there are screens.
     behind
         From the last screen to the exit plane, to which shifts of the pattern refer; a far field does not feel it.
+    velocities
+        (x, y) of each screen across the light, lengths per unit of time; None where they stand still. Beams see them
+        move by their ``times``: ``CollimatedBeams(times=)``.
     """
 
     type: Literal["ScreenStack"] = "ScreenStack"
     screens: tuple[Screen, ...]
     gaps: tuple[NonNegative, ...] = ()
     behind: NonNegative = 0.0
+    velocities: tuple[tuple[Finite, Finite], ...] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -185,7 +189,17 @@ class ScreenStack(Value):
             reject("ScreenStack.screens", "at least one screen", self.screens)
         if len(self.gaps) != len(self.screens) - 1:
             reject("ScreenStack.gaps", f"{len(self.screens) - 1} numbers for {len(self.screens)} screens", self.gaps)
+        if self.velocities is not None and len(self.velocities) != len(self.screens):
+            reject("ScreenStack.velocities", f"{len(self.screens)} pairs (x, y), one a screen", self.velocities)
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_rest(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out the velocities of screens that stand still: the stack is what it was before it could move."""
+        content = write(self)
+        if self.velocities is None:
+            content.pop("velocities", None)
+        return content
 
     @cached_property
     def stack(self) -> "ScreenStack":
@@ -204,6 +218,11 @@ class ScreenStack(Value):
     def distances(self) -> np.ndarray:
         """float64[M], from each screen to the exit plane."""
         return self.behind + np.append(np.cumsum(self.gaps[::-1])[::-1], 0.0)
+
+    def moved(self, times: np.ndarray) -> np.ndarray:
+        """How far each screen has moved at times float64[T], float64[T, M, 2]."""
+        velocities = np.zeros((len(self.screens), 2)) if self.velocities is None else np.array(self.velocities)
+        return np.asarray(times, np.float64)[:, None, None] * velocities
 
     def phases(self, wavelength: float, sine: np.ndarray | float = 0.0) -> np.ndarray:
         """Rms phase of every screen float64[M, ...], for light at direction sines float64[...]."""

@@ -8,7 +8,7 @@ from specklegen.core.values import Value
 
 _LENGTHS = {
     "wavelength": 1, "thickness": 1, "mean_free_path": 1, "width": 1, "radius": 1, "lower": 1, "upper": 1, "points": 1,
-    "extinction": -1,
+    "velocities": 1, "extinction": -1,
 }  # fmt: skip
 """Fields of scenes with a dimension, and the power of length that it is."""
 

@@ -38,6 +38,7 @@ _ENUMERATED = 2**16
 """Numbers of deflections that are all listed; of more, so many are drawn that their quadrature is off by about 1e-4."""
 _DRAWN = 2**14
 _TAIL = 1e-9  # share of the deflections left out
+_GRID_WIDTH = 0.05  # of the variances that one term of a grid stands for, over themselves
 _LARGE_MEAN, _NODES = 12.0, 12
 """Mean above which so many nodes stand for all numbers: K and f are then right to 1e-6 (tests)."""
 
@@ -123,6 +124,20 @@ class Lobes:
     def _gathered(self) -> tuple[np.ndarray, np.ndarray]:
         return gathered(self.variances, self.shares)
 
+    def over_grid(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Density f over f(0) at p = (x, y), float64[..., len(y), len(x)] of sines [..., nx] and [..., ny].
+
+        Every term is a product, and one stands for those within 5 per cent: right to 1e-4 of f(0).
+        """
+        variance, share = self._grid_terms
+        along_x, along_y = (np.exp(-0.5 * np.square(axis)[..., None, :] / variance[:, None]) for axis in (x, y))
+        return (along_y * share[:, None]).swapaxes(-1, -2) @ along_x
+
+    @cached_property
+    def _grid_terms(self) -> tuple[np.ndarray, np.ndarray]:
+        variance, share = gathered(self.variances, self.shares / self.variances, _GRID_WIDTH)
+        return variance, share / share.sum()
+
     @cached_property
     def mirrored(self) -> float:
         """|S_+ - S_-|^2 / f^2 at p = 0: correlation of an intensity with its mirror image about the beam, at most."""
@@ -151,6 +166,19 @@ class Lobes:
         mean = events @ ways / events.sum(axis=1, keepdims=True)
         apart = np.square(ways - mean[:, None]).sum(-1)
         return (events * apart).sum(axis=1), mean
+
+    @cached_property
+    def walk_shares(self) -> np.ndarray:
+        """<e_m / T> by the light that goes on along the beam, float64[M]: how far the pattern follows each screen."""
+        weight = self.densities(0.0)
+        return weight @ (self.events / self.variances[:, None]) / weight.sum() if weight.any() else 0 * self.steps
+
+    def decorrelation(self, ways: np.ndarray) -> np.ndarray:
+        """K(0, a), real, of a_m float64[..., M, 2]: float64[...]; equal ways are found once."""
+        flat = np.reshape(ways, (-1, ways.shape[-2] * 2))
+        unique, which = np.unique(flat, axis=0, return_inverse=True)
+        found = np.array([self.correlation(np.zeros(2), way.reshape(-1, 2)).real for way in unique])
+        return found[which.reshape(-1)].reshape(ways.shape[:-2])
 
     def of_parity(self, parity: int) -> "Lobes":
         """The terms of an even or odd number of deflections; half of each where nodes stand for many numbers."""
@@ -223,13 +251,18 @@ def _poisson(mean: float) -> tuple[np.ndarray, np.ndarray]:
     return numbers, np.square(vectors[0])
 
 
-def gathered(variance: np.ndarray, share: np.ndarray, most: int = 400) -> tuple[np.ndarray, np.ndarray]:
-    """Terms of nearly one variance as one, so that there are at most so many."""
-    if len(variance) <= most:
+def gathered(
+    variance: np.ndarray, share: np.ndarray, width: float = 0.0, most: int = 400
+) -> tuple[np.ndarray, np.ndarray]:
+    """Terms of nearly one variance as one: within a relative width, and at most so many."""
+    if len(variance) <= 1:
         return variance, share
     low, high = np.log(variance.min()), np.log(variance.max())
-    place = np.minimum(((np.log(variance) - low) / max(high - low, 1e-300) * most).astype(int), most - 1)
-    total = np.bincount(place, share, most)
-    mean = np.bincount(place, share * variance, most)
+    bins = min(most, int((high - low) / width) + 1) if width else most
+    if len(variance) <= bins:
+        return variance, share
+    place = np.minimum(((np.log(variance) - low) / max(high - low, 1e-300) * bins).astype(int), bins - 1)
+    total = np.bincount(place, share, bins)
+    mean = np.bincount(place, share * variance, bins)
     used = total > 0
     return mean[used] / total[used], total[used]

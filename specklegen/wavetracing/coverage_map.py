@@ -7,14 +7,16 @@ watts. In free space this is Friis' formula, (wavelength / 4 pi R)^2 G_t G_r.
 Source: S. Steinberg, M. Pharr, *Wave Tracing*, section on coverage; H. T. Friis, Proc. IRE 34, 254 (1946).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads
+from specklegen.core.picturing import Pictured, draw_map
 from specklegen.core.random_streams import Seed
 from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, Value
@@ -55,7 +57,7 @@ class Transmitter(Value):
 
 
 @dataclass(frozen=True)
-class Coverage:
+class Coverage(Pictured):
     """Received power over a map.
 
     Attributes
@@ -74,6 +76,18 @@ class Coverage:
     statistics: Statistics | None
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "map": "x".join(map(str, self.rss_dBm.shape)),
+            "cells without power": int(np.ma.count_masked(self.rss_dBm)),
+            "median standard error, dB": float(np.ma.median(self.error)) if self.error.count() else "undefined",
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Received power; cells without any are left white."""
+        draw_map(axes, self.rss_dBm, "received power, dB over 1 mW", cmap="viridis")
+        axes.set(xlabel="column of the map", ylabel="row", title=label or "")
 
 
 def coverage(

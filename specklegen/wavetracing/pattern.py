@@ -7,16 +7,17 @@ are the same for any number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, slices
+from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.core.showing import short
 from specklegen.kernels.patterns import draw_polygon, draw_slits, draw_table, fill_alias
@@ -38,7 +39,7 @@ MOST_CELLS = 1 << 24
 
 
 @dataclass(frozen=True)
-class Pattern:
+class Pattern(Pictured):
     """Wavevectors drawn from a diffraction pattern.
 
     Attributes
@@ -60,6 +61,20 @@ class Pattern:
     failed: int
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        return {"draws": len(self.xi), "trials": self.trials, "evanescent": self.evanescent, "failed": self.failed}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Histogram of the draws, without the outermost of their long tails."""
+        found = self.xi[np.isfinite(self.xi).reshape(len(self.xi), -1).all(axis=1)]
+        reach = np.quantile(np.abs(found), 0.97) if len(found) else 1.0  # the tails are long
+        if found.ndim == 1:
+            axes.hist(found, bins=200, range=(-reach, reach), histtype="step", label=label)
+            axes.set(xlabel="wavevector ξ", ylabel="draws")
+            return
+        axes.hist2d(*found.T, bins=100, range=[[-reach, reach]] * 2, cmap="magma")
+        axes.set(xlabel="wavevector ξ along x", ylabel="along y", title=label or "", aspect="equal")
 
 
 def sample_slits(

@@ -1,13 +1,15 @@
 """Planes with a grid: receivers, maps, and the grids of fields; and a field on one."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.picturing import Pictured, draw_map
 from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, PositiveInt, Value
 
@@ -71,7 +73,7 @@ class Plane(Value):
 
 
 @dataclass(frozen=True)
-class PlaneField:
+class PlaneField(Pictured):
     """A complex field on the grid of a plane.
 
     Attributes
@@ -98,6 +100,20 @@ class PlaneField:
             if not (np.isfinite(value) and value > 0):
                 reject(f"PlaneField.{name}", "finite and greater than 0", value)
         object.__setattr__(self, "values", values)
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "values": "x".join(map(str, self.values.shape)),
+            "pitch": self.pitch,
+            "wavelength": self.wavelength,
+            "power": self.power,
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """|u|^2, with lengths beside it."""
+        rows, columns = (n * self.pitch / 2 for n in self.values.shape)
+        draw_map(axes, np.square(np.abs(self.values)), "|u|²", span=(-columns, columns, -rows, rows), low=0)
+        axes.set(xlabel="x", ylabel="y", title=label or "")
 
     @property
     def power(self) -> float:

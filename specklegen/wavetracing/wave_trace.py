@@ -1,9 +1,12 @@
 """What tracing beams finds: power on receivers, how beams ended, and what they met."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
+from specklegen.core.picturing import Pictured, draw_map
 from specklegen.core.showing import short
 
 
@@ -87,7 +90,7 @@ class Statistics:
 
 
 @dataclass(frozen=True)
-class WaveTrace:
+class WaveTrace(Pictured):
     """Power on receivers.
 
     Attributes
@@ -110,3 +113,13 @@ class WaveTrace:
     statistics: Statistics
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        sizes = ", ".join("x".join(map(str, each.shape)) for each in self.irradiance)
+        return {"receivers": sizes or "none"} | asdict(self.ledger)
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Irradiance of the first receiver."""
+        if self.irradiance:
+            draw_map(axes, self.irradiance[0], "irradiance", low=0)
+        axes.set(xlabel="column of the receiver", ylabel="row", title=label or "")

@@ -5,10 +5,12 @@ import pytest
 from zscore import assert_mean, assert_z, limit
 
 import specklegen as sg
-from scripts.error_time.comparisons import of_fields
+from scripts.error_time.comparisons import drawn_screens, of_fields
 from scripts.error_time.literal import literal_setup
+from scripts.error_time.references import load
+from scripts.error_time.scenes import SCENES
 from specklegen.benchmarking import Probes
-from specklegen.benchmarking.estimates import paths_estimate, single_estimate, stationary_estimate
+from specklegen.benchmarking.estimates import paths_estimate, screens_estimate, single_estimate, stationary_estimate
 from specklegen.core.statistics import batch_sums
 from specklegen.oracles import box_algorithms
 
@@ -100,3 +102,17 @@ def test_batches_share_the_paths_out_evenly(count, connections):
     bounds = np.linspace(0, count, len(found) + 1)
     for sums, low, high in zip(found, bounds[:-1], bounds[1:], strict=True):
         np.testing.assert_allclose(sums, values[..., (paths >= low) & (paths < high)].sum(axis=-1), atol=1e-13)
+
+
+def test_screens_are_those_of_the_transformed_coherences_and_of_the_fields_that_are_drawn():
+    """The reference is a quadrature over the exit plane: 1e-3 holds its step, the table of lobes and gathered terms."""
+    case, reference = SCENES["two-screens"](), load("two-screens")
+    scale = case.probes.scale(reference.value)
+    found = screens_estimate(case.scene, case.probes, 0, 0)
+    np.testing.assert_allclose(found.value / scale, reference.value / scale, atol=1e-3)
+    assert (found.standard_error / scale < 0.02).all()
+    drawn = of_fields(case.probes, drawn_screens(case.scene, case.probes, 600, 3))
+    apart, error = drawn.value - found.value, drawn.standard_error
+    assert_z(np.abs(apart) / error, np.zeros(len(apart)), np.ones(len(apart)), degrees=BATCHES - 1)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(np.abs(1.5 * drawn.value - found.value) / error, np.zeros(len(apart)), np.ones(len(apart)), degrees=63)

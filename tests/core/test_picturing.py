@@ -1,10 +1,12 @@
 """Pictures and tables of results: what a notebook shows, and ``.plot()``."""
 
 import base64
+import importlib
 import io
 import re
 import subprocess
 import sys
+from dataclasses import is_dataclass
 from html.parser import HTMLParser
 
 import numpy as np
@@ -12,10 +14,16 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 from scenes import ROOT
+from small_stores import make
 
 import specklegen as sg
-from specklegen.core.picturing import card, draw_images
-from specklegen.datasets import load_recipe
+from specklegen import coherence, fdtd, wavetracing
+from specklegen.core.picturing import Pictured, card, draw_images
+from specklegen.datasets import SpeckleCache, load_recipe
+from specklegen.models.judging.benchmark import Results
+from specklegen.models.judging.evaluation import Evaluation
+from specklegen.models.recoverability.after_image import Finding, Findings
+from specklegen.models.recoverability.verdict import Reason
 
 SLAB = sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(0.5))
 SCENE = sg.Scene(
@@ -35,7 +43,45 @@ ROW = SCENE.replace(sensor=sg.FarField(SCENE.views[::13]))
 DARK = SLAB.replace(albedo=0.0)
 OBJECT = sg.IncoherentObject(brightness=[[0.0, 1.0]], pitch=1e-4, width=1000.0)
 
+RANDOM = np.random.default_rng(0)
+FORWARD = SLAB.replace(scatterer=sg.HenyeyGreenstein(0.98))
+LEDGER = wavetracing.Ledger(1, 2, 3, 0, 0)
+POWER = np.ma.masked_less(RANDOM.normal(-60, 10, (6, 8)), -70)
+TIME = np.linspace(0, 9, 50)
+FOUND = Finding(RANDOM.random((9, 9)).astype(np.float32), 1.1, 1.0, 0.3, (Reason("noise", "3 photons", "light"),))
+FACES = RANDOM.random((2, 2, 20))
+SCORED = Evaluation(
+    {name: {"sharp": {"pearson": faces}} for name, faces in zip(("Katz", "solver"), FACES[0], strict=True)},
+    np.arange(20), np.full(20, -1), np.ones(20), np.zeros(20, np.int64), {},
+)  # fmt: skip
+
+
+def curve_over(**changed):
+    """Joint correlation, by default over tilts and shifts."""
+    over = {"tilts": [2e-3, 0.0, 1e-3], "shifts": [0.0, 0.2]} | changed
+    return sg.joint_correlation(SLAB, wavelength=0.5, paths=640, **over)
+
+
 SHOWN = {
+    "joint correlation": curve_over,
+    "joint correlation of one shift": lambda: curve_over(shifts=[0.0]),
+    "joint correlation of one tilt": lambda: curve_over(tilts=[0.0]),
+    "screens in the place of a slab": lambda: sg.stack_like(FORWARD, wavelength=0.5, paths=640),
+    "coverage": lambda: wavetracing.Coverage(POWER, POWER * 0 + 1, LEDGER, None),
+    "power on receivers": lambda: wavetracing.WaveTrace([FACES[0]], [FACES[1]], [], [], LEDGER, None),
+    "field on a plane": lambda: wavetracing.PlaneField(FACES[0], 0.1, 0.5),
+    "wavevectors of slits": lambda: wavetracing.sample_slits([1.0], [0.0], [0.0], 200, 0),
+    "wavevectors of an opening": lambda: wavetracing.Pattern(RANDOM.normal(size=(200, 2)), 300, 0, 0),
+    "Green's function": lambda: coherence.GreensMatrix(FACES[0] + 1j, FACES[1]),
+    "scattered field": lambda: fdtd.ScatteredField(TIME, np.sin(TIME), np.sin(TIME), np.cos([TIME, TIME])),
+    "mean field": lambda: fdtd.MeanField(
+        TIME, np.sin(TIME), np.sin(TIME), np.cos(TIME), back_error=0.1 * TIME, forward_error=0.2 * TIME,
+        realizations=3,
+    ),
+    "what one image tells": lambda: FOUND,
+    "what images tell": lambda: Findings((FOUND, FOUND), 1e-4, None),
+    "evaluation": lambda: SCORED,
+    "benchmark": lambda: Results({"thin": SCORED, "noise": SCORED}, 20),
     "scene of beams": lambda: SCENE,
     "scene seen all round": lambda: BOX,
     "scene of points": lambda: BOX.replace(illumination=sg.PointSources([[0, -9]]), sensor=sg.NearField([[0, 9]])),
@@ -112,6 +158,49 @@ def test_a_curve_is_plotted_as_it_is():
     assert axes.get_legend_handles_labels()[1] == ["fog"]
 
 
+def test_the_best_shift_of_a_tilt_is_drawn_through_the_maximum():
+    """Behind one screen the pattern stands still at the screen: nothing is lost along the line, all off it."""
+    gap, tilts = 2000.0, np.array([-2e-3, 0.0, 2e-3])
+    screens = sg.ScreenStack(screens=(sg.PhaseScreen(rms_phase=8.0, correlation_length=4.0),), behind=gap)
+    found = sg.joint_correlation(screens, wavelength=0.5, tilts=tilts, shifts=gap * tilts)
+    axes = Figure().subplots()
+    found.plot(axes)
+    shift, tilt = axes.lines[0].get_data()
+    np.testing.assert_allclose(shift, gap * tilt, rtol=1e-12)
+    drawn = axes.collections[0].get_array()
+    np.testing.assert_allclose(np.diag(drawn), 1.0, rtol=1e-12)
+    assert drawn[0, 2] < 0.5
+
+
+def test_a_store_shows_what_is_there_already(tmp_path):
+    make(tmp_path / "a.zarr", samples=3)
+    cache = SpeckleCache(tmp_path / "a.zarr")
+    axes = Figure().subplots()
+    cache.plot(axes)
+    shown = axes.images[0].get_array()
+    image = np.abs(cache.numpy(0)[cache.keys[0]])
+    np.testing.assert_array_equal(shown[: image.shape[-2], : image.shape[-1]], image.reshape(-1, *image.shape[-2:])[0])
+    assert "<td" in cache._repr_html_()
+
+
+UNPICTURED = {
+    "Edges": "of the geometry, for the tracer", "Mesh": "of the geometry", "Incidence": "of the march",
+    "Moments": "of the layer's cells", "SingleDelay": "coefficients of one approximation",
+    "Periodogram": "what the likelihood is computed from", "Optics": "a number for each object",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("package", ["", ".datasets", ".models", ".fdtd", ".coherence", ".wavetracing"])
+def test_every_public_result_of_arrays_has_a_picture(package):
+    """Or it is named above, with what it is for."""
+    public = importlib.import_module(f"specklegen{package}")
+    for name in public.__all__:
+        kind = getattr(public, name)
+        if isinstance(kind, type) and (is_dataclass(kind) or hasattr(kind, "_fields")):
+            holds_arrays = re.search("ndarray|Tensor|MaskedArray", str(kind.__annotations__))
+            assert not holds_arrays or issubclass(kind, Pictured) or name in UNPICTURED, name
+
+
 def test_a_plot_without_axes_makes_a_figure():
     program = (
         "import matplotlib; matplotlib.use('agg')\n"
@@ -119,6 +208,15 @@ def test_a_plot_without_axes_makes_a_figure():
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert "Axes" in done.stdout, done.stderr
+
+
+def test_a_new_figure_is_as_high_as_its_strip_of_images():
+    import matplotlib
+
+    matplotlib.use("agg")
+    strip, curve = (SHOWN[name]().plot().figure for name in ("stack", "curve"))
+    assert strip.get_figheight() < 0.8 * curve.get_figheight()
+    assert strip.get_figwidth() == curve.get_figwidth()
 
 
 def test_the_phase_function_that_is_plotted_has_unit_integral():

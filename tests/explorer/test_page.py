@@ -52,6 +52,9 @@ def address():
                 time.sleep(0.5)
         yield f"http://127.0.0.1:{port}/"
         process.terminate()
+        process.wait(60)
+        with pytest.raises(OSError):  # what was ended serves no longer
+            urlopen(f"http://127.0.0.1:{port}/")
 
 
 SHOWN = "all(document).filter(e => e.tagName == 'IMG' && e.alt == '{}').map(e => e.src)[0] || ''"

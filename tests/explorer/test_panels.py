@@ -1,6 +1,7 @@
 """Panels: each against something else that knows, and the recipe that one takes along renders what was shown."""
 
 import io
+import itertools
 import re
 import tomllib
 
@@ -60,7 +61,6 @@ def test_what_is_taken_along_renders_what_is_shown(state, tmp_path):
     sixteen = panels.sixteen(state)
     np.testing.assert_array_equal(sixteen.images[state.sample], rendered["image"])
     np.testing.assert_array_equal(sixteen.objects[state.sample], rendered["object"])
-    assert 0 < sixteen.rate < 1e6
 
 
 def moved_back(images, shift):
@@ -168,6 +168,22 @@ def test_the_object_is_marked_where_it_is():
     assert band / (last - first) == pytest.approx(0.2 / curve.angles[-1], abs=2e-3)
 
 
+@pytest.mark.parametrize("last", [0.006, 0.0734, 0.31, 0.92, 1.0, 3.3, 47.0])
+def test_an_axis_has_few_round_numbers(last):
+    found = drawing.ticks(last)
+    assert 3 <= len(found) <= 6
+    assert found[0] == 0
+    assert 0.6 * last < found[-1] <= last
+    assert all(f"{step:.3g}".strip("0.") in ("1", "2", "5") for step in np.diff(found))
+
+
+def test_a_verdict_that_works_says_what_it_follows_from():
+    found = panels.verdict(State(extent=0.05))
+    said = drawing.verdict_html(found)
+    assert "works" in said
+    assert f"noise {found.numbers['noise']:.2g}, distortion {found.numbers['distortion']:.2g}" in said
+
+
 def test_what_is_impossible_is_said_and_does_nothing(monkeypatch):
     """Words of an error are shown as they are; the other panels stay."""
 
@@ -178,6 +194,13 @@ def test_what_is_impossible_is_said_and_does_nothing(monkeypatch):
     text = page.panels(State(camera=64))
     assert "slab must be &lt;b&gt;thin&lt;/b&gt;" in text
     assert "phase retrieval" in text
+
+
+def test_the_rate_is_that_of_sixteen_samples(monkeypatch):
+    """On a clock that goes on by two seconds a look."""
+    looks = itertools.count(0, 2)
+    monkeypatch.setattr(panels.time, "perf_counter", lambda: next(looks))
+    assert panels.sixteen(State(camera=64)).rate == 8
 
 
 def test_sixteen_samples_can_be_taken_along():
@@ -203,12 +226,9 @@ def test_it_is_served_to_this_machine_alone(monkeypatch):
     """And nobody is asked whether there is a newer marimo."""
     asked = {}
 
-    class Ended:
-        returncode = 0
-
     monkeypatch.setattr(explore, "find_spec", lambda name: object())
-    note = lambda words, **options: asked.update(words=words, **options) or Ended  # noqa: E731
-    monkeypatch.setattr(explore.subprocess, "run", note)
+    note = lambda program, words, environment: asked.update(words=words, env=environment)  # noqa: E731
+    monkeypatch.setattr(explore.os, "execve", note)
     assert CliRunner().invoke(commands.app, ["explore", "--no-browser", "--port", "27181"]).exit_code == 0
     assert asked["words"][asked["words"].index("--host") + 1] == "127.0.0.1"
     assert asked["words"][-3:] == ["--port", "27181", "--headless"]

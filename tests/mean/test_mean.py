@@ -1,5 +1,6 @@
 """The mean field of every geometry: closed forms, brute force, symmetries and the wave solver."""
 
+import warnings
 
 import numpy as np
 import pytest
@@ -151,6 +152,17 @@ def test_equal_voxels_are_a_box(dimension, shape):
     exact = sg.mean_field(scene(medium, lights, views))
     m = sg.mean_field(scene(voxels(medium, shape), lights, views))
     assert np.abs(m - exact).max() < finite.TOLERANCE * np.abs(exact).max()
+
+
+def test_light_a_hair_off_the_faces_is_light_along_them():
+    """A face that is met 1e308 lengths away is not met, and no warning says so; the medium is lit from its side."""
+    medium = voxels(box((3.0, 4.0, 5.0)), (2, 1, 3))
+    views = random_directions(5, 3, 9)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        along, off = (sg.mean_field(scene(medium, [[0.0, 1.0, z]], views)) for z in (0.0, 1e-308))
+    np.testing.assert_allclose(off, along, atol=finite.TOLERANCE * np.abs(along).max())
+    assert np.abs(along).max() > 0
 
 
 def test_layers_of_voxels_on_the_axis():

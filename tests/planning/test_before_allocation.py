@@ -1,6 +1,7 @@
 """What does not fit is refused before it is allocated, and deep slabs are planned within bounds."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ import pytest
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.paths import roulette
-from specklegen.paths.tracer import volume_tracer
+from specklegen.paths.endpoints import AXIS
+from specklegen.paths.tracer import slab_tracer, volume_tracer
 from specklegen.paths.volume_tracer import VolumeTracer
 
 
@@ -80,3 +82,23 @@ def test_the_pilot_of_any_geometry_is_bounded(monkeypatch):
     volume_tracer(scene(slab(700.0)), False)
     # 2^20 are asked for; lengths of paths are so uneven that twice as many may come.
     assert max(held) < 2**21
+
+
+def test_the_pilot_of_a_slab_is_weighed_in_parts(monkeypatch):
+    """The threshold has the bits of all paths at once, and the memory is that of a part: an eighth, and the weights."""
+    tracer = slab_tracer(scene(slab(20.0)), False)
+    whole = replace(tracer, proposal=replace(tracer.proposal, threshold=0.0))
+
+    def found():
+        tracemalloc.start()
+        threshold = roulette.slab_roulette(whole, AXIS, 3).proposal.threshold
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return threshold, most
+
+    found()  # compiles
+    in_parts, little = found()
+    monkeypatch.setattr(roulette, "_AT_ONCE", roulette.SLAB_PATHS)
+    at_once, much = found()
+    assert in_parts == at_once
+    assert little < much / 4

@@ -170,5 +170,5 @@ class KnownDiffuser:
 @lru_cache(maxsize=64)
 def known(stack: ScreenStack, wavelength: float) -> KnownDiffuser:
     """A stack with its memory effect."""
-    kernel = screen_correlation(stack, wavelength)
+    kernel = screen_correlation(stack.stack, wavelength)
     return KnownDiffuser(stack, kernel, kernel.half_range())

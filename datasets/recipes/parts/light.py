@@ -52,12 +52,13 @@ class Light(Value):
         return 1 if self.polarised else 2
 
 
-_MEDIUM = (Purpose.MEDIUM, Purpose.POLARISATION)
+MEDIUM_PURPOSES = (Purpose.MEDIUM, Purpose.POLARISATION)
+"""Substreams of a medium's fields, one for each polarisation."""
 
 
 def medium_seeds(light: Light, seed: int, split: Split, medium: int) -> list[Seed]:
     """Seeds of a medium, one for each polarisation."""
-    return [substream(seed, split, purpose, medium) for purpose in _MEDIUM[: light.halves]]
+    return [substream(seed, split, purpose, medium) for purpose in MEDIUM_PURPOSES[: light.halves]]
 
 
 def draw_medium(

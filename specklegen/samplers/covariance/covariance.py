@@ -197,6 +197,7 @@ def covariance(
         errors rest on next to no path.
     """
     instance("covariance scene", scene, Scene)
+    _require_volume("covariance", scene)
     warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
     checked_budget("covariance", paths, rel_error, seconds)
     t, v = len(scene.lights), len(scene.views)
@@ -257,6 +258,7 @@ def covariance_blocks(
     if rows < 1:
         reject("covariance_blocks rows", "at least 1", rows)
     instance("covariance_blocks scene", scene, Scene)
+    _require_volume("covariance_blocks", scene)
     warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
     checked_budget("covariance_blocks", paths, None, None)
     tracer, reversal = _prepare(scene, reverse, tolerance)
@@ -300,6 +302,13 @@ def _warn(owner: str, scene: Scene, powers: np.ndarray) -> None:
     if told:
         warnings.warn(f"dark views: {told}.", DoubtWarning, stacklevel=3)
     warn_of_rare_paths(owner, powers, stacklevel=4)
+
+
+def _require_volume(owner: str, scene: Scene) -> None:
+    """Refuse thin screens, whose correlations are closed forms."""
+    if scene.thin is not None:
+        reject(f"{owner} scene", "of a medium of scatterers", scene.medium.type,
+               "Use memory_effect or joint_correlation, which are exact for thin screens.")  # fmt: skip
 
 
 def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:

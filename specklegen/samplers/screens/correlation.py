@@ -21,71 +21,75 @@ import numpy as np
 from specklegen.core.values import remembered
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.scene.screens import ScreenStack
-from specklegen.theory.phase_screens import Lobes, gathered, index_correlation, lobes
+from specklegen.theory.phase_screens import Lobes, gathered, index_correlation, lobes, tilt_ways
 
-_BINS = 640
-FINE = 2048
-"""Nodes of the tables that images are made with."""
+_NODES = 2048  # of the tables that fields are made with
 _CIRCULAR = 1e-3  # share of the mirrored field that nobody sees
-BIN_ERROR = 2e-5
-"""Error of K that its bins leave, at most."""
+_WIDTH = 0.02  # of the variances that are gathered into one, over themselves
+GATHERED_ERROR = 2e-5
+"""Error of C_I that gathered terms leave, at most: (width / 2)^2 max x^2 e^-2x."""
 
 
 @dataclass(frozen=True)
 class ScreenCorrelation(MemoryEffectCorrelation):
-    """K of a stack of screens; between tilts it also holds what the screens' index takes.
+    """K of a stack of screens, a mixture of Gaussians in the tilt; it also holds what the screens' index takes.
+
+        K(q) = sum_n w_n e^(-q^2 r_n^2 / 4) / sum_n w_n
+
+    ``radius`` r_n and ``weights`` w_n are those of the terms: the lateral walk of each is Gaussian.
 
     Attributes
     ----------
     stack : ScreenStack
     wavelength : float
+    moved : float64[T, M, 2] or None
+        How far each screen has moved at each beam of :meth:`correlation`.
     """
 
     stack: ScreenStack | None = None
     wavelength: float = float("nan")
+    moved: np.ndarray | None = None
+
+    def __call__(self, q: np.ndarray | float) -> np.ndarray:
+        """K at lateral wavevector differences q (radians per unit length), any shape; K(0) = 1."""
+        radius, share = self._mixture
+        return np.exp(-0.25 * np.square(np.asarray(q, np.float64)[..., None] * radius)) @ share
+
+    def _lost(self, q: np.ndarray) -> np.ndarray:
+        return -np.expm1(-0.25 * np.square(q * self.radius))
 
     def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
         """Matrix float64[T, T] of K between beams at direction sines float64[T, 2]; positive semidefinite."""
         assert self.stack is not None
         kept = index_correlation(self.stack, self.wavelength, np.hypot(*np.reshape(sines, (-1, 2)).T))
-        return (super().correlation(sines, wavenumber) if self.weights.any() else 1.0) * kept
+        if not self.weights.any():
+            return kept
+        if self.moved is None:
+            return super().correlation(sines, wavenumber) * kept
+        ways = tilt_ways(self.stack, sines) + self.moved
+        return lobes(self.stack, self.wavelength).decorrelation(ways[:, None] - ways) * kept
 
 
 @remembered(64)
 def screen_correlation(stack: ScreenStack, wavelength: float) -> ScreenCorrelation:
-    """K of a stack at the view along the beam, as a distribution of lateral walks; its weights add up to f(0)."""
+    """K of a stack at the view along the beam; its weights add up to f(0)."""
     terms = lobes(stack, wavelength)
     variance, _ = terms.spreads(np.stack([stack.distances, 0 * stack.distances], axis=1))
     weight = terms.densities(0.0)
     walking = variance > 1e-12 * variance.max(initial=0.0)
-    variance, share = gathered(variance[walking], weight[walking])
     rest = float(weight[~walking].sum())
-    longest = np.sqrt(variance.max(initial=1.0))
-    edges = np.geomspace(1e-3 * np.sqrt(variance.min(initial=longest**2)), 8 * longest, _BINS)
-    square = np.square(np.concatenate([[0.0], edges[:-1], [np.inf]]))[:, None]
-    left = np.exp(-square / (2 * variance))  # share of a term beyond an edge, and its second moment there
-    beyond = np.where(np.isinf(square), 0.0, square) + 2 * variance
-    found, second = -np.diff(left @ share), -np.diff((left * beyond) @ share)
-    # Differences of nearly equal numbers: what rounding leaves of them lies within its bin all the same.
-    mean = np.divide(second, found, out=np.zeros_like(found), where=found > 0)
-    radius = np.sqrt(np.clip(mean, square[:-1, 0], np.append(square[1:-1, 0], 4 * longest**2 + square[-2, 0])))
-    found = np.clip(found, 0, None)
-    total = rest + found.sum()
+    variance, weight = gathered(variance[walking], weight[walking], _WIDTH)
+    total = rest + weight.sum()
     return ScreenCorrelation(
-        radius=np.append(0.0, radius), weights=np.append(rest, found)[None], paths=1,
-        single_share=float(rest / total) if total else 1.0, source="closed form", stated_error=BIN_ERROR,
+        radius=np.append(0.0, np.sqrt(2 * variance)), weights=np.append(rest, weight)[None], paths=1,
+        single_share=float(rest / total) if total else 1.0, source="closed form", stated_error=GATHERED_ERROR,
         stack=stack, wavelength=wavelength,
     )  # fmt: skip
 
 
-def pivot(stack: ScreenStack, wavelength: float) -> float:
-    """Mean lateral walk over the sine to the view, by the light that goes on along the beam."""
-    terms = lobes(stack, wavelength)
-    weight = terms.densities(0.0)
-    if not weight.any():
-        return 0.0
-    mean = terms.events @ stack.distances / terms.variances
-    return float(weight @ mean / weight.sum())
+def drifts(stack: ScreenStack, wavelength: float, moved: np.ndarray) -> np.ndarray:
+    """How far screens that have moved float64[T, M, 2] carry the pattern, float64[T, 2]: the mean over deflections."""
+    return np.einsum("m,tmc->tc", lobes(stack, wavelength).walk_shares, moved)
 
 
 class Envelope(NamedTuple):
@@ -102,14 +106,20 @@ class Envelope(NamedTuple):
     mirrored: np.ndarray | None
 
 
-def envelope(stack: ScreenStack, wavelength: float, beams: np.ndarray, views: np.ndarray) -> Envelope:
-    """Envelope of beams float64[T, 3] at views float64[H, W, 3], unit vectors."""
+def envelope(
+    stack: ScreenStack, wavelength: float, beams: np.ndarray, views: np.ndarray, drift: np.ndarray | None = None
+) -> Envelope:
+    """Envelope of beams float64[T, 3] at views float64[H, W, 3], unit vectors.
+
+    ``drift`` float64[T, 2] is how far the screens have carried the pattern of each beam (:func:`drifts`).
+    """
     terms = lobes(stack, wavelength)
-    wavenumber, walk = terms.wavenumber, pivot(stack, wavelength)
+    wavenumber, pivot = terms.wavenumber, terms.walk_shares @ stack.distances
     apart = views[None, ..., :2] - beams[:, None, None, :2]
-    along = np.einsum("thwc,tc->thw", apart, beams[:, :2])
+    walk = pivot * beams[:, :2] if drift is None else pivot * beams[:, :2] + drift
+    along = np.einsum("thwc,tc->thw", apart, walk)
     # In the order of the light's way: over all gaps along the beam, then by the walk about it.
-    turned = stack.distances[0] * (beams[:, 2] - 1)[:, None, None] - walk * along
+    turned = stack.distances[0] * (beams[:, 2] - 1)[:, None, None] - along
     gain = views[None, ..., 2] / np.sqrt(beams[:, 2])[:, None, None] * np.exp(1j * wavenumber * turned)
     sine = np.hypot(apart[..., 0], apart[..., 1])
     single = lambda gain: gain.astype(np.complex64)  # noqa: E731 - as the fields that it multiplies
@@ -121,8 +131,8 @@ def envelope(stack: ScreenStack, wavelength: float, beams: np.ndarray, views: np
     return Envelope(single(gain * (even + odd)), single(gain * (even - odd)))
 
 
-def profile(terms: Lobes, sines: np.ndarray, part: Lobes | None = None, nodes: int = FINE) -> np.ndarray:
-    """Root of f, or of a part of it, over f(0), at |p| float64[...]: interpolated in a table, fine unless asked."""
-    reach = np.linspace(0.0, float(sines.max(initial=0.0)) * (1 + 1e-12) + 1e-300, nodes)
+def profile(terms: Lobes, sines: np.ndarray, part: Lobes | None = None) -> np.ndarray:
+    """Root of f, or of a part of it, over f(0), at |p| float64[...]: interpolated in a table."""
+    reach = np.linspace(0.0, float(sines.max(initial=0.0)) * (1 + 1e-12) + 1e-300, _NODES)
     table = np.sqrt((part or terms).density(reach) / terms.density(np.zeros(1)))
     return np.interp(sines, reach, table)

@@ -18,10 +18,12 @@ from numpy.polynomial.legendre import leggauss, legvander
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
 from specklegen.core.random_streams import Seed
-from specklegen.samplers.screens.correlation import FINE, profile, screen_correlation
+from specklegen.samplers.screens.correlation import screen_correlation
+from specklegen.samplers.screens.film import film_error, film_of
 from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
 from specklegen.scene.screens import ScreenStack
 from specklegen.scene.sensors import FarFieldGrid
+from specklegen.scene.window import Profile, Window
 from specklegen.theory.phase_screens import index_correlation, lobes
 
 if TYPE_CHECKING:
@@ -32,7 +34,6 @@ else:
 TOLERANCE = 4e-3
 """Error of E^2, over its peak, that the polynomials may leave."""
 MOST_DEGREE = 8
-_COARSE = 256  # nodes of tables that only choose the degree: right to 1e-4
 _LOST = 0.02  # correlation that may be lost to what objects have no model of
 
 
@@ -93,14 +94,17 @@ class ScreenObjects:
 
 def screen_objects(
     stack: ScreenStack, *, wavelength: float, object_shape: tuple[int, int], object_pitch: float, grid: FarFieldGrid,
-    base: np.ndarray, **options: Any,
+    base: np.ndarray, width: float, profile: Profile = "square", moved: np.ndarray | None = None, **options: Any,
 ) -> ScreenObjects:  # fmt: skip
     """Prepare a sampler for objects of one shape behind screens; ``options`` are those of :func:`object_sampler`.
+
+    Of a film ``moved`` float64[T, M, 2] is how far the screens have moved at each base tilt.
 
     Raises
     ------
     RuleError
-        For screens so weak that images are correlated with their mirror image, or tilts at which the index tells.
+        For screens so weak that images are correlated with their mirror image, tilts at which the index tells, or
+        films through more than two screens whose frames are not like tilts.
     """
     terms = lobes(stack, wavelength)
     mirrored = terms.mirrored
@@ -118,26 +122,37 @@ def screen_objects(
             "Diffuser.screens", f"of an index that leaves {1 - _LOST:g} of the correlation across object and tilts",
             float(f"{kept:.3g}"), "Use a smaller object, smaller tilts, or a lower rms height.",
         )  # fmt: skip
+    if moved is not None:
+        window, reach = Window(profile, width), 2 * float(half.max(initial=0.0))
+        error = film_error(stack, wavelength, moved, window, reach)
+        if error > _LOST:
+            reject(
+                "Dynamics.velocities", f"such that frames are like tilts within {_LOST:g} in C_I",
+                float(f"{error:.2g}"), "Move the screens less, or use two screens, of which it is exact.",
+            )  # fmt: skip
+        film = film_of(stack, wavelength, moved, window)
+        options |= {"like": film.tilts, "kept": film.kept}
     inner = object_sampler(
         screen_correlation(stack, wavelength), wavelength=wavelength, object_shape=object_shape,
-        object_pitch=object_pitch, grid=grid, base=base, **options,
+        object_pitch=object_pitch, grid=grid, base=base, width=width, profile=profile, **options,
     )  # fmt: skip
 
-    def squared(x: np.ndarray, y: np.ndarray, beams: np.ndarray, nodes: int = FINE) -> np.ndarray:
-        """E^2 [T, B, len(y), len(x)] of beams float64[B, 2] under every base tilt."""
-        light = base[:, None] + beams
-        apart = np.hypot(x - light[..., 0, None, None], y[:, None] - light[..., 1, None, None])
-        views = 1 - np.square(x) - np.square(y)[:, None]
-        gain = views / np.sqrt(1 - np.square(light).sum(-1))[..., None, None]
-        return gain * np.square(profile(terms, apart, nodes=nodes))
+    def squared(x: np.ndarray, y: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """E^2 [T, B, len(y), len(x)] of the beams at points x points of the object, rows first, over its half sides."""
+        light_x, light_y = (base[:, axis, None] + half[axis] * points for axis in (0, 1))
+        lobe = terms.over_grid((x - light_x[..., None])[:, None], (y - light_y[..., None])[:, :, None])
+        forward = np.sqrt(1 - np.square(light_x)[:, None] - np.square(light_y)[:, :, None])
+        found = lobe * (1 - np.square(x) - np.square(y)[:, None]) / forward[..., None, None]
+        return found.reshape(len(base), -1, len(y), len(x))
 
     x, y = grid.sines
     few_x, few_y = (axis[np.unique(np.linspace(0, len(axis) - 1, 9).astype(int))] for axis in (x, y))
-    corners = half * np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
+    ends = np.array([-1.0, 0.0, 1.0])
+    exact = squared(few_x, few_y, ends)
     for degree in range(MOST_DEGREE + 1):
-        nodes, fit, orders = _fit(degree)
-        held = np.einsum("tbhw,bn->tnhw", squared(few_x, few_y, nodes * half, nodes=_COARSE), fit)
-        exact, at = squared(few_x, few_y, corners, nodes=_COARSE), _values(np.sign(corners), orders)
+        points, fit, orders = _fit(degree)
+        held = np.einsum("tbhw,bn->tnhw", squared(few_x, few_y, points), fit)
+        at = _values(_square(ends), orders)
         if np.abs(np.einsum("tnhw,bn->tbhw", held, at) - exact).max() <= TOLERANCE or not half.any():
             break
     else:
@@ -145,7 +160,7 @@ def screen_objects(
     # The object's pixel (row, column) sends its light along minus its position: object_sines.
     along = [-np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in object_shape]
     pixels = np.stack(np.meshgrid(along[1], along[0]), axis=-1).reshape(-1, 2)
-    gains = np.einsum("tbhw,bn->tnhw", squared(x, y, nodes * half), fit)
+    gains = np.einsum("tbhw,bn->tnhw", squared(x, y, points), fit)
     return ScreenObjects(
         inner, _values(pixels, orders).T.reshape(-1, *object_shape), torch.as_tensor(gains).to(inner.envelope)
     )
@@ -153,12 +168,18 @@ def screen_objects(
 
 @lru_cache(maxsize=MOST_DEGREE + 1)
 def _fit(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes float64[B, 2], what turns values there into coefficients float64[B, N], and orders int64[N, 2]."""
+    """Nodes float64[b] of either axis, what turns values on their square into coefficients, float64[b * b, N], and
+    orders int64[N, 2].
+    """
     points, weights = leggauss(degree + 1)
-    nodes = np.stack(np.meshgrid(points, points), axis=-1).reshape(-1, 2)
     orders = np.array([[a, total - a] for total in range(degree + 1) for a in range(total, -1, -1)])
     norm = ((2 * orders + 1) / 2).prod(axis=1)
-    return nodes, np.outer(weights, weights).reshape(-1, 1) * _values(nodes, orders) * norm, orders
+    return points, np.outer(weights, weights).reshape(-1, 1) * _values(_square(points), orders) * norm, orders
+
+
+def _square(points: np.ndarray) -> np.ndarray:
+    """Points (x, y) of a square, float64[n * n, 2], rows first."""
+    return np.stack(np.meshgrid(points, points), axis=-1).reshape(-1, 2)
 
 
 def _values(points: np.ndarray, orders: np.ndarray) -> np.ndarray:

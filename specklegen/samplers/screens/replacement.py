@@ -3,17 +3,22 @@
 M equal screens of sigma^2 = OD / M each, whose correlation length xi = (2 / (1 - g))^(1/2) / k gives the lobe of one
 deflection the slab's mean 1 - cos. Their gaps L / (M^2 - 1)^(1/2) and their middle at L / 2 leave both variances of the
 lateral walk as in the slab, L^2 / 12 and L^2 / 3 times OD theta^2. What is replaced is the shape of the lobe, which
-becomes Gaussian; wide angles, backscattering and absorption are left out. docs/screens.md.
+becomes Gaussian; wide angles, backscattering and absorption are left out: screens let all light through, and what the
+slab lets through is walked beside them. docs/screens.md.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
-from specklegen.core.random_streams import Seed
+from specklegen.core.picturing import Pictured
+from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.showing import short
+from specklegen.paths.analog_walk import transmittance
 from specklegen.samplers.screens.correlation import screen_correlation
 from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.scene.media import Slab
@@ -23,7 +28,7 @@ _REACH, _TILTS = 2.0, 17  # in half ranges of the slab
 
 
 @dataclass(frozen=True)
-class Replacement:
+class Replacement(Pictured):
     """A stack like a slab, with the error that it makes.
 
     Attributes
@@ -37,6 +42,9 @@ class Replacement:
         Of the slab's, whose paths are random.
     radiance : float
         What leaves straight ahead behind the stack, over what does behind the slab.
+    transmittance, transmittance_error : float
+        Share of the light that the slab lets through at any angle, unscattered light included, and its standard error.
+        The stack lets all of it through, so that its images are 1 / ``transmittance`` times too bright in all.
     """
 
     stack: ScreenStack
@@ -45,8 +53,26 @@ class Replacement:
     of_stack: np.ndarray
     standard_error: np.ndarray
     radiance: float
+    transmittance: float
+    transmittance_error: float
 
     __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "screens": len(self.stack.screens),
+            "largest difference of C_I": self.error,
+            "largest standard error": float(self.standard_error.max()),
+            "radiance straight ahead, over the slab's": self.radiance,
+            "share of light that the slab lets through": self.transmittance,
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Both curves of C_I, the slab's with bars of two standard errors."""
+        axes.errorbar(self.tilts, self.of_slab, 2 * self.standard_error, fmt="o", ms=3, lw=1, label="slab")
+        axes.plot(self.tilts, self.of_stack, label="stack of screens")
+        axes.set(xlabel="tilt (sine)", ylabel=r"intensity correlation  $C_I$", ylim=(-0.03, 1.05), title=label or "")
+        axes.legend()
 
     @property
     def error(self) -> float:
@@ -95,4 +121,5 @@ def stack_like(
     q = np.linspace(0.0, _REACH * half, _TILTS)
     found, _, error = kernel.intensity(q)
     radiance = float(closed.weights.sum() / (kernel.weights.sum() / kernel.paths))
-    return Replacement(stack, q / wavenumber, found, np.square(closed(q)), error, radiance)
+    through = transmittance(slab, paths, pilot_seed(slab.unitless_fingerprint()))
+    return Replacement(stack, q / wavenumber, found, np.square(closed(q)), error, radiance, *through)

@@ -83,7 +83,7 @@ def _farthest(scene: Scene) -> float:
 
 
 def _memory_error(scene: Scene, stack: ScreenStack, terms: Lobes) -> float:
-    """Largest | |C_exact|^2 - |C_model|^2 | over probe views, tilts and mismatches of half a grain."""
+    """Largest | |C_exact|^2 - |C_model|^2 | over probe views, tilts, moves and mismatches of half a grain."""
     kernel, grid = screen_correlation(stack, scene.wavelength), scene.sensor
     assert isinstance(grid, FarFieldGrid)
     beams = scene.beams.directions[:, :2]
@@ -96,15 +96,24 @@ def _memory_error(scene: Scene, stack: ScreenStack, terms: Lobes) -> float:
     aside = half * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     worst = 0.0
     for share in (0.0, 0.25, 0.5, 1.0):
-        tilt = share * largest
-        modelled = float(np.square(kernel(scene.wavenumber * np.hypot(*tilt))))
-        for view in views:
-            exact = abs(terms.correlation(view - farthest + tilt / 2, tilt_ways(stack, tilt))) ** 2
-            worst = max(worst, abs(exact - modelled))
-            for kappa in aside:
-                found = abs(terms.correlation(view - farthest + (tilt + kappa) / 2, tilt_ways(stack, tilt + kappa)))
-                worst = max(worst, _GAIN**2 * abs(found**2 - modelled))
+        for tilt, moved in ((share * largest, 0.0), *((0.0 * largest, share * move) for move in _moves(scene, stack))):
+            way = tilt_ways(stack, tilt) + moved
+            still = np.ndim(moved) == 0
+            modelled = float(kernel(scene.wavenumber * np.hypot(*tilt)) if still else terms.decorrelation(way)) ** 2
+            for view in views:
+                exact = abs(terms.correlation(view - farthest + tilt / 2, way)) ** 2
+                worst = max(worst, abs(exact - modelled))
+                for kappa in aside:
+                    aslant = way + tilt_ways(stack, kappa)
+                    found = abs(terms.correlation(view - farthest + (tilt + kappa) / 2, aslant))
+                    worst = max(worst, _GAIN**2 * abs(found**2 - modelled))
     return worst
+
+
+def _moves(scene: Scene, stack: ScreenStack) -> list[np.ndarray]:
+    """Where every screen has moved between the first beam and the last, float64[M, 2], if it has."""
+    times = scene.beams.times
+    return [] if times is None or not len(times) else [stack.moved(np.array([np.ptp(times)]))[0]]
 
 
 def _mirror_error(scene: Scene, terms: Lobes) -> float:

@@ -1,7 +1,7 @@
 """The screens sampler: Gaussian fields, correlated in closed form, under an envelope about each beam."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.paths.gaussianity import EXACT, Gaussianity
 from specklegen.samplers.sampler import FIXED_BYTES, Drawn, Where, Wish
-from specklegen.samplers.screens.correlation import Envelope, envelope, screen_correlation
+from specklegen.samplers.screens.correlation import Envelope, drifts, envelope, screen_correlation
 from specklegen.samplers.screens.rule import screens_decision
 from specklegen.samplers.stationary.exit_grid import fft_flops, matrix_flops, stack_axes
 from specklegen.scene.illumination import IncoherentObject
@@ -62,6 +62,20 @@ class Screens:
         assert stack is not None
         return stack
 
+    @cached_property
+    def moved(self) -> np.ndarray | None:
+        """How far each screen has moved at each beam, float64[T, M, 2]; None where all stand still."""
+        times = self.scene.beams.times
+        return None if times is None else self.stack.moved(times)
+
+    @cached_property
+    def drift(self) -> np.ndarray | None:
+        """How far the pattern has moved at each beam, float64[T, 2], about the middle of the film."""
+        if self.moved is None:
+            return None
+        found = drifts(self.stack, self.scene.wavelength, self.moved)
+        return found - (found.min(axis=0, initial=np.inf) + found.max(axis=0, initial=-np.inf)) / 2
+
     @property
     def intensity(self) -> float:
         """Largest mean intensity."""
@@ -74,7 +88,7 @@ class Screens:
 
     def operations(self) -> Mapping[str, float]:
         """Of one stack."""
-        x, y = stack_axes(self._beams)
+        x, y = stack_axes(self._beams, self.drift)
         tilts, views, size = len(self.scene.beams.directions), np.prod(self.scene.sensor.shape), x.count * y.count
         return {
             "normal": tilts * size,
@@ -119,7 +133,8 @@ class ScreensDraws:
         from specklegen.samplers.stationary.stacks import stack_sampler
 
         scene = self.sampler._beams
-        return stack_sampler(scene, screen_correlation(self.sampler.stack, scene.wavelength))
+        kernel = replace(screen_correlation(self.sampler.stack, scene.wavelength), moved=self.sampler.moved)
+        return stack_sampler(scene, kernel, drift=self.sampler.drift)
 
     def images(self, realizations: int) -> Iterator[Drawn]:
         """One transform each."""
@@ -157,7 +172,8 @@ class ScreensDraws:
             return self._envelopes[t]
         scene, beam = self.sampler.scene, slice(t, t + 1)
         views = self.sampler._grid.directions
-        found = envelope(self.sampler.stack, scene.wavelength, scene.beams.directions[beam], views)
+        drift = None if self.sampler.drift is None else self.sampler.drift[beam]
+        found = envelope(self.sampler.stack, scene.wavelength, scene.beams.directions[beam], views, drift)
         if not self.sampler.streamed:
             self._envelopes[t] = found
         return found

@@ -91,7 +91,7 @@ class MemoryEffectCorrelation:
         q = np.asarray(q, dtype=np.float64)
         # E[w (1 - J0)] of the batches, [batches, T].
         parts = [q[start : start + _AT_ONCE, None] for start in range(0, max(len(q), 1), _AT_ONCE)]
-        lost = np.concatenate([self.weights @ _one_minus_bessel(part, self.radius).T for part in parts], axis=1)
+        lost = np.concatenate([self.weights @ self._lost(part).T for part in parts], axis=1)
         sums = np.concatenate([lost, self.weights.sum(axis=1, keepdims=True)], axis=1)
 
         def decorrelation(total: np.ndarray) -> np.ndarray:
@@ -102,6 +102,10 @@ class MemoryEffectCorrelation:
         if len(self.weights) == 1:
             error = np.minimum(self.stated_error, np.abs(value))
         return 1 - value, value, error
+
+    def _lost(self, q: np.ndarray) -> np.ndarray:
+        """What each bin loses of the field correlation, 1 - J0(q r), float64[..., n] at q float64[..., 1]."""
+        return _one_minus_bessel(q, self.radius)
 
     def half_range(self, share: float = 0.5) -> float:
         """Half range q at which (C_I - floor)/(1 - floor) falls to ``share``; the floor is (single share)^2.

@@ -7,7 +7,7 @@ every tilt and a guard, else views wrap around into false correlations; more cel
 nobody looks at.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import next_fast_len
@@ -47,6 +47,10 @@ class Axis:
         """float64[count], centres of the cells, symmetric about 0."""
         return (np.arange(self.count) - (self.count - 1) / 2) * self.size
 
+    def wider(self, reach: float) -> "Axis":
+        """The same cells, so many more that a window may lie ``reach`` off on either side."""
+        return replace(self, count=self.count + 2 * int(np.ceil(reach / self.size)))
+
 
 def cells(wavelength: float, width: float, profile: Profile, pitch: float, span: float) -> Axis:
     """Cells along one axis for views ``pitch`` apart that, with all tilts, span ``span`` in direction sines."""
@@ -57,13 +61,15 @@ def cells(wavelength: float, width: float, profile: Profile, pitch: float, span:
     return Axis(max(count, 1), size, period)
 
 
-def stack_axes(scene: Scene) -> tuple[Axis, Axis]:
+def stack_axes(scene: Scene, drift: np.ndarray | None = None) -> tuple[Axis, Axis]:
     """Cells of the exit plane along x and y for all tilts and views of a scene.
+
+    ``drift`` float64[T, 2] is how far the medium has moved at each beam.
 
     Raises
     ------
     RuleError
-        If the tilts reach too far for a transform of reasonable size.
+        If the tilts, or the drift, reach too far for a transform of reasonable size.
     """
     beams, grid = scene.beams, scene.sensor
     assert isinstance(grid, FarFieldGrid)
@@ -82,27 +88,34 @@ def stack_axes(scene: Scene) -> tuple[Axis, Axis]:
                 'Use sampler="paths", a coarser pitch, or fewer and closer tilts.',
             )
         axes.append(cells(scene.wavelength, beams.width, beams.profile, grid.pitch, span))
+        if drift is not None:
+            moved = float(np.abs(drift[:, axis]).max(initial=0.0))
+            if moved / axes[-1].size > MAX_PERIOD / 2:
+                reject("CollimatedBeams.times", f"so few that the pattern moves by at most {MAX_PERIOD} cells", moved,
+                       "Make films of fewer frames: far apart they are independent.")  # fmt: skip
+            axes[-1] = axes[-1].wider(moved)
     return axes[0], axes[1]
 
 
-def sampled_amplitude(x: Axis, y: Axis, window: Window) -> np.ndarray:
-    """Amplitude profile b float64[y.count, x.count], with sum of b^2 = 1.
+def sampled_amplitude(x: Axis, y: Axis, window: Window, centre: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    """Amplitude profile b float64[y.count, x.count] of a window about ``centre``, with sum of b^2 = 1.
 
     Cells that the edge of a window cuts count by the share of their area inside it.
     """
     if window.separable:
-        return np.sqrt(profile_power(y, window))[:, None] * np.sqrt(profile_power(x, window))
+        along_y, along_x = (profile_power(axis, window, c) for axis, c in ((y, centre[1]), (x, centre[0])))
+        return np.sqrt(along_y)[:, None] * np.sqrt(along_x)
     fine = (np.arange(16) - 7.5) / 16
-    xs = (x.positions[:, None] + fine * x.size).ravel()
-    ys = (y.positions[:, None] + fine * y.size).ravel()
+    xs = (x.positions[:, None] + fine * x.size).ravel() - centre[0]
+    ys = (y.positions[:, None] + fine * y.size).ravel() - centre[1]
     inside = np.square(window.amplitude(xs, ys[:, None]))
     power = inside.reshape(y.count, 16, x.count, 16).mean(axis=(1, 3))
     return np.sqrt(power / power.sum())
 
 
-def profile_power(axis: Axis, window: Window) -> np.ndarray:
-    """b^2 of a separable window along one axis, float64[count] with sum 1."""
-    power = window.cell_power(axis.positions, axis.size)
+def profile_power(axis: Axis, window: Window, centre: float = 0.0) -> np.ndarray:
+    """b^2 of a separable window about ``centre`` along one axis, float64[count] with sum 1."""
+    power = window.cell_power(axis.positions - centre, axis.size)
     return power / power.sum()
 
 

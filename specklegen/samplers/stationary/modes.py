@@ -51,11 +51,14 @@ class Lattice:
         Lateral wavevector between neighbours.
     base : float64[T, 2]
         Lateral wavevectors (x, y) of the base tilts.
+    kept : float64[T, T] or None
+        What K between beams of two base tilts is multiplied by, where the medium changes between them.
     """
 
     shape: tuple[int, int]
     step: float
     base: np.ndarray
+    kept: np.ndarray | None = None
 
     @property
     def size(self) -> int:
@@ -178,6 +181,8 @@ def coefficients(kernel: MemoryEffectCorrelation, lattice: Lattice, degree: int)
     dx = -lattice.step * np.arange(1 - w, w) + gap[..., 0, None]
     distance, which = np.unique(np.hypot(dy[..., :, None], dx[..., None, :]), return_inverse=True)
     memory = torch.from_numpy(_memory(kernel, distance)[which].reshape(tilts, tilts, 2 * h - 1, 2 * w - 1))
+    if lattice.kept is not None:
+        memory = memory * torch.from_numpy(lattice.kept)[..., None, None]
     between = products(h, degree) @ memory @ products(w, degree).T  # [T, T, m_y^2, m_x^2]
     turns = torch.from_numpy(polynomials(tilts, degree))
     m, n, t = min(h, degree + 1), min(w, degree + 1), turns.shape[1]

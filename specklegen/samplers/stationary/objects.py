@@ -247,6 +247,8 @@ def object_sampler(
     grid: FarFieldGrid,
     profile: Profile = "square",
     base: ArrayLike = ((0.0, 0.0),),
+    like: ArrayLike | None = None,
+    kept: np.ndarray | None = None,
     light: LightModes | None = None,
     pixel_integration: bool = False,
     tolerance: float = 0.01,
@@ -265,6 +267,9 @@ def object_sampler(
         (h, w), and the direction sine between pixels.
     base
         float[T, 2], direction sines (x, y) of the base tilts, added to all the object's beams.
+    like, kept
+        Of a medium that moves between them: float[T, 2], sines by which K sees every base tilt besides, and
+        float64[T, T], what is left of it in any case.
     light
         Modes of the light; by default one.
     pixel_integration
@@ -287,7 +292,8 @@ def object_sampler(
     k = 2 * np.pi / wavelength
     base = np.atleast_2d(np.asarray(base, np.float64))
     sines = object_sines("object_sampler", object_shape, object_pitch)
-    modes = karhunen_loeve(kernel, Lattice(object_shape, k * object_pitch, k * base), tolerance)
+    seen_as = base if like is None else base + np.asarray(like, np.float64)
+    modes = karhunen_loeve(kernel, Lattice(object_shape, k * object_pitch, k * seen_as, kept), tolerance)
     values = modes.values
     axes = []
     for axis in (0, 1):

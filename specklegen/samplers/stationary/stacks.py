@@ -50,7 +50,7 @@ class StackSampler:
         Cells of the exit plane.
     mixing : complex[T, R]
         Root of the tilt correlation: G = mixing @ independent white fields.
-    window : float64[y.count, x.count]
+    window : float64[T, y.count, x.count]
         b(x) and the root of the intensity.
     shifts : float64[T, 2]
         k (i_t - v_0), from the first view to each tilt, radians per length.
@@ -82,7 +82,7 @@ class StackSampler:
 
     def _ramps(self, tilts: slice) -> torch.Tensor:
         along_x, along_y = self.shifts[tilts, :, None, None].swapaxes(0, 1)
-        ramps = self.window * np.exp(1j * (along_y * self.y.positions[:, None] + along_x * self.x.positions))
+        ramps = self.window[tilts] * np.exp(1j * (along_y * self.y.positions[:, None] + along_x * self.x.positions))
         return torch.as_tensor(ramps).to(device=self.rows.device, dtype=self.rows.dtype)
 
     def sample(self, seed: Seed, realization: int = 0) -> torch.Tensor:
@@ -135,6 +135,7 @@ def stack_sampler(
     device: torch.device | str = "cpu",
     dtype: torch.dtype | None = None,
     fft: bool | None = None,
+    drift: np.ndarray | None = None,
 ) -> StackSampler:
     """Prepare the sampler of a scene with collimated beams and a far-field grid.
 
@@ -147,6 +148,8 @@ def stack_sampler(
     fft
         Choose the form; by default the one with fewer operations. Windows wider than a period of the
         transform need the matrix form and get it.
+    drift
+        float64[T, 2], how far the medium has moved at each beam: the window lies so far off in its noise.
 
     Raises
     ------
@@ -158,11 +161,14 @@ def stack_sampler(
     assert isinstance(beams, CollimatedBeams)
     assert isinstance(grid, FarFieldGrid)
     sines = beams.directions[:, :2]
-    x, y = stack_axes(scene)
+    x, y = stack_axes(scene, drift)
     first = np.array([axis[0] for axis in grid.sines])
     k = scene.wavenumber
     ramp = np.sqrt(mean_intensity(kernel, beams.window.area))
-    ramp = ramp * sampled_amplitude(x, y, beams.window)
+    if drift is None:
+        window = np.broadcast_to(ramp * sampled_amplitude(x, y, beams.window), (len(sines), y.count, x.count))
+    else:
+        window = ramp * np.stack([sampled_amplitude(x, y, beams.window, (-sx, -sy)) for sx, sy in drift])
     steps = [np.arange(n) * grid.pitch for n in grid.shape]
     rows = np.exp(-1j * k * steps[0][:, None] * y.positions)
     columns = np.exp(-1j * k * steps[1][:, None] * x.positions)
@@ -175,7 +181,7 @@ def stack_sampler(
     turned = _face_phase(scene.thickness if grid.side == "transmission" else 0.0, k, grid)
     face = None if np.abs(turned).max() < _SMALL_PHASE else tensor(np.exp(1j * turned))
     shifts = k * (sines - first)
-    return StackSampler(x, y, tensor(mixing), ramp, shifts, tensor(rows), tensor(columns), grid.shape, fft, face)
+    return StackSampler(x, y, tensor(mixing), window, shifts, tensor(rows), tensor(columns), grid.shape, fft, face)
 
 
 def _face_phase(face: float, wavenumber: float, grid: FarFieldGrid) -> np.ndarray:

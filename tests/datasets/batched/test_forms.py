@@ -1,11 +1,15 @@
 """Each operator's torch form, which other devices run, against the form of the CPU or against the engine's own."""
 
+import math
+
 import numpy as np
 import pytest
 import torch
 from scipy.special import j0
 
-from specklegen.datasets.batched import atlas, camera, glyphs, mixtures, optics, rendering
+from specklegen.coherence.partially_coherent import effective_source_modes, gaussian_brightness
+from specklegen.datasets import load_recipe
+from specklegen.datasets.batched import atlas, camera, fresh, glyphs, mixtures, optics, rendering
 from specklegen.datasets.batched.fused import FORMS
 from specklegen.datasets.objects.glyphs import Glyphs
 from specklegen.datasets.objects.outlines import outlines
@@ -84,15 +88,22 @@ def test_singly_scattered_light_has_no_half_range():
 
 @pytest.mark.parametrize("separate", [True, False])
 def test_fields(separate):
-    """Float64 inside the torch form, float32 envelopes: 3e-7 of the largest normal number, about 4."""
-    key = torch.tensor([[1, 2], [2**32 - 1, 77], [0, 0]])
+    """Float64 inside the torch form, float32 envelopes: 3e-7 of the largest normal number, about 4, in each frame."""
+    key = torch.tensor([[[1, 2], [5, 6]], [[2**32 - 1, 77], [8, 9]], [[0, 0], [3, 3]]])
     rows, columns = torch.tensor([5, 7, 6]), torch.tensor([4, 4, 3])
+    kept = torch.tensor([0.0, 0.7, 1.0], dtype=torch.float64)
     envelope = put(RNG.random((3 if separate else 1, 7, 4)).astype(np.float32))
-    found = FORMS["fields"](key, rows, columns, envelope, 3)
-    np.testing.assert_allclose(found, optics.fields(key, rows, columns, envelope, 3), atol=1e-6)
-    assert found[0, :, 5:].abs().max() == 0
-    assert found[2, :, :, 3:].abs().max() == 0
-    assert found[1].abs().min() > 0
+    found = FORMS["fields"](key, kept, rows, columns, envelope, 3, [9, 6])
+    np.testing.assert_allclose(found, optics.fields(key, kept, rows, columns, envelope, 3, [9, 6]), atol=1e-6)
+    assert found.shape == (3, 2, 3, 9, 6, 2)
+    assert found[0, :, :, 5:].abs().max() == 0
+    assert found[2, :, :, :, 3:].abs().max() == 0
+    assert found[1, :, :, :7, :4].abs().min() > 0
+    assert torch.equal(found[2, 0], found[2, 1])
+    alone = FORMS["fields"](key[:, 1:], kept, rows, columns, envelope, 3, [9, 6])[:, 0]
+    share = kept[:, None, None, None, None]
+    expected = share * found[:, 0] + torch.sqrt(1 - share**2) * alone
+    np.testing.assert_allclose(found[:, 1], expected, atol=1e-6)
 
 
 def test_waves():
@@ -105,13 +116,60 @@ def test_waves():
 
 
 def test_pairs_of_modes():
-    views = RNG.standard_normal((2, 3, 4, 5, 2))
+    views = RNG.standard_normal((2, 2, 3, 4, 5, 2))
     u = views[..., 0] + 1j * views[..., 1]
     r, q = np.triu_indices(3)
-    np.testing.assert_allclose(optics.pair_products(put(views)), (u[:, r] * u[:, q].conj()).real, atol=1e-14)
-    modes, light = RNG.random((2, 2, 3, 6)), RNG.random((2, 6))
-    expected = modes[:, :, r] * modes[:, :, q] * light[:, None, None] * np.where(r == q, 1, 2)[:, None]
+    expected = (u[:, :, r] * u[:, :, q].conj()).real.sum(1)
+    for form in (optics.pair_products, FORMS["pair_products"]):
+        np.testing.assert_allclose(form(put(views)), expected, atol=1e-14)
+    modes, light = RNG.random((2, 2, 3, 6)), RNG.random((2, 2, 3))
+    maps = modes[:, :, r] * modes[:, :, q] * light.reshape(2, 1, 1, 6) * np.where(r == q, 1, 2)[:, None]
+    expected = maps.reshape(2, 2, 6, 2, 3).transpose(0, 3, 1, 2, 4)
     np.testing.assert_allclose(optics.mode_maps(put(modes), put(light)), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(("tilts", "frames"), [(1, 1), (3, 1), (1, 4)])
+def test_sums_over_pairs(tilts, frames):
+    turned, spectra = RNG.standard_normal((2, 6, tilts, 5, 4, 2)), RNG.standard_normal((2, frames, 5, 6, 4, 2))
+    one, two = turned[..., 0] + 1j * turned[..., 1], spectra[..., 0] + 1j * spectra[..., 1]
+    expected = (one.transpose(0, 2, 3, 1, 4) * two).sum(2)
+    for form in (optics.lag_sum, FORMS["lag_sum"]):
+        np.testing.assert_allclose(torch.view_as_complex(form(put(turned), put(spectra))), expected, atol=1e-14)
+
+
+def test_images_are_the_double_sums_over_pixels_and_lags():
+    """Literally, pixel by pixel and lag by lag; one camera for all, and one for each sample."""
+    pick = lambda *shape: RNG.standard_normal(shape) + 1j * RNG.standard_normal(shape)  # noqa: E731
+    b, t, r, h, w, n, m, rows, columns = 2, 3, 2, 3, 4, 5, 3, 4, 2
+    modes, light, spectra = RNG.random((b, t, r, h * w)), RNG.random((b, h, w)), pick(b, 1, 3, n, m)
+    for each in (1, b):
+        down, across = pick(each, n, h), pick(each, w, m)
+        up, along = pick(each, t, rows, n), pick(each, t, m, columns)
+        expected = np.zeros((b, t, rows, columns))
+        for s in range(b):
+            c = s % each
+            for tilt in range(t):
+                lags = np.zeros((n, m), complex)
+                for pair, (i, j) in enumerate([(0, 0), (0, 1), (1, 1)]):
+                    map_ = (light[s].ravel() * modes[s, tilt, i] * modes[s, tilt, j]).reshape(h, w) * (1 + (i != j))
+                    lags += spectra[s, 0, pair] * (down[c] @ map_ @ across[c])
+                expected[s, tilt] = (up[c, tilt] @ lags @ along[c, tilt]).real
+        parts = np.stack([along.real, -along.imag], -1).transpose(0, 1, 3, 2, 4).reshape(each, t, columns, 2 * m)
+        transforms = {"object_rows": down, "object_columns": across, "camera_rows": up, "camera_columns": parts}
+        found = optics.images(put(spectra), put(modes), put(light), {name: put(v) for name, v in transforms.items()})
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_beams_of_a_source():
+    recipe = load_recipe("partially-coherent-slab", {"coherence_length": {"uniform": [20_000.0, 1e5]}})
+    source, (count, pitch) = fresh.source_of(recipe, torch.device("cpu")), recipe.lattice
+    lengths = [20_000.0, 33_333.0, 1e5, math.inf]
+    beams = fresh.beams(source, torch.tensor(lengths, dtype=torch.float64))
+    modes = fresh.effective_modes(source, beams)
+    for n, length in enumerate(lengths):
+        expected = gaussian_brightness(count, pitch, 0.5, min(length, 100 * 50_000.0))
+        np.testing.assert_allclose(beams[n], expected, rtol=1e-13)
+        assert float(modes[n]) == pytest.approx(effective_source_modes(expected, pitch, 0.5, 50_000.0), rel=1e-12)
 
 
 @pytest.mark.parametrize("pixel", [0.0, 0.03])

@@ -1,5 +1,6 @@
 """The contract of the generator: the recipe's samples, whatever the batch, the order and the program's switches."""
 
+import math
 from contextlib import contextmanager
 
 import numpy as np
@@ -8,11 +9,11 @@ import torch
 
 import specklegen.datasets.recipes.recipe as recipes
 from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.datasets.batched import fresh, kept, optics, plan
 from specklegen.datasets.batched import generator as generator_module
-from specklegen.datasets.batched import kept, plan
 from specklegen.datasets.batched.generator import SpeckleGenerator
 from specklegen.datasets.loading import stream as stream_module
-from specklegen.datasets.recipes import hidden_object
+from specklegen.datasets.recipes import hidden_object, partially_coherent
 from specklegen.datasets.recipes.medium_realization import medium_realization
 from specklegen.datasets.recipes.recipe_files import recipe_names
 
@@ -22,13 +23,20 @@ CHANGES = {
     "unknown-slab": {}, "unseen-material": {}, "tilt-stack": {}, "material-regression": {},
     "through-slab": {"material": QUICK, "media": 5}, "through-slab-lab": {"material": QUICK, "media": 5},
     "two-tilts": {"material": QUICK, "media": 3},
+    "dynamic-slab": {"material": QUICK, "camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}},
+    "partially-coherent-slab": {
+        "material": QUICK, "camera": {"shape": [48, 40]}, "coherence_length": {"log_uniform": [10_000.0, 1e5]},
+    },
 }  # fmt: skip
 SLOW = {
-    "any-object", "beyond-memory-effect", "characters-of-new-fonts", "double-diffuser", "dynamic-slab", "ground-glass",
-    "masked-light-slab", "one-angular-size", "partially-coherent-slab", "points-beyond-range", "registered-tilts",
+    "any-object", "beyond-memory-effect", "characters-of-new-fonts", "double-diffuser", "ground-glass",
+    "masked-light-slab", "moving-diffuser", "one-angular-size", "points-beyond-range", "registered-tilts",
     "screen-stack",
 }  # fmt: skip
-SMALL = {"unknown-slab": {}, "tilt-stack": {}, "through-slab": CHANGES["through-slab"]}
+SMALL = {
+    "unknown-slab": {}, "tilt-stack": {},
+    **{name: CHANGES[name] for name in ("through-slab", "dynamic-slab", "partially-coherent-slab")},
+}  # fmt: skip
 
 
 def recipe_of(name, **more):
@@ -39,9 +47,15 @@ def recipe_of(name, **more):
 def double_precision(monkeypatch):
     """Samplers in complex128, their images float64."""
     plain = recipes.object_sampler
+
+    def exact(recipe, slab, count, pitch):
+        material, axis = recipe.material.known(slab), np.zeros((1, 2))
+        return recipe.object_sampler(material, recipe.geometry, (count, count), pitch, axis, recipe.mode_tolerance)
+
     caches = (medium_realization, hidden_object._sampler)
     with monkeypatch.context() as patch:
         patch.setattr(recipes, "object_sampler", lambda *a, **k: plain(*a, **k, dtype=torch.complex128))
+        patch.setattr(partially_coherent, "_sampler", exact)
         for cache in caches:
             cache.cache_clear()
         yield
@@ -63,7 +77,7 @@ def equal(one, two, pick=slice(None)):
 
 def test_every_packaged_recipe_is_either_here_or_said_to_be_slow():
     assert set(CHANGES) | SLOW == set(recipe_names())
-    for name in ("dynamic-slab", "ground-glass", "masked-light-slab", "partially-coherent-slab"):
+    for name in ("ground-glass", "masked-light-slab"):
         way, why = plan.way_of(load_recipe(name))
         assert way == plan.STEPS
         assert why
@@ -92,7 +106,7 @@ def test_samples_are_those_of_the_recipe(name, monkeypatch):
             off = np.abs(one.astype(int) - two.astype(int))
             assert off.max() <= 1
             assert (off > 0).mean() < 1e-3
-        elif key in ("image", "stack"):
+        elif key in ("image", "stack", "frames"):
             axes = tuple(range(1, one.ndim))
             error = np.sqrt(np.square(one - two.astype(float)).sum(axes) / np.square(two.astype(float)).sum(axes))
             assert error.max() < 2e-6
@@ -113,20 +127,39 @@ def test_companions_and_order_do_not_matter(name):
     equal(SpeckleGenerator(load_recipe(name, SMALL[name]), 3)(np.arange(4, 9)), whole, slice(4, 9))
 
 
+def _old_and_new():
+    torch.set_float32_matmul_precision("medium")
+    torch.backends.cuda.matmul.allow_tf32 = True
+
+
+SWITCHES = {
+    "all": lambda: torch.set_float32_matmul_precision("medium"),
+    "old and new": _old_and_new,  # torch then refuses to say what the switch of all is
+    "one backend": lambda: setattr(torch.backends.cuda.matmul, "fp32_precision", "tf32"),
+}
+BACKENDS = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul)
+
+
 @pytest.mark.parametrize("name", ["unknown-slab", "through-slab-lab"])
-def test_switches_of_the_program_change_nothing(name):
+def test_switches_of_the_program_change_nothing(name, monkeypatch):
     """TF32, autocast and gradients around the generator; they are left as they were."""
     generator = SpeckleGenerator(recipe_of(name), 1)
     plain = generator(range(3))
-    before = torch.get_float32_matmul_precision()
-    try:
-        torch.set_float32_matmul_precision("medium")
-        with torch.autocast("cpu", dtype=torch.bfloat16):
-            equal(generator(range(3)), plain)
-            assert torch.is_autocast_enabled("cpu")
-        assert torch.get_float32_matmul_precision() == "medium"
-    finally:
-        torch.set_float32_matmul_precision(before)
+    seen, images = [], optics.images
+    monkeypatch.setattr(optics, "images", lambda *a: [seen.append([b.fp32_precision for b in BACKENDS]), images(*a)][1])
+    for switch in SWITCHES.values():
+        try:
+            switch()
+            before = [backend.fp32_precision for backend in BACKENDS]
+            assert before != ["ieee"] * 2
+            with torch.autocast("cpu", dtype=torch.bfloat16):
+                equal(generator(range(3)), plain)
+                assert torch.is_autocast_enabled("cpu")
+            assert [backend.fp32_precision for backend in BACKENDS] == before
+        finally:
+            torch.set_float32_matmul_precision("highest")
+    assert all(each == ["ieee"] * 2 for each in seen)
+    assert len(seen) == 9
     image = plain["image"]
     assert not image.requires_grad
     assert not image.is_inference()
@@ -152,12 +185,19 @@ def test_what_the_atlas_does_not_serve_is_made_step_by_step():
     [
         ("unknown-slab", {}, plan.DRAWN, ""),
         ("through-slab", {"media": 2, "material": QUICK}, plan.KEPT, ""),
-        ("through-slab", {"media": "new"}, plan.STEPS, "traces paths"),
         ("unknown-slab", {"window": {"profile": "disc"}}, plan.STEPS, "disc"),
         ("unknown-slab", {"material": {"g": {"choice": [0.8, 0.9]}}}, plan.STEPS, "choice"),
         ("unknown-slab", {"light": {"polarised": False}}, plan.STEPS, "polarised"),
-        ("dynamic-slab", {}, plan.STEPS, "film"),
-        ("partially-coherent-slab", {}, plan.STEPS, "partially-coherent"),
+        ("through-slab", {"media": "new", "material": QUICK}, plan.FRESH, ""),
+        ("through-slab", {"media": "new", "field": {"extent_over_range": {"uniform": [0.4, 0.5]}}}, plan.STEPS,
+         "traces paths"),
+        ("dynamic-slab", {"material": QUICK}, plan.FRESH, ""),
+        ("dynamic-slab", {"material": QUICK | {"g": {"uniform": [0.88, 0.9]}}}, plan.STEPS, "several materials"),
+        ("dynamic-slab", {"material": QUICK, "dynamics": {"correlation_time": {"choice": [2.0, 9.0]}}}, plan.STEPS,
+         "correlation_time is a choice"),
+        ("partially-coherent-slab", {"material": QUICK}, plan.FRESH, ""),
+        ("partially-coherent-slab", {"coherence_length": {"choice": [5e3, 5e4]}}, plan.STEPS, "coherence_length"),
+        ("masked-light-slab", {}, plan.STEPS, "masked-light"),
     ],
 )  # fmt: skip
 def test_the_report_says_what_keeps_a_recipe_off_the_fast_path(name, changes, way, words):
@@ -165,6 +205,59 @@ def test_the_report_says_what_keeps_a_recipe_off_the_fast_path(name, changes, wa
     assert report["way"] == way
     assert words in " ".join(report["why"])
     assert bool(report["why"]) == (way == plan.STEPS)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("through-slab", {"media": "new", "light": {"polarised": False}}),
+        ("through-slab", {"media": 2, "light": {"polarised": False}}),
+        ("through-slab", {"media": "new", "media_group": 2, "light": {"bandwidth": 0.002}}),
+        ("through-slab-lab", {"media": "new"}),
+        ("two-tilts", {"media": "new", "tilts": {"step": 1e-4, "azimuth": 0.3}}),
+        ("dynamic-slab", {"light": {"polarised": False}, "dynamics": {"frames": 2, "correlation_time": math.inf}}),
+        ("dynamic-slab", {"media": 2, "dynamics": {"frames": 2, "correlation_time": 3.0}}),
+        ("partially-coherent-slab", {"media": 2, "coherence_length": math.inf, "exposure": {"photons": 300.0}}),
+    ],
+)  # fmt: skip
+def test_other_light_and_media_of_one_material(name, changes):
+    """Polarisations, modes of light, groups, a laboratory, films of kept media: 1e-5, rounding of both programs."""
+    if "lab" not in name:
+        changes = changes | {"camera": {"shape": [20, 24]}}
+    recipe = load_recipe(name, {"material": QUICK, **changes})
+    generator = SpeckleGenerator(recipe, 5)
+    assert generator.way != plan.STEPS
+    found, expected = generator(range(4)), recipe.batch(5, "train", range(4))
+    assert list(found) == list(expected)
+    for key in {"image", "stack", "frames"} & set(expected):
+        one, two = found[key].numpy().astype(float), expected[key].astype(float)
+        if expected[key].dtype == np.uint16:
+            assert np.abs(one - two).max() <= 1
+            assert (one != two).mean() < 1e-3
+        else:
+            np.testing.assert_allclose(one, two, rtol=0, atol=1e-5 * two.max())
+    for parameter, value in expected["parameters"].items():
+        np.testing.assert_allclose(found["parameters"][parameter], value, rtol=1e-11, err_msg=parameter)
+
+
+def test_frames_are_correlated_as_the_recipe_says(monkeypatch):
+    """A film whose frames were drawn anew, or stood still, would not pass as this one."""
+    recipe = recipe_of("dynamic-slab")
+    right = SpeckleGenerator(recipe, 0)(range(2))["frames"]
+    plain = fresh.spectra
+    for share in (torch.zeros, torch.ones):
+        with monkeypatch.context() as patch:
+            patch.setattr(fresh, "spectra", lambda m, k, s, _share=share: plain(m, k, _share(1).to(s)))
+            wrong = SpeckleGenerator(recipe, 0)(range(2))["frames"]
+        assert torch.equal(wrong[:, 0], right[:, 0])
+        assert (wrong[:, 1:] - right[:, 1:]).abs().amax() > 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["dynamic-slab", "partially-coherent-slab"])
+def test_samples_of_packaged_size(name, monkeypatch):
+    monkeypatch.setitem(CHANGES, name, {"material": QUICK})
+    test_samples_are_those_of_the_recipe(name, monkeypatch)
 
 
 def test_media_that_would_fill_the_memory_are_not_kept(monkeypatch):
@@ -183,7 +276,8 @@ def test_pictures_from_the_host_are_named_and_right():
 
 
 def test_a_steps_recipe_gives_the_recipes_own_bits():
-    recipe = load_recipe("dynamic-slab", {"material": QUICK, "camera": {"shape": [16, 16]}})
+    changes = {"material": QUICK | {"g": {"uniform": [0.89, 0.9]}}, "camera": {"shape": [16, 16]}}
+    recipe = load_recipe("dynamic-slab", changes)
     found, expected = SpeckleGenerator(recipe, 0)(range(2)), recipe.batch(0, "train", range(2))
     np.testing.assert_array_equal(found["frames"], expected["frames"])
 
@@ -225,8 +319,8 @@ def test_a_stream_uses_the_generator_where_it_can(monkeypatch, caplog):
     batch = next(iter(stream))
     assert batch["image"].device.type == "meta"
     assert batch["image"].shape == (4, 128, 128)
-    slow = SpeckleStream(load_recipe("dynamic-slab"), device="meta")
+    slow = SpeckleStream(load_recipe("dynamic-slab", {"material": {"g": {"uniform": [0.89, 0.9]}}}), device="meta")
     with caplog.at_level("WARNING"):
         assert slow._generator is None
-    assert "sample by sample on meta: dynamic-slab draws a film" in caplog.text
+    assert "sample by sample on meta: kind 'dynamic-slab' with media of several materials" in caplog.text
     assert SpeckleStream(recipe_of("through-slab")).report()["way"] == plan.STEPS

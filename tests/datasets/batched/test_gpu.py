@@ -14,7 +14,8 @@ pytestmark = [
 QUICK = {"material": {"kernel_paths": 20_000}, "media": 8}
 RECIPES = {
     "unknown-slab": {}, "unseen-material": {}, "tilt-stack": {}, "material-regression": {}, "through-slab": QUICK,
-    "through-slab-lab": QUICK, "two-tilts": QUICK,
+    "through-slab-lab": QUICK, "two-tilts": QUICK, "dynamic-slab": {"material": QUICK["material"]},
+    "partially-coherent-slab": {"material": QUICK["material"]},
 }  # fmt: skip
 
 
@@ -38,7 +39,7 @@ def test_the_device_renders_what_the_cpu_renders(name):
         if one[key].dtype == torch.uint16:
             assert np.abs(found - expected).max() <= 1
             assert (found != expected).mean() < 1e-3
-        elif key in ("image", "stack"):
+        elif key in ("image", "stack", "frames"):
             axes = tuple(range(1, expected.ndim))
             error = np.sqrt(np.square(found - expected).sum(axes) / np.square(expected).sum(axes))
             assert error.max() < 2e-6
@@ -46,11 +47,11 @@ def test_the_device_renders_what_the_cpu_renders(name):
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["unknown-slab", "tilt-stack", "through-slab-lab"])
+@pytest.mark.parametrize("name", ["unknown-slab", "tilt-stack", "through-slab-lab", "dynamic-slab"])
 def test_companions_do_not_matter(name):
     """Chunks have one shape, so the images have the same bits in any batch and order, batch after batch."""
     _, there = pair(name)
-    key = "stack" if name == "tilt-stack" else "image"
+    key = next(iter(there.recipe.layout()))
     whole = there(range(200))[key].cpu()
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -61,14 +62,13 @@ def test_companions_do_not_matter(name):
 def test_switches_of_the_program_change_nothing():
     _, there = pair("unknown-slab")
     plain = there(range(32))["image"]
-    before = torch.get_float32_matmul_precision()
     try:
         torch.set_float32_matmul_precision("medium")
         torch.backends.cuda.matmul.allow_tf32 = True
         with torch.autocast("cuda", dtype=torch.bfloat16):
             assert torch.equal(there(range(32))["image"], plain)
     finally:
-        torch.set_float32_matmul_precision(before)
+        torch.set_float32_matmul_precision("highest")
 
 
 def test_a_stream_resumes_in_the_middle_of_an_epoch():

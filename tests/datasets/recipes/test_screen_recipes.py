@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 import specklegen as sg
 from specklegen.cli.commands import app
 from specklegen.datasets import load_recipe
+from specklegen.datasets.recipes.medium_realization import medium_realization
 from specklegen.models.recoverability.verdict import recoverable
 from specklegen.samplers.screens.objects import TOLERANCE, screen_objects
 
@@ -100,6 +101,45 @@ def test_what_screens_have_no_model_of_is_refused():
         load_recipe("ground-glass", {"field": {"extent_over_range": 0.5}})
     with pytest.raises(sg.RuleError, match="1 numbers for 2 screens"):
         small("double-diffuser", material={"gaps": []})
+
+
+def test_a_film_through_screens_that_move_is_pure_and_tells_how_fast_it_changes():
+    recipe = small("moving-diffuser", dynamics={"frames": 4})
+    assert all(plan.sampler == "screens" for plan in recipe.plans())
+    sample = recipe.sample(3, "train", 5)
+    again = pickle.loads(pickle.dumps(recipe)).sample(3, "train", 5)
+    np.testing.assert_array_equal(sample["frames"], again["frames"])
+    told = sample["parameters"]
+    assert 0.2 <= told["velocity0_x"] <= 2
+    assert told["velocity1_x"] == told["velocity0_y"] == 0
+    # At a fixed view -ln|K| = (n / time)^2, nearly: lobes of sigma 12 are Gaussian.
+    kept = recipe.frames_correlation(medium_realization(recipe, 3, "train", 5))
+    np.testing.assert_allclose(kept, np.exp(-np.square(np.arange(4) / told["correlation_time"])), atol=0.01)
+    found = [np.corrcoef(recipe.sample(0, "train", n)["frames"].reshape(4, -1))[0, 1:] for n in range(24)]
+    said = [recipe.frames_correlation(medium_realization(recipe, 0, "train", n))[1:] ** 2 for n in range(24)]
+    apart = np.array(found) - np.array(said)
+    assert (np.abs(apart.mean(axis=0)) < 5.5 * apart.std(axis=0) / np.sqrt(24) + 0.03).all()
+
+
+def test_screens_that_stand_still_or_are_redrawn_make_films_too():
+    at_rest = {"frames": 3, "velocities": [[0.0, 0.0], [0.0, 0.0]]}
+    rest = small("moving-diffuser", dynamics=at_rest).sample(0, "train", 0)
+    np.testing.assert_allclose(rest["frames"], np.broadcast_to(rest["frames"][:1], rest["frames"].shape), atol=1e-5)
+    assert rest["parameters"]["correlation_time"] == np.inf
+    redrawn = {"frames": 3, "correlation_time": 1.0}
+    film = small("double-diffuser", kind="dynamic-slab", dynamics=redrawn).sample(0, "train", 0)["frames"]
+    assert film.shape == (3, 32, 32)
+    assert np.corrcoef(film.reshape(3, -1))[0, 2] < 0.9
+
+
+@pytest.mark.parametrize(("name", "dynamics", "says"), [
+    ("moving-diffuser", {"velocities": [[1.0, 0.0]]}, "2 pairs"),
+    ("moving-diffuser", {"correlation_time": 3.0}, "one of correlation_time and velocities"),
+    ("dynamic-slab", {"correlation_time": None, "velocities": [[1.0, 0.0]]}, "left out for a slab"),
+])  # fmt: skip
+def test_velocities_are_given_to_every_screen_and_to_screens_alone(name, dynamics, says):
+    with pytest.raises(sg.RuleError, match=says):
+        load_recipe(name, {"dynamics": dynamics})
 
 
 def test_a_slab_recipe_still_names_its_fields_and_a_diffuser_its_own():

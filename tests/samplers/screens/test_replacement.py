@@ -5,6 +5,8 @@ import pytest
 from zscore import assert_z
 
 import specklegen as sg
+from specklegen.oracles.adding_doubling import adding_doubling
+from specklegen.theory.phase_screens import lobes
 
 
 def slab(scatterer, depth=8.0, **fields):
@@ -25,6 +27,28 @@ def test_a_slab_of_gaussian_lobes_is_replaced_within_a_few_hundredths(narrow):
     assert narrow.of_slab[-1] < 0.5
     assert narrow.error < 0.03 + 5 * narrow.standard_error.max()
     assert narrow.radiance == pytest.approx(1, abs=0.15)
+    assert narrow.transmittance_error < 3e-4
+    power = expected_power(narrow.stack)
+    assert_z([narrow.transmittance], [power], [narrow.transmittance_error], degrees=19_999, slack=1e-4)
+
+
+def expected_power(stack):
+    """What leaves the stack: the integral of its lobe and the unscattered light."""
+    sines = np.linspace(0, 1, 20001)
+    lobe = lobes(stack, 1.0).density(sines)
+    return np.trapezoid(2 * np.pi * sines * lobe, sines) + np.exp(-stack.optical_depth(1.0))
+
+
+def test_what_a_slab_holds_back_is_stated_against_adding_and_doubling():
+    """Of an index-matched slab that also absorbs: its stack has all of the light, and the ratio is in the report."""
+    medium = slab(sg.HenyeyGreenstein(0.95), depth=2.0, albedo=0.95)
+    made = sg.stack_like(medium, wavelength=1.0, paths=20_000)
+    exact = adding_doubling(2.0, albedo=0.95, g=0.95).transmittance
+    assert made.transmittance_error < 0.003
+    assert_z([made.transmittance], [exact], [made.transmittance_error], degrees=19_999)
+    assert 0.95 < expected_power(made.stack) < 1  # at rms angles of a third a little lies beyond right angles
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z([made.transmittance], [exact + 0.02], [made.transmittance_error], degrees=19_999)
 
 
 def test_what_is_said_of_the_slab_is_what_memory_effect_says(narrow):

@@ -96,6 +96,9 @@ def test_a_scene_beyond_the_model_is_refused_with_the_figure_and_the_remedy(scen
 
 
 def test_samplers_of_volumes_do_not_take_screens_nor_the_reverse():
+    for covariance in (sg.covariance, lambda scene: next(sg.covariance_blocks(scene, rows=1))):
+        with pytest.raises(sg.RuleError, match="memory_effect"):
+            covariance(grid_scene(DOUBLE))
     with pytest.raises(sg.RuleError, match='"auto" or "screens"'):
         sg.plan(grid_scene(DOUBLE), sampler="paths")
     slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
