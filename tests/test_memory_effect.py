@@ -68,7 +68,7 @@ def test_forward_scattering_widens_the_range(g, expected):
 
 
 def test_half_forward_scattering_does_not_widen_it():
-    """Acceptance 1: the range grows with g only from about 0.5 on."""
+    """The range grows with g only from about 0.5 on."""
     half, none = (curve(slab(10, g), [2.742], 400_000, seed) for g, seed in ((0.5, 1), (0.0, 2)))
     error = np.hypot(half.standard_error, none.standard_error)
     assert half.intensity < none.intensity + 5.4 * error
@@ -124,7 +124,7 @@ def test_the_closed_form_tells_depths_apart():
 
 
 def test_closed_forms_have_their_figures():
-    expected = [0.9207, 0.7241, 0.5000, 0.1260, 0.0215, 3e-5]  # acceptance 1
+    expected = [0.9207, 0.7241, 0.5000, 0.1260, 0.0215, 3e-5]
     # q = 1.491 and 2.742 are rounded there, by 0.0005 of q.
     np.testing.assert_allclose(theory.memory_effect_diffusion(Q), expected, atol=2e-4)
     assert theory.memory_effect_diffusion(0.0) == 1

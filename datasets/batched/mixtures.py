@@ -1,4 +1,4 @@
-"""Bessel's J0 in torch, and the memory-effect kernel as the mixture of it that it is."""
+"""Bessel's J0 in torch, and the memory-effect correlation as the mixture of it that it is."""
 
 import math
 from collections.abc import Callable

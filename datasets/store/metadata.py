@@ -19,6 +19,8 @@ from specklegen.datasets.store.files import json_bytes, write_whole
 from specklegen.datasets.store.identity import differences, fingerprint
 
 FORMAT = "specklegen store, version 2"
+COLUMNS = ("parameters", "index", "seed", "seal")
+"""Tables with a row a sample, the ledger excepted."""
 
 _REMEDY = "`specklegen verify --repair RECIPE` writes it again from the recipe; the samples stay."
 
@@ -208,7 +210,7 @@ def stated(folder: Path) -> tuple[dict[str, Any], int]:
         attributes = said["attributes"]
         if fingerprint(attributes["identity"]) != attributes["fingerprint"]:
             raise ValueError
-        names = [*attributes["arrays"], "parameters", "index", "seed", "seal", "valid"]
+        names = [*attributes["arrays"], *COLUMNS, "valid"]
         lengths = [_json(folder / name / "zarr.json") for name in names]
         samples = max(int(one["shape"][0]) for one in lengths if one is not None)
         if not isinstance(attributes["shard_samples"], int) or attributes["shard_samples"] < 1 or samples < 1:

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from specklegen.datasets.store.metadata import COLUMNS
 from specklegen.datasets.store.shards import ForeignShard, MissingSample
-from specklegen.datasets.store.store import COLUMNS, Store
+from specklegen.datasets.store.store import Store
 
 _TABLES = 4096
 """Shards whose rows of parameters are kept in memory."""

@@ -36,9 +36,6 @@ from specklegen.datasets.store.shards import MissingSample, ShardFiles, read_tab
 METADATA = 0
 """The byte of the file of locks that stands for the metadata; shard s is byte s + 1."""
 
-COLUMNS = ("parameters", "index", "seed", "seal")
-"""Tables with a row a sample, the ledger excepted."""
-
 
 class Store:
     """An open store.
@@ -112,7 +109,7 @@ class Store:
     def files(self, shard: int) -> list[Path]:
         """Return the files that hold a shard's contents, the ledger excepted, in a fixed order."""
         return [self.shard_files[key].file(shard) for key in self.keys] + [
-            self._table_file(name, shard) for name in COLUMNS
+            self._table_file(name, shard) for name in metadata.COLUMNS
         ]
 
     def _table_file(self, name: str, shard: int) -> Path:

@@ -1,4 +1,4 @@
-"""What the figures of [Bar19] share: scenes, reference data, CPU clocks, rows of acceptance tables, their folder."""
+"""What the figures of [Bar19] share: scenes, reference data, CPU clocks, rows of the table, their folder."""
 
 import os
 import time
@@ -26,7 +26,7 @@ LIGHTS = (0.0, 1.0, 4.0, 20.0)
 
 
 class Row(NamedTuple):
-    """A row of the acceptance table; ``verdict`` holds the z-score or the limit."""
+    """A row of the table of docs/validation.md; ``verdict`` holds the z-score or the limit."""
 
     row: str
     what: str

@@ -8,7 +8,7 @@ import specklegen as sg
 from specklegen.scene.illumination import directions_of_sines
 
 from .row import Row, holds, refused, within
-from .scenes import ACCEPTANCE, AXIS, beams, scene, slab, views
+from .scenes import AXIS, REQUIRED, beams, scene, slab, views
 
 NAN = float("nan")
 _MACHINE = 16 * 2**30  # bytes that the memory rows pretend to have
@@ -20,7 +20,7 @@ def one_path() -> Row:
     curve = sg.memory_effect(slab(1.0), wavelength=1.0, tilts=[0.0, 1e-3], paths=1)
     stack = sg.render(scene(slab(1.0)), paths=1, realizations=2)
     return holds(
-        "one path", ACCEPTANCE, "shapes kept; standard errors NaN, never 0",
+        "one path", REQUIRED, "shapes kept; standard errors NaN, never 0",
         {
             "covariance: NaN": bool(np.isnan(found.standard_error).all()) and found.value.shape == (1, 3, 1, 3),
             "its rel_error, which flags it, NaN": bool(np.isnan(found.rel_error)),
@@ -37,7 +37,7 @@ def one_pixel() -> Row:
     shapes = [sg.render(s, paths=100).field.shape for s in (grid, line)] + [sg.covariance(line, paths=64).value.shape]
     curve = sg.memory_effect(slab(1.0), wavelength=1.0, tilts=0.001, paths=640)
     return holds(
-        "one pixel, one tilt", ACCEPTANCE, "shapes kept",
+        "one pixel, one tilt", REQUIRED, "shapes kept",
         {f"{shapes}": shapes == [(1, 1, 1), (1, 1), (1, 1, 1, 1)], "memory effect (1,)": curve.intensity.shape == (1,)},
     )  # fmt: skip
 
@@ -48,7 +48,7 @@ def none_at_all() -> Row:
     blind = scene(slab(1.0), sensor=sg.FarField(directions=np.empty((0, 3))))
     curve = sg.memory_effect(slab(1.0), wavelength=1.0, tilts=[], paths=640)
     return holds(
-        "no tilts, no views", ACCEPTANCE, "shapes kept",
+        "no tilts, no views", REQUIRED, "shapes kept",
         {
             "render (0, 3) and (1, 0)": [sg.render(s, paths=9).field.shape for s in (none, blind)] == [(0, 3), (1, 0)],
             "covariance (0, 3, 0, 3) and (1, 0, 1, 0)": [sg.covariance(s, paths=64).value.shape for s in (none, blind)]
@@ -68,7 +68,7 @@ def duplicates() -> Row:
     curve = sg.memory_effect(slab(2.0), wavelength=1.0, tilts=[0.001, 0.001], paths=640)
     smallest = np.linalg.eigvalsh(found.value.reshape(6, 6))[[0, -1]]
     return holds(
-        "duplicated tilts", ACCEPTANCE, "equal images; C positive semidefinite",
+        "duplicated tilts", REQUIRED, "equal images; C positive semidefinite",
         {
             "render by paths: to the bit": np.array_equal(*fields[0]),
             # The eigenvectors' null space is rounded, and the field is float32.
@@ -105,7 +105,7 @@ def bad_values() -> Row:
         (lambda: sg.covariance(scene(slab(1.0)), rel_error=NAN), ["rel_error", "between 0 and 1"]),
         (lambda: sg.covariance(scene(slab(1.0)), seconds=NAN), ["seconds", "greater than 0"]),
     ]  # fmt: skip
-    return refused("NaN, σ < 0, λ ≤ 0, non-unit directions, bad budgets", ACCEPTANCE, calls)
+    return refused("NaN, σ < 0, λ ≤ 0, non-unit directions, bad budgets", REQUIRED, calls)
 
 
 def stack_memory() -> Row:
@@ -115,7 +115,7 @@ def stack_memory() -> Row:
         sg.FarField.grid(shape=(4096, 4096), pitch=2e-5), 0.5,
     )  # fmt: skip
     with mock.patch("specklegen.core.memory.available_memory", return_value=_MACHINE):
-        return refused("4096² views × 1000 tilts on 16 GiB", ACCEPTANCE,
+        return refused("4096² views × 1000 tilts on 16 GiB", REQUIRED,
                        [(lambda: sg.plan(made), ["14.4 GiB", "GiB for 1000 tilts", "fewer tilts"])])  # fmt: skip
 
 
@@ -126,7 +126,7 @@ def covariance_memory() -> Row:
     sensor = sg.FarField(directions=directions_of_sines("views", np.stack([x, 0 * x], -1)))
     made = scene(slab(1.0), sensor=sensor)
     with mock.patch("specklegen.core.memory.available_memory", return_value=_MACHINE):
-        return refused("a covariance of 39 GiB on 16 GiB", ACCEPTANCE,
+        return refused("a covariance of 39 GiB on 16 GiB", REQUIRED,
                       [(lambda: sg.covariance(made, paths=64), ["8.0 GiB", "pairs="])])  # fmt: skip
 
 
@@ -145,7 +145,7 @@ def same_bits() -> Row:
         ),
     }
     return holds(
-        "same seed, other thread count", ACCEPTANCE, "identical to the bit",
+        "same seed, other thread count", REQUIRED, "identical to the bit",
         {name: all(each.tobytes() == found[0].tobytes() for each in found) for name, found in results.items()},
     )  # fmt: skip
 
@@ -156,7 +156,7 @@ def psd() -> Row:
     c = sg.covariance(made, paths=6400, seed=1).value.reshape(12, 12)
     values = np.linalg.eigvalsh(c)
     return holds(
-        "C with duplicated lights and views", ACCEPTANCE, "Hermitian, λ_min ≥ −1e-12 λ_max",
+        "C with duplicated lights and views", REQUIRED, "Hermitian, λ_min ≥ −1e-12 λ_max",
         {"Hermitian to the bit": np.array_equal(c, c.conj().T), f"λ_min/λ_max = {values[0] / values[-1]:.1g}":
          values[0] >= -1e-12 * values[-1]},
     )  # fmt: skip

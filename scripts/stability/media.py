@@ -20,7 +20,7 @@ from specklegen.paths.tracer import plane_tracer, volume_tracer
 from specklegen.theory.slab import double_to_single
 
 from .row import FALSE_ALARM, Row, holds, measured, refused, within
-from .scenes import ACCEPTANCE, AXIS, beams, cube, exact_single, scene, slab, unit, views
+from .scenes import AXIS, REQUIRED, beams, cube, exact_single, scene, slab, unit, views
 
 _ANISOTROPIES = (-0.99, 0.0, 0.999, 0.99999)
 _DRAWS = 200_000
@@ -41,7 +41,7 @@ def thin_error() -> Row:
     errors = [
         sg.covariance(scene(slab(depth)), paths=64 * 200, seed=1, reverse=False).rel_error for depth in (1e-3, 1e-6)
     ]
-    return within("OD 1e-6: relative standard error against that of OD 1e-3", ACCEPTANCE, *errors, allowed=0.1)
+    return within("OD 1e-6: relative standard error against that of OD 1e-3", REQUIRED, *errors, allowed=0.1)
 
 
 def thin_orders() -> Row:
@@ -84,7 +84,7 @@ def anisotropy_single() -> Row:
 def anisotropy_refused() -> Row:
     """The limits themselves have no density."""
     return refused(
-        "g = -1, 1", ACCEPTANCE, [(lambda g=g: sg.HenyeyGreenstein(g=g), ["HenyeyGreenstein.g"]) for g in (1.0, -1.0)]
+        "g = -1, 1", REQUIRED, [(lambda g=g: sg.HenyeyGreenstein(g=g), ["HenyeyGreenstein.g"]) for g in (1.0, -1.0)]
     )
 
 
@@ -94,7 +94,7 @@ def albedo_zero() -> Row:
     box = scene(cube(50.0, 20.0, albedo=0.0), sg.PlaneWaves(directions=[AXIS]))
     stack = sg.render(made, paths=1000, mean=True)
     return holds(
-        "albedo 0", ACCEPTANCE, "the field is the mean, nothing is traced",
+        "albedo 0", REQUIRED, "the field is the mean, nothing is traced",
         {
             "render = mean field": np.array_equal(stack.field, sg.mean_field(made).astype(np.complex64)),
             "C = 0 in a slab and in a box": not any(sg.covariance(s, paths=100).value.any() for s in (made, box)),
@@ -149,7 +149,7 @@ def deep_refused() -> Row:
     medium = slab(40.0, albedo=0.5)
     words = ["enough that light crosses", "reverse=False"]
     return refused(
-        "OD 40, albedo 0.5, paths that are not drawn across", ACCEPTANCE,
+        "OD 40, albedo 0.5, paths that are not drawn across", REQUIRED,
         [
             (lambda: sg.plan(scene(medium, sensor=views(AXIS)), paths=10**6, reverse=True), words),
             (lambda: sg.covariance(scene(medium, sensor=views(AXIS)), paths=1000), words),
@@ -166,7 +166,7 @@ def albedo_one() -> Row:
     proposal = plane_proposal(medium, AXIS, AXIS)
     bank = trace(medium, proposal, 4, 2000)
     return holds(
-        "albedo 1, OD 20: paths are bounded", ACCEPTANCE, "none reaches max_order = max(1000, 10 OD²)",
+        "albedo 1, OD 20: paths are bounded", REQUIRED, "none reaches max_order = max(1000, 10 OD²)",
         {
             f"longest path {bank.orders.max()} of {proposal.max_order} scatterings": bank.unfinished == 0,
             f"{bank.events / bank.count / 20:.2f} OD scatterings a path": 2 <= bank.events / bank.count / 20 <= 2.6,
@@ -182,7 +182,7 @@ def dense() -> Row:
         found = sg.covariance(made, paths=64, seed=5)
         curve = sg.memory_effect(made.slab, wavelength=1.0, tilts=[0.0, 0.01], paths=64)
     return holds(
-        "mean free path below the wavelength", ACCEPTANCE, "a warning, and finite results",
+        "mean free path below the wavelength", REQUIRED, "a warning, and finite results",
         {
             "plan().explain() warns": "independent scattering: used: assumed, but doubtful" in sg.plan(made).explain(),
             "covariance and memory_effect warn": sum("below the wavelength" in str(w.message) for w in said) == 2,
@@ -197,7 +197,7 @@ def zero_thickness() -> Row:
     found = sg.covariance(made, paths=640)
     curve = sg.memory_effect(made.slab, wavelength=1.0, tilts=[0.0, 1e-3], paths=640)
     return holds(
-        "zero thickness", ACCEPTANCE, "C = 0; no 0/0",
+        "zero thickness", REQUIRED, "C = 0; no 0/0",
         {
             "C = 0 with an error of 0": not found.value.any() and not found.standard_error.any(),
             "the field is 0": not sg.render(made, paths=100).field.any(),
@@ -290,7 +290,7 @@ def tabulated_refused() -> Row:
         (lambda: sg.Tabulated(theta=theta[[0, 2, 1, 3]], amplitude=ones), ["Tabulated.theta", "rising"]),
         (lambda: sg.Tabulated(theta=theta, amplitude=0 * ones), ["Tabulated.amplitude", "other than 0"]),
     ]
-    return refused("tables: negative angle or density, NaN, unsorted, dark", ACCEPTANCE, calls)
+    return refused("tables: negative angle or density, NaN, unsorted, dark", REQUIRED, calls)
 
 
 ROWS = (

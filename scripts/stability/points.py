@@ -8,7 +8,7 @@ from specklegen.paths.tracer import volume_tracer
 from specklegen.theory.correlation_transfer import collision_density
 
 from .row import Row, holds, measured, refused, within
-from .scenes import ACCEPTANCE, AXIS, beams, cube, scene, slab
+from .scenes import AXIS, REQUIRED, beams, cube, scene, slab
 
 
 def fluence(optical_depth: float) -> tuple[np.ndarray, np.ndarray]:
@@ -94,7 +94,7 @@ def point_sources() -> Row:
         sg.covariance(scene(cube(50.0, 25.0), sg.PointSources(points=p), sg.NearField(points=q)), paths=64 * 500,
                       seed=s) for s, p, q in ((1, a, b), (2, b, a))
     )  # fmt: skip
-    return measured("a source inside, a sensor outside, and exchanged", "reciprocity; " + ACCEPTANCE,
+    return measured("a source inside, a sensor outside, and exchanged", "reciprocity; " + REQUIRED,
                     two.value, one.value, np.hypot(one.standard_error, two.standard_error))  # fmt: skip
 
 

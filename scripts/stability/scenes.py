@@ -6,7 +6,7 @@ import specklegen as sg
 from specklegen.theory.single_scattering import slab_covariance
 
 AXIS = np.array([0.0, 0.0, 1.0])
-ACCEPTANCE = "acceptance table"
+REQUIRED = "required here"
 
 
 def slab(optical_depth: float, g: float = 0.0, albedo: float = 1.0, thickness: float = 100.0) -> sg.Slab:

@@ -9,7 +9,7 @@ from specklegen.paths.endpoint_factors import endpoint_factors
 from specklegen.paths.tracer import volume_tracer
 
 from .row import Row, measured, within
-from .scenes import ACCEPTANCE, beams, scene, slab
+from .scenes import REQUIRED, beams, scene, slab
 
 
 def scaled() -> Row:
@@ -54,7 +54,7 @@ def sideways(optical_depth: float, right: float, paths: int) -> Row:
     shares = width * _leaving(scene(box, beams([0.0], width)), paths, 1)
     ours, se = float(shares.mean()), float(shares.std(ddof=1) / 8)
     allowed = 0.05 + 3 * se / right
-    row = within(f"wide box, OD {optical_depth:g}: sideways share × W/ℓ*", ACCEPTANCE, right, ours, allowed)
+    row = within(f"wide box, OD {optical_depth:g}: sideways share × W/ℓ*", REQUIRED, right, ours, allowed)
     return replace(row, ours=f"{ours:.3g} ± {se:.1g}")
 
 

@@ -11,7 +11,7 @@ from specklegen.theory.correlation_transfer import quadruple
 from specklegen.theory.slab import slab_transmission
 
 from .row import Row, holds, measured, refused, within
-from .scenes import ACCEPTANCE, AXIS, scene, slab, views
+from .scenes import AXIS, REQUIRED, scene, slab, views
 from .sizes import sideways
 
 
@@ -41,7 +41,7 @@ def thickest() -> Row:
     whole = trace(medium, replace(proposal, threshold=1e9), 1, 2000)
     cut = trace(medium, replace(proposal, threshold=1e9, max_order=1000), 1, 2000)
     return holds(
-        "OD 3000", ACCEPTANCE, "ends by max_order, the unfinished weight reported",
+        "OD 3000", REQUIRED, "ends by max_order, the unfinished weight reported",
         {
             f"default {proposal.max_order:.0e}: {whole.events / 2000:.3g} scatterings a path, {whole.unfinished} cut":
             whole.unfinished == 0 and whole.unfinished_weight == 0,
@@ -63,7 +63,7 @@ def slope() -> Row:
     errors = [sg.covariance(scene(slab(1.0)), paths=int(n), seed=1, reverse=False).rel_error for n in counts]
     found = float(np.polyfit(np.log(counts), np.log(errors), 1)[0])
     # 64 batches know a standard error to 9 %: over three decades the slope to 0.02.
-    return within("1e4 … 1e7 paths (not 1e9): slope of the standard error", ACCEPTANCE, -0.5, found, 0.05,
+    return within("1e4 … 1e7 paths (not 1e9): slope of the standard error", REQUIRED, -0.5, found, 0.05,
                   relative=False)  # fmt: skip
 
 

@@ -84,7 +84,7 @@ def _png(draw: "Callable[[Axes], None]") -> str:
 
 
 def draw_images(axes: "Axes", images: np.ndarray, titles: Sequence[str] = (), *, high: float | None = None) -> None:
-    """Draw images real[n, H, W] side by side, at most six of them, to one scale of gray.
+    """Draw images real[n, H, W] side by side, at most six of them, to one scale of grey.
 
     ``high`` is shown white; by default the brightness that one pixel of 200 exceeds.
     """

@@ -106,7 +106,7 @@ def single_delay(p: np.ndarray, omega: np.ndarray, weight: np.ndarray, longest: 
     return SingleDelay(alpha, delay, error)
 
 
-def mean_polarization(moments: Moments, theta: np.ndarray, order: int, p: np.ndarray | None = None) -> np.ndarray:
+def mean_polarisation(moments: Moments, theta: np.ndarray, order: int, p: np.ndarray | None = None) -> np.ndarray:
     """Mean of kappa E over the incident field, cell by cell, to Born order ``order``: complex128[F, N].
 
     ``p`` replaces the out-of-phase sums (a single delay). Order 1 is <kappa_m>; order 2 adds g q_m.
@@ -126,11 +126,11 @@ def mean_polarization(moments: Moments, theta: np.ndarray, order: int, p: np.nda
     return first + g * (in_phase(moments) + p)
 
 
-def radiated(polarization: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fields that a polarization over E_inc radiates to the first and to the last cell, over E_inc there.
+def radiated(polarisation: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fields that a polarisation over E_inc radiates to the first and to the last cell, over E_inc there.
 
     r = g sum_m pi_m e^{-2 i theta m} and t - 1 = g sum_m pi_m: complex128[F] each.
     """
     g = -1j * np.tan(np.asarray(theta) / 2)
-    there_and_back = np.exp(-2j * np.asarray(theta)[:, None] * np.arange(polarization.shape[1]))
-    return g * (polarization * there_and_back).sum(axis=1), g * polarization.sum(axis=1)
+    there_and_back = np.exp(-2j * np.asarray(theta)[:, None] * np.arange(polarisation.shape[1]))
+    return g * (polarisation * there_and_back).sum(axis=1), g * polarisation.sum(axis=1)

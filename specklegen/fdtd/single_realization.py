@@ -15,7 +15,7 @@ import numpy as np
 
 from specklegen.core.errors import reject
 from specklegen.fdtd.courant import check_courant, check_kappa
-from specklegen.fdtd.currents import mean_polarization, out_of_phase, radiated, single_delay
+from specklegen.fdtd.currents import mean_polarisation, out_of_phase, radiated, single_delay
 from specklegen.fdtd.incidence import MARGIN, Incidence, Pulse, illuminate
 from specklegen.fdtd.layers import Moments, RandomLayer, sample_moments
 from specklegen.fdtd.scattered import ScatteredField
@@ -68,11 +68,11 @@ def single_realization(
     incidence = illuminate(layer, pulse, courant, margin)
     moments = _moments(layer, covariance, kappa, incidence.courant)
     delayed = _delayed(moments, incidence, delays) if order == 2 else None
-    polarization = mean_polarization(moments, incidence.theta, order, delayed)
+    polarisation = mean_polarisation(moments, incidence.theta, order, delayed)
     if method == "frequency":
-        back, forward = closed_form(polarization, incidence)
+        back, forward = closed_form(polarisation, incidence)
     elif method == "fdtd":
-        back, forward = _march(polarization, incidence)
+        back, forward = _march(polarisation, incidence)
     else:
         reject("single_realization.method", "one of 'fdtd', 'frequency'", method)
     validity = judge(layer, incidence, order)
@@ -81,29 +81,29 @@ def single_realization(
     return ScatteredField(incidence.time, incident, back, forward, validity)
 
 
-def closed_form(polarization: np.ndarray, incidence: Incidence) -> tuple[np.ndarray, np.ndarray]:
-    """Fields at the first and at the last cell, in time, that ``polarization`` complex128[F, N] radiates."""
-    back, forward = radiated(polarization, incidence.theta)
-    to_last = np.exp(-1j * incidence.theta * (polarization.shape[1] - 1))
+def closed_form(polarisation: np.ndarray, incidence: Incidence) -> tuple[np.ndarray, np.ndarray]:
+    """Fields at the first and at the last cell, in time, that ``polarisation`` complex128[F, N] radiates."""
+    back, forward = radiated(polarisation, incidence.theta)
+    to_last = np.exp(-1j * incidence.theta * (polarisation.shape[1] - 1))
     return incidence.series(back), incidence.series(forward * to_last)
 
 
-def mean_currents(polarization: np.ndarray, incidence: Incidence) -> np.ndarray:
+def mean_currents(polarisation: np.ndarray, incidence: Incidence) -> np.ndarray:
     """Currents float64[T, N] of the march: the step-to-step change of the mean of kappa E_inc + kappa E1."""
-    cells = polarization.shape[1]
+    cells = polarisation.shape[1]
     step = 1 - np.exp(-1j * incidence.omega)
     currents = np.empty((incidence.steps, cells))
     for start in range(0, cells, _BLOCK):
         block = np.arange(start, min(start + _BLOCK, cells))
-        response = polarization[:, block].T * step * np.exp(-1j * np.outer(block, incidence.theta))
+        response = polarisation[:, block].T * step * np.exp(-1j * np.outer(block, incidence.theta))
         currents[:, block] = incidence.series(response).T
     return currents
 
 
-def _march(polarization: np.ndarray, incidence: Incidence) -> tuple[np.ndarray, np.ndarray]:
+def _march(polarisation: np.ndarray, incidence: Incidence) -> tuple[np.ndarray, np.ndarray]:
     back, forward = np.empty((2, incidence.steps))
     grid = incidence.courant, incidence.mur, incidence.margin
-    march_currents(mean_currents(polarization, incidence), *grid, back, forward)
+    march_currents(mean_currents(polarisation, incidence), *grid, back, forward)
     return back, forward
 
 

@@ -20,7 +20,7 @@ import warnings
 
 import numpy as np
 
-from specklegen.fdtd.currents import mean_polarization, radiated
+from specklegen.fdtd.currents import mean_polarisation, radiated
 from specklegen.fdtd.incidence import Incidence
 from specklegen.fdtd.layers import RandomLayer
 from specklegen.fdtd.scattered import Validity
@@ -60,8 +60,8 @@ def judge(layer: RandomLayer, incidence: Incidence, order: int) -> Validity:
 
 def _left_out_by_first_order(layer: RandomLayer, incidence: Incidence) -> tuple[float, float]:
     moments, theta = layer.moments(), incidence.theta
-    first = radiated(mean_polarization(moments, theta, 1), theta)
-    both = radiated(mean_polarization(moments, theta, 2), theta)
+    first = radiated(mean_polarisation(moments, theta, 1), theta)
+    both = radiated(mean_polarisation(moments, theta, 2), theta)
     weight = np.abs(incidence.spectrum)
     back, forward = (
         np.linalg.norm(weight * (b - a)) / np.linalg.norm(weight * b) for a, b in zip(first, both, strict=True)

@@ -60,10 +60,3 @@ def poisson_quantile(mean: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
     correction = _horner(CONSTANT, t) + (_horner(INVERSE, t) + _horner(SQUARE, t) / large) / large
     found = torch.floor(large + root * w + w * w * _horner(QUADRATIC, t) + correction).clamp(min=0)
     return torch.where(mean < SUMMED, count, found)
-
-
-def tabulated_quantile(cumulative: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-    """Quantile float64 of a law given by P(N <= 0), P(N <= 1), ... float64[n], at u float64 of any shape."""
-    return torch.searchsorted(cumulative, u).to(u.dtype)
-
-

@@ -18,7 +18,7 @@ def make(
 
 
 PAINT = Preset(
-    "tio2-paint", "white paint: titanium dioxide (rutile) in resin, by Mie theory", (0.43, 1.2),
+    "tio2-paint", "white paint: titanium dioxide (rutile) in resin, by Mie theory", (indices.RUTILE[0], 1.2),
     {
         "volume_fraction": Number(0.01, 0.001, 0.01, "", "share of the volume that the pigment fills; paint has "
                                   "0.1 to 0.2", f"Independent up to about 1 %: {_CROWDED}, abstract", Checked.SOURCE),

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from specklegen.core.decision import Decision
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
 from specklegen.paths.deep_absorption import dark_views, unseen_variance
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.gaussianity import PathMoments
-from specklegen.paths.rare_paths import ENOUGH
+from specklegen.paths.rare_paths import ENOUGH, rare_paths_decision
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.tracer import Tracer, scene_tracer, volume_tracer
 from specklegen.scene.scene import Scene
@@ -46,8 +47,8 @@ class Pilot:
         Largest share of multiple scattering in the intensity among these, three standard errors included.
     unseen : float
         What absorption makes of the relative variance where too few paths cross the medium for a pilot to know; else 0.
-    dark : str or None
-        Why some views are not to be trusted beside others that are far brighter.
+    decisions : tuple of Decision
+        What the rules of pilots say: rare paths, dark views.
     """
 
     tracer: Tracer
@@ -56,7 +57,7 @@ class Pilot:
     intensity: float
     multiple_share: float
     unseen: float
-    dark: str | None
+    decisions: tuple[Decision, ...]
 
     @property
     def events_per_path(self) -> float:
@@ -97,7 +98,9 @@ def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
     moments = _sure(tracer, reverse, seed, bank, powers).stated()
     moments = replace(moments, relative_variance=max(moments.relative_variance, unseen))
     dark = dark_views(scene, drawn, np.array(means))
-    return Pilot(tracer, bank, moments, float(max(means, default=0.0)), float(share), unseen, dark)
+    rules = rare_paths_decision(moments.carriers), Decision("dark views", True, dark, doubt=True) if dark else None
+    decisions = tuple(decision for decision in rules if decision)
+    return Pilot(tracer, bank, moments, float(max(means, default=0.0)), float(share), unseen, decisions)
 
 
 def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:

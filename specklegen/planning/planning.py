@@ -5,6 +5,8 @@ sampler and folds what they say. A plan is a pure function of the scene and the 
 scene's fingerprint. Predicted seconds may differ between machines, choices may not.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from specklegen.core.arguments import instance, real_number
@@ -16,7 +18,6 @@ from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
-from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import Reverse, scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
@@ -44,10 +45,18 @@ THIN: tuple[SamplerName, ...] = ("screens",)
 """And of thin screens."""
 
 STATIONARY_TOLERANCE = 0.02
-SIMPLER = Decision(
-    "near-field terms, voxels and mixtures", False,
-    "nothing is lost: the views are directions, the slab is homogeneous, and its particles are of one kind",
-)  # fmt: skip
+
+
+def _simple_terms(scene: Scene) -> list[Decision]:
+    """What beams through a slab of one kind of particle need not be asked for."""
+    if scene.thin is not None or lock_step_obstacle(scene) or len(scene.slab.scatterer.components) > 1:
+        return []
+    reason = "nothing is lost: the views are directions, the slab is homogeneous, and its particles are of one kind"
+    return [Decision("near-field terms, voxels and mixtures", False, reason)]
+
+
+SCENE_RULES: tuple[Callable[[Scene], list[Decision]], ...] = (validity_decisions, _simple_terms)
+"""Rules that judge a scene alone, whatever renders it; those of a pilot are its ``decisions``."""
 
 
 def plan(
@@ -99,17 +108,7 @@ def plan(
         the scene, a render that would not fit into memory, or fewer paths than it takes for any to carry light
         through an absorbing slab.
     """
-    instance("plan scene", scene, Scene)
-    checked_budget("plan", paths, rel_error, None)
-    if not 0 < real_number("field_tolerance", field_tolerance) < 1:
-        reject("field_tolerance", "between 0 and 1", field_tolerance)
-    if sampler != "auto" and sampler not in SAMPLERS:
-        known = ", ".join(f'"{name}"' for name in ("auto", *SAMPLERS))
-        reject("sampler", f"one of {known}", sampler)
-    if scene.thin is not None and sampler not in ("auto", *THIN):
-        reject("sampler", '"auto" or "screens" for a thin medium', sampler)
-    if scene.thin is None and sampler in THIN:
-        reject("sampler", "another one for a medium of scatterers", sampler, "It draws thin screens alone.")
+    _check(scene, paths, rel_error, sampler, field_tolerance)
     tolerance = rel_error if rel_error is not None else STATIONARY_TOLERANCE
     grid = scene.sensor
     if isinstance(grid, FarFieldGrid) and isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
@@ -119,9 +118,8 @@ def plan(
 
     reversal = scene_reversal(scene, reverse, tolerance)
     wish = Wish(paths, rel_error, reversal.needed, tolerance, field_tolerance, sampler, streamed)
-    decisions = [*validity_decisions(scene), reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
-    if scene.thin is None and lock_step_obstacle(scene) is None and len(scene.slab.scatterer.components) == 1:
-        decisions.append(SIMPLER)
+    decisions = [decision for rule in SCENE_RULES for decision in rule(scene)]
+    decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
     chosen, told = None, []
     preferred = PREFERRED if scene.thin is None else THIN
     for name in preferred if sampler == "auto" else (sampler,):
@@ -135,10 +133,7 @@ def plan(
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
     if pilot is not None:
         require_reach("plan", pilot.unseen, chosen.paths)
-        rare = rare_paths_decision(pilot.moments.carriers)
-        decisions += [rare] if rare else []
-        if pilot.dark:
-            decisions.append(Decision("dark views", True, pilot.dark, doubt=True))
+        decisions += pilot.decisions
     require_float32(chosen.intensity)
     threads = thread_count(threads)
     needed = chosen.memory(threads)
@@ -155,6 +150,23 @@ def plan(
         memory_bytes=needed,
         alternatives={way: seconds(some, threads) for way, some in chosen.alternatives().items()},
     )
+
+
+def _check(
+    scene: Scene, paths: int | None, rel_error: float | None, sampler: SamplerName, field_tolerance: float
+) -> None:
+    """Refuse what :func:`plan` cannot mean."""
+    instance("plan scene", scene, Scene)
+    checked_budget("plan", paths, rel_error, None)
+    if not 0 < real_number("field_tolerance", field_tolerance) < 1:
+        reject("field_tolerance", "between 0 and 1", field_tolerance)
+    if sampler != "auto" and sampler not in SAMPLERS:
+        known = ", ".join(f'"{name}"' for name in ("auto", *SAMPLERS))
+        reject("sampler", f"one of {known}", sampler)
+    if scene.thin is not None and sampler not in ("auto", *THIN):
+        reject("sampler", '"auto" or "screens" for a thin medium', sampler)
+    if scene.thin is None and sampler in THIN:
+        reject("sampler", "another one for a medium of scatterers", sampler, "It draws thin screens alone.")
 
 
 def streaming_obstacle(scene: Scene) -> str | None:

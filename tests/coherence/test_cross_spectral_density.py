@@ -24,7 +24,7 @@ from specklegen.coherence.cross_spectral_density import (
 
 FALSE_ALARM = 1e-6  # chance that a right build fails a test, shared by its comparisons
 
-# sigma_g / a: modes for 99 % of the energy, for 1 - 1e-6, effective modes, contrast (design document, A7)
+# sigma_g / a: modes for 99 % of the energy, for 1 - 1e-6, effective modes, contrast (frozen)
 MODES = {
     10: (1, 3, 1.007, 0.997),
     2: (2, 4, 1.161, 0.928),

@@ -176,7 +176,7 @@ def test_residual_of_uniform_rays():
 
 @pytest.mark.slow
 def test_a_hundred_million_uniform_rays():
-    """The law still holds, and S and mu come as near to physical optics as the document says."""
+    """The law still holds, and S and mu come as near to physical optics as docs/coherence.md says."""
     system, n = focus(), 10_251 * 10**4
     mean, _ = quadrature(system, "uniform")
     G = system.monte_carlo(n, "uniform", seed=0, calibrated=False).value

@@ -35,7 +35,7 @@ from specklegen.coherence.cylindrical_focus import (
 )
 
 # sigma_g / a: S(x)/S(0) and Re mu(0, x) at PIXELS, half width at half maximum, x of the first
-# |mu| < 0.5; the same along the axis, with |mu| (design document, A5: an independent program)
+# |mu| < 0.5; the same along the axis, with |mu| (frozen, by an independent program)
 TRANSVERSE = {
     2: (
         [0.8586, 0.5296, 0.2133, 0.0474, 0.0445, 0.0194, 0.0109],
@@ -249,7 +249,7 @@ def test_modes_reproduce_the_focus(sigma):
     np.testing.assert_allclose(intensity_from_modes(G, modes, eigenvalues), S, rtol=0, atol=1e-14 * S.max())
 
 
-# rms error of S(x)/S(0) from n independent realizations, times sqrt(n) (design document, A3)
+# rms error of S(x)/S(0) from n independent realizations, times sqrt(n) (frozen)
 @pytest.mark.parametrize(
     ("sigma", "law"), [(2, 0.088), (1, 0.194), (0.6, 0.350), (0.4, 0.53), (0.2, 0.89), (0.1, 1.13)]
 )

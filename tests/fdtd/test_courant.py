@@ -36,7 +36,7 @@ def test_eigen_limit_matches_a_dense_solver_and_exceeds_the_bound(lc):
 
 
 def test_reference_limits():
-    """Worst of 8 media lies where the document found it: 0.93-0.97 by eigenvalue, 0.92-0.95 by the bound."""
+    """Worst of 8 media lies between 0.93-0.97 by eigenvalue, 0.92-0.95 by the bound."""
     for lc in (0.002, 0.02, 0.5, 3):
         kappa = RandomLayer(correlation_length=lc).sample(8, 0)
         assert 0.92 < courant_limit(kappa, "eigen") < 0.975

@@ -91,7 +91,7 @@ def test_the_transform_is_long_enough():
     ],
 )
 def test_table_of_marched_brute_force(modulated, lc, back, forward):
-    """B3: 4000 marches against one march with the mean currents of the same media; 50 % back, 10 % forward.
+    """4000 marches against one march with the mean currents of the same media; 50 % back, 10 % forward.
 
     Forward the tolerance has three times the scatter between draws of 4000 media on top (7 % of the error;
     10 % where the mean is third moments of the sample, without carrier).

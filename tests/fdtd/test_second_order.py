@@ -1,4 +1,4 @@
-"""Second order against the exact grid solution: tables B3, B3b, B3c of the document; the verdict."""
+"""Second order against the exact grid solution: frozen tables of an earlier program's runs; the verdict."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from specklegen.fdtd import (
     single_realization,
     transfer_matrix,
 )
-from specklegen.fdtd.currents import mean_polarization, radiated
+from specklegen.fdtd.currents import mean_polarisation, radiated
 
 REFERENCE_K0 = 2 * np.pi / 0.6
 quiet = pytest.mark.filterwarnings("ignore:.*order not valid", "ignore:.*white from cell to cell")
@@ -23,7 +23,7 @@ def rel(a, b):
 
 
 def born(moments, incidence, order):
-    return radiated(mean_polarization(moments, incidence.theta, order), incidence.theta)
+    return radiated(mean_polarisation(moments, incidence.theta, order), incidence.theta)
 
 
 def sample_errors(layer, incidence, seed, order, n=4000):
@@ -35,7 +35,7 @@ def sample_errors(layer, incidence, seed, order, n=4000):
     return rel(weight * back, weight * r.mean(0)), rel(weight * forward, weight * (t.mean(0) - 1))
 
 
-# Tables B3 and B3b: sample statistics, second order, sigma_n = 0.03. One draw of 4000 media in the document.
+# Sample statistics, second order, sigma_n = 0.03: one draw of 4000 media each.
 SECOND_ORDER = {  # (modulated, L_c): (back, forward)
     (True, 0.0): (0.0022, 0.0006),
     (True, 0.002): (0.0047, 0.0014),
@@ -57,9 +57,9 @@ FAST = [(True, 0.02), (True, 0.5), (True, 3.0), (False, 3.0)]
 
 
 def check_second_order(layer, pulse, expected, seeds):
-    """Mean error over seeds against the document's one draw.
+    """Mean error over seeds against the table's one draw.
 
-    Allowed: what the document states, 50 % back and 10 % forward, its rounding, and three times the scatter
+    Allowed: what is stated of such tables, 50 % back and 10 % forward, its rounding, and three times the scatter
     that one draw of 4000 media has among the seeds.
     """
     incidence = illuminate(layer, pulse)
@@ -99,7 +99,7 @@ def test_second_order_against_the_strength(sigma, lc, expected, seeds):
 
 @quiet
 def test_first_order_is_never_enough():
-    """First order (B3b): .104/.90 at L_c = .02 um, 1.0/1.0 from .5 um on; without a carrier .94/.976."""
+    """First order: .104/.90 at L_c = .02 um, 1.0/1.0 from .5 um on; without a carrier .94/.976."""
     for modulated, lc, back, forward in (
         (True, 0.02, 0.104, 0.90),
         (True, 3, 1.03, 1.0),
@@ -126,7 +126,7 @@ UNIFORM = {
 
 @pytest.mark.parametrize("row", UNIFORM)
 def test_uniform_random_layer_without_sampling(row):
-    """L_c = inf: the exact mean is a Gauss-Hermite sum over one normal; all digits of the document."""
+    """L_c = inf: the exact mean is a Gauss-Hermite sum over one normal; all digits of the table."""
     sigma, modulated = row
     back, forward, quarter_v = UNIFORM[row]
     layer = RandomLayer(correlation_length=np.inf, rms_index=sigma)

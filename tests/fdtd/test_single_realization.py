@@ -17,7 +17,7 @@ from specklegen.fdtd import (
     single_realization,
     transfer_matrix,
 )
-from specklegen.fdtd.currents import mean_polarization, radiated
+from specklegen.fdtd.currents import mean_polarisation, radiated
 from specklegen.fdtd.single_realization import mean_currents
 
 REFERENCE_K0 = 2 * np.pi / 0.6
@@ -29,7 +29,7 @@ def rel(a, b):
 
 
 def born(moments, incidence, order):
-    return radiated(mean_polarization(moments, incidence.theta, order), incidence.theta)
+    return radiated(mean_polarisation(moments, incidence.theta, order), incidence.theta)
 
 
 def test_phase_variance_closed_form():
@@ -75,7 +75,7 @@ def test_sample_of_one_is_the_born_series_of_that_medium():
         propagate = g * np.exp(-1j * th * np.abs(m[:, None] - m))
         first = propagate @ (kappa[0] * incident)
         second = propagate @ (kappa[0] * first)
-        back, forward = radiated(mean_polarization(sample_moments(kappa), theta, 2), theta)
+        back, forward = radiated(mean_polarisation(sample_moments(kappa), theta, 2), theta)
         assert back[f] == pytest.approx(first[0] + second[0], rel=1e-12)
         assert forward[f] * incident[-1] == pytest.approx(first[-1] + second[-1], rel=1e-12)
 
@@ -87,7 +87,7 @@ def test_second_order_leaves_a_third():
     left = []
     for kappa in (0.05 * medium, 0.1 * medium):
         exact = np.array(transfer_matrix(kappa[0], theta))
-        left.append(exact - [[0], [1]] - radiated(mean_polarization(sample_moments(kappa), theta, 2), theta))
+        left.append(exact - [[0], [1]] - radiated(mean_polarisation(sample_moments(kappa), theta, 2), theta))
     assert np.abs(np.divide(left[1], left[0])).ravel() == pytest.approx([8, 8], rel=0.03)
 
 
@@ -109,7 +109,7 @@ def test_out_of_phase_current_is_the_direct_sum_over_delays():
             if m + 2 * (n - m) <= 2 * n
         ]
     )
-    second = mean_polarization(moments, incidence.theta, 2) - mean_polarization(moments, incidence.theta, 1)
+    second = mean_polarisation(moments, incidence.theta, 2) - mean_polarisation(moments, incidence.theta, 1)
     currents = mean_currents(second, incidence).T[::20]
     # the record starts at -1e-8 of its peak, not at 0: a delay that reaches before it reads zeros there
     assert rel(currents, direct) < 1e-7
@@ -151,8 +151,8 @@ def test_no_fluctuation_gives_exactly_nothing():
 def test_first_order_vanishes_with_the_mean():
     moments = Moments(np.zeros(50), RandomLayer(correlation_length=0.1, n_points=50).moments().second)
     theta = np.array([0.05])
-    assert not mean_polarization(moments, theta, 1).any()
-    assert mean_polarization(moments, theta, 2).all()
+    assert not mean_polarisation(moments, theta, 1).any()
+    assert mean_polarisation(moments, theta, 2).all()
 
 
 def test_single_delay_finds_a_delay_and_measures_its_error():
@@ -177,8 +177,8 @@ def test_single_delay_works_for_short_correlation_only():
         power = np.abs(incidence.spectrum) ** 2
         fit = single_delay(p, incidence.omega, power, 2 * 1500 / incidence.courant)
         medians.append(np.median(fit.error[:-1]))
-        back, _ = radiated(mean_polarization(layer.moments(), incidence.theta, 2), incidence.theta)
-        replaced = mean_polarization(layer.moments(), incidence.theta, 2, fit.out_of_phase(incidence.omega))
+        back, _ = radiated(mean_polarisation(layer.moments(), incidence.theta, 2), incidence.theta)
+        replaced = mean_polarisation(layer.moments(), incidence.theta, 2, fit.out_of_phase(incidence.omega))
         field_errors.append(
             rel(np.sqrt(power) * radiated(replaced, incidence.theta)[0], np.sqrt(power) * back)
         )

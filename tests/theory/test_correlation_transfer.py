@@ -13,7 +13,7 @@ from specklegen.theory.correlation_transfer import exchange, field_correlation, 
 from specklegen.theory.single_scattering import slab_covariance
 
 Q = np.array([0.5, 1, 1.491, 2.742, 4, 8])
-TABLE = {  # acceptance 1: C_I, its standard error
+TABLE = {  # C_I, its standard error
     1: ([0.879, 0.678, 0.531, 0.349, 0.276, 0.201], 0.0015),
     5: ([0.908, 0.695, 0.473, 0.145, 0.048, 0.006], 0.0015),
     20: ([0.912, 0.697, 0.463, 0.105, 0.016, 0.0], 0.0025),

@@ -34,7 +34,7 @@ _PARAMETERS = ("thickness", "optical_depth", "g", "albedo")
 
 
 class Estimator(IntEnum):
-    """Where a material's memory-effect kernel comes from; the number is stored with every sample."""
+    """Where a material's memory-effect correlation comes from; the number is stored with every sample."""
 
     PATHS = 1
     ATLAS = 2
@@ -88,7 +88,7 @@ class Material(Value):
         The step of the refractive index at the slab's faces, as in ``faces = {inside = 1.33, outside = 1.0}``; by
         default there is none, and in a recipe with a ``[lab]`` table that of the laboratory.
     kernel_paths
-        Paths from which the memory-effect kernel of each material is estimated; the relative error of C_I at
+        Paths from which the memory-effect correlation of each material is estimated; the relative error of C_I at
         half range is about sqrt(60 / kernel_paths).
     kernel
         "estimate" traces those paths for every material; "atlas" takes the kernel from the table of materials
@@ -213,7 +213,7 @@ class Material(Value):
 
 @dataclass(frozen=True)
 class KnownMaterial:
-    """A slab with its memory-effect kernel and what follows from it.
+    """A slab with its memory-effect correlation and what follows from it.
 
     Attributes
     ----------

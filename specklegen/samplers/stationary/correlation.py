@@ -1,4 +1,4 @@
-"""The memory-effect kernel K of a wide slab at normal incidence.
+"""The memory-effect correlation K of a wide slab at normal incidence.
 
     K(q) = E[w J0(q r)] / E[w],     C_I = |K|^2                           [Bar19] sec. 6; physics.md 5
 

@@ -43,7 +43,7 @@ def load(file: Path) -> MemoryEffectCorrelation | None:
         return None
     digest, payload = content[:_DIGEST], content[_DIGEST:]
     if hashlib.sha256(payload).digest() != digest:
-        say_once(f"{file} is damaged, so its memory-effect kernel is estimated anew")
+        say_once(f"{file} is damaged, so its memory-effect correlation is estimated anew")
         return None
     with np.load(io.BytesIO(payload), allow_pickle=False) as data:
         return MemoryEffectCorrelation(
@@ -67,7 +67,7 @@ def store(kernel: MemoryEffectCorrelation, file: Path) -> None:
         draft.replace(file)
         _make_room(file.parent)
     except OSError as error:
-        say_once(f"memory-effect kernels cannot be kept in {file.parent}, so each process estimates them anew: {error}")
+        say_once(f"memory-effect correlations cannot be kept in {file.parent}; each process estimates anew: {error}")
         if draft is not None:
             _remove(draft)
 

@@ -1,4 +1,4 @@
-"""The memory-effect kernel about any light i and view v, from the lateral way of each path from face to face.
+"""The memory-effect correlation about any light i and view v, from the lateral way of each path from face to face.
 
     K_v(q) = E[w e^(-i q . R)] / E[w],     R = (x_B - x1) + (v_xy / v_z)(f - z_B) + (i_xy / i_z) z1
 

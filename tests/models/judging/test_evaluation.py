@@ -79,7 +79,7 @@ def katz():
 
 
 def test_phase_retrieval_finds_the_object(katz):
-    """Above 0.8, which the documents count as success, where it must work; the image of another object is far below.
+    """Above 0.8, which the pages count as success, where it must work; the image of another object is far below.
 
     Means over four seeds were 0.91 to 0.97, another object's 0.41 to 0.51, standard errors 0.01 to 0.04.
     """

@@ -1,4 +1,4 @@
-"""The atlas of memory-effect kernels: a distribution, continuous, right within its bounds; and the kernels on disk."""
+"""The atlas of memory-effect correlations: a distribution, continuous, right within bounds; and those kept on disk."""
 
 import hashlib
 from concurrent.futures import ProcessPoolExecutor
