@@ -37,11 +37,12 @@ CAMERA, FRAME, BATCH, HELD_OUT = 128, 36, 32, 600
 POINTS = (2, 3, 4, 5, 6, 8, 11)
 MATERIALS, LAYOUTS, SAMPLES, CERTIFIED, SPARSE = 400, 64, 7680, 1600, 64
 LATER = 10**6  # number of the first batch of these: not one that the dense net has seen
-START_SHARE, RANGE_MINUTES = 0.45, 5.0
+START_SHARE, RANGE_MINUTES = 0.45, 22.0
 START_RATE, STAGE_RATE = 1e-3, 2e-3
 STAGE_WEIGHTS = (0.5, 0.5, 1.0)
 SAVED_EVERY = 60.0
 GOOD = 0.8
+LOOKS = (1, 4, 12)  # tiles or frames whose power is averaged
 LATTICE = np.arange(0, 64, 0.5)  # distances in object pixels at which C_I is kept
 
 
@@ -119,8 +120,9 @@ class Law:
 
     def __init__(
         self, frame: int, seed: int, split: Split = "train", layouts: int = LAYOUTS, extents=(0.1, 3.0),
-        few: bool = False,
+        few: bool = False, looks=(0.75, 0.17, 0.08),
     ) -> None:  # fmt: skip
+        self.looks = looks  # how often LOOKS are drawn
         self.source, self.frame, self.seed, self.split = recipe(few), frame, seed, split
         self.low, self.high = np.log(extents)
         self.materials = [self.source.material_of(seed, split, n) for n in range(MATERIALS)]
@@ -151,7 +153,7 @@ class Law:
         )  # fmt: skip
         photons = np.exp(rng.uniform(np.log(4), np.log(1000), BATCH))
         noise = torch.from_numpy(np.where(rng.random(BATCH) < 0.35, 0.0, 1 / photons)).float()
-        looks = float(rng.choice([1, 4, 12], p=[0.75, 0.17, 0.08]))
+        looks = float(rng.choice(LOOKS, p=self.looks))
         layout = self.layouts[rng.integers(len(self.layouts))]
         spectrum = layout.object_spectrum(objects, at(true, between(self.frame))) + noise[:, None, None]
         power = spectrum * torch.from_numpy(rng.standard_gamma(looks, spectrum.shape, dtype=np.float32) / looks)
@@ -254,8 +256,9 @@ def train_ranges(out: Path) -> RangeNet:
     if file.exists():
         network.load_state_dict(torch.load(file, weights_only=True))
         return network
-    law = Law(FRAME, seed=3, extents=EXTENTS)
-    others = Law(FRAME, seed=4, split="validation", layouts=8, extents=EXTENTS)
+    often = (0.5, 0.25, 0.25)  # large cameras are cut into tiles
+    law = Law(FRAME, seed=3, extents=EXTENTS, looks=often)
+    others = Law(FRAME, seed=4, split="validation", layouts=8, extents=EXTENTS, looks=often)
     held_out = [others(n, retrieval=None) for n in range(HELD_OUT // BATCH)]
     optimizer = torch.optim.AdamW(network.parameters(), lr=START_RATE, weight_decay=0.01)
     start, n, done = time.process_time(), 0, 0.0
