@@ -45,7 +45,8 @@ class _Axis(NamedTuple):
         low, high = np.minimum(middle, middle + drift), np.maximum(middle, middle + drift)
         through = (low >= edges[0]) & (high <= edges[-1])
         # Rays through a side have their other end there: it runs the whole phase over the width of the drift.
-        return cls(breaks, np.where(through, rate, rate + phase / np.maximum(abs(drift), 1e-300)))
+        width = max(abs(drift), float(np.spacing(np.abs(edges).max())))  # smaller ones are rounding
+        return cls(breaks, np.where(through, rate, rate + phase / width))
 
 
 def beam_nodes(scene: Scene, light: np.ndarray, level: int, most: float) -> Nodes | None:

@@ -165,6 +165,16 @@ def test_light_a_hair_off_the_faces_is_light_along_them():
     assert np.abs(along).max() > 0
 
 
+def test_rays_that_do_not_move_sideways_through_a_dense_voxel():
+    """Nothing overflows where a width is 0; that the field would take too many nodes is said."""
+    extinction = np.zeros((1, 3, 3))
+    extinction[0, 2, 2] = 1e6
+    grid = sg.VoxelGrid(lower=(0, 0, 0), upper=(1, 1, 1), extinction=extinction, scatterers=(sg.Isotropic(),))
+    beam = sg.CollimatedBeams(directions=[[0.0, 0.9999995, 0.001]], width=1.0)
+    with np.errstate(divide="raise", over="raise", invalid="raise"), pytest.raises(sg.RuleError, match="at most 2e"):
+        sg.mean_field(scene(grid, beam, [[0.0, 0.0, 1.0]]))
+
+
 def test_layers_of_voxels_on_the_axis():
     """Forward, layers of any density give A (1 - e^(-OD/2)), each with its own particles; so does a checkered grid."""
     grid = sg.VoxelGrid(
