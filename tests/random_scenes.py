@@ -143,3 +143,74 @@ def scenes(draw) -> sg.Scene:
     if near and source is sg.PointSources and lights and views:  # a sensor on a source is refused
         assume(np.linalg.norm(light.points[:, None] - sensor.points, axis=-1).min() > 0.1 * wavelength)
     return sg.Scene(wavelength=wavelength, medium=medium, illumination=light, sensor=sensor)
+
+
+indices = st.one_of(st.sampled_from([1.0, 1.33, 1.5]), st.floats(0.5, 3.0))
+
+
+@st.composite
+def faced_scenes(draw) -> sg.Scene:
+    """A slab between steps of the refractive index, at most 3 beams, and at most 4 far views that cross its faces."""
+    wavelength = draw(wavelengths)
+    faces = sg.Faces(inside=draw(indices), outside=draw(indices), wall=draw(st.one_of(st.none(), indices)))
+    lights = draw(directions(3, draw(st.integers(0, 3)), forward=True))
+    views = draw(directions(3, draw(st.integers(0, 4))))
+    narrow = [0.99 * faces.largest_sine * rows[:, :2] for rows in (lights, views)]
+    lights, views = (
+        np.column_stack([xy, side * np.sqrt(1 - (xy**2).sum(axis=1))])
+        for xy, side in zip(narrow, (1.0, draw(st.sampled_from([1.0, -1.0]))), strict=True)
+    )
+    return sg.Scene(
+        wavelength=wavelength, medium=draw(slabs(wavelength)).replace(faces=faces),
+        illumination=sg.CollimatedBeams(
+            directions=lights, width=wavelength * draw(powers(0, 4)),
+            profile=draw(st.sampled_from(["square", "disc", "gaussian"])),
+        ),
+        sensor=sg.FarField(directions=views),
+    )  # fmt: skip
+
+
+@st.composite
+def screen_media(draw, wavelength: float) -> sg.PhaseScreen | sg.GroundGlass | sg.ScreenStack:
+    """Thin media: smooth to rough, one to four of them, touching or far apart, at rest or in motion."""
+
+    def screen():
+        kind = draw(st.integers(0, 2))
+        if kind == 2:
+            return sg.GroundGlass(angle=draw(powers(-4, -0.2)), rms_height=wavelength * draw(powers(0, 1)))
+        length, angle = wavelength * draw(powers(0.1, 4)), draw(st.one_of(st.just(0.0), powers(-9, -0.5)))
+        phase = min(angle * np.sqrt(2) * np.pi * length / wavelength, 300.0)  # sigma of this rms angle
+        index = draw(indices) if kind else 1.0
+        if index == 1:
+            return sg.PhaseScreen(rms_phase=phase, correlation_length=length)
+        height = phase * wavelength / (2 * np.pi * abs(index - 1))
+        return sg.PhaseScreen(rms_height=height, index=index, correlation_length=length)
+
+    screens = tuple(screen() for _ in range(draw(st.integers(1, 4))))
+    if len(screens) == 1 and draw(st.booleans()):
+        return screens[0]
+    gap = st.one_of(st.just(0.0), powers(-3, 6)).map(lambda gap: gap * wavelength)
+    move = st.one_of(st.just(0.0), st.floats(-100, 100)).map(lambda way: way * wavelength)
+    return sg.ScreenStack(
+        screens=screens, gaps=[draw(gap) for _ in screens[1:]], behind=draw(gap),
+        velocities=draw(st.one_of(st.none(), st.just([(draw(move), draw(move)) for _ in screens]))),
+    )  # fmt: skip
+
+
+@st.composite
+def screen_scenes(draw) -> sg.Scene:
+    """At most 3 beams through thin media, seen on a small grid."""
+    wavelength = draw(wavelengths)
+    medium = draw(screen_media(wavelength))
+    width = wavelength * draw(powers(0, 6))
+    moving = isinstance(medium, sg.ScreenStack) and medium.velocities is not None
+    lights = draw(st.integers(1, 3))
+    step = draw(powers(-9, -1))
+    return sg.Scene(
+        wavelength=wavelength, medium=medium,
+        illumination=sg.CollimatedBeams.tilts(
+            step * np.arange(lights), width=width, times=np.arange(lights) if moving else None,
+            profile=draw(st.sampled_from(["square", "disc", "gaussian"])),
+        ),
+        sensor=sg.FarField.grid((draw(st.integers(1, 8)), 8), pitch=draw(powers(-9, -1.2))),
+    )  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
-from random_scenes import directions, powers, scenes, slabs, wavelengths
+from random_scenes import directions, faced_scenes, powers, scenes, screen_scenes, slabs, wavelengths
 from zscore import limit
 
 import specklegen as sg
@@ -223,6 +223,49 @@ def test_memory_effect_of_any_slab(count):
         assert dark.any() or np.abs(found.field).max() <= 1 + 1e-9
         if paths == 1:
             assert np.isnan(found.standard_error).all()
+
+    check()
+
+
+@few_and_many(8, 300)
+def test_any_slab_between_indices(count):
+    @examples(count)
+    @given(scene=faced_scenes(), seed=st.integers(0, 99))
+    def check(scene, seed):
+        with strict():
+            found = result_or_refusal((ABSORBED,), lambda: sg.covariance(scene, paths=64, seed=seed, reverse=False))
+            if found is not None:
+                assert_sensible(scene, found)
+            assert np.isfinite(sg.mean_field(scene)).all()
+            plan = result_or_refusal((ABSORBED, DIM), lambda: sg.plan(scene, paths=16))
+            stack = result_or_refusal((ABSORBED, DIM), lambda: sg.render(scene, paths=16, seed=seed))
+        assert (plan is None) == (stack is None)
+        assert stack is None or np.isfinite(stack.field).all()
+
+    check()
+
+
+SCREENS = (  # why the screens sampler does not draw a scene
+    "screens are drawn within", "within the reach of a transform", "at most half the speckle size", DIM,
+)  # fmt: skip
+
+
+@few_and_many(15, 500)
+def test_any_screens(count):
+    @examples(count)
+    @given(scene=screen_scenes(), seed=st.integers(0, 99))
+    def check(scene, seed):
+        medium, wavelength = scene.medium, scene.wavelength
+        with strict():
+            plan = result_or_refusal(SCREENS, lambda: sg.plan(scene))
+            stack = result_or_refusal(SCREENS, lambda: sg.render(scene, seed=seed))
+            curve = sg.memory_effect(medium, wavelength=wavelength, tilts=[0.0, 1e-6, 1e-3, 0.1])
+            joint = sg.joint_correlation(medium, wavelength=wavelength, tilts=[0.0, 1e-4], shifts=[0.0, wavelength])
+        assert (plan is None) == (stack is None)
+        assert stack is None or np.isfinite(stack.field).all()
+        assert curve.intensity[0] == pytest.approx(1, abs=1e-9)
+        assert np.abs(curve.field).max() <= 1 + 1e-9
+        assert joint.magnitude.max() <= 1 + 1e-9
 
     check()
 

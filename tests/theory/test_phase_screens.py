@@ -87,6 +87,18 @@ def forward_stack(depth, correlation_length, thickness, count=40):
     return sg.ScreenStack(screens=(screen,) * count, gaps=(gap,) * (count - 1), behind=gap / 2)
 
 
+@pytest.mark.parametrize("sine", [0.0, 0.1, 0.5])
+def test_views_far_outside_all_lobes(sine):
+    """Densities of e^-5000 underflow; their ratios, here with the exponents of long doubles, do not."""
+    weak = sg.PhaseScreen(rms_phase=0.1, correlation_length=100.0)
+    pair = sg.ScreenStack(screens=(weak, weak), gaps=(800.0,))
+    terms, ways, view = lobes(pair, 1.0), tilt_ways(pair, np.array([1e-3, 0])), np.array([sine, 0])
+    variance, mean = terms.spreads(ways)
+    weight = terms.shares / terms.variances * np.exp(-0.5 * np.longdouble(sine) ** 2 / terms.variances)
+    value = np.exp(-0.5 * K**2 * variance - 1j * K * mean[:, 0] * sine)
+    assert terms.correlation(view, ways) == pytest.approx(complex(weight @ value / weight.sum()), rel=1e-11)
+
+
 def test_a_forward_volume_and_its_two_memory_effects():
     """|K| = e^(-q^2 Lambda / 6) over all views, C_I = e^(-q^2 Lambda / 12) at a fixed one, Lambda = OD (1 - g)."""
     stack = forward_stack(400.0, 40.0, 4000.0)
