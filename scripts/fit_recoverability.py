@@ -6,6 +6,7 @@
     python scripts/fit_recoverability.py fit tests/data/recoverability.csv tests/data/recoverability_large.csv
     python scripts/fit_recoverability.py simulate --grid fresh --cells 220 --out tests/data/recoverability_fresh.csv
     python scripts/fit_recoverability.py judge tests/data/recoverability_fresh.csv      (the packaged verdict)
+    python scripts/fit_recoverability.py recipes --out tests/data/recoverability_recipes.csv    (packaged recipes)
 
 A cell is a scene drawn at random (objects and their size, camera, extent over the memory-effect range, photons,
 saturation, envelope, polarisation, division by C_I or not); its success rate is the share of media behind which an
@@ -25,14 +26,18 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import torch
 from scipy.optimize import minimize
+from scipy.special import logsumexp
 from torch import Tensor
 
 from specklegen.core.errors import RuleError, reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.statistics import wilson
-from specklegen.datasets import load_recipe
+from specklegen.datasets import load_recipe, recipe_names
+from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.instrument.camera import Camera, NoiseStreams, expose
+from specklegen.models.judging.baselines import katz
+from specklegen.models.judging.evaluation import evaluate
 from specklegen.models.metrics import align, pearson
 from specklegen.models.recoverability.autocorrelation_error import (
     GRID,
@@ -42,13 +47,15 @@ from specklegen.models.recoverability.autocorrelation_error import (
     lag_size,
     residual,
 )
-from specklegen.models.recoverability.verdict import COEFFICIENTS, conditions_of, total
+from specklegen.models.recoverability.verdict import COEFFICIENTS, chances, conditions_of, logit, odds, share, total
 from specklegen.models.retrieval.apodisation import diffraction_limited, transfer_function
 from specklegen.models.retrieval.autocorrelation import autocorrelation, memory_effect_at_lags
 from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
 
 SUCCESS = 0.8
 RESTARTS = 4
+SEED = 0
+"""Of the images of packaged recipes."""
 SCENE = ("objects", "side", "camera", "extent", "polarised", "compensation", "photons", "saturation", "beam", "removal")
 FOUND = Residual._fields
 HEAD = ("cell", *SCENE, *FOUND, "media", "successes", "mean_pearson")
@@ -255,6 +262,7 @@ class Table(NamedTuple):
     noise: np.ndarray
     distortion: np.ndarray
     complexity: np.ndarray
+    bright_area: np.ndarray
     media: np.ndarray
     successes: np.ndarray
 
@@ -266,12 +274,62 @@ class Table(NamedTuple):
         """Cells of odd numbers, or of even ones."""
         return self.chosen(self.cell % 2 == odd)
 
-    def logit(self, coefficients: np.ndarray) -> np.ndarray:
-        """Logarithm of the odds of success."""
-        constant, slope, per_grain, weight = coefficients
-        return (
-            constant + slope * np.log(total(self.noise, self.distortion, weight)) + per_grain * np.log(self.complexity)
-        )
+
+def measured(name: str, images: int) -> dict[bool, int]:
+    """Images of a packaged recipe retrieved above the threshold of so many, divided by C_I or not."""
+    recipe = cast(HiddenObject, load_recipe(name))
+    methods = {
+        str(divided): katz(
+            Retrieval(restarts=RESTARTS), recipe, division="floor" if divided else "none", apodise=True
+        ) for divided in (True, False)
+    }  # fmt: skip
+    found, _ = evaluate(methods, [tensors(recipe.batch(SEED, "test", range(images)))], recipe.profile)
+    scores = {divided: found.values[str(divided)]["diffraction-limited"]["pearson"] for divided in (True, False)}
+    return {divided: int((values > SUCCESS).sum()) for divided, values in scores.items()}
+
+
+def measure_recipes(out: Path, images: int) -> None:
+    """Write how often the objects of every packaged recipe come back; a table that was begun is gone on with."""
+    done = {row["recipe"] for row in csv.DictReader(out.open())} if out.exists() else set()
+    with out.open("a", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if not done:
+            writer.writerow(("recipe", "compensation", "images", "successes"))
+        for name in recipe_names():
+            if name in done or not isinstance(load_recipe(name), HiddenObject):
+                continue
+            try:
+                found = measured(name, images)
+            except RuleError as refused:  # no single image, or grains too small to read the camera's noise off it
+                print(name, refused, file=sys.stderr)
+                continue
+            for divided, good in found.items():
+                writer.writerow((name, int(divided), images, good))
+            file.flush()
+            print(name, file=sys.stderr)
+
+
+def compared(path: Path, media: int = 12) -> str:
+    """What is said of packaged recipes, the mean of so many media, beside what was measured; Markdown."""
+    lines = ["| recipe | divided by C_I | said | measured | |", "|---|---|---|---|---|"]
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    for name in dict.fromkeys(row["recipe"] for row in rows):
+        recipe = cast(HiddenObject, load_recipe(name))
+        count = media if recipe.material.varies or recipe.field_varies else 1
+        each = [conditions_of(recipe, medium=n) for n in range(count)]
+        for row in (row for row in rows if row["recipe"] == name):
+            divided, images, good = bool(int(row["compensation"])), int(row["images"]), int(row["successes"])
+            told = [chances(logit(residual(c.replace(compensation=divided)))) for c in each]
+            said, low, high = np.mean(told, axis=0)
+            rate, ends = good / images, wilson(good, images)
+            apart = "overlaps" if ends[0] <= high and low <= ends[1] else "outside"
+            inside = "inside" if low <= rate <= high else apart
+            lines.append(
+                f"| {name} | {'yes' if divided else 'no'} | {said:.2f} ({low:.2f}-{high:.2f}) | "
+                f"{rate:.2f} ({ends[0]:.2f}-{ends[1]:.2f}) | {inside} |"
+            )
+    return "\n".join(lines)
 
 
 def read(*paths: Path) -> Table:
@@ -284,14 +342,23 @@ def read(*paths: Path) -> Table:
 
 
 def fitted(table: Table) -> np.ndarray:
-    """Coefficients of the greatest likelihood of the successes, float64[4]; a weak prior keeps them finite."""
+    """Coefficients of the greatest likelihood of the successes, float64[6]; a weak prior keeps them finite.
+
+    Success rates of scenes of the same numbers differ: their logits scatter as a Gaussian number does, which is
+    integrated out.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(31)
+    weights = np.log(weights / weights.sum())
+    failures = table.media - table.successes
 
     def loss(c: np.ndarray) -> float:
-        z = table.logit(c)
-        likelihood = table.successes * np.logaddexp(0, -z) + (table.media - table.successes) * np.logaddexp(0, z)
-        return float(likelihood.sum() + 1e-3 * np.square(c).sum())
+        z = odds(table, c)[:, None] + c[-1] * nodes
+        each = -table.successes[:, None] * np.logaddexp(0, -z) - failures[:, None] * np.logaddexp(0, z)
+        return float(-logsumexp(each + weights, axis=1).sum() + 1e-3 * np.square(c).sum())
 
-    return minimize(loss, [0.0, -1.0, -1.0, 1.0], method="BFGS", options={"gtol": 1e-6}).x
+    found = minimize(loss, [0.0, -1.0, -1.0, 0.0, 1.0, 1.0], method="BFGS", options={"gtol": 1e-4}).x
+    found[-1] = abs(found[-1])
+    return found
 
 
 class Confusion(NamedTuple):
@@ -317,15 +384,15 @@ def confusion(table: Table, coefficients: np.ndarray) -> Confusion:
     """Count verdicts: works where the predicted probability is at least a half."""
     rate = table.successes / table.media
     clear = (rate < 0.3) | (rate > 0.7)
-    works, worked = (table.logit(coefficients) >= 0)[clear], (rate > 0.5)[clear]
+    works, worked = (odds(table, coefficients) >= 0)[clear], (rate > 0.5)[clear]
     pairs = ((works & worked), (works & ~worked), (~works & ~worked), (~works & worked))
     return Confusion(*(int(x.sum()) for x in pairs))
 
 
 def spans(table: Table, coefficients: np.ndarray) -> dict[str, tuple[float, float]]:
-    """Smallest and largest residual and complexity."""
-    residuals = total(table.noise, table.distortion, coefficients[3])
-    columns = {"residual": residuals, "complexity": table.complexity}
+    """Smallest and largest residual, complexity and bright area."""
+    residuals = total(table.noise, table.distortion, coefficients[4])
+    columns = {"residual": residuals, "complexity": table.complexity, "bright_area": table.bright_area}
     return {name: (float(x.min()), float(x.max())) for name, x in columns.items()}
 
 
@@ -333,8 +400,8 @@ def judged(name: str, table: Table, coefficients: np.ndarray) -> str:
     """How the verdicts on a table came out."""
     found = confusion(table, coefficients)
     low, high = wilson(found.right, found.n)
-    rate, z = table.successes / table.media, table.logit(coefficients)
-    spread = np.sqrt(np.mean(np.square(rate - 1 / (1 + np.exp(-z)))))
+    rate, said = table.successes / table.media, share(odds(table, coefficients), coefficients[-1])
+    spread = np.sqrt(np.mean(np.square(rate - said)))
     return (
         f"{name}: {len(table.cell)} cells, {found.n} outside 0.3 to 0.7; right {found.right} of {found.n}, "
         f"{100 * found.right / found.n:.0f} % ({100 * low:.0f}-{100 * high:.0f}); "
@@ -368,11 +435,17 @@ def main(arguments: list[str] | None = None) -> None:
     reading = {name: commands.add_parser(name) for name in ("predict", "fit", "judge")}
     for command in reading.values():
         command.add_argument("tables", type=Path, nargs="+")
+    measuring = commands.add_parser("recipes")
+    measuring.add_argument("--out", type=Path, required=True)
+    measuring.add_argument("--images", type=int, default=24)
     for command in (simulating, reading["predict"]):
         command.add_argument("--grid", choices=GRIDS, default="fitted", help="what the cells are drawn from")
     chosen = parser.parse_args(arguments)
     if chosen.command == "simulate":
         simulate(chosen.out, chosen.cells, chosen.media, GRIDS[chosen.grid])
+    elif chosen.command == "recipes":
+        measure_recipes(chosen.out, chosen.images)
+        print(compared(chosen.out))
     elif chosen.command == "predict":
         for table in chosen.tables:
             predict_again(table, GRIDS[chosen.grid])

@@ -15,7 +15,7 @@ import torch
 from fit_recoverability import CellScene, observed, read, retrieved
 
 from specklegen.models.metrics import pearson
-from specklegen.models.recoverability.verdict import COEFFICIENTS, Verdict, judge
+from specklegen.models.recoverability.verdict import COEFFICIENTS, Verdict, judge, odds, share
 
 TABLE = Path(__file__).parent.parent / "tests/data/recoverability.csv"
 GOOD = CellScene("glyphs", 28, 420, 0.3, True, True)
@@ -62,12 +62,12 @@ def calibration(panel) -> None:
     coefficients = np.array(list(COEFFICIENTS.values()))
     for odd, colour, name in ((False, "0.7", "fitted"), (True, "crimson", "held out")):
         half = table.half(odd)
-        z = half.logit(coefficients)
+        z = odds(half, coefficients)
         rate = half.successes / half.media
         offset = (half.cell % 7 - 3) * 0.006  # so that equal rates do not hide one another
         panel.scatter(z, rate + offset, s=14, color=colour, label=name, zorder=1 + odd)
     z = np.linspace(-9, 6, 200)
-    panel.plot(z, 1 / (1 + np.exp(-z)), "k", lw=1, label="predicted")
+    panel.plot(z, share(z, coefficients[-1]), "k", lw=1, label="predicted")
     panel.set_xlim(-9, 6)
     panel.axvline(0, color="k", lw=0.5, ls=":")
     panel.set_xlabel("logarithm of the predicted odds of success")

@@ -50,7 +50,7 @@ NOT_RUN = {
     "python scripts/stability_report.py --slow": "an hour; test_stability.py runs its rows",
     "python scripts/train_(any_object|through_slab).py.*": "an hour or more",
     "python scripts/any_object_table.py .*": "an hour",
-    "python scripts/fit_recoverability.py simulate .*": "hours",
+    "python scripts/fit_recoverability.py (simulate|recipes) .*": "minutes to hours",
 }
 """Commands that are not run here, and why; those of scripts are checked for their options."""
 

@@ -11,7 +11,8 @@ larger where C_I is small, which is its price. Without it C_I bends the autocorr
 of the light that is left in or divided out with a mean over too short a distance, and saturated pixels: *distortion*
 is the sine of the angle between the modulus and the object's.
 
-Lengths are in grains (wavelength / window width); computed on a grid of three points a grain.
+Lengths are in grains (wavelength / window width); computed on a grid of three points a grain. Object pixels shine from
+where they are, between the points of the grid too: their spectrum is summed, which is exact inside the window's band.
 Sources: Katz et al., Nature Photonics 8, 784 (2014); Bar et al. 2019, section 6; Priestley, *Spectral Analysis and
 Time Series* (1981), section 6.2 (the spread of a smoothed periodogram).
 """
@@ -111,6 +112,9 @@ class Residual(NamedTuple):
         From what bends the autocorrelation: sine of the angle between the modulus and the object's.
     complexity : float
         Bright grains of the diffraction-limited object: (sum t)^2 / sum t^2, over that of one point.
+    bright_area : float
+        Grains where that is brighter than half of its peak: fewer than the bright grains where points overlap, or are
+        uneven; more inside solid shapes.
     window_over_camera : float
         W / (2N), W the side of a square as large as the kept lags, before any division: the noise to expect of plain
         autocorrelation with all the photons one could wish for.
@@ -119,6 +123,7 @@ class Residual(NamedTuple):
     noise: float
     distortion: float
     complexity: float
+    bright_area: float
     window_over_camera: float
 
 
@@ -127,7 +132,10 @@ class _Light(NamedTuple):
 
     Attributes
     ----------
-    objects : float[n, h, w]
+    side : int
+        Of the objects' frame, points.
+    objects : complex[n, W, W]
+        Spectra of the objects.
     passed : float[W, W]
         The window's transfer function.
     c_i : float[W, W]
@@ -136,6 +144,7 @@ class _Light(NamedTuple):
         Power spectrum of the object through the window; autocovariance of its image over the squared mean.
     """
 
+    side: int
     objects: np.ndarray
     passed: np.ndarray
     c_i: np.ndarray
@@ -144,15 +153,16 @@ class _Light(NamedTuple):
 
 
 def _light(conditions: Conditions) -> _Light:
-    objects = _on_grid(conditions)
-    window = lag_size(max(objects.shape[1:]))
+    side = int(np.rint(conditions.object_pitch * GRID * (max(conditions.objects.shape[1:]) - 1))) + 1
+    window = lag_size(side)
+    objects = _spectra(conditions, window)
     steps = conditions.object_pitch * GRID * np.arange(len(conditions.memory_effect))
     c_i = np.interp(distances(window), steps, conditions.memory_effect)
     passed = transfer_function(window, GRID, conditions.profile).numpy()
-    spectrum = np.abs(np.fft.fft2(objects / objects.sum((1, 2), keepdims=True), (window, window))) ** 2
+    spectrum = np.abs(objects / objects[:, :1, :1]) ** 2
     peak = passed.mean()  # of P at lag 0, where its transform is 1 at frequency 0
     seen = np.fft.ifft2(np.fft.fft2(np.fft.ifft2(spectrum).real * c_i) * passed).real / peak
-    return _Light(objects, passed, c_i, spectrum * passed / peak, conditions.contrast**2 * seen)
+    return _Light(side, objects, passed, c_i, spectrum * passed / peak, conditions.contrast**2 * seen)
 
 
 def lag_size(side: int) -> int:
@@ -167,8 +177,8 @@ def speckle_contrast(conditions: Conditions) -> np.ndarray:
 
 def residual(conditions: Conditions) -> Residual:
     """Predict the error of the modulus from the scene alone: nothing is fitted here."""
-    objects, passed, c_i, ideal, seen = _light(conditions)
-    side, window = max(objects.shape[1:]), len(passed)
+    side, objects, passed, c_i, ideal, seen = _light(conditions)
+    window = len(passed)
     kept = taper(window, 0.85 * REACH * side, 1.2 * REACH * side).numpy()
     measured, noise = _saturated(seen, GRID**2 / conditions.electrons, conditions.saturation)
     left = _envelope(conditions)
@@ -184,30 +194,32 @@ def residual(conditions: Conditions) -> Residual:
     for each in (wanted, power, error):
         each[:, 0, 0] = 0.0  # an even brightness scores nothing
     noisy = np.square(error).sum((1, 2)) / np.maximum(np.square(power).sum((1, 2)), 1e-300)
+    shown = np.fft.ifft2(objects * passed).real
     overlap = np.square(np.sqrt(wanted * power).sum((1, 2)))
     overlap /= np.maximum(wanted.sum((1, 2)) * power.sum((1, 2)), 1e-300)
     return Residual(
         noise=float(np.sqrt(np.minimum(noisy, 1e4)).mean() / 2),
         distortion=float(np.sqrt((1 - overlap).clip(0, 1)).mean()),
-        complexity=float(np.exp(np.log(_bright_grains(objects, passed)).mean())),
+        complexity=float(np.exp(np.log(_bright_grains(shown, passed)).mean())),
+        bright_area=float(np.exp(np.log(_bright_area(shown)).mean())),
         window_over_camera=float(np.sqrt(np.square(kept).sum() / pixels) / 2),
     )
 
 
-def _on_grid(conditions: Conditions) -> np.ndarray:
-    """Objects on the grid, float[n, h', w']: pixels shine as points, each at the grid point next to it."""
-    scale = conditions.object_pitch * GRID
-    rows, columns = (np.rint(scale * np.arange(n)).astype(int) for n in conditions.objects.shape[1:])
-    grid = np.zeros((len(conditions.objects), rows[-1] + 1, columns[-1] + 1))
-    np.add.at(grid, (slice(None), rows[:, None], columns), conditions.objects)
-    return grid
+def _spectra(conditions: Conditions, window: int) -> np.ndarray:
+    """Spectra of the objects on the grid's frequencies, complex128[n, W, W]: pixels shine as points."""
+    turns = np.fft.fftfreq(window) * conditions.object_pitch * GRID
+    down, across = (np.exp(-2j * np.pi * np.outer(turns, np.arange(n))) for n in conditions.objects.shape[1:])
+    return down @ conditions.objects @ across.T
 
 
-def _bright_grains(objects: np.ndarray, passed: np.ndarray) -> np.ndarray:
-    window = len(passed)
-    shown = np.fft.ifft2(np.fft.fft2(objects, (window, window)) * passed).real
+def _bright_grains(shown: np.ndarray, passed: np.ndarray) -> np.ndarray:
     spread = np.fft.ifft2(passed).real
     return np.square(shown.sum((1, 2))) / np.square(shown).sum((1, 2)) * np.square(spread).sum() / spread.sum() ** 2
+
+
+def _bright_area(shown: np.ndarray) -> np.ndarray:
+    return (shown > 0.5 * shown.max((1, 2), keepdims=True)).sum((1, 2)) / GRID**2
 
 
 def _saturated(seen: np.ndarray, noise: float, level: float) -> tuple[np.ndarray, np.ndarray]:

@@ -2,12 +2,15 @@
 
 The probability that an image comes back with a Pearson correlation above 0.8 is a logistic function of two logarithms,
 
-    logit p = a + b ln sqrt(noise^2 + (w distortion)^2) + c ln complexity
+    logit p = a + b ln sqrt(noise^2 + (w distortion)^2) + c ln complexity + d ln area + s x
 
-noise and distortion being the errors of the autocorrelation that follow from the scene (:mod:`residual`), and the
-complexity the object's bright grains. Noise starts from W / (2N), W the autocorrelation's window, N the camera's side;
-distortion weighs more, since it is the same at neighbouring frequencies and no constraint averages it out. The four
-coefficients are fitted by scripts/fit_recoverability.py to half the cells of two tables of simulated scenes,
+noise and distortion being the errors of the autocorrelation that follow from the scene
+(:mod:`~specklegen.models.recoverability.autocorrelation_error`), the complexity the object's bright grains, and the
+area its grains above half of the peak. x, a standard Gaussian number that belongs to the scene, stands for all that
+decides and is not among these: the probability is the mean over x, and the interval that is stated is from its 5th to
+its 95th percentile. Noise starts from W / (2N), W the autocorrelation's window, N the camera's side;
+distortion weighs more, since it is the same at neighbouring frequencies and no constraint averages it out. The
+coefficients and s are fitted by scripts/fit_recoverability.py to half the cells of two tables of simulated scenes,
 tests/data/recoverability.csv and recoverability_large.csv; a test derives them again. docs/recoverability.md has the
 judgement on the other half.
 
@@ -18,7 +21,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,10 +32,16 @@ from specklegen.datasets.recipes.multi_image import DynamicSlab
 from specklegen.datasets.split import Split
 from specklegen.models.recoverability.autocorrelation_error import Conditions, Residual, residual, speckle_contrast
 
-COEFFICIENTS = {"constant": -2.8726, "residual": -3.2425, "complexity": -0.1796, "distortion_weight": 2.2471}
-"""a, b, c and w, from the even cells of the tables."""
-FITTED = {"residual": (0.0346, 42.8569), "complexity": (2.5266, 46.65)}
+COEFFICIENTS = {
+    "constant": -1.6878, "residual": -4.468, "complexity": -3.8273, "bright_area": 2.9652, "distortion_weight": 1.92,
+    "scatter": 1.1126,
+}  # fmt: skip
+"""a, b, c, d, w and s, from the even cells of the tables."""
+FITTED = {"residual": (0.0326, 42.8568), "complexity": (2.5266, 46.65), "bright_area": (1.5565, 72.1168)}
 """Smallest and largest of the even cells: beyond, a verdict extrapolates."""
+_NINETIETH = 1.6449  # half of the interval that holds 90 % of a Gaussian number, over its spread
+_ROOTS, _WEIGHTS = np.polynomial.hermite_e.hermegauss(31)
+_NODES = _ROOTS, _WEIGHTS / _WEIGHTS.sum()
 _EXAMPLES = 12  # objects that stand for their family
 _LARGEST_CAMERA = 16.0  # times the camera's side: larger ones are no remedy
 
@@ -63,6 +72,8 @@ class Verdict:
     ----------
     probability : float
         That an image comes back with a Pearson correlation above 0.8.
+    interval : tuple of float
+        Where the share of images that come back lies for nine scenes of ten of the same numbers.
     reasons : tuple of Reason
         Why it fails, the weightiest first; empty where it works.
     numbers : Mapping of str to float
@@ -70,6 +81,7 @@ class Verdict:
     """
 
     probability: float
+    interval: tuple[float, float]
     reasons: tuple[Reason, ...]
     numbers: Mapping[str, float]
 
@@ -85,7 +97,9 @@ class Verdict:
 
     def explain(self) -> str:
         """Verdict, numbers, reasons and remedies, as text."""
-        lines = [f"{'works' if self.works else 'fails'}: success probability {self.probability:.2f}"]
+        low, high = self.interval
+        said = "works" if self.works else "fails"
+        lines = [f"{said}: success probability {self.probability:.2f} ({low:.2f} to {high:.2f})"]
         lines += [f"  {name.replace('_', ' '):22s} {value:.4g}" for name, value in self.numbers.items()]
         for name in self.extrapolates:
             low, high = FITTED[name]
@@ -100,11 +114,29 @@ def total(noise: np.ndarray | float, distortion: np.ndarray | float, weight: flo
     return np.maximum(np.hypot(noise, weight * np.asarray(distortion)), 1e-9)
 
 
+def odds(of: Any, coefficients: np.ndarray) -> np.ndarray:
+    """Logarithm of the odds of success of a scene like most, x = 0; of a Residual, or of a table's columns so named."""
+    constant, slope, per_grain, per_area, weight, _ = coefficients
+    errors = slope * np.log(total(of.noise, of.distortion, weight))
+    return constant + errors + per_grain * np.log(of.complexity) + per_area * np.log(of.bright_area)
+
+
+def share(logits: np.ndarray, scatter: float) -> np.ndarray:
+    """Probability of success, the mean over the scenes' scatter, by Gauss-Hermite quadrature; of the logits' shape."""
+    nodes, weights = _NODES
+    return (weights / (1 + np.exp(-(np.asarray(logits)[..., None] + scatter * nodes)))).sum(-1)
+
+
+def chances(logit: float) -> tuple[float, float, float]:
+    """Probability of success at a logarithm of the odds, and the ends of the interval of :class:`Verdict`."""
+    scatter = COEFFICIENTS["scatter"]
+    low, high = (float(1 / (1 + np.exp(-logit - side * _NINETIETH * scatter))) for side in (-1, 1))
+    return float(share(np.array(logit), scatter)), low, high
+
+
 def logit(found: Residual) -> float:
-    """Logarithm of the odds of success."""
-    constant, slope, per_grain, weight = COEFFICIENTS.values()
-    residual_ = total(found.noise, found.distortion, weight)
-    return float(constant + slope * np.log(residual_) + per_grain * np.log(found.complexity))
+    """Logarithm of the odds of success of a scene like most."""
+    return float(odds(found, np.array(list(COEFFICIENTS.values()))))
 
 
 def judge(conditions: Conditions) -> Verdict:
@@ -116,6 +148,7 @@ def judge(conditions: Conditions) -> Verdict:
         "noise": found.noise,
         "distortion": found.distortion,
         "complexity": found.complexity,
+        "bright_area": found.bright_area,
         "window_over_2_cameras": found.window_over_camera,
         "camera_grains": conditions.camera,
         "object_grains": conditions.side,
@@ -125,7 +158,8 @@ def judge(conditions: Conditions) -> Verdict:
         "saturation_over_mean": conditions.saturation,
     }
     reasons = () if value >= 0 else _reasons(conditions, found)
-    return Verdict(float(1 / (1 + np.exp(-value))), reasons, MappingProxyType(numbers))
+    probability, low, high = chances(value)
+    return Verdict(probability, (low, high), reasons, MappingProxyType(numbers))
 
 
 def recoverable(
@@ -329,7 +363,7 @@ def _reasons(conditions: Conditions, found: Residual) -> tuple[Reason, ...]:
 
 
 def _together(verdicts: list[Verdict]) -> Verdict:
-    """Verdict on several media: mean probability, median numbers, the reasons of those that fail."""
+    """Verdict on several media: means of probability and interval, median numbers, the reasons of those that fail."""
     probability = float(np.mean([each.probability for each in verdicts]))
     numbers = {name: float(np.median([v.numbers[name] for v in verdicts])) for name in verdicts[0].numbers}
     reasons: dict[str, Reason] = {}
@@ -337,4 +371,5 @@ def _together(verdicts: list[Verdict]) -> Verdict:
         for each in sorted(verdicts, key=lambda v: v.probability):
             for reason in each.reasons:
                 reasons.setdefault(reason.name, reason)
-    return Verdict(probability, tuple(reasons.values()), MappingProxyType(numbers))
+    low, high = np.mean([each.interval for each in verdicts], axis=0)
+    return Verdict(probability, (float(low), float(high)), tuple(reasons.values()), MappingProxyType(numbers))

@@ -38,7 +38,8 @@ def recoverable(
     )  # fmt: skip
     if as_json:
         echo_json({
-            "works": verdict.works, "probability": verdict.probability, "numbers": verdict.numbers,
+            "works": verdict.works, "probability": verdict.probability, "interval": verdict.interval,
+            "numbers": verdict.numbers,
             "extrapolates": verdict.extrapolates, "reasons": [reason._asdict() for reason in verdict.reasons],
         })  # fmt: skip
     else:

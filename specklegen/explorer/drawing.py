@@ -110,7 +110,9 @@ def verdict_html(found: Verdict) -> str:
         f"Remedy: {html.escape(each.remedy)}.</li>" for each in found.reasons
     )  # fmt: skip
     beyond = "".join(f" Caution: {name} is outside of what this was fitted on." for name in found.extrapolates)
-    said = f"<p><strong>Phase retrieval {word}</strong>, probability {found.probability:.2f}.{beyond}</p>"
+    low, high = found.interval
+    chance = f"probability {found.probability:.2f} ({low:.2f} to {high:.2f})"
+    said = f"<p><strong>Phase retrieval {word}</strong>, {chance}.{beyond}</p>"
     noise, distortion = found.numbers["noise"], found.numbers["distortion"]
     errors = f"<p>Relative errors of the measured Fourier modulus: noise {noise:.2g}, distortion {distortion:.2g}.</p>"
     return f"{said}{errors}<ul>{reasons}</ul>"
