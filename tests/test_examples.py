@@ -6,7 +6,7 @@ import inspect
 
 import pytest
 
-PACKAGES = ("specklegen", *(f"specklegen.{name}" for name in ("datasets", "models", "coherence", "wavetracing", "fdtd")))
+PACKAGES = [f"specklegen{name}" for name in ("", ".datasets", ".models", ".coherence", ".wavetracing", ".fdtd")]
 NAMES = sorted({f"{package}.{name}" for package in PACKAGES for name in importlib.import_module(package).__all__})
 LONG = ("benchmark", "load_pretrained", "load_solver", "see_through", "train")
 """These take seconds each."""
