@@ -109,8 +109,9 @@ def reference() -> str:
 
 
 def rewrite_links(app, page: str, source: list[str]) -> None:
-    """A link to a page of the root leads to its copy."""
-    source[0] = _among_pages(source[0].replace("](../", "]("), "project/") if "/" not in page else source[0]
+    """A link to a page of the root leads to its copy; one named by a file is named by the title of that page."""
+    text = _among_pages(source[0].replace("](../", "]("), "project/") if "/" not in page else source[0]
+    source[0] = re.sub(r"\[(?:docs/)?[A-Za-z]+\.md\]\(", "[](", text)
 
 
 def _among_pages(text: str, folder: str) -> str:
@@ -122,8 +123,12 @@ _MARKUP = re.compile(r"(``[^`]*``|:[\w:]+:`[^`]*`|`[^`]*`_*)")
 
 
 def escape_formulas(app, what, name, thing, options, lines: list[str]) -> None:
-    """Docstrings are prose and formulas: |K|^2, u*, exit_ are no markup."""
+    """Docstrings are prose and formulas: |K|^2, u*, exit_ are no markup. Examples stay as they are."""
+    example = False
     for n, line in enumerate(lines):
+        example = line.lstrip().startswith(">>>") or (example and bool(line.strip()))
+        if example:
+            continue
         parts = _MARKUP.split(line)
         parts[::2] = [re.sub(r"([|*]|(?<=\w)_(?!\w))", r"\\\1", part) for part in parts[::2]]
         lines[n] = "".join(parts)

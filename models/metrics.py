@@ -69,6 +69,15 @@ def align(image: Tensor, target: Tensor) -> Tensor:
     ------
     RuleError
         If image and target are not of one shape [..., H, W].
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.models import align
+    >>> image = torch.zeros(8, 8)
+    >>> image[2, 3] = 1.0
+    >>> torch.equal(align(image.roll((3, 1), (0, 1)), image), image)
+    True
     """
     return move(image, alignment(image, target))
 
@@ -147,7 +156,16 @@ SCORES = {"pearson": pearson, "psnr": psnr, "ssim": ssim, "jaccard": jaccard}
 
 
 def scores(image: Tensor, target: Tensor) -> dict[str, Tensor]:
-    """Align images to targets, then every score of `SCORES`, float[...] each."""
+    """Align images to targets, then every score of `SCORES`, float[...] each.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.models import scores
+    >>> image = torch.rand(16, 16, generator=torch.Generator().manual_seed(0))
+    >>> round(float(scores(image.roll(2, 0), image)["pearson"]), 3)
+    1.0
+    """
     aligned = align(image, target)
     return {name: score(aligned, target) for name, score in SCORES.items()}
 
@@ -191,6 +209,14 @@ def bootstrap(
     ------
     RuleError
         If there are fewer than two media, a value is not finite, or the confidence is not between 0 and 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.models import bootstrap
+    >>> found = bootstrap(np.array([0.8, 0.9, 0.7, 0.6]), media=np.array([0, 0, 1, 1]))
+    >>> round(found.mean, 3)
+    0.75
     """
     values, media = np.asarray(values, dtype=np.float64), np.asarray(media)
     if values.shape != media.shape or values.ndim != 1:

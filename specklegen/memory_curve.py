@@ -76,6 +76,14 @@ class MemoryEffect(Pictured):
     near_field : bool
         Whether tilts keep their angle to the scatterers' lobe, since mean free paths are shorter than the far field
         that tells them apart (docs/physics.md 10).
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 2e-3], paths=2000)
+    >>> curve.intensity.round(1)
+    array([1. , 0.9])
     """
 
     tilts: np.ndarray
@@ -173,6 +181,14 @@ def memory_effect(
         Where the mean free path is below the wavelength: independent scattering is then doubtful. Where tilts are
         neither small beside the scatterers' lobe, nor beside 0.1 radian, and segments are in the lobe's near field: no
         estimate is right there. Where standard errors rest on next to no path.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-4, 2e-4], paths=10_000)
+    >>> curve.intensity.round(1), curve.standard_error.shape
+    (array([1. , 0.8, 0.6]), (3,))
     """
     if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
         return _of_screens(medium, wavelength, tilts, mode, view)

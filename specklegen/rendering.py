@@ -76,6 +76,18 @@ class SpeckleStack(Pictured):
 
     The intensity of collimated beams is |field|^2, tilt by tilt. An incoherent object has one intensity
     image, float32[(R,) *sensor], and no field.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> stack = sg.render(scene, seed=0)
+    >>> stack.field.shape, stack.intensity.dtype
+    ((2, 16, 16), dtype('float32'))
+    >>> stack.report.sampler
+    'stationary'
     """
 
     def __init__(self, field: np.ndarray | None, intensity: np.ndarray | None, report: Report) -> None:
@@ -170,6 +182,16 @@ def render(
     ------
     RuleError
         See :func:`specklegen.plan`.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> stack = sg.render(scene, seed=0, realizations=3)
+    >>> stack.field.shape  # media, tilts, rows, columns
+    (3, 2, 16, 16)
     """
     instance("render scene", scene, Scene)
     if realizations is not None:

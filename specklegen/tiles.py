@@ -62,6 +62,15 @@ def render_tiles(
     ------
     RuleError
         At once, for a scene of another kind, and as :func:`specklegen.plan` does.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> sum(piece.size for where, piece in sg.render_tiles(scene, seed=0))
+    512
     """
     obstacle = streaming_obstacle(instance("render_tiles scene", scene, Scene))
     if obstacle or sampler == "covariance":
@@ -106,6 +115,17 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
         See :func:`render_tiles`.
     FileExistsError
         If there is something at ``out``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     sg.render_to_zarr(scene, f"{folder}/stack.zarr", seed=0).shape
+    (2, 16, 16)
     """
     import zarr
     from tqdm import tqdm

@@ -49,6 +49,18 @@ class SpeckleCache(Dataset, Pictured):
     DamagedShard
         On reading bytes that are not those that were written; as ForeignShard, if they were written for another
         data set or another sample.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from specklegen.datasets import SpeckleCache, load_recipe
+    >>> from specklegen.datasets.store.generate import generate
+    >>> recipe = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     said = generate(recipe, samples=4, folder=f"{folder}/a.zarr", processes=1)
+    ...     cache = SpeckleCache(f"{folder}/a.zarr")
+    ...     len(cache), cache[3]["image"].shape
+    (4, torch.Size([128, 128]))
     """
 
     def __init__(

@@ -63,6 +63,12 @@ class SpeckleStream(EpochBatches):
 
     Examples
     --------
+    >>> from specklegen.datasets import SpeckleStream, load_recipe
+    >>> recipe = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
+    >>> batch = next(iter(SpeckleStream(recipe, batch_size=4).loader()))
+    >>> batch["image"].shape, batch["object"].shape
+    (torch.Size([4, 128, 128]), torch.Size([4, 28, 28]))
+
     A training loop that can be stopped and resumed::
 
         loader = SpeckleStream(recipe, batch_size=32).loader(num_workers=4)

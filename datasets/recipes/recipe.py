@@ -113,6 +113,15 @@ class Recipe(Value, Pictured):
         recipe's media is within 0.02, path sums elsewhere, which are slower. Or the name of either.
     strict
         Refuse, instead of warning of it, a sampler that is asked for and that the planner finds unfit.
+
+    Examples
+    --------
+    >>> from specklegen.datasets import load_recipe
+    >>> recipe = load_recipe("through-slab", {"material": {"optical_depth": 5.0, "kernel_paths": 1000}})
+    >>> recipe.camera_shape
+    (128, 128)
+    >>> recipe.sample(0, "train", 7)["image"].shape
+    (128, 128)
     """
 
     name: str

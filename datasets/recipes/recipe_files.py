@@ -22,7 +22,14 @@ LONGEST_CHAIN = 16
 
 @lru_cache(1)
 def recipe_names() -> tuple[str, ...]:
-    """Names of the packaged recipes."""
+    """Names of the packaged recipes.
+
+    Examples
+    --------
+    >>> from specklegen.datasets import recipe_names
+    >>> "through-slab" in recipe_names()
+    True
+    """
     return tuple(sorted(p.name.removesuffix(".toml") for p in _packaged().iterdir() if p.name.endswith(".toml")))
 
 

@@ -42,6 +42,14 @@ def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) ->
     ------
     RuleError
         If there is no such recipe, or one of its fields breaks a rule.
+
+    Examples
+    --------
+    >>> from specklegen.datasets import load_recipe
+    >>> load_recipe("through-slab").name
+    'through-slab'
+    >>> load_recipe("through-slab", {"material": {"optical_depth": 5.0}}).material.optical_depth
+    5.0
     """
     if changes is not None and not isinstance(changes, Mapping):
         reject("load_recipe changes", 'a table such as {"material": {"g": 0.8}}', changes)

@@ -222,6 +222,17 @@ def evaluate(
     ------
     RuleError
         If there are no methods or no batches, or a batch has neither an image nor a film of each object.
+
+    Examples
+    --------
+    >>> from specklegen.datasets import load_recipe
+    >>> from specklegen.datasets.loading.stream import tensors
+    >>> from specklegen.models import evaluate
+    >>> recipe = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
+    >>> batch = tensors(recipe.batch(0, "test", range(2)))
+    >>> found, cases = evaluate({"a guess": lambda batch: batch["image"][:, 50:78, 50:78]}, [batch])
+    >>> len(cases), -1 <= found.interval("a guess").mean <= 1
+    (2, True)
     """
     if not methods:
         reject("evaluate methods", "at least one", list(methods))

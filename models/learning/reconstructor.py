@@ -36,6 +36,13 @@ class Reconstructor:
         What it tells: "object", "label" or "material".
     trained_on : dict
         Table of the objects that it was trained on, as in a recipe; empty where that is not known.
+
+    Examples
+    --------
+    >>> from specklegen.models import load_pretrained
+    >>> network = load_pretrained()
+    >>> network.input, network.target, network.shape
+    ('autocorrelation', 'object', (28, 28))
     """
 
     def __init__(
@@ -170,8 +177,9 @@ def load_pretrained(device: torch.device | str = "cpu") -> Reconstructor:
     --------
     >>> from specklegen.datasets import load_recipe
     >>> from specklegen.datasets.loading.stream import tensors
-    >>> batch = tensors(load_recipe("unknown-slab").batch(0, "test", range(8)))
+    >>> from specklegen.models import load_pretrained
+    >>> batch = tensors(load_recipe("unknown-slab", {"material": {"kernel_paths": 1000}}).batch(0, "test", range(2)))
     >>> load_pretrained().reconstruct(batch).shape
-    torch.Size([8, 28, 28])
+    torch.Size([2, 28, 28])
     """
     return Reconstructor.load(str(files("specklegen.models") / "data" / f"{PRETRAINED}.pt"), device)

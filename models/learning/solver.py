@@ -89,6 +89,12 @@ class Solver:
     points : Certificate or None
         Reads it from the evidence of constellations (:mod:`specklegen.models.learning.few_points`); None where they are
         not searched for.
+
+    Examples
+    --------
+    >>> from specklegen.models import load_solver
+    >>> load_solver().certificate is not None
+    True
     """
 
     def __init__(

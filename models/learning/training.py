@@ -69,6 +69,12 @@ class Training(Value):
         Show half of the samples mirrored; only for square images without a left and right of their own.
     seed
         Of first weights, order and mirroring.
+
+    Examples
+    --------
+    >>> from specklegen.models import Training
+    >>> Training(network="unet", width=8, epochs=2).loss
+    'pearson-invariant'
     """
 
     target: Literal["object", "label", "material"] = "object"
@@ -177,6 +183,21 @@ def train(
         in the folder.
     KeyboardInterrupt
         On Ctrl-C, after the step that was being made and a checkpoint.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import torch
+    >>> from specklegen.models import Training, train
+    >>> from specklegen.models.learning.examples import Examples
+    >>> def noise(seed):
+    ...     drawn = torch.Generator().manual_seed(seed)
+    ...     inputs, targets = torch.rand(8, 2, 64, 64, generator=drawn), torch.rand(8, 28, 28, generator=drawn)
+    ...     return Examples(inputs, targets, media=torch.arange(8))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     network = train(Training(width=4, epochs=1, batch_size=4), noise(0), noise(1), folder)
+    >>> network.shape
+    (28, 28)
     """
     checked_device("train device", device)
     begun = time.perf_counter() if begun is None else begun

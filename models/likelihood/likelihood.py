@@ -51,6 +51,13 @@ class Optics(NamedTuple):
         Shape of the window.
     pixel_integration : bool
         Whether pixels collect light over their area, as those of a camera do.
+
+    Examples
+    --------
+    >>> from specklegen.models import Optics
+    >>> optics = Optics(step=2.5, grain=3.0)  # camera pixels between object pixels, and in a speckle grain
+    >>> optics.profile
+    'square'
     """
 
     step: float | Tensor
@@ -76,13 +83,29 @@ def memory_effect_between(
         Direction sine between object pixels.
     shape
         (h, w) of the object.
+
+    Examples
+    --------
+    >>> from specklegen.datasets import load_recipe
+    >>> from specklegen.models import memory_effect_between
+    >>> recipe = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
+    >>> kernel = recipe.material_of(0, "test", 0).kernel
+    >>> memory_effect_between(kernel, recipe.wavelength, pitch=1e-5, shape=(4, 4)).shape
+    torch.Size([7, 7])
     """
     rows, columns = (np.arange(1 - n, n) for n in shape)
     return at_distances(memory_effect_of(kernel, wavelength, pitch), np.hypot(rows[:, None], columns))
 
 
 def expected_deviance(looks: float) -> float:
-    """Deviance of the true object: log n - psi(n) for n looks, Euler's constant for one."""
+    """Deviance of the true object: log n - psi(n) for n looks, Euler's constant for one.
+
+    Examples
+    --------
+    >>> from specklegen.models import expected_deviance
+    >>> round(expected_deviance(1.0), 3)  # of one look: Euler's constant
+    0.577
+    """
     return math.log(looks) - float(torch.digamma(torch.tensor(looks, dtype=torch.float64)))
 
 

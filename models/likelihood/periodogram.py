@@ -37,6 +37,14 @@ class Periodogram(NamedTuple):
         Of a tile, (M, N) pixels.
     lowest : float
         Frequency, in cycles a pixel, below which an envelope's removal left nothing to be used.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.models import periodogram
+    >>> found = periodogram(torch.rand(2, 3, 64, 64))  # 2 objects, 3 frames each
+    >>> found.power.shape, found.looks
+    (torch.Size([2, 64, 33]), 3.0)
     """
 
     power: Tensor
@@ -83,6 +91,13 @@ def periodogram(
     ------
     RuleError
         If the images are not of shape [B, F, H, W], not brighter than their background, or smaller than 8 pixels.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.models import periodogram
+    >>> periodogram(torch.rand(2, 1, 64, 64), tile=32).shape  # four tiles of each image, of 32 x 32 pixels
+    (32, 32)
     """
     if images.ndim != 4 or not images.numel():
         reject("periodogram images", "of shape [objects, frames, rows, columns]", tuple(images.shape))

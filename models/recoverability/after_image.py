@@ -179,6 +179,17 @@ def see_through(
     ------
     RuleError
         If the images are not of that shape, or the bench leaves open what it must know.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.datasets import load_recipe
+    >>> from specklegen.models import see_through
+    >>> bench = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
+    >>> images = torch.from_numpy(bench.batch(0, "test", range(1))["image"])[:, None]
+    >>> found = see_through(images, bench)
+    >>> found.each[0].image.shape
+    (36, 36)
     """
     if images.ndim != 4 or not images.numel():
         reject("see_through images", "of shape [objects, frames, rows, columns]", tuple(images.shape))

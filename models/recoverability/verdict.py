@@ -78,6 +78,13 @@ class Verdict:
         Why it fails, the weightiest first; empty where it works.
     numbers : Mapping of str to float
         What the verdict follows from.
+
+    Examples
+    --------
+    >>> from specklegen.models import recoverable
+    >>> verdict = recoverable("through-slab", media=1)
+    >>> verdict.works
+    False
     """
 
     probability: float
@@ -192,6 +199,13 @@ def recoverable(
     ------
     RuleError
         If the recipe has no hidden objects, or there are no media.
+
+    Examples
+    --------
+    >>> from specklegen.models import recoverable
+    >>> verdict = recoverable("through-slab", media=1)
+    >>> print(verdict.explain().splitlines()[0])
+    fails: success probability 0.26
     """
     loaded = load_recipe(recipe) if isinstance(recipe, str | Path) else recipe
     if not isinstance(loaded, HiddenObject):

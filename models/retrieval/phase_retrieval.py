@@ -57,6 +57,12 @@ class Retrieval(Value):
         be further apart than that end. None keeps the whole window.
     floor
         Smallest C_I to divide by.
+
+    Examples
+    --------
+    >>> from specklegen.models import Retrieval
+    >>> Retrieval(restarts=4, extent=20.0).steps
+    10
     """
 
     restarts: PositiveInt = 20
@@ -145,6 +151,17 @@ def retrieve(
     ------
     RuleError
         If the autocorrelation is not of shape [B, n, n] with an even n, or has no power.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.models import Retrieval, retrieve
+    >>> from specklegen.models.retrieval.autocorrelation import autocorrelation
+    >>> image = torch.zeros(1, 32, 32)
+    >>> image[0, 10:20, 12:16] = 1.0
+    >>> found = retrieve(autocorrelation(image[:, None], 32), Retrieval(restarts=2, extent=12.0))
+    >>> found.image.shape
+    torch.Size([1, 32, 32])
     """
     retrieval = retrieval or Retrieval()
     if autocorrelation.ndim != 3 or autocorrelation.shape[1] != autocorrelation.shape[2] or len(autocorrelation[0]) % 2:

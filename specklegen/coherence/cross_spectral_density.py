@@ -54,6 +54,15 @@ def gaussian_schell_model(x: np.ndarray, coherence_length: float, amplitude: np.
     -----
     UserWarning
         If points lie farther apart than half a coherence length: results then depend on their number.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import gaussian_schell_model
+    >>> gaussian_schell_model(np.array([0.0, 0.5, 1.0]), coherence_length=1.0).round(3)
+    array([[1.   , 0.882, 0.607],
+           [0.882, 1.   , 0.882],
+           [0.607, 0.882, 1.   ]])
     """
     x = np.asarray(x, float)
     if x.ndim != 1 or not x.size:
@@ -101,6 +110,15 @@ def coherent_modes(W0: np.ndarray, n_modes: int | None = None, energy: float = 0
     ------
     RuleError
         If W0 is not Hermitian or not positive, or a number is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import coherent_modes, gaussian_schell_model
+    >>> W0 = gaussian_schell_model(np.linspace(-1, 1, 65), coherence_length=0.6)
+    >>> power, modes = coherent_modes(W0, energy=0.99)
+    >>> modes.shape
+    (65, 4)
     """
     eigenvalues, modes = _eigenvalues_falling("coherent_modes W0", W0)
     kept = _kept("coherent_modes", eigenvalues, n_modes, energy)
@@ -132,6 +150,15 @@ def separable_coherent_modes(
     ------
     RuleError
         As `coherent_modes`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import gaussian_schell_model, separable_coherent_modes
+    >>> line = gaussian_schell_model(np.linspace(-1, 1, 16), coherence_length=2.0)
+    >>> power, modes = separable_coherent_modes(line, line)
+    >>> modes.shape
+    (256, 4)
     """
     along_y, modes_y = _eigenvalues_falling("separable_coherent_modes W0_y", W0_y)
     along_x, modes_x = _eigenvalues_falling("separable_coherent_modes W0_x", W0_x)
@@ -188,6 +215,12 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
     RuleError
         If ``a_over_sigma``, half width over coherence length, is negative or not finite, or ``energy``
         is not between 0 and 1.
+
+    Examples
+    --------
+    >>> from specklegen.coherence import number_of_modes
+    >>> number_of_modes(5.0), number_of_modes(50.0)
+    (10, 83)
     """
     if not 0 <= a_over_sigma < math.inf:
         reject("number_of_modes a_over_sigma", "at least 0 and finite", a_over_sigma)
@@ -201,7 +234,15 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
 
 
 def effective_modes(W: np.ndarray) -> float:
-    """Return N_eff = (tr W)^2 / tr W^2, the number of equally strong modes of the same contrast."""
+    """Return N_eff = (tr W)^2 / tr W^2, the number of equally strong modes of the same contrast.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import effective_modes
+    >>> effective_modes(np.eye(4))  # four independent points
+    4.0
+    """
     return float(np.trace(W).real ** 2 / np.sum(np.abs(W) ** 2))
 
 
@@ -216,6 +257,13 @@ def speckle_contrast(W: np.ndarray) -> float:
     ----------
     W : [n, n]
         Cross-spectral density of the source.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import speckle_contrast
+    >>> speckle_contrast(np.eye(4))
+    0.5
     """
     return effective_modes(W) ** -0.5
 
@@ -258,6 +306,14 @@ def sample_fields(
         If W0 is not positive, ``n`` < 1, ``method`` is unknown; for "copula" also if ``phase_turns`` <
         0.3 (the fields would have a mean) or < a / (pi^2 sigma_g) (the correlation would rise again
         across the source), or if W0 is no Gaussian Schell model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import gaussian_schell_model, sample_fields
+    >>> W0 = gaussian_schell_model(np.linspace(-1, 1, 9), coherence_length=1.0)
+    >>> sample_fields(W0, 100, seed=0).shape
+    (100, 9)
     """
     if n < 1:
         reject("sample_fields n", "at least 1", n)
@@ -327,6 +383,13 @@ def propagate_csd(G: np.ndarray, W0: np.ndarray) -> np.ndarray:
     complex128[pixels, pixels]
         Hermitian and positive, of rank ``points`` at most. For intensities alone use
         `intensity_from_modes`, which needs no such matrix.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import propagate_csd
+    >>> propagate_csd(np.ones((1, 4)), np.eye(4))  # four independent points on one pixel
+    array([[4.]])
     """
     return G @ W0 @ G.conj().T
 
@@ -345,13 +408,29 @@ def intensity_from_modes(G: np.ndarray, modes: np.ndarray, eigenvalues: np.ndarr
     Returns
     -------
     float64[...]
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import coherent_modes, gaussian_schell_model, intensity_from_modes
+    >>> power, modes = coherent_modes(gaussian_schell_model(np.linspace(-1, 1, 9), 2.0), energy=1.0)
+    >>> intensity_from_modes(np.eye(9), modes, power).round(6)  # nothing in the way: of the source itself
+    array([1., 1., 1., 1., 1., 1., 1., 1., 1.])
     """
     fields = G @ (modes * np.sqrt(eigenvalues))
     return np.sum(np.real(fields) ** 2 + np.imag(fields) ** 2, axis=-1)
 
 
 def spectral_density(W: np.ndarray) -> np.ndarray:
-    """Return S = diag W, the mean intensity: float64[n]."""
+    """Return S = diag W, the mean intensity: float64[n].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import spectral_density
+    >>> spectral_density(np.diag([1.0, 2.0]))
+    array([1., 2.])
+    """
     return np.real(np.diagonal(W)).copy()
 
 
@@ -371,6 +450,14 @@ def spectral_degree_of_coherence(W: np.ndarray, reference: int | None = None) ->
         0 wherever a point is dark: S at most 1e-15 of its largest, where W is rounding and mu has no
         meaning. Rounding, and the slight indefiniteness of `specklegen.coherence.cylindrical_focus.flux_weighted_csd`,
         may carry a modulus past 1; it is brought back to 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import gaussian_schell_model, spectral_degree_of_coherence
+    >>> W0 = gaussian_schell_model(np.array([0.0, 0.5, 1.0]), coherence_length=1.0)
+    >>> spectral_degree_of_coherence(W0, reference=0).real.round(3)
+    array([1.   , 0.882, 0.607])
     """
     S = spectral_density(W)
     bright = 1e-15 * S.max() < S

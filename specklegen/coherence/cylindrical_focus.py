@@ -38,7 +38,14 @@ from specklegen.kernels import rays
 
 
 class TransverseDetector(Value):
-    """``n_pixels`` adjoining pixels on [-half_width, half_width] of the focal plane."""
+    """``n_pixels`` adjoining pixels on [-half_width, half_width] of the focal plane.
+
+    Examples
+    --------
+    >>> from specklegen.coherence import TransverseDetector
+    >>> TransverseDetector(half_width=2.5, n_pixels=5).x
+    array([-2., -1.,  0.,  1.,  2.])
+    """
 
     half_width: Positive
     n_pixels: PositiveInt
@@ -65,7 +72,14 @@ class TransverseDetector(Value):
 
 
 class AxialDetector(Value):
-    """Pixels of one width centred on the axis, ``z`` behind the focal plane (away from the lens)."""
+    """Pixels of one width centred on the axis, ``z`` behind the focal plane (away from the lens).
+
+    Examples
+    --------
+    >>> from specklegen.coherence import AxialDetector
+    >>> AxialDetector(z=[0.0, 5.0, 10.0], pixel_width=0.1).z
+    array([ 0.,  5., 10.])
+    """
 
     z: Array
     pixel_width: Positive
@@ -92,6 +106,15 @@ class GreensMatrix(Pictured):
     standard_error : float64[pixels, modes]
         sqrt(E |value - its mean|^2), estimated from the samples themselves; inf where that cannot be
         done (fewer than two samples, or none of them arrived).
+
+    Examples
+    --------
+    >>> from specklegen.coherence import CylindricalFocus, TransverseDetector
+    >>> camera = TransverseDetector(half_width=2.5, n_pixels=11)
+    >>> focus = CylindricalFocus(half_aperture=100, focal_length=200, wavelength=1, n_source=51, detector=camera)
+    >>> found = focus.monte_carlo(n_rays=2000, seed=0)
+    >>> found.value.shape == found.standard_error.shape
+    True
     """
 
     value: np.ndarray
@@ -117,6 +140,15 @@ class CylindricalFocus(Value):
 
     The source is ``n_source`` elements of equal width. With ``n_source=1`` physical optics makes it a
     point, while the rays of `monte_carlo` still leave from the whole element and come to a focus.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import CylindricalFocus, TransverseDetector
+    >>> camera = TransverseDetector(half_width=2.5, n_pixels=11)
+    >>> focus = CylindricalFocus(half_aperture=100, focal_length=200, wavelength=1, n_source=51, detector=camera)
+    >>> np.abs(focus.physical_optics()).shape  # pixels, elements of the source
+    (11, 51)
     """
 
     half_aperture: Positive
@@ -308,6 +340,16 @@ def flux_weighted_csd(G: np.ndarray, dG: np.ndarray, W0: np.ndarray, k: float) -
     complex128[pixels, pixels]
 
     Source: [Prahl09], measurement function, with the derivative taken analytically.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import CylindricalFocus, TransverseDetector, flux_weighted_csd, gaussian_schell_model
+    >>> camera = TransverseDetector(half_width=2.5, n_pixels=11)
+    >>> focus = CylindricalFocus(half_aperture=100, focal_length=200, wavelength=1, n_source=51, detector=camera)
+    >>> W0 = gaussian_schell_model(focus.source_x, coherence_length=60)
+    >>> flux_weighted_csd(focus.physical_optics(), focus.physical_optics(derivative=True), W0, k=2 * np.pi).shape
+    (11, 11)
     """
     half = dG @ W0 @ G.conj().T
     return (half - half.conj().T) / (2j * k)

@@ -77,6 +77,13 @@ def source_lattice(
     RuleError
         If a coherence length is NaN, below the wavelength (the beams would leave the paraxial range), or
         below width / 800 (a million beams).
+
+    Examples
+    --------
+    >>> from specklegen.coherence import source_lattice
+    >>> count, pitch = source_lattice(0.5, 1000.0, "square", shortest=200.0, longest=1000.0)
+    >>> count
+    33
     """
     least = max(wavelength, width / _FINEST)
     if not shortest >= least:
@@ -90,7 +97,14 @@ def source_lattice(
 
 
 def gaussian_brightness(count: int, pitch: float, wavelength: float, coherence_length: float) -> np.ndarray:
-    """Return the angular spectrum of a Gaussian Schell-model source: float64[count, count], of sum 1."""
+    """Return the angular spectrum of a Gaussian Schell-model source: float64[count, count], of sum 1.
+
+    Examples
+    --------
+    >>> from specklegen.coherence import gaussian_brightness
+    >>> gaussian_brightness(9, pitch=1e-3, wavelength=0.5, coherence_length=40.0).shape
+    (9, 9)
+    """
     steps = (np.arange(count) - (count - 1) / 2) * pitch / _angular_spread(wavelength, coherence_length)
     square = steps[:, None] ** 2 + steps**2
     brightness = np.where(square <= REACH**2, np.exp(-square / 2), 0.0)
@@ -125,6 +139,13 @@ def gaussian_schell_object(
     ------
     RuleError
         As `source_lattice`.
+
+    Examples
+    --------
+    >>> from specklegen.coherence import gaussian_schell_object
+    >>> light = gaussian_schell_object(0.5, 200.0, width=1000.0)
+    >>> light.brightness.shape
+    (13, 13)
     """
     count, pitch = source_lattice(wavelength, width, profile, coherence_length, coherence_length)
     brightness = gaussian_brightness(count, pitch, wavelength, min(coherence_length, COHERENT * width))
@@ -145,6 +166,13 @@ def effective_source_modes(
         As in `IncoherentObject`, float64[h, w] not all 0.
     wavelength
         Inside the medium.
+
+    Examples
+    --------
+    >>> from specklegen.coherence import effective_source_modes, gaussian_schell_object
+    >>> source = gaussian_schell_object(0.5, 200.0, width=1000.0)
+    >>> round(effective_source_modes(source.brightness, source.pitch, 0.5, source.width), 1)
+    10.1
     """
     brightness = np.asarray(brightness, dtype=np.float64)
     from scipy.signal import correlate  # half a second, which a plan does not need
@@ -198,6 +226,16 @@ def render_partially_coherent(
     ------
     RuleError
         As `specklegen.render`, and for a coherence length out of its range or other illumination.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> light = sg.CollimatedBeams.tilts([0.0], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> stack = sg.render_partially_coherent(scene, coherence_length=1000.0, seed=0)
+    >>> stack.intensity.shape
+    (1, 16, 16)
     """
     beams = scene.illumination
     if not isinstance(beams, CollimatedBeams):
@@ -237,6 +275,16 @@ def finite_path_excess(
         Direction sine d between the two views, along x from the axis of transmission.
     samples, threads
         Paths from which the weights are known; keyed by the scene.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> from specklegen.coherence import finite_path_excess
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
+    >>> light = sg.CollimatedBeams.tilts([0.0], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((4, 4), 1e-3))
+    >>> 0 < finite_path_excess(scene, paths=1000, samples=2000) < 0.1
+    True
     """
     if paths < 1:
         reject("finite_path_excess paths", "at least 1", paths)

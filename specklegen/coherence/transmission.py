@@ -64,6 +64,15 @@ def transmission_matrix(
     ------
     RuleError
         As `specklegen.render`, or if ``modes`` does not fit the beams.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
+    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((4, 4), 1e-3))
+    >>> sg.transmission_matrix(scene, paths=1000, seed=0).value.shape  # pixels, beams
+    (16, 2)
     """
     beams = scene.beams
     count = len(beams.directions)
@@ -111,6 +120,13 @@ def source_modes(
     ------
     RuleError
         As `coherent_modes`.
+
+    Examples
+    --------
+    >>> from specklegen.coherence import gaussian_schell_object, source_modes
+    >>> power, modes = source_modes(gaussian_schell_object(0.5, 500.0, width=1000.0), wavelength=0.5)
+    >>> modes.shape  # amplitudes over the beams
+    (45, 8)
     """
     power = source.brightness[source.brightness > 0]
     x, y = source.beams.directions[:, :2].T / wavelength
@@ -127,6 +143,12 @@ def face_beams(wavelength: float, width: float, count: int) -> CollimatedBeams:
     ------
     RuleError
         If the sines leave the unit circle: ``count`` pixels of at least a wavelength fit into any width.
+
+    Examples
+    --------
+    >>> from specklegen.coherence import face_beams
+    >>> face_beams(0.5, width=20.0, count=8).directions.shape
+    (64, 3)
     """
     along = np.fft.fftfreq(count, 1 / count) * wavelength / width
     sines = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)  # y outside, x fastest
@@ -151,6 +173,14 @@ def face_modes(amplitudes: np.ndarray) -> np.ndarray:
     ------
     RuleError
         If the number of rows is not a square.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.coherence import face_modes
+    >>> uniform = np.ones((64, 1))  # on 8 x 8 pixels: one beam, straight on
+    >>> int((abs(face_modes(uniform)) > 1e-12).sum())
+    1
     """
     amplitudes = np.asarray(amplitudes)
     count = round(len(amplitudes) ** 0.5)

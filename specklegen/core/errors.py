@@ -13,7 +13,17 @@ class ToldError(Exception):
 
 
 class RuleError(ToldError, ValueError):
-    """A value that breaks a rule; the message names the field, the rule, the value and the remedy."""
+    """A value that breaks a rule; the message names the field, the rule, the value and the remedy.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> try:
+    ...     sg.HenyeyGreenstein(1.5)
+    ... except sg.RuleError as error:
+    ...     print(str(error).partition(";")[0])
+    HenyeyGreenstein.g must be between -1 and 1, both excluded
+    """
 
 
 def reject(field: str, rule: str, value: object, remedy: str = "") -> NoReturn:
@@ -43,4 +53,13 @@ def counted(number: int, thing: str) -> str:
 
 
 class DoubtWarning(UserWarning):
-    """The model is applied where what it assumes is doubtful; results are finite, but may not be physical."""
+    """The model is applied where what it assumes is doubtful; results are finite, but may not be physical.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import specklegen as sg
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", sg.DoubtWarning)  # stop where there is doubt
+    ...     slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
+    """

@@ -33,6 +33,13 @@ def courant_limit(kappa: np.ndarray, method: Literal["bound", "eigen"] = "bound"
     ------
     RuleError
         If a permittivity is not positive (kappa <= -1) or not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.fdtd import courant_limit
+    >>> round(courant_limit(np.array([0.0, 0.2, -0.1])), 3)
+    0.949
     """
     kappa = np.atleast_2d(check_kappa(kappa))
     if method == "bound":

@@ -24,7 +24,14 @@ _HALVINGS = 11  # a 32nd of a period to 1e-4 rad, where the fit is flat to 1e-8
 
 
 def in_phase(moments: Moments) -> np.ndarray:
-    """Sum the second moments over the cells up to each cell: A float64[N]."""
+    """Sum the second moments over the cells up to each cell: A float64[N].
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, in_phase
+    >>> in_phase(RandomLayer(correlation_length=0.02, n_points=50).moments()).shape
+    (50,)
+    """
     if moments.second.ndim == 1:
         return np.cumsum(moments.second)
     return np.tril(moments.second).sum(axis=1)
@@ -34,6 +41,13 @@ def out_of_phase(moments: Moments, theta: np.ndarray) -> np.ndarray:
     """Sum the delayed second moments over the cells beyond each cell: P complex128[F, N].
 
     ``theta`` float64[F] is the phase a cell.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.fdtd import RandomLayer, out_of_phase
+    >>> out_of_phase(RandomLayer(correlation_length=0.02, n_points=50).moments(), np.array([0.03, 0.04])).shape
+    (2, 50)
     """
     cells = moments.mean.size
     theta = np.asarray(theta)[:, None]
@@ -52,6 +66,16 @@ class SingleDelay:
 
     amplitude : alpha, float64[N];  delay : d in time steps, float64[N]
     error : relative error of P over the band, root of the weighted mean square, float64[N]; 0 where P is 0
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.fdtd import single_delay
+    >>> omega = np.linspace(0.1, 0.2, 20)
+    >>> delayed = 2.0 * np.exp(-1j * omega * 5.0)[:, None]
+    >>> found = single_delay(delayed, omega, np.ones(20), longest=10.0)
+    >>> found.amplitude.round(3), found.delay.round(3)
+    (array([2.]), array([5.]))
     """
 
     amplitude: np.ndarray
@@ -80,6 +104,16 @@ def single_delay(p: np.ndarray, omega: np.ndarray, weight: np.ndarray, longest: 
         Of each line; the pulse's power spectrum.
     longest : float
         Longest delay tried, time steps: the round trip of the layer.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.fdtd import single_delay
+    >>> omega = np.linspace(0.1, 0.2, 20)
+    >>> delayed = 2.0 * np.exp(-1j * omega * 5.0)[:, None]
+    >>> found = single_delay(delayed, omega, np.ones(20), longest=10.0)
+    >>> found.amplitude.round(3), found.delay.round(3)
+    (array([2.]), array([5.]))
     """
     omega, weight = np.asarray(omega, dtype=float), np.asarray(weight, dtype=float)
     if not weight.sum() > 0:

@@ -23,6 +23,14 @@ def slab_fresnel(
     -------
     reflected, transmitted : complex128[F]
         At the entrance face, and at the exit face over the wave that would be there without the slab.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.fdtd import slab_fresnel
+    >>> reflected, transmitted = slab_fresnel(1.5, 1.0, thickness=1.0, wavenumber=np.array([1.0, 10.0]))
+    >>> (abs(reflected) ** 2 + abs(transmitted) ** 2).round(12)  # nothing is absorbed
+    array([1., 1.])
     """
     k0 = np.asarray(wavenumber, dtype=float)
     face = (n_background - n_slab) / (n_background + n_slab)

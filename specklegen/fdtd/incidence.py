@@ -35,6 +35,12 @@ class Pulse(Value):
     duration : c0 tau
     delay : t0/tau; the pulse is cut off at its start, at exp(-delay^2) of its peak
     modulated : False leaves the carrier out, so that the band reaches from 0
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import Pulse
+    >>> Pulse(wavelength=0.5, duration=1.0).delay
+    4.0
     """
 
     wavelength: Positive = 0.6
@@ -61,6 +67,13 @@ class Incidence:
     n_fft, bins : length of the discrete Fourier transform, and its lines int[F] that the pulse occupies
     omega, theta : float64[F], phase a step and phase a cell
     spectrum : complex128[F], of the incident field at the first cell
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, illuminate
+    >>> found = illuminate(RandomLayer(correlation_length=0.02))
+    >>> found.spectrum.shape == found.omega.shape
+    True
     """
 
     courant: float
@@ -148,6 +161,12 @@ def illuminate(
     RuleError
         If the Courant number is not in (0, 1], the margin is too small for the source, or the grid is too
         coarse for the pulse.
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, illuminate
+    >>> illuminate(RandomLayer(correlation_length=0.02)).courant
+    0.6896551724137931
     """
     pulse = pulse or Pulse()
     courant = _background_courant(1 / layer.n_background if courant is None else courant)

@@ -35,6 +35,13 @@ class Moments:
         <kappa_m>.
     second : float64[N] or float64[N, N]
         <kappa_m kappa_k>, not centred: by lag |m - k| where the layer is stationary, else in full.
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer
+    >>> moments = RandomLayer(correlation_length=0.02).moments()
+    >>> moments.mean.shape
+    (1500,)
     """
 
     mean: np.ndarray
@@ -50,6 +57,15 @@ class RandomLayer(Value):
     n_points, dx : cells, and their width (length unit)
     rms_index : standard deviation sigma_n of the index
     correlation_length : L_c (length unit); 0 is white from cell to cell, inf one index for the whole layer
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer
+    >>> layer = RandomLayer(correlation_length=0.02)
+    >>> round(layer.length, 6)
+    3.0
+    >>> layer.sample(2, seed=0).shape
+    (2, 1500)
     """
 
     n_background: Positive = 1.45
@@ -124,5 +140,12 @@ class RandomLayer(Value):
 
 
 def sample_moments(kappa: np.ndarray) -> Moments:
-    """Moments of a sample of media float64[R, N], the second in full (N x N): no stationarity assumed."""
+    """Moments of a sample of media float64[R, N], the second in full (N x N): no stationarity assumed.
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, sample_moments
+    >>> sample_moments(RandomLayer(correlation_length=0.02, n_points=50).sample(8, seed=0)).second.shape
+    (50, 50)
+    """
     return Moments(kappa.mean(axis=0), kappa.T @ kappa / len(kappa))

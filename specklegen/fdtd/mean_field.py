@@ -50,6 +50,13 @@ class CoherentTransmission:
 
     amplitude : complex
     standard_error : root of E|mean - <t>|^2; 0 for the closed form, NaN for one realization
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, coherent_transmission
+    >>> found = coherent_transmission(RandomLayer(correlation_length=0.02), wavelength=0.6)
+    >>> round(found.optical_depth, 4), found.standard_error
+    (0.0204, 0.0)
     """
 
     amplitude: complex
@@ -69,6 +76,13 @@ class EquivalentSlab:
     forward_coefficient, backward_coefficient : sigma_f = k^2 S(0)/4 and sigma_b = k^2 S(2k)/4, 1/length
     optical_depth_of_layer : OD of the finite layer, Eq. 2 before the limit, on its grid
     valid, reason : whether Beer's law with the sum of the two describes this layer, and if not, why
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, equivalent_slab
+    >>> found = equivalent_slab(RandomLayer(correlation_length=0.02), wavelength=0.6)
+    >>> found.valid, round(found.thickness, 3)
+    (True, 3.0)
     """
 
     thickness: float
@@ -113,6 +127,13 @@ def coherent_transmission(
     ------
     RuleError
         If the grid has fewer than 8 cells a wavelength in the background, or a choice is unknown.
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, coherent_transmission
+    >>> found = coherent_transmission(RandomLayer(correlation_length=0.02), wavelength=0.6)
+    >>> round(abs(found.amplitude), 4)
+    0.9898
     """
     theta = _phase_per_cell(layer, wavelength)
     if method == "cumulant":
@@ -135,6 +156,13 @@ def equivalent_slab(layer: RandomLayer, wavelength: float) -> EquivalentSlab:
     ------
     RuleError
         If the grid has fewer than 8 cells a wavelength in the background.
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, equivalent_slab
+    >>> found = equivalent_slab(RandomLayer(correlation_length=0.02), wavelength=0.6)
+    >>> round(found.mean_free_path, 1)
+    146.4
     """
     theta = _phase_per_cell(layer, wavelength)
     k = 2 * math.pi * layer.n_background / wavelength

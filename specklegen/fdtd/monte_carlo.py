@@ -47,6 +47,13 @@ def monte_carlo_mean(
     ------
     RuleError
         If ``n_realizations`` is less than 1, or the Courant number exceeds the limit of a medium drawn.
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, monte_carlo_mean
+    >>> found = monte_carlo_mean(RandomLayer(correlation_length=0.02, n_points=100), 16)
+    >>> found.realizations
+    16
     """
     if n_realizations < 1:
         reject("monte_carlo_mean.n_realizations", "at least 1", n_realizations)

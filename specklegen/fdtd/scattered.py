@@ -11,7 +11,18 @@ from specklegen.core.showing import short
 
 
 class Validity(TypedDict):
-    """Whether a mean field of first or second order may be believed; see `specklegen.fdtd.validity`."""
+    """Whether a mean field of first or second order may be believed; see `specklegen.fdtd.validity`.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from specklegen.fdtd import RandomLayer, single_realization
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore")  # it warns of what is printed here
+    ...     found = single_realization(RandomLayer(correlation_length=3.0, n_points=500), method="frequency")
+    >>> sorted(found.validity)
+    ['back', 'back_error', 'forward', 'forward_error', 'phase_variance']
+    """
 
     phase_variance: float
     forward_error: float
@@ -28,6 +39,13 @@ class ScatteredField(Pictured):
     incident : float64[T], the incident field at the first cell
     back, forward : float64[T] or float64[R, T], the scattered field at the first and at the last cell
     validity : verdict of a perturbation order; None where nothing was approximated
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, yee
+    >>> found = yee(RandomLayer(correlation_length=0.02, n_points=100))
+    >>> found.back.shape == found.forward.shape == found.time.shape
+    True
     """
 
     time: np.ndarray
@@ -55,6 +73,13 @@ class MeanField(ScatteredField):
     """Brute-force mean over ``realizations`` media.
 
     back_error, forward_error : float64[T], standard errors of the means; NaN for one realization
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, monte_carlo_mean
+    >>> found = monte_carlo_mean(RandomLayer(correlation_length=0.02, n_points=100), 16)
+    >>> found.forward.shape == found.forward_error.shape == found.time.shape
+    True
     """
 
     back_error: np.ndarray

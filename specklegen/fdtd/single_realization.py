@@ -64,6 +64,13 @@ def single_realization(
     -----
     UserWarning
         If the order is not valid for this layer and pulse; ``validity`` of the result holds the verdict.
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, single_realization
+    >>> found = single_realization(RandomLayer(correlation_length=0.02), method="frequency")
+    >>> found.back.shape == found.time.shape
+    True
     """
     incidence = illuminate(layer, pulse, courant, margin)
     moments = _moments(layer, covariance, kappa, incidence.courant)

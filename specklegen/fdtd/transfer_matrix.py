@@ -34,6 +34,14 @@ def transfer_matrix(kappa: np.ndarray, omega: np.ndarray, courant: float = 1.0) 
     ------
     RuleError
         If a permittivity is not positive, or the grid does not carry a frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.fdtd import transfer_matrix
+    >>> reflected, transmitted = transfer_matrix(np.full(10, 0.2), np.array([0.03]))
+    >>> (abs(reflected) ** 2 + abs(transmitted) ** 2).round(9)
+    array([1.])
     """
     kappa = check_kappa(kappa)
     omega = np.atleast_1d(np.asarray(omega, dtype=float))

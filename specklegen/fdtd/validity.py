@@ -30,7 +30,15 @@ BACK_TOLERANCE = 0.1  # V < 0.033: the mean back field is small, and brute force
 
 
 def phase_variance(layer: RandomLayer, wavenumber: float) -> float:
-    """Variance V (radians squared) of the phase through the layer, at a vacuum wave number k0."""
+    """Variance V (radians squared) of the phase through the layer, at a vacuum wave number k0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.fdtd import RandomLayer, phase_variance
+    >>> round(phase_variance(RandomLayer(correlation_length=0.02), 2 * np.pi / 0.6), 4)
+    0.0118
+    """
     lags = np.arange(1, layer.n_points)
     pairs = layer.n_points + 2 * ((layer.n_points - lags) * layer.index_correlation()[1:]).sum()
     return float((wavenumber * layer.rms_index * layer.dx) ** 2 * pairs)

@@ -63,6 +63,12 @@ def yee(
     RuleError
         If the Courant number exceeds the stability limit of a medium (the message names the limit), a
         permittivity is not positive, or ``kappa`` does not fit the layer.
+
+    Examples
+    --------
+    >>> from specklegen.fdtd import RandomLayer, yee
+    >>> yee(RandomLayer(correlation_length=0.02, n_points=100), seed=3).forward.shape
+    (7143,)
     """
     media = check_kappa(layer.sample(1, seed)[0] if kappa is None else kappa)
     if media.shape[-1] != layer.n_points or media.ndim > 2:

@@ -3,6 +3,15 @@
 ``list()`` names them, ``about(name)`` tells their numbers, ranges and sources, ``get(name, wavelength=...)`` makes one,
 ``draw(name, wavelength=..., seed=...)`` makes one with numbers from the ranges of the literature. A new material is one
 file and one line of ``PRESETS`` in :mod:`specklegen.materials.registry`.
+
+Examples
+--------
+>>> from specklegen import materials
+>>> materials.list()[:3]
+['bone', 'brain', 'fog']
+>>> milk = materials.get("milk", wavelength=0.633)  # in vacuum, micrometres
+>>> round(milk.scatterer.g, 1)
+0.9
 """
 
 from specklegen.materials.preset import BulkMaterial, Number, Preset

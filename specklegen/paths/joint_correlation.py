@@ -45,6 +45,14 @@ class JointCorrelation(Pictured):
         Of it; 0 where it is a closed form.
     plane : float
         How far before the exit plane the pattern stands still under a tilt: the best shift is the tilt times it.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> screen = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    >>> found = sg.joint_correlation(screen, wavelength=0.5, tilts=[0.0, 0.01], shifts=[0.0, 5.0])
+    >>> found.magnitude.shape
+    (2, 2)
     """
 
     tilts: np.ndarray
@@ -103,6 +111,15 @@ def joint_correlation(
     RuleError
         For arguments out of range, fewer paths than it takes for any to carry light through an absorbing slab, or a
         slab through which no scattered light comes.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> screen = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    >>> found = sg.joint_correlation(screen, wavelength=0.5, tilts=[0.0, 0.01], shifts=[0.0, 5.0])
+    >>> found.magnitude.round(3)
+    array([[1.   , 0.136],
+           [1.   , 0.136]])
     """
     tilts = np.atleast_1d(real_array("joint_correlation tilts", tilts))
     shifts = np.atleast_1d(real_array("joint_correlation shifts", shifts))

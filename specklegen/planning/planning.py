@@ -107,6 +107,17 @@ def plan(
         For an argument out of range, a grid that undersamples the speckle, a sampler that cannot serve
         the scene, a render that would not fit into memory, or fewer paths than it takes for any to carry light
         through an absorbing slab.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> sg.plan(scene).sampler
+    'stationary'
+    >>> sg.plan(scene, sampler="paths", rel_error=0.1).paths
+    388
     """
     _check(scene, paths, rel_error, sampler, field_tolerance)
     tolerance = rel_error if rel_error is not None else STATIONARY_TOLERANCE

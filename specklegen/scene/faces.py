@@ -21,6 +21,14 @@ class Faces(Value):
     wall
         Of a thin plate (glass, say) over each face; by default there is none. Its echoes add up as powers at the place
         where they left: right for plates much thinner than the slab.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> glass = sg.Faces(inside=1.5, outside=1.0)
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.Isotropic(), faces=glass)
+    >>> round(glass.largest_sine, 3)  # of views from outside, measured inside
+    0.667
     """
 
     inside: Positive = 1.0

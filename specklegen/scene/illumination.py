@@ -58,6 +58,12 @@ class PlaneWaves(Value):
     ----------
     directions
         float64[T, 3], or float64[T, 2] in flatland: unit vectors of travel.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> sg.PlaneWaves([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]).directions.shape
+    (2, 3)
     """
 
     type: Literal["PlaneWaves"] = "PlaneWaves"
@@ -90,6 +96,13 @@ class CollimatedBeams(Value):
     times
         float64[T], when each beam is on: before a medium that moves (``ScreenStack(velocities=)``), a film is beams of
         one direction at many times. None: all at once.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> beams = sg.CollimatedBeams.tilts([0.0, 1e-4, 2e-4], width=1000.0)  # radians from the axis, towards x
+    >>> beams.directions.shape
+    (3, 3)
     """
 
     type: Literal["CollimatedBeams"] = "CollimatedBeams"
@@ -155,6 +168,12 @@ class PointSources(Value):
     ----------
     points
         float64[T, 3], or float64[T, 2] in flatland: positions.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> sg.PointSources([[0.0, 0.0, -500.0]]).points.shape  # before the medium
+    (1, 3)
     """
 
     type: Literal["PointSources"] = "PointSources"
@@ -182,6 +201,16 @@ class IncoherentObject(Value):
         Direction sine between neighbouring pixels, inside the medium.
     width, profile
         The window on the entrance face, as for :class:`CollimatedBeams`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import specklegen as sg
+    >>> letter = np.zeros((28, 28))
+    >>> letter[6:22, 8:11] = letter[19:22, 8:20] = 1.0  # L
+    >>> hidden = sg.IncoherentObject(brightness=letter, pitch=1e-5, width=1000.0)
+    >>> hidden.directions.shape
+    (784, 3)
     """
 
     type: Literal["IncoherentObject"] = "IncoherentObject"

@@ -29,6 +29,13 @@ class Slab(Value):
     faces
         The step of the refractive index at both faces; by default there is none. Wavelengths, wavenumbers and
         directions are always those inside.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> slab.optical_depth, round(slab.transport_length)
+    (10.0, 1000)
     """
 
     type: Literal["Slab"] = "Slab"
@@ -80,6 +87,13 @@ class Box(Value):
         float64[3] or float64[2], opposite corners; the last axis is the optical axis.
     mean_free_path, albedo, scatterer
         As for :class:`Slab`.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> box = sg.Box(lower=[-50, -50, 0], upper=[50, 50, 20], mean_free_path=10.0, scatterer=sg.Isotropic())
+    >>> box.thickness, box.optical_depth
+    (20.0, 2.0)
     """
 
     type: Literal["Box"] = "Box"
@@ -127,6 +141,17 @@ class VoxelGrid(Value):
         Number of each voxel's scatterer, from 0; by default all are the first.
     scatterers
         The materials.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import specklegen as sg
+    >>> extinction = np.full((4, 8, 8), 0.1)  # [z, y, x], per unit length
+    >>> extinction[:2] = 0.0
+    >>> corners = [-40, -40, 0], [40, 40, 40]
+    >>> cloud = sg.VoxelGrid(lower=corners[0], upper=corners[1], extinction=extinction, scatterers=[sg.Isotropic()])
+    >>> round(cloud.optical_depth, 3)
+    2.0
     """
 
     type: Literal["VoxelGrid"] = "VoxelGrid"

@@ -38,6 +38,13 @@ class PhaseScreen(Value):
         sigma, radians.
     rms_height, index
         Or, instead: the rms height of a rough face, and its refractive index over that of its surroundings.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> screen = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    >>> round(screen.rms_angle(0.5), 4)
+    0.0338
     """
 
     type: Literal["PhaseScreen"] = "PhaseScreen"
@@ -120,6 +127,13 @@ class GroundGlass(Value):
         Of the glass over that of its surroundings.
     unit
         Metres in the unit of length of the scene; micrometres by default.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> glass = sg.GroundGlass(grit=220)
+    >>> glass.screen.rms_height, round(glass.screen.correlation_length)  # micrometres
+    (3.0, 19)
     """
 
     type: Literal["GroundGlass"] = "GroundGlass"
@@ -175,6 +189,13 @@ class ScreenStack(Value):
     velocities
         (x, y) of each screen across the light, lengths per unit of time; None where they stand still. Beams see them
         move by their ``times``: ``CollimatedBeams(times=)``.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> screen = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    >>> sg.ScreenStack(screens=[screen, screen], gaps=[200.0]).thickness
+    200.0
     """
 
     type: Literal["ScreenStack"] = "ScreenStack"

@@ -19,7 +19,17 @@ Side = Literal["transmission", "reflection"]
 
 
 class FarField(Value):
-    """Views at arbitrary directions of travel, unit vectors float64[..., 3], or float64[..., 2] in flatland."""
+    """Views at arbitrary directions of travel, unit vectors float64[..., 3], or float64[..., 2] in flatland.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> views = sg.FarField([[0.0, 0.0, 1.0], [0.0, 0.6, 0.8]])  # straight on, and at 37 degrees
+    >>> views.shape
+    (2,)
+    >>> sg.FarField.grid((64, 64), 1e-3).shape  # a camera
+    (64, 64)
+    """
 
     type: Literal["FarField"] = "FarField"
     directions: Array = Field(kw_only=False)
@@ -70,6 +80,13 @@ class FarFieldGrid(Value):
         (x, y) direction sines of the middle of the grid.
     side
         "transmission" looks at light that leaves through z = thickness, "reflection" through z = 0.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> camera = sg.FarFieldGrid(shape=(3, 4), pitch=1e-3, center=(0.01, 0.0))
+    >>> camera.directions.shape
+    (3, 4, 3)
     """
 
     type: Literal["FarFieldGrid"] = "FarFieldGrid"
@@ -177,6 +194,13 @@ class NearField(Value):
     """Points at which the field itself is measured, float64[..., 3] or float64[..., 2]; inside or outside the medium.
 
     |u|^2 is an irradiance ratio.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> points = sg.NearField([[0.0, 0.0, 120.0], [1.0, 0.0, 120.0]])  # lengths
+    >>> points.shape
+    (2,)
     """
 
     type: Literal["NearField"] = "NearField"

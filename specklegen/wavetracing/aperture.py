@@ -54,6 +54,13 @@ def aperture_transform(
     RuleError
         If the opening is not made of loops, xi not finite or not of two components, or the amplitude not finite or
         not resolved by 262 144 triangles.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import aperture_transform
+    >>> square = [[-5, -5], [5, -5], [5, 5], [-5, 5]]
+    >>> aperture_transform(square, [0.0, 0.0])  # its area
+    array(100.+0.j)
     """
     rim = rim_of("aperture_transform opening", opening)
     xi = _wavevectors("aperture_transform xi", xi)
@@ -81,6 +88,12 @@ def triangles_transform(triangles: ArrayLike, amplitudes: ArrayLike, xi: ArrayLi
     ------
     RuleError
         If shapes do not fit or something is not finite.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import triangles_transform
+    >>> triangles_transform([[[0, 0], [2, 0], [0, 2]]], [[1, 1, 1]], [0.0, 0.0])  # its area
+    array(2.+0.j)
     """
     triangles, amplitudes = np.array(triangles, np.float64), np.array(amplitudes, np.complex128)
     if triangles.ndim != 3 or triangles.shape[1:] != (3, 2) or not np.isfinite(triangles).all():
@@ -122,6 +135,14 @@ def gaussian_mass(polygon: Opening, covariance: ArrayLike, mean: ArrayLike = (0.
     Notes
     -----
     Owen, Ann. Math. Stat. 27, 1075 (1956).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.wavetracing import gaussian_mass
+    >>> square = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+    >>> round(gaussian_mass(square, covariance=np.eye(2)), 3)  # within one sigma along both axes
+    0.466
     """
     from scipy.special import owens_t
 

@@ -51,6 +51,15 @@ class GaussianBeam(Value):
     ------
     RuleError
         For a matrix that is not symmetric and positive definite, or a direction that is no unit vector.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.wavetracing import GaussianBeam
+    >>> beam = GaussianBeam(origin=[0, 0, 0], direction=[0, 0, 1], sigma=100.0 * np.eye(2), wavelength=1.0)
+    >>> beam.propagated(500.0).sigma.round(2)
+    array([[100.,   0.],
+           [  0., 100.]])
     """
 
     origin: Array

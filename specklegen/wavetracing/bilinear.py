@@ -37,6 +37,14 @@ def bilinear_intensity(contributions: ArrayLike, unbiased: bool = True) -> tuple
     ------
     RuleError
         For fewer than three rays, or amplitudes that are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.wavetracing import bilinear_intensity
+    >>> intensity, error = bilinear_intensity(np.full(100, 1 + 1j))
+    >>> round(float(intensity), 6)
+    2.0
     """
     f = np.asarray(contributions, complex)
     if f.ndim < 1 or len(f) < 3:

@@ -59,6 +59,14 @@ class Cone(Value):
     ------
     RuleError
         For a frame that is not orthonormal, or one semi-axis of 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.wavetracing import Cone
+    >>> cone = Cone(origin=[0, 0, 0], frame=np.eye(3), a=1.0, b=1.0, tan_a=0.1, tan_b=0.1)
+    >>> cone.contains([[0.0, 1.5, 10.0], [0.0, 2.5, 10.0]])  # its radius there is 2
+    array([ True, False])
     """
 
     origin: Array

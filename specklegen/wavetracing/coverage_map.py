@@ -40,6 +40,12 @@ class Transmitter(Value):
         Watts; 1 mW by default, so that maps show the gain of the path in dB.
     beam_angle : float
         Half opening angle of beams, radians.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Transmitter
+    >>> Transmitter(position=[0, 0, 10]).power  # watts
+    0.001
     """
 
     position: Array
@@ -68,6 +74,15 @@ class Coverage(Pictured):
         Standard error in dB, to first order; masked alike.
     ledger, statistics
         Of the trace; None for "phase", which traces no beams.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Conductor, Geometry, Plane, Transmitter, coverage, perforated_screen
+    >>> wall = perforated_screen([[-1, -3], [1, -3], [1, 3], [-1, 3]], material=Conductor())
+    >>> plane = Plane(center=[0, 0, 5], shape=(4, 4), pitch=1.0)
+    >>> found = coverage(Geometry([wall]), Transmitter(position=[0, 0, -5]), plane, 1e9, "ray", beams=2000)
+    >>> found.rss_dBm.shape
+    (4, 4)
     """
 
     rss_dBm: np.ma.MaskedArray
@@ -128,6 +143,14 @@ def coverage(
     ------
     RuleError
         For an argument out of range.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Conductor, Geometry, Plane, Transmitter, coverage, perforated_screen
+    >>> wall = perforated_screen([[-1, -3], [1, -3], [1, 3], [-1, 3]], material=Conductor())
+    >>> plane = Plane(center=[0, 0, 5], shape=(4, 4), pitch=1.0)
+    >>> coverage(Geometry([wall]), Transmitter(position=[0, 0, -5]), plane, 1e9, "ray", beams=2000).rss_dBm.shape
+    (4, 4)
     """
     if not 0 < frequency < np.inf:
         reject("coverage frequency", "positive and finite (Hz)", frequency)

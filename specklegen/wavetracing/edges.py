@@ -35,6 +35,13 @@ class Edges:
         The faces that meet there; the second is -1 at a boundary.
     wedge : float64[E]
         n = 2 - alpha / pi, from 1 (flat) to 2 (half plane).
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Geometry, perforated_screen
+    >>> edges = Geometry([perforated_screen([[-5, -5], [5, -5], [5, 5], [-5, 5]])]).edges
+    >>> edges.ends.shape, edges.wedge  # the rim of a sheet: four half planes
+    ((4, 2, 3), array([2., 2., 2., 2.]))
     """
 
     ends: np.ndarray

@@ -32,6 +32,13 @@ class CollimatedEmitter(Value):
     ------
     RuleError
         For corners that do not span a rectangle, a direction within it, or a beam that is not paraxial.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import CollimatedEmitter
+    >>> light = CollimatedEmitter([-6, -8, -10], [6, 8, -10], [0, 0, 1], beam_radius=30.0, wavelength=1.0)
+    >>> light.power
+    1.0
     """
 
     lower: Array
@@ -90,6 +97,13 @@ class PointEmitter(Value):
         Into the whole sphere.
     beam_angle : float
         Half opening angle of a beam's envelope, radians, below pi / 4; the half-width is 9 / (2 k tan(beam_angle)).
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import PointEmitter
+    >>> lamp = PointEmitter(position=[0, 0, -10], wavelength=1.0)
+    >>> round(lamp.beam_radius, 1)
+    35.8
     """
 
     position: Array

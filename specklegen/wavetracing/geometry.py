@@ -46,6 +46,13 @@ class Geometry:
     ------
     RuleError
         If there is no mesh, or something else is given.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Geometry, perforated_screen
+    >>> scene = Geometry([perforated_screen([[-5, -5], [5, -5], [5, 5], [-5, 5]])])
+    >>> len(scene.faces)
+    2
     """
 
     def __init__(self, meshes: Mesh | Sequence[Mesh]) -> None:

@@ -10,7 +10,20 @@ from specklegen.core.values import Array, ComplexNumber, Positive, Value, unit_v
 
 
 class Light(Protocol):
-    """What openings are lit by: anything with a wavelength and a field."""
+    """What openings are lit by: anything with a wavelength and a field.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.wavetracing import Light, Plane, field_on_plane
+    >>> class Tilted:
+    ...     wavelength = 1.0
+    ...     def field(self, points):
+    ...         return np.exp(2j * np.pi * points @ np.array([0.1, 0.0, np.sqrt(0.99)]))
+    >>> light: Light = Tilted()
+    >>> field_on_plane(None, light, Plane(center=[0, 0, 1], shape=(8, 8), pitch=0.5)).values.shape
+    (8, 8)
+    """
 
     @property
     def wavelength(self) -> float:
@@ -33,6 +46,12 @@ class PlaneWave(Value):
         float64[3], unit vector of travel, towards +z.
     amplitude
         A, the field at the origin.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import PlaneWave
+    >>> PlaneWave(wavelength=1.0).field([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]]).round(6)
+    array([ 1.+0.j, -1.+0.j])
     """
 
     type: Literal["PlaneWave"] = "PlaneWave"

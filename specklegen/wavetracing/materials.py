@@ -54,6 +54,12 @@ def itu_permittivity(name: str, frequency: float) -> complex:
     ------
     RuleError
         For an unknown name, or a frequency that is not positive and finite.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import itu_permittivity
+    >>> itu_permittivity("concrete", 1e9)
+    (5.24+0.830445j)
     """
     if name not in ITU:
         reject("material name", f"one of {', '.join(ITU)}", name)
@@ -95,7 +101,15 @@ def wall_coefficients(
 
 
 class Absorber(Value):
-    """A black surface: takes all light in."""
+    """A black surface: takes all light in.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Absorber, perforated_screen
+    >>> black = perforated_screen([[-5, -5], [5, -5], [5, 5], [-5, 5]], material=Absorber())
+    >>> black.material.kind
+    'absorber'
+    """
 
     kind: Literal["absorber"] = "absorber"
 
@@ -105,7 +119,15 @@ class Absorber(Value):
 
 
 class Conductor(Value):
-    """A perfect electric conductor: reflects all light, as a mirror."""
+    """A perfect electric conductor: reflects all light, as a mirror.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Conductor, perforated_screen
+    >>> mirror = perforated_screen([[-5, -5], [5, -5], [5, 5], [-5, 5]], material=Conductor())
+    >>> mirror.material.kind
+    'conductor'
+    """
 
     kind: Literal["conductor"] = "conductor"
 
@@ -115,7 +137,15 @@ class Conductor(Value):
 
 
 class Diffuse(Value):
-    """A Lambert surface: reflects the share ``albedo`` of power over its hemisphere, on the side that is lit."""
+    """A Lambert surface: reflects the share ``albedo`` of power over its hemisphere, on the side that is lit.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Diffuse
+    >>> plaster = Diffuse(albedo=0.8)
+    >>> plaster.albedo
+    0.8
+    """
 
     kind: Literal["diffuse"] = "diffuse"
     albedo: UnitInterval
@@ -129,6 +159,13 @@ class Smooth(Value):
     """A smooth dielectric: a half space, or a wall of a thickness in air, which also transmits.
 
     ``permittivity`` is relative, with Im >= 0; ``thickness`` in the unit of lengths.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Smooth
+    >>> glass = Smooth(permittivity=2.25)
+    >>> glass.permittivity
+    (2.25+0j)
     """
 
     kind: Literal["smooth"] = "smooth"
@@ -147,7 +184,15 @@ class Smooth(Value):
 
 
 class Building(Value):
-    """A building material of ITU-R P.2040-3, by name; lengths in metres. With a thickness it is a wall."""
+    """A building material of ITU-R P.2040-3, by name; lengths in metres. With a thickness it is a wall.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Building
+    >>> wall = Building(name="concrete", thickness=0.2)
+    >>> wall.thickness
+    0.2
+    """
 
     kind: Literal["building"] = "building"
     name: str

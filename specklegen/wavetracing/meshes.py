@@ -32,6 +32,13 @@ class Mesh:
     ------
     RuleError
         For a vertex that is not finite (it would be met by every cone), or a number that no vertex has.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Conductor, Mesh
+    >>> triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], Conductor())
+    >>> triangle.faces.shape
+    (1, 3)
     """
 
     vertices: np.ndarray
@@ -91,6 +98,16 @@ def load_mesh(path: str | Path, scale: float = 1.0, material: Material | None = 
     ------
     RuleError
         For a scale that is not positive and finite, a file without triangles, or a bad vertex or index.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from specklegen.wavetracing import load_mesh
+    >>> with tempfile.NamedTemporaryFile("w", suffix=".obj") as file:
+    ...     for line in ("v 0 0 0", "v 1 0 0", "v 0 1 0", "f 1 2 3"):
+    ...         print(line, file=file, flush=True)
+    ...     load_mesh(file.name, scale=1000.0).faces.shape
+    (1, 3)
     """
     import trimesh
 
@@ -122,6 +139,13 @@ def perforated_screen(
     ------
     RuleError
         For polygons that cross themselves or each other, or that have no area.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import perforated_screen
+    >>> outline, slit = [[-50, -50], [50, -50], [50, 50], [-50, 50]], [[-1, -6], [1, -6], [1, 6], [-1, 6]]
+    >>> perforated_screen(outline, [slit]).faces.shape
+    (8, 3)
     """
     import shapely
 

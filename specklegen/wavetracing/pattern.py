@@ -53,6 +53,12 @@ class Pattern(Pictured):
         the opening, evanescent / (evanescent + n) is the share of them.
     failed : int
         Draws given up after 1024 tries for each edge or slit.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import sample_slits
+    >>> sample_slits([1.0, 1.0], [-2.0, 2.0], [0.0, 0.0], 100, seed=0, wavelength=None).xi.shape
+    (100,)
     """
 
     xi: np.ndarray
@@ -111,6 +117,13 @@ def sample_slits(
     ------
     RuleError
         If there are no slits, a width is not positive, or something is not finite.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import sample_slits
+    >>> drawn = sample_slits([4.0, 4.0], [-10.0, 10.0], [0.0, 0.0], 100, seed=0)
+    >>> drawn.xi.shape, drawn.trials
+    ((100,), 226)
     """
     arrays = [np.array(a, np.float64) for a in (widths, centres, phases)]
     if any(a.ndim != 1 or a.shape != arrays[0].shape or not np.isfinite(a).all() for a in arrays) or not arrays[0].size:
@@ -156,6 +169,13 @@ def sample_pattern(
     ------
     RuleError
         If the opening has no area, a table would need more than 2^24 cells, rejection is asked for other light.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import sample_pattern
+    >>> square = [[-5, -5], [5, -5], [5, 5], [-5, 5]]
+    >>> sample_pattern(square, 100, seed=0).xi.shape
+    (100, 2)
     """
     rim = rim_of("sample_pattern opening", opening)
     if not rim.area > 0:
@@ -180,6 +200,13 @@ def expected_trials(opening: Opening) -> float:
     ------
     RuleError
         As `sample_pattern`.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import expected_trials
+    >>> square = [[-5, -5], [5, -5], [5, 5], [-5, 5]]
+    >>> round(expected_trials(square), 2)
+    2.1
     """
     rim = rim_of("expected_trials opening", opening)
     if not rim.area > 0:

@@ -200,6 +200,14 @@ def phase_rays(
 
     A `DoubtWarning` says where edges are shorter than the Fresnel zone of the nearest point: corners matter there, from
     which there are no rays.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Conductor, Geometry, PointEmitter, perforated_screen, phase_rays
+    >>> mirror = perforated_screen([[-50, -50], [50, -50], [50, 50], [-50, 50]], material=Conductor())
+    >>> lamp = PointEmitter(position=[0, 0, 10], wavelength=1.0)
+    >>> abs(phase_rays(Geometry([mirror]), lamp, [[3.0, 0.0, 20.0]], diffractions=0)).round(5)
+    array([0.03075])
     """
     points = np.asarray(points, float)
     if points.ndim < 1 or points.shape[-1] != 3 or not np.isfinite(points).all():

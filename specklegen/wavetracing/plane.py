@@ -29,6 +29,12 @@ class Plane(Value):
         (rows, columns) = (y, x); row 0 and column 0 hold the smallest y and x.
     pitch
         Side of a pixel.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Plane
+    >>> Plane(center=[0, 0, 500], shape=(8, 10), pitch=2.0).points.shape
+    (8, 10, 3)
     """
 
     type: Literal["Plane"] = "Plane"
@@ -83,6 +89,14 @@ class PlaneField(Pictured):
     pitch : float
     wavelength : float
         In the medium on this side of the screen.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Plane, PlaneWave, field_on_plane
+    >>> square = [[-5, -5], [5, -5], [5, 5], [-5, 5]]
+    >>> found = field_on_plane(square, PlaneWave(wavelength=1.0), Plane(center=[0, 0, 50], shape=(8, 8), pitch=2.0))
+    >>> found.values.shape, found.pitch
+    ((8, 8), 2.0)
     """
 
     values: np.ndarray

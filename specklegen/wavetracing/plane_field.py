@@ -75,6 +75,15 @@ def field_on_plane(
     ------
     RuleError
         If the opening is not made of loops, a pixel lies at z <= 0, or the method does not know this light or plane.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.wavetracing import Plane, PlaneWave, field_on_plane
+    >>> square = [[-5, -5], [5, -5], [5, 5], [-5, 5]]
+    >>> found = field_on_plane(square, PlaneWave(wavelength=1.0), Plane(center=[0, 0, 50], shape=(8, 8), pitch=2.0))
+    >>> round(float(np.abs(found.values).max()), 2)
+    1.41
     """
     if method not in ("boundary", "spectrum", "utd", "fraunhofer"):
         reject("field_on_plane method", "'boundary', 'spectrum', 'utd' or 'fraunhofer'", method)

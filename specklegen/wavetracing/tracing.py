@@ -95,6 +95,16 @@ def trace(
 
     A `DoubtWarning` says where edges are shorter than the wavelength, for which Fraunhofer's pattern is no model, or
     than their Fresnel zone towards the nearest receiver, where UTD would need rays from corners.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import CollimatedEmitter, Geometry, Plane, perforated_screen, trace
+    >>> outline, hole = [[-99, -99], [99, -99], [99, 99], [-99, 99]], [[-2, -2], [2, -2], [2, 2], [-2, 2]]
+    >>> screen = perforated_screen(outline, [hole])
+    >>> light = CollimatedEmitter([-4, -4, -10], [4, 4, -10], [0, 0, 1], beam_radius=20.0, wavelength=1.0)
+    >>> found = trace(Geometry([screen]), light, Plane(center=[0, 0, 500], shape=(8, 8), pitch=50.0), beams=500, seed=1)
+    >>> found.irradiance[0].shape, found.ledger.total
+    ((8, 8), 500)
     """
     planes = [planes] if isinstance(planes, Plane) else list(planes)
     _check(geometry, emitter, beams, mode, diffraction, amplitude, max_events)

@@ -28,6 +28,16 @@ class Ledger:
     edge_received, edge_absorbed : float
         With UTD, what rays from edges add to the two, in beams: sums of signed weights. UTD conserves power nearly, and
         rays from edges that leave without crossing a receiver have no weight.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import CollimatedEmitter, Geometry, Plane, perforated_screen, trace
+    >>> outline, hole = [[-99, -99], [99, -99], [99, 99], [-99, 99]], [[-2, -2], [2, -2], [2, 2], [-2, 2]]
+    >>> screen = perforated_screen(outline, [hole])
+    >>> light = CollimatedEmitter([-4, -4, -10], [4, 4, -10], [0, 0, 1], beam_radius=20.0, wavelength=1.0)
+    >>> found = trace(Geometry([screen]), light, Plane(center=[0, 0, 500], shape=(8, 8), pitch=50.0), beams=500, seed=1)
+    >>> found.ledger.total  # every beam ends once
+    500
     """
 
     received: int
@@ -65,6 +75,16 @@ class Statistics:
         ``regions`` legs of rays that pass edges, ``region_triangles`` the edges there.
     region_area : float
         Mean cross-section of a region (an area); 0 without any.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import CollimatedEmitter, Geometry, Plane, perforated_screen, trace
+    >>> outline, hole = [[-99, -99], [99, -99], [99, 99], [-99, 99]], [[-2, -2], [2, -2], [2, 2], [-2, 2]]
+    >>> screen = perforated_screen(outline, [hole])
+    >>> light = CollimatedEmitter([-4, -4, -10], [4, 4, -10], [0, 0, 1], beam_radius=20.0, wavelength=1.0)
+    >>> found = trace(Geometry([screen]), light, Plane(center=[0, 0, 500], shape=(8, 8), pitch=50.0), beams=500, seed=1)
+    >>> found.statistics.regions > 0
+    True
     """
 
     surface: int
@@ -103,6 +123,16 @@ class WaveTrace(Pictured):
         Power over the area across the light, the sum of w / (A |cos|): what a small sphere receives.
     ledger : Ledger
     statistics : Statistics
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import CollimatedEmitter, Geometry, Plane, perforated_screen, trace
+    >>> outline, hole = [[-99, -99], [99, -99], [99, 99], [-99, 99]], [[-2, -2], [2, -2], [2, 2], [-2, 2]]
+    >>> screen = perforated_screen(outline, [hole])
+    >>> light = CollimatedEmitter([-4, -4, -10], [4, 4, -10], [0, 0, 1], beam_radius=20.0, wavelength=1.0)
+    >>> found = trace(Geometry([screen]), light, Plane(center=[0, 0, 500], shape=(8, 8), pitch=50.0), beams=500, seed=1)
+    >>> found.irradiance[0].shape, found.standard_error[0].shape
+    ((8, 8), (8, 8))
     """
 
     irradiance: list[np.ndarray]

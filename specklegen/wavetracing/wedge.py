@@ -71,6 +71,14 @@ def wedge_coefficients(
     ------
     RuleError
         If an angle lies inside the wedge, L is negative or not finite, beta is not between 0 and pi.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.wavetracing import wedge_coefficients
+    >>> soft, hard = wedge_coefficients(1.5, 3.0, 0.5, distance=10.0, k=2 * np.pi)
+    >>> round(float(abs(soft)), 3), round(float(abs(hard)), 3)
+    (0.695, 0.243)
     """
     phi, incidence, distance, sine = np.broadcast_arrays(
         *_angles(n, phi, incidence), np.asarray(distance, float), np.sin(np.asarray(beta, float))
@@ -91,6 +99,13 @@ def geometric_shares(n: float, phi: ArrayLike, incidence: ArrayLike) -> np.ndarr
     """Return how much of the direct wave and of the images in the 0-face and the n-face is seen, float64[..., 3].
 
     1 or 0, and one half exactly on a boundary, by the same rounded angles as `wedge_coefficients`.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import geometric_shares
+    >>> geometric_shares(1.5, [1.0, 4.5], 0.5)  # the light, and its image in the nearer face; then the shadow
+    array([[1., 1., 0.],
+           [0., 0., 0.]])
     """
     phi, incidence = np.broadcast_arrays(*_angles(n, phi, incidence))
     out = np.empty((phi.size, 3))
@@ -124,6 +139,14 @@ def wedge_field(
     ------
     RuleError
         As `wedge_coefficients`, or if k r sin(beta) < 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.wavetracing import wedge_field
+    >>> field = wedge_field(2.0, 0.5 + np.pi, 0.5, 100.0, 2 * np.pi, "soft")
+    >>> round(float(abs(field)), 2)  # where the shadow of a half plane begins
+    0.49
     """
     if boundary not in ("soft", "hard"):
         reject("wedge_field boundary", "'soft' or 'hard'", boundary)
@@ -174,6 +197,14 @@ def lossy_wedge_field(
     ------
     RuleError
         As `wedge_field`, or if the permittivity is 0 or has a negative imaginary part.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.wavetracing import lossy_wedge_field
+    >>> field = lossy_wedge_field(1.5, 3.0, 0.5, 10.0, 2 * np.pi, permittivity=5 + 0.1j, boundary="soft")
+    >>> round(float(abs(field)), 3)
+    0.876
     """
     if boundary not in ("soft", "hard"):
         reject("lossy_wedge_field boundary", "'soft' or 'hard'", boundary)

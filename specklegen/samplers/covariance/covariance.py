@@ -68,6 +68,18 @@ class Covariance(Pictured):
         Paths ended by the largest order allowed.
     decisions : tuple of Decision
         What took part, what was left out, and why.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
+    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((1, 3), 1e-3))
+    >>> found = sg.covariance(scene, paths=1000)
+    >>> found.intensity.shape  # of every light and view
+    (2, 3)
+    >>> found.sample(4, seed=0).shape  # Gaussian fields of this covariance
+    (4, 2, 3)
     """
 
     value: np.ndarray
@@ -195,6 +207,15 @@ def covariance(
         Where the mean free path is below the wavelength: independent scattering is then doubtful. Where some lights
         and views are found at less than 1e-3 of the brightest ones: connections are kept by those. Where standard
         errors rest on next to no path.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
+    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((1, 3), 1e-3))
+    >>> sg.covariance(scene, paths=1000).value.shape  # light, view, light, view
+    (2, 3, 2, 3)
     """
     instance("covariance scene", scene, Scene)
     _require_volume("covariance", scene)
@@ -254,6 +275,17 @@ def covariance_blocks(
         Rows at a time.
     scene, paths, seed, reverse, tolerance, threads
         As for :func:`covariance`.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
+    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((1, 3), 1e-3))
+    >>> for rows, block in sg.covariance_blocks(scene, rows=4, paths=1000):
+    ...     print(rows, block.value.shape)
+    slice(0, 4, None) (4, 2, 3)
+    slice(4, 6, None) (2, 2, 3)
     """
     if rows < 1:
         reject("covariance_blocks rows", "at least 1", rows)

@@ -45,6 +45,14 @@ class Replacement(Pictured):
     transmittance, transmittance_error : float
         Share of the light that the slab lets through at any angle, unscattered light included, and its standard error.
         The stack lets all of it through, so that its images are 1 / ``transmittance`` times too bright in all.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=500.0, scatterer=sg.HenyeyGreenstein(0.98))
+    >>> found = sg.stack_like(slab, wavelength=0.5, screens=4, paths=2000)
+    >>> len(found.stack.screens), found.of_slab.shape == found.of_stack.shape
+    (4, True)
     """
 
     stack: ScreenStack
@@ -100,6 +108,14 @@ def stack_like(
     ------
     RuleError
         Where the lobe is too wide for thin screens, the slab has no range, or its faces reflect.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=500.0, scatterer=sg.HenyeyGreenstein(0.98))
+    >>> found = sg.stack_like(slab, wavelength=0.5, screens=4, paths=2000)
+    >>> found.stack.thickness, len(found.stack.screens)
+    (887.2983346207417, 4)
     """
     count = whole_number("stack_like screens", screens, 2)
     if not slab.faces.matched:

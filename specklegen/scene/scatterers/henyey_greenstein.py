@@ -20,6 +20,14 @@ class HenyeyGreenstein(Scatterer):
     ----------
     g
         Anisotropy, the mean cosine of the scattering angle; -1 < g < 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import specklegen as sg
+    >>> tissue = sg.HenyeyGreenstein(0.9)
+    >>> np.abs(tissue.amplitude([1.0, 0.0, -1.0])).round(3)  # at cosines of the scattering angle
+    array([3.888, 0.079, 0.047])
     """
 
     type: Literal["HenyeyGreenstein"] = "HenyeyGreenstein"

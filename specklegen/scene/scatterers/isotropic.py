@@ -9,7 +9,14 @@ from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotro
 
 
 class Isotropic(_WithAnisotropy):
-    """A particle that scatters equally into all directions."""
+    """A particle that scatters equally into all directions.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> sg.Isotropic().g
+    0.0
+    """
 
     type: Literal["Isotropic"] = "Isotropic"
 

@@ -42,6 +42,13 @@ class Mie(_WithAnisotropy):
         Inside the medium, around the sphere: the wavelength of the scene.
     refractive_index
         Of the sphere over that of the medium, n + i kappa; kappa >= 0 absorbs.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> bead = sg.Mie(radius=0.5, wavelength=0.633 / 1.33, refractive_index=1.59 / 1.33)  # micrometres
+    >>> round(bead.g, 2)
+    0.92
     """
 
     type: Literal["Mie"] = "Mie"

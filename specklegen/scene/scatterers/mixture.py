@@ -22,6 +22,13 @@ class Mixture(_WithAnisotropy):
         The particle types; a mixture of mixtures is refused.
     fractions
         Share of each type in the scattering coefficient sigma_s; they sum to 1 (to 1e-9).
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> both = sg.Mixture(types=[sg.HenyeyGreenstein(0.9), sg.Isotropic()], fractions=[0.75, 0.25])
+    >>> round(both.g, 3)
+    0.675
     """
 
     type: Literal["Mixture"] = "Mixture"

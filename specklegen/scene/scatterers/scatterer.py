@@ -61,6 +61,16 @@ class Scatterer(Value, Pictured):
 
     A subclass is a frozen value with fields of its own and one method, ``shape(cos, dimensions)``: the amplitude, real
     or complex, up to a factor, at cosines of the scattering angle float64[...]. The name of the class is its ``type``.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> class Forward(sg.Scatterer):
+    ...     power: float
+    ...     def shape(self, cos, dimensions):
+    ...         return (1 + cos) ** self.power
+    >>> round(Forward(power=2.0).mean_cosine(3), 3)
+    0.667
     """
 
     type: Any = None

@@ -45,6 +45,15 @@ class Tabulated(_WithAnisotropy):
         float64[n], scattering angles in radians, rising from 0 to pi (both within 1e-9).
     amplitude
         complex128[n], s at these angles, in any unit; read back as ``amplitudes``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import specklegen as sg
+    >>> theta = np.linspace(0.0, np.pi, 181)
+    >>> measured = sg.Tabulated(theta=theta, amplitude=np.exp(-theta))
+    >>> round(measured.g, 3)
+    0.623
     """
 
     type: Literal["Tabulated"] = "Tabulated"

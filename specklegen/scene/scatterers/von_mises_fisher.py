@@ -21,6 +21,13 @@ class VonMisesFisher(_WithAnisotropy):
     concentration
         kappa, about one over the variance of the angle along one axis; above 0 and at most 1e10: a narrower
         lobe has no room between the cosine's roundings.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> narrow = sg.VonMisesFisher(concentration=100.0)
+    >>> round(narrow.g, 3)
+    0.99
     """
 
     type: Literal["VonMisesFisher"] = "VonMisesFisher"
