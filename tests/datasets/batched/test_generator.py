@@ -324,3 +324,42 @@ def test_a_stream_uses_the_generator_where_it_can(monkeypatch, caplog):
         assert slow._generator is None
     assert "sample by sample on meta: kind 'dynamic-slab' with media of several materials" in caplog.text
     assert SpeckleStream(recipe_of("through-slab")).report()["way"] == plan.STEPS
+
+
+class Asked(SpeckleGenerator):
+    """Notes how many samples it is asked for at a time."""
+
+    def __call__(self, indices):
+        self.counts.append(len(indices))
+        return super().__call__(indices)
+
+
+def test_small_batches_are_made_several_at_once_and_resumed_in_the_middle(monkeypatch):
+    """Two of four samples at a time, the last of one: the bits of each batch by itself, in memory of its own."""
+    recipe = load_recipe("tilt-stack", {"samples": {"train": 21}, "camera": {"shape": [8, 8]}})
+    stream = SpeckleStream(recipe, 3, batch_size=4)
+    generator = stream.__dict__["_generator"] = Asked(recipe, 3)
+    monkeypatch.setattr(generator_module, "AT_ONCE", 9)
+    generator.counts = []
+    batches = list(stream)
+    assert generator.counts == [8, 8, 5]
+    for number, batch in enumerate(batches):
+        equal(dict(batch), SpeckleGenerator(recipe, 3)(stream.indices(0, number)))
+        assert batch["stack"].untyped_storage().nbytes() == 4 * batch["stack"].numel()
+    assert stream.report()["batches_at_once"] == 2
+
+    loader = stream.loader()
+    for number, _ in enumerate(loader):
+        if number == 2:  # the first of two
+            state = loader.state_dict()
+            break
+    resumed = stream.loader()
+    resumed.load_state_dict(state)
+    generator.counts.clear()
+    for found, expected in zip(resumed, batches[3:], strict=True):
+        equal(dict(found), dict(expected))
+    assert generator.counts == [8, 1]
+
+    monkeypatch.setattr(generator_module, "AT_ONCE_BYTES", 4 * 5 * 8 * 8 * 3)
+    assert generator.at_once == 3, "fewer of large images"
+    assert stream.report()["batches_at_once"] == 1
