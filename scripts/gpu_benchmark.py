@@ -200,7 +200,7 @@ def peers(device: torch.device, repeats: int) -> dict[str, dict[str, float]]:
         "thin phase screen": (screen, "memory effect, materials"),
     }
     try:
-        from torchoptics import Field
+        from torchoptics import Field  # pyright: ignore[reportMissingImports]
     except ImportError:
         print("pip install torchoptics: its thin phase screen is left out of the table")
     else:
@@ -256,7 +256,7 @@ def naive(kernel: MemoryEffectCorrelation, device: torch.device, repeats: int) -
     if abs(error) > 7:  # of Student's t with 11 degrees of freedom: less than once in 1e4
         raise SystemExit(f"The naive program's variance is {error:.2g} standard errors from the sampler's.")
     return {"rate": 1 / seconds(image, device, max(1, repeats // 3)), "error": float("nan"),
-            "bytes": 0.0, "operations": 0.0, "lacking": "nothing but camera; one medium"}  # fmt: skip
+            "bytes": 0.0, "operations": 0.0, "lacking": "camera, materials"}  # fmt: skip
 
 
 def main() -> None:

@@ -186,9 +186,8 @@ class SpeckleGenerator:
         ranks = self.ranks(made)
         order, slices = self.buckets(ranks, made.columns.shape[-1], made.base.shape[1])
         images = self._dark(len(numbers), plan.beams_of(self.recipe)[1])
-        if order:
-            at = self._put(order)
-            inputs = rendering.inputs(self.recipe, self.sizes, made.at(at), keys[at], light[at])
+        at = self._put(order)
+        inputs = rendering.inputs(self.recipe, self.sizes, made.at(at), keys[at], light[at]) if order else {}
         for bucket, part in slices:
             render = partial(rendering.render, self.sizes, self.tables, bucket)
             images[at[part]] = self.run(bucket, render, {name: each[part] for name, each in inputs.items()})
