@@ -35,6 +35,8 @@ class Counting(TorchDispatchMode):
         elif name not in FREE and (here(inputs) or here(outputs)):
             self.launches += KERNELS.get(name, 1)
             self.names[name] = self.names.get(name, 0) + 1
+            if name == "index_put_":  # the target is written where the values go, no more
+                inputs, outputs = [*inputs[1:], inputs[-1]], []
             for value in [*inputs, *outputs]:
                 if value.device.type == self.kind:
                     # An expanded tensor is read once.

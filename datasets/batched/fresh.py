@@ -11,7 +11,7 @@ import torch
 from specklegen.coherence.partially_coherent import COHERENT, REACH, shared_speckle
 from specklegen.datasets.batched import optics
 from specklegen.datasets.batched.fused import fused
-from specklegen.datasets.batched.samplers import Samplers, sampler_of, together
+from specklegen.datasets.batched.samplers import Samplers, render, sampler_of, together
 from specklegen.datasets.recipes.multi_image import DynamicSlab
 from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
 from specklegen.datasets.recipes.recipe import Recipe
@@ -39,6 +39,10 @@ class FreshMedia:
     envelope: torch.Tensor
     mixing: torch.Tensor
     lags: tuple[int, int]
+
+    def images(self, keys: torch.Tensor, kept: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        """Images float32[B, F, H, W] of objects float32[B, h, w] over their expected value; see :func:`spectra`."""
+        return render(self.samplers, torch.zeros_like(keys[:, 0, 0, 0]), spectra(self, keys, kept), light)
 
 
 def fresh_media(recipe: Recipe, seed: int, split: Split, device: torch.device) -> FreshMedia:

@@ -46,12 +46,17 @@ def fused(
     return register
 
 
-def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+_SHAPES = 2**10
+"""Shapes that one operator may be compiled for: torch's own limit of 8 is less than the buckets of one recipe."""
+
+
+def _compiled(function: Callable[..., Any], backend: str = "inductor") -> Callable[..., Any]:
     kept: list[Callable[..., Any]] = []
 
     def run(*arguments: Any) -> Any:
         if not kept:
-            kept.append(torch.compile(function, fullgraph=True, dynamic=False))
-        return kept[0](*arguments)
+            kept.append(torch.compile(function, fullgraph=True, dynamic=False, backend=backend))
+        with torch._dynamo.config.patch(recompile_limit=_SHAPES, accumulated_recompile_limit=_SHAPES):
+            return kept[0](*arguments)
 
     return run

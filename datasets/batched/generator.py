@@ -7,9 +7,10 @@ A batch is prepared at once, then rendered in buckets of equal rank, in chunks o
 do not matter. The ranks are the one thing that the host waits for.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import fields
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -20,8 +21,8 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Stream
 from specklegen.datasets.batched import camera, fresh, kept, medium, plan, rendering, samplers, words
-from specklegen.datasets.batched.atlas import Kernels
 from specklegen.datasets.batched.glyphs import GlyphTables, glyph_places, glyph_tables, glyphs
+from specklegen.datasets.batched.graphs import Graphs, each_time
 from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject, centre_of
 from specklegen.datasets.recipes.multi_image import DynamicSlab
 from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
@@ -33,6 +34,8 @@ from specklegen.datasets.split import Purpose, Split, split_number, substream
 BUCKETS = (1, 2, 3, 4, 6, 8, 11, 16, 22, 28)
 CHUNK, CHUNK_BYTES, KEPT_CHUNK = 64, 2**30, 64
 """Samples of a chunk, and the memory that its largest tensors may take on a device; on the CPU a chunk is a sample."""
+AT_ONCE, AT_ONCE_BYTES = 1024, 2**28
+"""Samples that are best asked for at once, so that few chunks are filled up, and the memory of their images."""
 _WITH_AUTOCAST = ("cpu", "cuda", "xpu", "mps")
 _PURPOSES = {"material": Purpose.MATERIAL, "field": Purpose.FIELD, "tilts": Purpose.TILTS}
 
@@ -46,6 +49,8 @@ class SpeckleGenerator:
         As for ``recipe.sample``.
     device
         Any device of torch. On "cuda" steps that want one kernel are compiled at first use.
+    graphs
+        Whether CUDA graphs replay the way from fields to images, on "cuda", where they can be captured.
 
     Raises
     ------
@@ -53,7 +58,10 @@ class SpeckleGenerator:
         If the split is unknown, there is no such device, or the recipe cannot say where it renders.
     """
 
-    def __init__(self, recipe: Recipe, seed: int = 0, split: str = "train", device: str | torch.device = "cpu") -> None:
+    def __init__(
+        self, recipe: Recipe, seed: int = 0, split: str = "train", device: str | torch.device = "cpu", *,
+        graphs: bool = True,
+    ) -> None:  # fmt: skip
         self.number = split_number(split)
         if not isinstance(recipe, Recipe):
             reject("SpeckleGenerator.recipe", "a recipe of this library", type(recipe).__name__)
@@ -61,6 +69,7 @@ class SpeckleGenerator:
         counted = str(device) == "meta"  # holds no numbers: there, batches are counted
         self.device = torch.device(device) if counted else checked_device("SpeckleGenerator.device", device)
         self.way, self.why = plan.way_of(recipe)
+        self.run = Graphs(self.device) if graphs and self.device.type == "cuda" else each_time
         self.tail = substream(seed, self.split, Purpose.MATERIAL, 0)[4:]
         self.outlines: GlyphTables | None = None
         self.library: kept.Library | None = None
@@ -95,6 +104,12 @@ class SpeckleGenerator:
             ways = {plan.DRAWN: self._drawn, plan.KEPT: self._through_kept, plan.FRESH: self._of_one_material}
             return ways.get(self.way, self._by_steps)(numbers)
 
+    @property
+    def at_once(self) -> int:
+        """Samples that are best asked for at once."""
+        picture = next(iter(self.recipe.layout().values()))
+        return max(1, min(AT_ONCE, AT_ONCE_BYTES // (4 * math.prod(picture.shape))))
+
     def report(self) -> dict[str, Any]:
         """Say how batches are made: the way, what keeps the recipe from a faster one, and what the host still does."""
         host = [] if self.way != plan.STEPS else ["everything: samples one by one on the CPU, then copied"]
@@ -104,7 +119,8 @@ class SpeckleGenerator:
             host.append("the sampler that all media share, once, when the generator is made")
         if self.way != plan.STEPS and isinstance(self.recipe, HiddenObject) and self.outlines is None:
             host.append(f"pictures of {self.recipe.objects.type}")
-        return {"way": self.way, "device": str(self.device), "why": list(self.why), "host": host}
+        said = {"way": self.way, "device": str(self.device), "why": list(self.why), "host": host}
+        return said | {"graphs": self.run.report() if isinstance(self.run, Graphs) else "none"}
 
     def _by_steps(self, numbers: list[int]) -> dict[str, Any]:
         return _tensors(self.recipe.batch(self.seed, self.split, numbers), self.device)
@@ -169,21 +185,15 @@ class SpeckleGenerator:
         light = self._objects(numbers)
         ranks = self.ranks(made)
         order, slices = self.buckets(ranks, made.columns.shape[-1], made.base.shape[1])
-        whole = self._put(order)
-        chosen, keys, light_of = _chosen(made, whole), keys[whole], light[whole]
-        waves = rendering.transforms(self.recipe, self.sizes, chosen)
-        parts = [
-            rendering.render(self.sizes, self.tables, _cut(chosen, part), keys[part], light_of[part],
-                             {name: wave[part] for name, wave in waves.items()}, bucket)
-            for bucket, part in slices
-        ]  # fmt: skip
-        places = [0] * len(numbers)
-        for position, place in enumerate(order):
-            places[place] = position  # a sample that fills up a chunk comes again: the same bits
-        images = torch.cat(parts)[self._put(places)] if parts else self._nothing(len(numbers))
+        images = self._dark(len(numbers), plan.beams_of(self.recipe)[1])
+        at = self._put(order)
+        inputs = rendering.inputs(self.recipe, self.sizes, made.at(at), keys[at], light[at]) if order else {}
+        for bucket, part in slices:
+            render = partial(rendering.render, self.sizes, self.tables, bucket)
+            images[at[part]] = self.run(bucket, render, {name: each[part] for name, each in inputs.items()})
         parameters = dict(made.parameters)
         contrasts = [
-            rendering.expected_contrast(self.recipe, self.sizes, self.tables, _cut(made, part), light[part])
+            rendering.expected_contrast(self.recipe, self.sizes, self.tables, made.at(part), light[part])
             for part in self._alone(len(numbers))
         ]
         parameters["expected_contrast"] = torch.cat(contrasts)
@@ -222,9 +232,9 @@ class SpeckleGenerator:
         bytes_each = self.sizes.lags[0] * self.sizes.lags[1] * (8 * rank + 12 * pairs + 8 * tilts * pairs)
         return 2 ** int(np.log2(max(1, min(CHUNK if rank <= 3 else CHUNK // 4, CHUNK_BYTES // bytes_each))))
 
-    def _nothing(self, count: int) -> torch.Tensor:
-        tilts = plan.beams_of(self.recipe)[1]
-        return torch.empty((count, tilts, *self.recipe.camera_shape), device=self.device)
+    def _dark(self, count: int, pictures: int) -> torch.Tensor:
+        """Images float32[B, T or F, H, W] to be filled in; what fills up a chunk comes again, with the same bits."""
+        return torch.zeros((count, pictures, *self.recipe.camera_shape), device=self.device)
 
     def _mended(self, batch: dict[str, Any], numbers: list[int], left: list[int]) -> dict[str, Any]:
         """Samples that the device could not prepare, made step by step."""
@@ -244,26 +254,22 @@ class SpeckleGenerator:
         assert self.library is not None
         light = self._objects(numbers)
         media = [self.recipe.medium_number(n) for n in numbers]
-        order: list[int] = []
-        seen, contrasts, rows, tilts = [], [], [], []
+        shape = self.library.groups[0].samplers.tilts.shape[1:]
+        images = self._dark(len(numbers), shape[0])
+        zeros = partial(torch.zeros, dtype=torch.float64, device=self.device)
+        contrast, rows = zeros(len(numbers)), zeros((len(numbers), len(self.library.names)))
+        tilts = zeros((len(numbers), *shape))
         for number, group in enumerate(self.library.groups):
             places = [place for place, m in enumerate(media) if self.library.places[m][0] == number]
             for some in _chunks(places, 1 if self.device.type == "cpu" else KEPT_CHUNK):
-                objects = light[self._put(some)]
+                at = self._put(some)
                 which = self._put([self.library.places[media[place]][1] for place in some])
-                seen.append(samplers.render(group.samplers, which, group.spectra[which][:, None], objects))
-                contrasts.append(samplers.expected_contrast(group.samplers, which, objects))
-                rows.append(group.samplers.parameters[which])
-                tilts.append(group.samplers.tilts[which])
-                order += some
-        places = [0] * len(numbers)
-        for position, place in enumerate(order):
-            places[place] = position
-        back = self._put(places)
-        columns = dict(zip(self.library.names, torch.cat(rows)[back].unbind(1), strict=True))
-        contrast = torch.cat(contrasts)[back]
-        parameters = columns | {"expected_contrast": contrast, "medium": self._put(media).to(torch.float64)}
-        return self._named(numbers, torch.cat(seen)[back], light, parameters, torch.cat(tilts)[back])
+                images[at] = self.run(number, group.images, {"which": which, "light": light[at]})
+                contrast[at] = samplers.expected_contrast(group.samplers, which, light[at])
+                rows[at], tilts[at] = group.samplers.parameters[which], group.samplers.tilts[which]
+        parameters = dict(zip(self.library.names, rows.unbind(1), strict=True))
+        parameters |= {"expected_contrast": contrast, "medium": self._put(media).to(torch.float64)}
+        return self._named(numbers, images, light, parameters, tilts)
 
     def _of_one_material(self, numbers: list[int]) -> dict[str, Any]:
         recipe, shared = self.recipe, self.media.samplers
@@ -277,15 +283,15 @@ class SpeckleGenerator:
             still = torch.exp(-1 / parameters["correlation_time"])
         light, told = self._light(numbers)
         size = 1 if self.device.type == "cpu" else fresh.chunk(self.media, keys.shape[2], CHUNK, CHUNK_BYTES)
-        seen = []
+        images = self._dark(count, max(keys.shape[2], shared.tilts.shape[1]))
         for some in _chunks([*range(count)], size):
             at = self._put(some)
-            spectra = fresh.spectra(self.media, keys[at], still[at])
-            seen.append(samplers.render(shared, torch.zeros_like(at), spectra, light[at].to(torch.float32)))
+            inputs = {"keys": keys[at], "kept": still[at], "light": light[at].to(torch.float32)}
+            images[at] = self.run("films", self.media.images, inputs)
         first = torch.zeros(count, dtype=torch.int64, device=self.device)
         contrasts = [samplers.expected_contrast(shared, first[part], light[part]) for part in self._alone(count)]
         parameters |= told | {"expected_contrast": torch.cat(contrasts), "medium": self._put(media).to(torch.float64)}
-        return self._named(numbers, torch.cat(seen)[:count], light, parameters, shared.tilts.expand(count, -1, -1))
+        return self._named(numbers, images, light, parameters, shared.tilts.expand(count, -1, -1))
 
     def _film_keys(self, media: list[int]) -> torch.Tensor:
         """Keys int64[B, halves, F, 2] of the fields of media, frame by frame."""
@@ -340,23 +346,6 @@ def _chunks(places: list[int], size: int) -> Iterator[list[int]]:
     for first in range(0, len(places), size):
         some = places[first : first + size]
         yield some + some[:1] * (size - len(some))
-
-
-def _chosen(made: medium.MediumBatch, places: torch.Tensor) -> medium.MediumBatch:
-    """Some media of a batch, with all that rendering asks of them."""
-    return _each(made, lambda value: value[places])
-
-
-def _cut(made: medium.MediumBatch, part: slice) -> medium.MediumBatch:
-    return _each(made, lambda value: value[part])
-
-
-def _each(made: medium.MediumBatch, pick: Callable[[torch.Tensor], torch.Tensor]) -> medium.MediumBatch:
-    return medium.MediumBatch(
-        {"width": pick(made.parameters["width"])}, pick(made.columns), made.rank, pick(made.cells), pick(made.size),
-        pick(made.envelope), made.tilts, pick(made.base), pick(made.object_pitch), pick(made.camera_pitch),
-        Kernels(*(pick(getattr(made.kernels, field.name)) for field in fields(Kernels))),
-    )  # fmt: skip
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from specklegen.datasets.batched.samplers import Samplers, sampler_of, together
+from specklegen.datasets.batched.samplers import Samplers, render, sampler_of, together
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.medium_realization import MediumRealization
 from specklegen.datasets.split import Split
@@ -25,6 +25,10 @@ class KeptMedia:
 
     samplers: Samplers
     spectra: torch.Tensor
+
+    def images(self, which: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        """Images float32[B, T, H, W] of objects float32[B, h, w] through media int64[B], over their expected value."""
+        return render(self.samplers, which, self.spectra[which][:, None], light)
 
 
 @dataclass(frozen=True)

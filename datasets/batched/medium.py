@@ -4,7 +4,7 @@ Step for step what ``Recipe.prepare`` does for one medium, float64 wherever a sh
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 
@@ -54,6 +54,15 @@ class MediumBatch:
     object_pitch: torch.Tensor
     camera_pitch: torch.Tensor
     kernels: Kernels
+
+    def at(self, places: torch.Tensor | slice) -> "MediumBatch":
+        """Some of the media, with one name of the parameters: all that rendering and contrast ask for."""
+        pick = lambda value: value[places]  # noqa: E731
+        return MediumBatch(
+            {"width": pick(self.parameters["width"])}, pick(self.columns), self.rank, pick(self.cells),
+            pick(self.size), pick(self.envelope), self.tilts, pick(self.base), pick(self.object_pitch),
+            pick(self.camera_pitch), Kernels(*(pick(getattr(self.kernels, field.name)) for field in fields(Kernels))),
+        )  # fmt: skip
 
 
 def value_of(number: float | Uniform | LogUniform, uniform: torch.Tensor) -> torch.Tensor:

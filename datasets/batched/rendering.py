@@ -10,33 +10,48 @@ from specklegen.datasets.batched.plan import Sizes, Tables, beams_of
 from specklegen.datasets.recipes.recipe import Recipe
 
 
+def inputs(
+    recipe: Recipe, sizes: Sizes, medium: MediumBatch, keys: torch.Tensor, light: torch.Tensor
+) -> dict[str, torch.Tensor]:
+    """All that :func:`render` asks of samples, each with a leading axis of samples.
+
+    Parameters
+    ----------
+    recipe, sizes
+        Whose.
+    medium
+        Media made ready.
+    keys : int64[B, 2]
+        Keys of their fields.
+    light : float32[B, h, w]
+        Objects.
+    """
+    found = {"columns": medium.columns, "cells": medium.cells, "envelope": medium.envelope, "keys": keys}
+    return found | {"light": light} | transforms(recipe, sizes, medium)
+
+
 def render(
-    sizes: Sizes, tables: Tables, medium: MediumBatch, keys: torch.Tensor, light: torch.Tensor,
-    transforms: dict[str, torch.Tensor], rank: int,
+    sizes: Sizes, tables: Tables, rank: int, columns: torch.Tensor, cells: torch.Tensor, envelope: torch.Tensor,
+    keys: torch.Tensor, light: torch.Tensor, **transforms: torch.Tensor,
 ) -> torch.Tensor:  # fmt: skip
-    """Images over their expected value, float32[B, T, H, W].
+    """Images over their expected value, float32[B, T, H, W], of samples of at most ``rank`` modes.
 
     Parameters
     ----------
     sizes, tables
         Of the recipe.
-    medium
-        Media of at most ``rank`` modes.
-    keys : int64[B, 2]
-        Keys of their fields.
-    light : float32[B, h, w]
-        Objects.
-    transforms
-        Of the media; see :func:`transforms`.
     rank
         Modes to render.
+    columns, cells, envelope
+        Of the media; see :class:`MediumBatch`.
+    keys, light, transforms
+        As :func:`inputs` gives them.
     """
-    values = tables.basis @ medium.columns[:, :, :rank]
+    values = tables.basis @ columns[:, :, :rank]
     values = (values / torch.linalg.vector_norm(values, dim=2, keepdim=True)).to(torch.float32)
-    modes = values[:, :, :, None] if medium.base.shape[1] > 1 else values.mT[:, None]
-    rows, columns = medium.cells.unbind(1)
-    still = torch.ones_like(medium.object_pitch)
-    drawn = optics.fields(keys[:, None], still, rows, columns, medium.envelope, rank, [*sizes.lags])
+    modes = values[:, :, :, None] if transforms["camera_rows"].shape[1] > 1 else values.mT[:, None]
+    still = torch.ones_like(columns[:, 0, 0])
+    drawn = optics.fields(keys[:, None], still, *cells.unbind(1), envelope, rank, [*sizes.lags])
     spectra = optics.spectra(torch.view_as_complex(drawn))
     seen = optics.images(spectra[:, None], modes, light, transforms)
     return seen / light.sum((1, 2), dtype=torch.float64).to(torch.float32)[:, None, None, None]

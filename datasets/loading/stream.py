@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterable, Iterator
 from functools import cached_property
+from itertools import accumulate, chain, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,10 +13,12 @@ from torch.utils.data import get_worker_info
 from specklegen.core.arguments import whole_number
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
+from specklegen.core.parallel import slices
 from specklegen.core.showing import summary
 from specklegen.datasets.batched import plan
 from specklegen.datasets.batched.generator import SpeckleGenerator
 from specklegen.datasets.loading.epochs import EpochBatches
+from specklegen.datasets.loading.prefetch import ahead
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.identity import device_kind
@@ -54,7 +57,10 @@ class SpeckleStream(EpochBatches):
         Where to render, and where the batches lie: "cpu", or "cuda" in the training process itself, without
         workers. The random numbers are the same; the last bits are not. Elsewhere than on the CPU batches are made
         whole where the recipe allows (:class:`~specklegen.datasets.batched.generator.SpeckleGenerator`), and sample by
-        sample, much slower, where it does not: a warning says why, and so does :meth:`report`.
+        sample, much slower, where it does not: a warning says why, and so does :meth:`report`. Small batches are made
+        several at once, and on "cuda" the next ones while the program uses these.
+    graphs : bool
+        Whether CUDA graphs may be used, on "cuda"; the samples are the same.
 
     Raises
     ------
@@ -89,6 +95,7 @@ class SpeckleStream(EpochBatches):
         world: int | None = None,
         drop_last: bool = False,
         device: str | torch.device = "cpu",
+        graphs: bool = True,
     ) -> None:
         if not isinstance(recipe, Renderable):
             reject("SpeckleStream.recipe", "a recipe", recipe, "Read one with load_recipe.")
@@ -96,7 +103,7 @@ class SpeckleStream(EpochBatches):
         getattr(recipe, "rendering", None)  # planned here once, and carried to the workers
         self.recipe, self.split = _on(recipe, device), split
         self.seed = whole_number("SpeckleStream.seed", seed)
-        self.device = torch.device(device)
+        self.device, self.graphs = torch.device(device), graphs
         self.repeats = split != "train"
 
     def __repr__(self) -> str:
@@ -115,20 +122,33 @@ class SpeckleStream(EpochBatches):
         """Render batches."""
         if get_worker_info() is not None:
             self._require_no_workers(get_worker_info().num_workers)  # type: ignore[union-attr]
+        if self._generator is not None:
+            for made, parts in ahead(self._at_once(self._generator, epoch, [*numbers]), self.device):
+                yield from (_own(made, part) for part in parts)
+            return
         for number in numbers:
-            if self._generator is not None:
-                yield self._generator(self.indices(epoch, number))
-                continue
             batch = self.recipe.batch(self.seed, self.split, self.indices(epoch, number))
             require_finite(batch, self.recipe, self.seed, self.split)
             yield tensors(batch, self.device)
+
+    def _at_once(
+        self, generator: SpeckleGenerator, epoch: int, numbers: list[int]
+    ) -> Iterator[tuple[dict[str, Any], list[slice]]]:
+        """Several batches made together, and which samples are whose."""
+        for part in slices(len(numbers), self._batches_at_once(generator)):
+            batches = [self.indices(epoch, number) for number in numbers[part]]
+            edges = [0, *accumulate(map(len, batches))]
+            yield generator([*chain(*batches)]), [slice(*ends) for ends in pairwise(edges)]
+
+    def _batches_at_once(self, generator: SpeckleGenerator) -> int:
+        return max(1, generator.at_once // self.batch_size)
 
     @cached_property
     def _generator(self) -> SpeckleGenerator | None:
         """What makes whole batches on another device than the CPU; None where samples are made one by one."""
         if self.device.type == "cpu" or not isinstance(self.recipe, Recipe):
             return None
-        generator = SpeckleGenerator(self.recipe, self.seed, self.split, self.device)
+        generator = SpeckleGenerator(self.recipe, self.seed, self.split, self.device, graphs=self.graphs)
         if generator.way != plan.STEPS:
             return generator
         _LOG.warning("recipe %s is rendered sample by sample on %s: %s", self.recipe.name, self.device,
@@ -138,7 +158,7 @@ class SpeckleStream(EpochBatches):
     def report(self) -> dict[str, Any]:
         """Say how batches are made; see :meth:`SpeckleGenerator.report`."""
         if self._generator is not None:
-            return self._generator.report()
+            return self._generator.report() | {"batches_at_once": self._batches_at_once(self._generator)}
         why = list(plan.way_of(self.recipe)[1]) if isinstance(self.recipe, Recipe) else []
         return {"way": plan.STEPS, "device": str(self.device), "why": why, "host": ["everything but sums of fields"]}
 
@@ -186,6 +206,11 @@ def _on(recipe: Renderable, device: str | torch.device) -> Renderable:
     if checked_device("SpeckleStream.device", device).type == "cpu":
         return recipe
     return recipe.on(str(device))  # type: ignore[attr-defined]
+
+
+def _own(made: Any, part: slice) -> Any:
+    """Some samples of a (nested) dict of tensors, in memory of the stream that reads them."""
+    return {key: _own(value, part) for key, value in made.items()} if isinstance(made, dict) else made[part].clone()
 
 
 def tensors(batch: Any, device: torch.device | str = "cpu") -> Any:

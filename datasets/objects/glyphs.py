@@ -97,14 +97,16 @@ class Glyphs(ListedFamily):
         """Character turned, scaled to its turned extent and put where it fits; float[h, w], area covered."""
         angle = np.deg2rad(rng.uniform(-self.rotation, self.rotation))
         cosine, sine = np.cos(angle), np.sin(angle)
-        edges = outline(*map(str, source)).reshape(-1, 2) @ np.array([[cosine, sine], [-sine, cosine]])
-        low = edges.min(axis=0)
-        extents = edges.max(axis=0) - low
+        ends = outline(*map(str, source)).reshape(-1, 2) @ np.array([[cosine, sine], [-sine, cosine]])
+        ends = np.ascontiguousarray(ends.T)  # NumPy is slow along axes of two
+        low = ends.min(axis=1)
+        extents = ends.max(axis=1) - low
         rows, columns = self.shape
         scale = rng.uniform(*self.size) * min(rows, columns) / extents.max()
         x = place_within(rng, columns - scale * extents[0])
         y = place_within(rng, rows - scale * extents[1])
-        return _filled((scale * (edges - low) + (x, y)).reshape(-1, 4), rows, columns)
+        placed = scale * (ends - low[:, None]) + np.array([[x], [y]])
+        return _filled(np.ascontiguousarray(placed.T).reshape(-1, 4), rows, columns)
 
 
 def _filled(edges: np.ndarray, rows: int, columns: int) -> np.ndarray:

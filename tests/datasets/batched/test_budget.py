@@ -58,6 +58,32 @@ def test_the_budget_of_the_issue():
     assert megabytes <= 15
 
 
+def test_batches_made_at_once_and_graphs_need_fewer_launches():
+    """What a stream of small batches asks for: few chunks are filled up; a replay is one launch, its inputs copied."""
+    made, here = generator("unknown-slab", "meta"), generator("unknown-slab", "cpu")
+    ranks = here.ranks(here.prepare(list(range(BATCH)))[0]) * 4
+    made.ranks = lambda medium: ranks[: len(medium.rank)]
+    spared = []
+
+    def replayed(_, function, inputs):
+        with Counting("meta") as inside:
+            result = function(**inputs)
+        spared.append(inside.launches - 1 - len(inputs))
+        return result
+
+    with Counting("meta") as alone:
+        made(range(32))
+    made.run = replayed
+    with Counting("meta") as together:
+        made(range(made.at_once))
+    graphed = together.launches - sum(spared)
+    assert made.at_once == 1024
+    assert alone.launches / 32 > 10
+    assert alone.bytes / 32 > 4 * together.bytes / 1024
+    assert together.launches / 1024 <= 1.0
+    assert graphed / 1024 <= 0.7
+
+
 def test_the_host_waits_once_a_batch(monkeypatch):
     """On the CPU, where there are numbers: nothing but the ranks is asked for."""
     made = generator("unknown-slab", "cpu")

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from specklegen.datasets.batched import atlas, generator, glyphs
+from specklegen.datasets.batched import atlas, fused, generator, glyphs
 from specklegen.datasets.batched.fused import FORMS
 from specklegen.datasets.objects.glyphs import Glyphs
 
@@ -57,6 +57,26 @@ def test_one_graph(name):
     found = torch.compile(FORMS[name], fullgraph=True, dynamic=False, backend=backend)(*inputs)
     assert len(graphs) == 1
     torch.testing.assert_close(found, FORMS[name](*inputs), rtol=0, atol=0, equal_nan=True)
+
+
+def test_an_operator_is_compiled_for_every_bucket():
+    """Ten ranks, which is more shapes than torch compiles one function for by itself: it would raise an error."""
+    compiled = []
+
+    def backend(graph, _inputs):
+        compiled.append(graph)
+        return graph.forward
+
+    torch._dynamo.reset()
+    run = fused._compiled(FORMS["pair_products"], backend=backend)
+    assert torch._dynamo.config.recompile_limit < len(generator.BUCKETS)
+    for rank in (*generator.BUCKETS, *generator.BUCKETS):
+        views = torch.rand(1, 1, rank, 3, 2, 2)
+        assert torch.equal(run(views), FORMS["pair_products"](views))
+    assert len(compiled) == len(generator.BUCKETS)
+    plain = torch.compile(FORMS["pair_products"], fullgraph=True, dynamic=False, backend=backend)
+    with pytest.raises(torch._dynamo.exc.FailOnRecompileLimitHit):  # power
+        [plain(torch.rand(1, 1, rank, 2, 2, 2)) for rank in generator.BUCKETS]
 
 
 @pytest.mark.slow

@@ -19,9 +19,9 @@ RECIPES = {
 }  # fmt: skip
 
 
-def pair(name):
+def pair(name, **options):
     recipe = load_recipe(name, RECIPES[name])
-    return SpeckleGenerator(recipe, 4), SpeckleGenerator(recipe, 4, device="cuda")
+    return SpeckleGenerator(recipe, 4), SpeckleGenerator(recipe, 4, device="cuda", **options)
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -57,6 +57,35 @@ def test_companions_do_not_matter(name):
     for _ in range(20):
         some = rng.choice(200, 37, replace=False)
         assert torch.equal(there(some)[key].cpu(), whole[torch.from_numpy(some)])
+
+
+@pytest.mark.parametrize("name", ["unknown-slab", "through-slab", "dynamic-slab"])
+def test_a_thousand_replays_of_graphs(name):
+    """With random numbers of samples; memory that a replay should write is spoilt before each."""
+    _, plain = pair(name, graphs=False)
+    _, there = pair(name)
+    there(range(256))
+    assert there.report()["graphs"] == f"{len(there.run.kept)} captured"
+    key = next(iter(there.recipe.layout()))
+    rng, replays = np.random.default_rng(0), 0
+    while replays < 1000:
+        for found in there.run.kept.values():
+            found.result.fill_(torch.nan)
+            replays += 1
+        some = rng.integers(0, 2**40, 256)
+        assert torch.equal(there(some)[key], plain(some)[key])
+
+
+def test_batches_made_ahead_are_those_of_the_generator():
+    """While the program writes over the memory that it let go."""
+    recipe = load_recipe("through-slab", RECIPES["through-slab"])
+    stream = SpeckleStream(recipe, batch_size=96, device="cuda")
+    generator = SpeckleGenerator(recipe, device="cuda")
+    for number, batch in zip(range(60), stream, strict=False):
+        expected = generator(stream.indices(0, number))["image"]
+        assert torch.equal(batch["image"], expected)
+        del batch
+        torch.full((96, 128, 128), torch.nan, device="cuda").sum()
 
 
 def test_switches_of_the_program_change_nothing():

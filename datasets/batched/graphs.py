@@ -1,0 +1,111 @@
+"""CUDA graphs: a function of tensors of fixed shapes is captured once, and replayed with other numbers in their place.
+
+Written after torch's documentation (notes on CUDA semantics, "CUDA Graphs"), and never run on a GPU. The first replay
+is compared with what the function itself gives, to the bit, so that what capture does not carry is found there.
+"""
+
+import logging
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+_LOG = logging.getLogger(__name__)
+_WARM = 3
+"""Runs before a capture, in which operators are compiled, transforms planned and work spaces made."""
+
+
+@dataclass(frozen=True)
+class _Captured:
+    graph: Any
+    inputs: dict[str, torch.Tensor]
+    result: torch.Tensor
+
+
+class Graphs:
+    """Captured functions, one for each name and set of shapes, that share their memory.
+
+    A result lies in memory that the next call of the same name and shapes overwrites: use it, or copy it, before.
+
+    Parameters
+    ----------
+    device
+        Where all tensors lie.
+    cuda
+        What stands for ``torch.cuda``.
+    """
+
+    def __init__(self, device: torch.device, cuda: Any = torch.cuda) -> None:
+        self.device, self._cuda = device, cuda
+        self.kept: dict[Hashable, _Captured] = {}
+        self.refused = ""
+        """Why nothing is captured or replayed any more."""
+        self._stream = self._pool = self._last = None
+
+    def __call__(
+        self, name: Hashable, function: Callable[..., torch.Tensor], inputs: dict[str, torch.Tensor]
+    ) -> torch.Tensor:
+        """Return ``function(**inputs)``, replayed where it can be.
+
+        Parameters
+        ----------
+        name
+            Of all that the function depends on but its inputs.
+        function
+            Of tensors alone, that asks for no number of theirs.
+        inputs
+            Tensors on the device.
+        """
+        key = name, *((each, value.shape, value.dtype) for each, value in inputs.items())
+        if key not in self.kept and not self.refused:
+            try:
+                self.kept[key] = self._capture(function, inputs)
+            except RuntimeError as error:  # of CUDA, out of memory included; the generator goes on without graphs
+                self.refused = f"{name}: {error}".splitlines()[0]
+                _LOG.warning("no CUDA graphs from here on: %s", self.refused)
+                self.kept.clear()
+        if self.refused:
+            return function(**inputs)
+        found = self.kept[key]
+        self._follow()
+        for each, value in inputs.items():
+            found.inputs[each].copy_(value)
+        found.graph.replay()
+        return found.result
+
+    def report(self) -> str:
+        """Say what was captured, or why nothing is."""
+        return f"refused: {self.refused}" if self.refused else f"{len(self.kept)} captured"
+
+    def _follow(self) -> None:
+        """Wait for the stream of the call before, where it was another one: the memory is the same."""
+        here = self._cuda.current_stream(self.device)
+        if self._last is not None and self._last != here:
+            here.wait_stream(self._last)
+        self._last = here
+
+    def _capture(self, function: Callable[..., torch.Tensor], inputs: dict[str, torch.Tensor]) -> _Captured:
+        self._follow()
+        if self._stream is None:
+            self._stream, self._pool = self._cuda.Stream(self.device), self._cuda.graph_pool_handle()
+        kept = {name: value.clone(memory_format=torch.contiguous_format) for name, value in inputs.items()}
+        self._stream.wait_stream(self._cuda.current_stream(self.device))
+        with self._cuda.stream(self._stream):
+            expected = [function(**kept) for _ in range(_WARM)][-1]
+        graph = self._cuda.CUDAGraph()
+        # "thread_local": a thread of the program that pins memory for its own loader must not spoil the capture.
+        with self._cuda.graph(graph, pool=self._pool, stream=self._stream, capture_error_mode="thread_local"):
+            result = function(**kept)
+        result.fill_(torch.nan)
+        graph.replay()
+        if not torch.equal(result, expected):
+            raise RuntimeError("the first replay differs from what it replays")
+        return _Captured(graph, kept, result)
+
+
+def each_time(
+    _name: Hashable, function: Callable[..., torch.Tensor], inputs: dict[str, torch.Tensor]
+) -> torch.Tensor:
+    """Call the function: what stands for :class:`Graphs` where there are none."""
+    return function(**inputs)
