@@ -56,7 +56,7 @@ def walked(slab: Slab, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _turned_back(slab: Slab, alive: np.ndarray, position, direction, ahead: np.ndarray, rng) -> None:
-    """Reflect flights to points ``ahead`` float64[n, 3], as often as they are; each leg unfolded, so that it is straight.
+    """Reflect flights to points ``ahead`` float64[n, 3], as often as faces do; legs are unfolded.
 
     Depths of ``position``, ``direction`` and ``ahead`` are mirrored about the face that a flight met.
     """

@@ -236,7 +236,7 @@ def check_table(case, paths):
 
 
 def check_half_range(kernel, half, digit):
-    """C_I at the half range of the table is half way to the floor, within the errors of both curves and of its digits."""
+    """C_I at the half range of the table is half way to the floor, within both errors and that of its digits."""
     found, _, error = kernel.intensity(np.array([half - digit, half, half + digit]) / L)
     level = 0.5 * (1 + kernel.single_share**2)
     assert_z(found[1], level, np.hypot(np.hypot(error[1], ERROR), np.ptp(found) / 2), degrees=DEGREES)

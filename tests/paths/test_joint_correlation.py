@@ -108,8 +108,9 @@ def test_the_pattern_of_a_view_moves_with_the_tilt(depth, g, slope, error):
     medium = sg.Slab(thickness=1.0, mean_free_path=1 / depth, scatterer=lobe)
     view = np.array([0.2, 0.0, np.sqrt(0.96)])
     walk = estimate_oblique_correlation(medium, np.array([0.0, 0.0, 1.0]), view, 100_000, 3)
-    sums = [batch_sums(each, walk.owners, walk.paths) for each in (walk.weights * walk.displacement[:, 0], walk.weights)]
-    found, own = jackknife(np.array(sums).T.real, lambda total: total[:1] / total[1:] * view[2] / view[0])
+    both = np.stack([walk.weights * walk.displacement[:, 0], walk.weights])
+    sums = batch_sums(both, walk.owners, walk.paths).real
+    found, own = jackknife(sums, lambda total: total[:1] / total[1:] * view[2] / view[0])
     assert_z(found, slope, np.hypot(own, error), degrees=63)
 
 

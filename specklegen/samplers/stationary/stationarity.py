@@ -122,7 +122,8 @@ def pilot_error(
     lights, views = _pairs(_probe_lights(scene), _intensity_views(scene, envelope is not None))
     powers = [pilot.intensity(view, light) for light, view in zip(lights, views, strict=True)]
     carried = 1.0 if envelope is None else envelope.intensity(lights, views)
-    table = np.concatenate([np.moveaxis(np.array(sums), -1, 0).reshape(BATCHES, -1), np.array([*powers, norm]).T], axis=1)
+    table = np.moveaxis(np.array(sums), -1, 0).reshape(BATCHES, -1)
+    table = np.concatenate([table, np.array([*powers, norm]).T], axis=1)
 
     def differences(total: np.ndarray) -> np.ndarray:
         exact, one, two, modelled, reference = total[: 5 * n].reshape(n, 5).T
@@ -201,15 +202,14 @@ def _probe_views(scene: Scene) -> np.ndarray:
 
 
 def _probe_lights(scene: Scene) -> np.ndarray:
-    """The middle of the beams, the one farthest from it, and the one farthest from that: float64[n, 2], no two alike."""
+    """The middle of the beams, the one farthest from it, and the one farthest from that: float64[n, 2]."""
     directions = scene.beams.directions
     middle, sines = reference_direction(directions)[:2], directions[:, :2]
-    if not len(sines):
+    if not len(sines) or (sines == middle).all():
         return middle[None]
     one = sines[np.square(sines - middle).sum(-1).argmax()]
     other = sines[np.square(sines - one).sum(-1).argmax()]
-    ends = [end for end in (one, other) if not np.array_equal(end, middle)]
-    return np.array([middle, *ends[: 1 + (len(ends) == 2 and not np.array_equal(*ends))]])
+    return np.array([middle, one, other])
 
 
 def _nine_and_four(scene: Scene, reach: float) -> np.ndarray:
