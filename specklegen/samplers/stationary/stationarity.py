@@ -8,8 +8,9 @@ in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the m
 
 (w_1 for both where segments are in the near field of a narrow lobe, :mod:`specklegen.paths.far_field`)
 with W^ the Fourier transform of the window's intensity and K either that of the axis or the oblique one about the
-middle of the beams and of the views. Intensities of the outermost beams at all these views are compared with the one
-that the model has everywhere, or with its envelope (:mod:`specklegen.samplers.stationary.envelope`). physics.md 9.
+middle of the beams and of the views. Intensities at these views, of collimated beams those of the outermost too, are
+compared with the one that the model has everywhere, or with its envelope
+(:mod:`specklegen.samplers.stationary.envelope`). physics.md 9.
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +25,7 @@ from specklegen.paths.far_field import lobe_loss
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.stationary.envelope import Envelope, fit_envelope
 from specklegen.samplers.stationary.oblique import face_to_face
-from specklegen.scene.illumination import directions_of_sines, reference_direction
+from specklegen.scene.illumination import IncoherentObject, directions_of_sines, reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
@@ -202,10 +203,13 @@ def _probe_views(scene: Scene) -> np.ndarray:
 
 
 def _probe_lights(scene: Scene) -> np.ndarray:
-    """The middle of the beams, the one farthest from it, and the one farthest from that: float64[n, 2]."""
+    """The middle of the beams, the one farthest from it, and the one farthest from that: float64[n, 2].
+
+    Of a hidden object the middle alone: one image adds up all of its beams, whose lobes lie on either side of it.
+    """
     directions = scene.beams.directions
     middle, sines = reference_direction(directions)[:2], directions[:, :2]
-    if not len(sines) or (sines == middle).all():
+    if not len(sines) or (sines == middle).all() or isinstance(scene.illumination, IncoherentObject):
         return middle[None]
     one = sines[np.square(sines - middle).sum(-1).argmax()]
     other = sines[np.square(sines - one).sum(-1).argmax()]
