@@ -81,7 +81,7 @@ def test_another_program_finds_the_same_of_other_slabs(name):
 @pytest.mark.slow
 def test_grids_of_two_rms_angles_would_alias(monkeypatch):
     """.673 instead of .606: what refusing them is for."""
-    monkeypatch.setattr(slices, "RMS_ANGLES", 2)
+    monkeypatch.setattr(slices, "RMS_ANGLES", 1.9)
     found = run(slab(20.0), 4, pitch=1.0, size=384)
     assert_z(found.all_views.mean(axis=0)[0], 0.673, ERROR[0], slack=0.005)
 
