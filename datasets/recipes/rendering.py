@@ -132,7 +132,7 @@ def medium_plan(recipe: "Recipe", view: Planned) -> Plan:
         If path sums are needed, and have no model of what the recipe asks for.
     """
     paths = recipe.material.kernel_paths
-    made = plan(view.probe, paths=paths, sampler=recipe.sampler)
+    made = plan(view.probe, paths=paths, sampler=recipe.sampler, envelope=False)
     if made.sampler != "paths":
         return made
     obstacle = recipe.path_sum_obstacle

@@ -141,6 +141,10 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
         assert isinstance(kernel, MemoryEffectCorrelation)
         return Estimate(mean_intensity(kernel, area) * _mode_products(scene, probes, kernel), found.standard_error)
     pattern = _window_products(scene, probes, kernel) / mean_intensity(kernel, area)
+    if draws.sampler.envelope is not None:
+        views = scene.sensor.directions.reshape(-1, 3)[probes.points[:, 1], :2]  # type: ignore[union-attr]
+        gains = np.sqrt(draws.sampler.envelope.intensity(lights[:, :2], views))
+        pattern = pattern * gains[probes.ends].prod(axis=1)
     return Estimate(pattern * found.value, np.abs(pattern) * found.standard_error)
 
 

@@ -69,6 +69,7 @@ def plan(
     mean: bool = False,
     field_tolerance: float = 1e-3,
     streamed: bool = False,
+    envelope: bool = True,
     threads: int | None = None,
 ) -> Plan:
     """Choose how to render a scene, and predict what it costs.
@@ -98,6 +99,9 @@ def plan(
         Relative error of the NUFFT against the direct sum.
     streamed
         State, and hold against the memory there is, what :func:`specklegen.render_tiles` holds at a time.
+    envelope
+        Whether the stationary sampler may draw fields under an envelope that turns with the tilt; False of recipes,
+        whose modes have none.
     threads
         Threads for the prediction of seconds.
 
@@ -128,7 +132,7 @@ def plan(
         _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
 
     reversal = scene_reversal(scene, reverse, tolerance)
-    wish = Wish(paths, rel_error, reversal.needed, tolerance, field_tolerance, sampler, streamed)
+    wish = Wish(paths, rel_error, reversal.needed, tolerance, field_tolerance, sampler, streamed, envelope)
     decisions = [decision for rule in SCENE_RULES for decision in rule(scene)]
     decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
     chosen, told = None, []

@@ -50,6 +50,8 @@ class Wish:
         Name of the sampler that must serve, or "auto".
     streamed : bool
         Whether the stack comes piece by piece.
+    envelope : bool
+        Whether fields may be drawn under an envelope that turns with the tilt.
     """
 
     paths: int | None
@@ -59,6 +61,7 @@ class Wish:
     field_tolerance: float = 1e-3
     asked: SamplerName = "auto"
     streamed: bool = False
+    envelope: bool = True
 
 
 class Drawn(NamedTuple):

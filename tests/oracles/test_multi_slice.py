@@ -6,6 +6,7 @@ from zscore import assert_z
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
+from specklegen.oracles import multi_slice as slices
 from specklegen.oracles.multi_slice import multi_slice
 
 # A Gaussian lobe of correlation length 4 wavelengths: concentration (2 pi 4)^2 / 2, Lambda = L / l* = 0.0158.
@@ -51,6 +52,38 @@ def test_many_scatterings_by_a_gaussian_lobe_follow_the_closed_form():
     expected = np.exp(-(q**2) * medium.thickness / medium.transport_length / 6)
     # Fourth moments of the angles: a Gaussian of 0.25 rad is 1 % off at half range.
     assert_z(found.all_views.mean(axis=0), expected, ERROR[0], slack=0.012)
+
+
+# Further slabs of that program: |K| over all views and about the axis at one and two bins of a grid of that side.
+FURTHER = {
+    "OD 20": (slab(20.0), 384, 0.5, [0.606, 0.183], [0.898, 0.659]),
+    "narrower": (
+        slab(20.0, sg.VonMisesFisher(concentration=(2 * np.pi * 3) ** 2 / 2), 200.0), 320, 1 / 3,
+        [0.696, 0.300], [0.929, 0.752],
+    ),
+    "Henyey-Greenstein": (
+        slab(10.0, sg.HenyeyGreenstein(g=0.98)), 320, 0.5, [0.544, 0.281], [0.974, 0.917],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FURTHER)
+def test_another_program_finds_the_same_of_other_slabs(name):
+    """Its errors of the last digit are not known beyond those of the first slab; at L / l* = .2 .02 are granted."""
+    medium, side, pitch, over_all, axis = FURTHER[name]
+    found = run(medium, 6, pitch=pitch, size=round(side / pitch))
+    slack = 0.01 if name == "Henyey-Greenstein" else 0.0
+    assert_z(found.all_views.mean(axis=0), over_all, ERROR[0], slack=slack)
+    assert_z(np.sqrt(found.on_axis.mean(axis=0)), axis, ERROR[1], slack=slack)
+
+
+@pytest.mark.slow
+def test_grids_of_two_rms_angles_would_alias(monkeypatch):
+    """.673 instead of .606: what refusing them is for."""
+    monkeypatch.setattr(slices, "RMS_ANGLES", 1.9)
+    found = run(slab(20.0), 4, pitch=1.0, size=384)
+    assert_z(found.all_views.mean(axis=0)[0], 0.673, ERROR[0], slack=0.005)
 
 
 def test_realizations_have_seeds_of_their_own():

@@ -1,6 +1,6 @@
-"""When the stationary sampler may serve a scene, and with which memory-effect correlation."""
+"""When the stationary sampler may serve a scene, with which memory-effect correlation, and under which envelope."""
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from specklegen.core.values import remembered
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.tracer import lock_step_obstacle, slab_tracer
 from specklegen.samplers.sampler import Wish
-from specklegen.samplers.stationary.stationarity import StationaryError, stationary_error
+from specklegen.samplers.stationary.envelope import Envelope
+from specklegen.samplers.stationary.stationarity import StationaryError, pilot_envelope, stationary_error
 from specklegen.scene.illumination import IncoherentObject, reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
@@ -20,10 +21,29 @@ _KERNELS = {"axial": "correlation of the axis", "oblique": "correlation about it
 _PART = "stationary sampler"
 
 
-def stationary_decision(scene: Scene, wish: Wish) -> tuple[Kernel | None, Decision]:
-    """The memory-effect correlation with which the stationary sampler serves a scene within the tolerance.
+class Model(NamedTuple):
+    """What the stationary sampler draws with.
 
-    That of the axis wherever it is good enough; else the oblique one, about the middle of the beams and the views.
+    Attributes
+    ----------
+    kernel : "axial" or "oblique"
+        Its memory-effect correlation.
+    enveloped : bool
+        Whether intensities change with view and tilt (:func:`scene_envelope`); else they are the same everywhere.
+    """
+
+    kernel: Kernel
+    enveloped: bool = False
+
+    def __str__(self) -> str:
+        return _KERNELS[self.kernel] + (" under an envelope" if self.enveloped else "")
+
+
+def stationary_decision(scene: Scene, wish: Wish) -> tuple[Model | None, Decision]:
+    """The model with which the stationary sampler serves a scene within the tolerance.
+
+    The correlation of the axis wherever it is good enough; else the oblique one, about the middle of the beams and the
+    views; and where nothing but the intensities of collimated beams are off, one of them under an envelope.
     See docs/physics.md 9.
     """
     obstacle = stationary_obstacle(scene, wish.reverse)
@@ -32,16 +52,22 @@ def stationary_decision(scene: Scene, wish: Wish) -> tuple[Kernel | None, Decisi
         if asked:
             reject("sampler", '"paths" or "auto" for this scene', wish.asked, f"The stationary sampler {obstacle}.")
         return None, Decision(_PART, False, obstacle)
-    errors: dict[Kernel, StationaryError] = {}
-    for kernel in _kernels(scene):
-        errors[kernel] = scene_stationary_error(scene, wish.tolerance, kernel == "oblique")
-        if errors[kernel].accepts(wish.tolerance):
+    errors: dict[Model, StationaryError] = {}
+    for model in _models(scene, wish.envelope):
+        if model.enveloped and not errors[Model(model.kernel)].correlated(wish.tolerance):
+            continue  # an envelope leaves correlations as they are
+        if model.enveloped and scene_envelope(scene, model.kernel == "oblique") is None:
+            continue
+        errors[model] = scene_stationary_error(scene, wish.tolerance, model.kernel == "oblique", model.enveloped)
+        if errors[model].accepts(wish.tolerance):
             break
-    best = min(errors, key=lambda kernel: (not errors[kernel].accepts(wish.tolerance), errors[kernel].largest))
+    best = min(
+        errors, key=lambda m: (not errors[m].accepts(wish.tolerance), m.enveloped, errors[m].largest)
+    )  # fmt: skip
     said = "; ".join(
-        f"with the {_KERNELS[kernel]} its correlations are off by {error.correlation:.2g} +- "
+        f"with the {model} its correlations are off by {error.correlation:.2g} +- "
         f"{error.correlation_error:.1g} and its intensities by {error.intensity:.2g} +- {error.intensity_error:.1g}"
-        for kernel, error in errors.items()
+        for model, error in errors.items()
     )
     said += f", allowed {wish.tolerance:g}"
     accepted = errors[best].accepts(wish.tolerance)
@@ -79,7 +105,23 @@ def _kernels(scene: Scene) -> list[Kernel]:
     return [*(["axial"] if axial else []), *(["oblique"] if oblique else [])]  # type: ignore[list-item]
 
 
+def _models(scene: Scene, envelope: bool) -> list[Model]:
+    """Models that may serve a scene, the one to prefer first; modes of hidden objects have no envelope."""
+    kernels = _kernels(scene)
+    carried = envelope and not isinstance(scene.illumination, IncoherentObject)
+    return [Model(kernel, enveloped) for enveloped in ((False, True) if carried else (False,)) for kernel in kernels]
+
+
 @remembered(64)
-def scene_stationary_error(scene: Scene, tolerance: float, oblique: bool) -> StationaryError:
+def scene_stationary_error(
+    scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False
+) -> StationaryError:
     """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
-    return stationary_error(scene, slab_tracer(scene, False), tolerance, oblique=oblique)
+    envelope = scene_envelope(scene, oblique) if enveloped else None
+    return stationary_error(scene, slab_tracer(scene, False), tolerance, oblique=oblique, envelope=envelope)
+
+
+@remembered(64)
+def scene_envelope(scene: Scene, oblique: bool) -> Envelope | None:
+    """The envelope of a scene about the axis, or about the middle of its beams and views."""
+    return pilot_envelope(scene, slab_tracer(scene, False), oblique=oblique)

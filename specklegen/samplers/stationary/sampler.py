@@ -1,4 +1,7 @@
-"""The stationary sampler: the memory-effect correlation once, then one transform per realization."""
+"""The stationary sampler: the memory-effect correlation once, then one transform per realization.
+
+Where narrow lobes keep light about its beam, each field is multiplied by an envelope that turns with the tilt.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,8 +17,9 @@ from specklegen.core.random_streams import Seed
 from specklegen.paths.gaussianity import EXACT, Gaussianity
 from specklegen.paths.pilot import Pilot, scene_pilot
 from specklegen.samplers.sampler import FIXED_BYTES, Drawn, Where, Wish
+from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.exit_grid import fft_flops, matrix_flops, stack_axes
-from specklegen.samplers.stationary.rule import Kernel, stationary_decision
+from specklegen.samplers.stationary.rule import Kernel, scene_envelope, stationary_decision
 from specklegen.scene.illumination import IncoherentObject, reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
@@ -31,14 +35,15 @@ _TORCH_BYTES = 197 * 2**20  # what importing torch takes
 
 def consider(scene: Scene, wish: Wish) -> tuple["Stationary | None", list[Decision]]:
     """The stationary sampler for a scene, where its correlations are right within the tolerance."""
-    kernel, decision = stationary_decision(scene, wish)
-    if kernel is None:
+    model, decision = stationary_decision(scene, wish)
+    if model is None:
         return None, [decision]
+    envelope = scene_envelope(scene, model.kernel == "oblique") if model.enveloped else None
     pilot = scene_pilot(scene, False)
     paths = wish.paths
     if paths is None:
         paths = DEFAULT_PATHS if wish.rel_error is None else pilot.moments.paths_for(wish.rel_error)
-    return Stationary(scene, paths, kernel, pilot, wish.streamed), [decision]
+    return Stationary(scene, paths, model.kernel, pilot, wish.streamed, envelope), [decision]
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,8 @@ class Stationary:
     pilot : Pilot
     streamed : bool
         Whether the stack comes tilt by tilt.
+    envelope : Envelope or None
+        Of the intensities, where they are not the same everywhere.
     """
 
     scene: Scene
@@ -62,6 +69,7 @@ class Stationary:
     kernel: Kernel
     pilot: Pilot
     streamed: bool
+    envelope: Envelope | None = None
 
     name = "stationary"
     summation = "FFT or matrix products"
@@ -98,7 +106,7 @@ class Stationary:
         return self._tracing() | {
             "normal": tilts * size,
             "flop": tilts * (8.0 * tilts * size + min(matrix_flops(x, y, grid.shape), fft_flops(x, y))),
-            "stack view": tilts * (views + 4.0 * size),
+            "stack view": tilts * ((1 if self.envelope is None else 2) * views + 4.0 * size),
             "phasor": tilts * phasors,
         }
 
@@ -110,6 +118,8 @@ class Stationary:
         """Bytes by which the process grows at most."""
         tilts, views = len(self.scene.beams.directions), float(np.prod(self.scene.sensor.shape))
         kernel = self.paths * self.pilot.connections_per_path * 160
+        if self.envelope is not None:
+            kernel += views * (64 + 4 * (1 if self.streamed else tilts))
         if not self.streamed:
             return int(kernel + 8 * views * tilts * 4 + _TORCH_BYTES + FIXED_BYTES)
         x, y = stack_axes(self.scene)
@@ -174,10 +184,27 @@ class StationaryDraws:
                     image = self.objects.image(self.objects.medium(self.seed, r), light.brightness)
                 else:
                     image = self.stacks.sample(self.seed, r)
-            yield Drawn(image.numpy())
+            found = image.numpy()
+            yield Drawn(found if self.sampler.envelope is None else found * self._gains)
 
     def pieces(self, realization: int) -> Iterator[tuple[Where, np.ndarray]]:
         """Tilt by tilt: the noise is held, no stack."""
         rows, columns = self.sampler.scene.sensor.shape
         for t, field in enumerate(self.stacks.one_by_one(self.seed, realization)):
-            yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), field.numpy()
+            found = field.numpy()
+            if self.sampler.envelope is not None:
+                found = found * self._gain(t)
+            yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), found
+
+    @cached_property
+    def _gains(self) -> np.ndarray:
+        """A of every tilt and view, float32[T, H, W]."""
+        return np.stack([self._gain(t) for t in range(len(self.sampler.scene.beams.directions))])
+
+    def _gain(self, t: int) -> np.ndarray:
+        """A of one tilt, float32[H, W]."""
+        scene, envelope = self.sampler.scene, self.sampler.envelope
+        assert envelope is not None
+        assert isinstance(scene.sensor, FarFieldGrid)
+        views = np.stack(np.meshgrid(*scene.sensor.sines), axis=-1)
+        return np.sqrt(envelope.intensity(scene.beams.directions[t, :2], views)).astype(np.float32)

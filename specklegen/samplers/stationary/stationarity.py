@@ -8,7 +8,9 @@ in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the m
 
 (w_1 for both where segments are in the near field of a narrow lobe, :mod:`specklegen.paths.far_field`)
 with W^ the Fourier transform of the window's intensity and K either that of the axis or the oblique one about the
-middle of the beams and of the views. physics.md 9.
+middle of the beams and of the views. Intensities at these views, of collimated beams those of the outermost too, are
+compared with the one that the model has everywhere, or with its envelope
+(:mod:`specklegen.samplers.stationary.envelope`). physics.md 9.
 """
 
 from dataclasses import dataclass, replace
@@ -21,12 +23,14 @@ from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import lobe_loss
 from specklegen.paths.slab_tracer import SlabTracer
+from specklegen.samplers.stationary.envelope import Envelope, fit_envelope
 from specklegen.samplers.stationary.oblique import face_to_face
-from specklegen.scene.illumination import directions_of_sines, reference_direction
+from specklegen.scene.illumination import IncoherentObject, directions_of_sines, reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
 FIRST_PATHS, MOST_PATHS = 8192, 65536
+ENVELOPE_PATHS = 32768
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ class StationaryError:
     correlation, correlation_error : float
         Largest | |C_exact|^2 - |C_model|^2 | and its standard error.
     intensity, intensity_error : float
-        Largest |I_v / I - 1| over the views, I that of the model, and its standard error.
+        Largest |I_v / I - 1| over the views and the outermost beams, I that of the model, and its standard error.
     """
 
     correlation: float
@@ -48,11 +52,11 @@ class StationaryError:
 
     def accepts(self, tolerance: float) -> bool:
         """Both errors, two standard errors included, are within the tolerance."""
-        return (
-            self.correlation + 2 * self.correlation_error <= tolerance
-            and self.intensity + 2 * self.intensity_error <= tolerance
-        )
+        return self.correlated(tolerance) and self.intensity + 2 * self.intensity_error <= tolerance
 
+    def correlated(self, tolerance: float) -> bool:
+        """Correlations are within the tolerance, two standard errors included."""
+        return self.correlation + 2 * self.correlation_error <= tolerance
 
     @property
     def largest(self) -> float:
@@ -60,18 +64,22 @@ class StationaryError:
         return max(self.correlation, self.intensity)
 
 
-def stationary_error(scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False) -> StationaryError:
+def stationary_error(
+    scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False, envelope: Envelope | None = None
+) -> StationaryError:
     """Judge a scene; more pilot paths while they alone stand between yes and no."""
     paths = FIRST_PATHS
     while True:
-        error = pilot_error(scene, tracer, paths, oblique=oblique)
+        error = pilot_error(scene, tracer, paths, oblique=oblique, envelope=envelope)
         lowest = max(error.correlation - 2 * error.correlation_error, error.intensity - 2 * error.intensity_error)
         if error.accepts(tolerance) or lowest > tolerance or paths >= MOST_PATHS:
             return error
         paths *= 8
 
 
-def pilot_error(scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool = False) -> StationaryError:
+def pilot_error(
+    scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool = False, envelope: Envelope | None = None
+) -> StationaryError:
     """Judge a scene with collimated beams (or an incoherent object) and a far-field grid from ``paths`` paths.
 
     Parameters
@@ -84,6 +92,8 @@ def pilot_error(scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool =
         Pilot paths.
     oblique
         Judge the model with the oblique kernel; otherwise that of the axis, which is for transmission.
+    envelope
+        Of the model's intensity; without one it is the same everywhere.
     """
     seed = pilot_seed(scene.unitless_fingerprint())
     pilot = _Bank(scene, tracer, seed, paths)
@@ -110,25 +120,42 @@ def pilot_error(scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool =
                     sums.append([product, pilot.intensity(view), pilot.intensity(like), modelled, norm])
                     gains.append(gain)
     n, gain = len(gains), np.array(gains)
+    lights, views = _pairs(_probe_lights(scene), _intensity_views(scene, envelope is not None))
+    powers = [pilot.intensity(view, light) for light, view in zip(lights, views, strict=True)]
+    carried = 1.0 if envelope is None else envelope.intensity(lights, views)
+    table = np.moveaxis(np.array(sums), -1, 0).reshape(BATCHES, -1)
+    table = np.concatenate([table, np.array([*powers, norm]).T], axis=1)
 
     def differences(total: np.ndarray) -> np.ndarray:
-        exact, one, two, modelled, reference = total.reshape(n, 5).T
+        exact, one, two, modelled, reference = total[: 5 * n].reshape(n, 5).T
         correlation = np.square(np.abs(exact)) / (one.real * two.real) - np.square(np.abs(modelled / reference))
-        return np.concatenate([gain**2 * correlation, one.real / reference.real - 1])
+        return np.concatenate([gain**2 * correlation, total[5 * n : -1].real / (total[-1].real * carried) - 1])
 
-    value, error = jackknife(np.moveaxis(np.array(sums), -1, 0).reshape(BATCHES, -1), differences)
+    value, error = jackknife(table, differences)
     worst, brightest = np.abs(value[:n]).argmax(), n + np.abs(value[n:]).argmax()
     return StationaryError(
         float(abs(value[worst])), float(error[worst]), float(abs(value[brightest])), float(error[brightest])
     )
 
 
+def pilot_envelope(scene: Scene, tracer: SlabTracer, *, oblique: bool = False) -> Envelope | None:
+    """The envelope of a scene, from paths that do not judge it; None where some pair has no light."""
+    bank = _Bank(scene, tracer, pilot_seed(scene.unitless_fingerprint()), ENVELOPE_PATHS, sample=1)
+    middle = np.array([bank.light[:2], _grid(scene).center_direction[:2]]) if oblique else np.zeros((2, 2))
+    lights, views = _pairs(_probe_lights(scene), _nine_and_four(scene, 1.0))
+    powers = [bank.intensity(view, light).real.sum() for light, view in zip(lights, views, strict=True)]
+    reference = bank.intensity(middle[1], middle[0]).real.sum()
+    if not min(*powers, reference) > 0:
+        return None
+    return fit_envelope(lights, views, np.array(powers) / reference, middle)
+
+
 class _Bank:
     """Pilot paths about one direction of light, with their weights at views and their sums over batches."""
 
-    def __init__(self, scene: Scene, tracer: SlabTracer, seed: int, paths: int) -> None:
+    def __init__(self, scene: Scene, tracer: SlabTracer, seed: int, paths: int, sample: int = 0) -> None:
         self.scene, self.light, self.layout = scene, tracer.proposal.reference, tracer.layout
-        self.bank = tracer.trace(seed, paths, stream=Stream.PILOT)
+        self.bank = tracer.trace(seed, paths, sample=sample, stream=Stream.PILOT)
         self._paths = paths
         self._weights: dict[bytes, np.ndarray] = {}
         self._intensities: dict[bytes, np.ndarray] = {}
@@ -137,15 +164,20 @@ class _Bank:
         """Contribution of every connection at one view."""
         key = sines.tobytes()
         if key not in self._weights:
-            self._weights[key] = contributions(self.layout.at(self.light, self._view(sines)), self.bank)
+            self._weights[key] = self._contributions(sines, self.light)
         return self._weights[key]
 
-    def intensity(self, sines: np.ndarray) -> np.ndarray:
-        """Sums of the contributions at one view over 64 batches of paths."""
+    def intensity(self, sines: np.ndarray, light: np.ndarray | None = None) -> np.ndarray:
+        """Sums over 64 batches of paths of the contributions at one view, of the bank's light or one of other sines."""
+        if light is not None and not np.array_equal(light, self.light[:2]):
+            return self.sums(self._contributions(sines, directions_of_sines("light", light)))
         key = sines.tobytes()
         if key not in self._intensities:
             self._intensities[key] = self.sums(self.weight(sines))
         return self._intensities[key]
+
+    def _contributions(self, sines: np.ndarray, light: np.ndarray) -> np.ndarray:
+        return contributions(self.layout.at(light, self._view(sines)), self.bank)
 
     def phase(self, view: np.ndarray, other: np.ndarray, tilt: np.ndarray) -> np.ndarray:
         """Phase of the exact correlation of (light, view) with (light - tilt, other), less that of the window."""
@@ -168,6 +200,38 @@ def _probe_views(scene: Scene) -> np.ndarray:
     """Centre and corners of the grid: float64[5, 2] direction sines."""
     grid = _grid(scene)
     return np.concatenate([grid.center_direction[None], grid.corner_directions])[:, :2]
+
+
+def _probe_lights(scene: Scene) -> np.ndarray:
+    """The middle of the beams, the one farthest from it, and the one farthest from that: float64[n, 2].
+
+    Of a hidden object the middle alone: one image adds up all of its beams, whose lobes lie on either side of it.
+    """
+    directions = scene.beams.directions
+    middle, sines = reference_direction(directions)[:2], directions[:, :2]
+    if not len(sines) or (sines == middle).all() or isinstance(scene.illumination, IncoherentObject):
+        return middle[None]
+    one = sines[np.square(sines - middle).sum(-1).argmax()]
+    other = sines[np.square(sines - one).sum(-1).argmax()]
+    return np.array([middle, one, other])
+
+
+def _nine_and_four(scene: Scene, reach: float) -> np.ndarray:
+    """Centre, corners and middles of the sides of the grid, and corners half as far off, all times ``reach``."""
+    (x, y), (cx, cy) = _grid(scene).sines, _grid(scene).center_direction[:2]
+    whole = np.array([(a, b) for a in (x[0], cx, x[-1]) for b in (y[0], cy, y[-1])])
+    return np.concatenate([(1 - part) * whole[4] + part * whole[::step] for part, step in ((reach, 1), (reach / 2, 2))])
+
+
+def _intensity_views(scene: Scene, between: bool) -> np.ndarray:
+    """Where intensities are judged: at the probe views, and between those at which an envelope was fitted."""
+    views = _probe_views(scene)
+    return np.concatenate([views, _nine_and_four(scene, 0.7)]) if between else views
+
+
+def _pairs(lights: np.ndarray, views: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Every light with every view, float64[n, 2] each."""
+    return np.repeat(lights, len(views), axis=0), np.tile(views, (len(lights), 1))
 
 
 def _grid(scene: Scene) -> FarFieldGrid:
