@@ -122,7 +122,7 @@ def test_beams_of_a_trace_interact_as_cones_do():
     """
     rng, state = np.random.default_rng(2), np.zeros(beam_state.STATE)
     least, cone = 81 / (4 * K**2), Cone(np.zeros(3), np.eye(3), 4.0, 2.0, 0.2, 0.1, 81 / (4 * K**2))
-    for n in range(1000):
+    for _ in range(1000):
         state[beam_state.CONE_AT : beam_state.CONE_AT + 14] = cone.packed()
         state[beam_state.STRETCH], state[beam_state.PRODUCT] = cone.ratio, cone.tan_a * cone.tan_b
         depth, d = rng.uniform(0, 3), rng.normal(size=3)

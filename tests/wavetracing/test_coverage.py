@@ -75,7 +75,8 @@ def test_knife_edge_by_phases(frequency, height, loss):
     corners = [[100, -wide, -wide], [100, wide, -wide], [100, wide, height], [100, -wide, height]]
     knife = Geometry(Mesh(np.array(corners, float), np.array([[0, 1, 2], [0, 2, 3]]), Conductor()))
     cell = Plane(center=[150, 0, 0.0], normal=[1.0, 0, 0], up=[0, 0, 1.0], shape=(1, 1), pitch=1e-3)
-    there, free = (coverage(scene, Transmitter([0, 0, 0.0]), cell, frequency, "phase").rss_dBm for scene in (knife, AIR))
+    source = Transmitter([0, 0, 0.0])
+    there, free = (coverage(scene, source, cell, frequency, "phase").rss_dBm for scene in (knife, AIR))
     assert float((free - there)[0, 0]) == pytest.approx(loss, abs=0.02)
 
 

@@ -1,5 +1,7 @@
 """Queries of whole scenes against brute force; rays, edges, silhouettes; scenes that are not as they should be."""
 
+import warnings
+
 import numpy as np
 import pytest
 from wavetracing.solids import box, soup, sphere
@@ -235,6 +237,21 @@ def test_odd_meshes_are_warned_of_with_counts():
     halves = [Mesh(np.array([[0, 0, 0], [0, 1, 0], [s, 0, 0.0]]), np.array([[0, 1, 2]])) for s in (1, -1)]
     with pytest.warns(DoubtWarning, match="1 edges of two meshes coincide"):
         assert len(Geometry(halves).edges) == 4  # the common one is flat, and gone
+
+
+def test_gaps_are_warned_of():
+    """Two halves of a square, 1e-7 of its size apart: not welded, two boundary edges; welded, or a slit, none."""
+
+    def halves(gap):
+        points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, gap], [1, 1, gap], [0, 1, gap]]
+        return Geometry(Mesh(np.array(points, float), np.array([[0, 1, 2], [3, 4, 5]])))
+
+    with pytest.warns(DoubtWarning, match="2 boundary edges nearly coincide"):
+        assert len(halves(1e-7).edges) == 6
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(halves(1e-11).edges) == 4
+        assert len(halves(1e-3).edges) == 6
 
 
 def test_empty_scene():
