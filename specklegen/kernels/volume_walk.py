@@ -258,6 +258,8 @@ def trace_volume(
             vertex, joint = start_densities(
                 bounds, cells, extinction, extinction[here], source_kinds, source_rows, x, y, z, ox, oy, oz
             )
+            if vertex == 0.0:
+                continue  # so near its point that the square of the distance underflows: measure zero, left out
             scattering = albedos[here] * extinction[here]
             kind = choose_type(table, materials[here], words[LANES * TYPE + n])
             events += 1

@@ -157,14 +157,21 @@ def _integrate_boxes(size: np.ndarray, extinction: float, away: np.ndarray, wave
         for a, b in combinations(axes, 2):
             level = partial(_lead, speed[:, ray], face[:, ray], a, b)
             corners, owner = _cut(corners, owner, level, 1e-13 * float(size.max()))
-    gap = np.abs(face[owner, None] - corners[:, :, None])  # [n, corner, ray, axis]
-    moving = np.broadcast_to(speed[owner, None] > 0, gap.shape)
-    with np.errstate(over="ignore"):  # along a face but for a denormal: as far as along it
-        distance = np.divide(gap, speed[owner, None], out=np.full(gap.shape, np.inf), where=moving).min(axis=-1)
+    # One face is the way out of a whole simplex, that of its middle: a corner may lie on another as well, which a ray
+    # all but along that face meets at once there and nowhere else.
+    first = _distances(corners.mean(axis=1, keepdims=True), owner, speed, face).argmin(axis=-1)
+    distance = np.take_along_axis(_distances(corners, owner, speed, face), first[..., None], axis=-1)[..., 0]
     exponent = 1j * (corners * wave[owner, None]).sum(axis=-1) - 0.5 * extinction * distance.sum(axis=-1)
     volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))  # d! times that of the simplex
     pieces = volume * _divided_exp(exponent)
     return np.bincount(owner, pieces.real, len(away)) + 1j * np.bincount(owner, pieces.imag, len(away))
+
+
+def _distances(points: np.ndarray, owner: np.ndarray, speed: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """Distances from points float64[n, m, d] to each face ahead of each ray, float64[n, m, rays, d]; inf along it."""
+    gap, u = np.abs(face[owner, None] - points[:, :, None]), speed[owner, None]
+    with np.errstate(over="ignore"):  # along a face but for a denormal: as far as along it
+        return np.divide(gap, u, out=np.full(gap.shape, np.inf), where=np.broadcast_to(u > 0, gap.shape))
 
 
 def _lead(speed, face, a: int, b: int, corners: np.ndarray, owner: np.ndarray) -> np.ndarray:

@@ -65,6 +65,22 @@ def test_albedo():
     np.testing.assert_allclose(tiny.value, 1e-12 * full.single, rtol=0, atol=1e-22 * np.abs(full.single).max())
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_point_source_that_almost_touches_a_face():
+    """Every second ray goes a way whose square underflows: it scatters nothing, and weighs nothing."""
+    touching, on = (
+        sg.Scene(
+            wavelength=1.0, medium=sg.Slab(thickness=20.0, mean_free_path=10.0, scatterer=ISOTROPIC),
+            illumination=sg.PointSources(points=[[-1.0, z]]), sensor=sg.FarField(directions=[[0.0, 1.0], [0.6, -0.8]]),
+        )
+        for z in (1e-255, 0.0)
+    )  # fmt: skip
+    one, two = estimate(touching), estimate(on)
+    assert np.isfinite(one.value).all()
+    error = np.hypot(one.standard_error, two.standard_error)[0, [0, 1], 0, [0, 1]]
+    assert_z(one.intensity[0], two.intensity[0], error)
+
+
 @pytest.mark.parametrize("lights", [0, 1])
 @pytest.mark.parametrize("near", [False, True])
 def test_nothing_to_look_at(lights, near):

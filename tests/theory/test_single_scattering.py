@@ -88,6 +88,23 @@ def test_normal_transmission_and_reflection_of_a_box():
     np.testing.assert_allclose(wide, [across, back], rtol=1e-13)
 
 
+@pytest.mark.parametrize("slope", [5e-324, 7e-183, 1e-20, 1e-13])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_rays_all_but_along_a_face_are_those_along_it(slope, dimension):
+    """They leave by that face from a sliver alone; corners of the box lie on it."""
+    along, tilted = np.zeros((2, dimension))
+    along[-1] = tilted[-1] = -1.0
+    tilted[-2] = slope
+    scene = {"extinction": 1.0, "wavelength": 1.0, "amplitude": complex_amplitude}
+    view = np.eye(dimension)[0]
+
+    def of(ray):
+        return box_covariance(LOWER[:dimension], UPPER[:dimension], lights=(ray, -along), views=(view, view), **scene)
+
+    # A slope of 1e-13 turns the phase by 4e-12 and lets 2e-13 of the box leave by the side.
+    assert abs(of(tilted) - of(along)) < 1e-11 * np.prod(UPPER[:dimension] - LOWER[:dimension])
+
+
 def test_the_matrix_over_lights_and_views_is_hermitian_positive_and_reciprocal():
     rng = np.random.default_rng(2)
     i, v = random_directions(rng, 2, 6, 2)
