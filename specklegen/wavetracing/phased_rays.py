@@ -172,9 +172,9 @@ def _edges(mirrors: _Mirrors) -> list[_Edge]:
         inward = inward - (inward @ along) * along
         heights = np.abs(((ends[:, None] - mirrors.point) * mirrors.normal).sum(axis=2)).max(axis=0)
         facets = frozenset(np.flatnonzero(heights <= _CLEAR * length).tolist())
-        faces = tuple(int(mirrors.facet[scene.number[f]]) for f in (face, other if other >= 0 else face))
+        zero, last = (int(mirrors.facet[scene.number[f]]) for f in (face, other if other >= 0 else face))
         edges.append(
-            _Edge(ends[0], along, length, float(n), unit[face], inward / np.linalg.norm(inward), facets, faces)
+            _Edge(ends[0], along, length, float(n), unit[face], inward / np.linalg.norm(inward), facets, (zero, last))
         )
     return edges
 
