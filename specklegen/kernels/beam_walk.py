@@ -138,11 +138,20 @@ def cross_section_point(key0, key1, path, counter, state, depth, z_hit):
 
 
 @kernel
-def seen_aside(state, step, qx, qy, qz, facet, boxes, link, corners):
-    """Whether nothing stands between a ray, ``step`` ahead of its point, and a point q beside it."""
-    px, py = state[beam.PX] + step * state[beam.DX], state[beam.PY] + step * state[beam.DY]
-    pz = state[beam.PZ] + step * state[beam.DZ]
-    _, place, _ = nearest(px, py, pz, qx - px, qy - py, qz - pz, 0.0, 1.0, -1, facet, boxes, link, corners)
+def seen_aside(state, step, qx, qy, qz, skip, normals, facet, boxes, link, corners):
+    """Whether nothing stands between a ray, ``step`` ahead of its point, and a point q beside it.
+
+    skip : facet that the ray has just left, or -1. Its point lies there to rounding, which no query of the segment can
+           judge: what is behind the plane of that facet is taken for hidden.
+    """
+    px, py, pz = state[beam.PX], state[beam.PY], state[beam.PZ]
+    if skip >= 0:
+        nx, ny, nz = normals[skip, 0], normals[skip, 1], normals[skip, 2]
+        ahead = state[beam.DX] * nx + state[beam.DY] * ny + state[beam.DZ] * nz
+        if not ((qx - px) * nx + (qy - py) * ny + (qz - pz) * nz) * ahead > 0.0:
+            return False
+    px, py, pz = px + step * state[beam.DX], py + step * state[beam.DY], pz + step * state[beam.DZ]
+    _, place, _ = nearest(px, py, pz, qx - px, qy - py, qz - pz, 0.0, 1.0, skip, facet, boxes, link, corners)
     return place < 0
 
 
@@ -239,21 +248,23 @@ def walk_beams(
                     touched, found, statistics, areas,
                 )  # fmt: skip
                 if found[0] > 0.0:
-                    # A ray along the mean through a point of the cross-section: does it pass?
+                    # A ray along the mean through a point of the cross-section: does it pass? A point beyond a wall
+                    # beside the ray is no opening, though nothing stands behind it.
                     qx, qy, qz = cross_section_point(k0, k1, path, counter, state, depth, z_hit)
                     counter += _ONE
                     _, other, _ = nearest(
-                        qx, qy, qz, state[beam.MX], state[beam.MY], state[beam.MZ], 0.0, far - depth, skip,
+                        qx, qy, qz, state[beam.MX], state[beam.MY], state[beam.MZ], 0.0, far - depth, -1,
                         facet, boxes, link, corners,
                     )  # fmt: skip
-                    # A point beyond a wall beside the ray is no opening, though nothing stands behind it.
-                    if other < 0 and seen_aside(state, depth - z_ray, qx, qy, qz, facet, boxes, link, corners):
+                    if other < 0 and seen_aside(
+                        state, depth - z_ray, qx, qy, qz, skip, normals, facet, boxes, link, corners
+                    ):
                         open_event = True
-                        statistics[CROSSINGS] += cross_planes(
-                            state, hit, planes, first_cell, counts, fluence, squares
-                        )
+                        passed = cross_planes(state, depth - z_ray, planes, first_cell, counts, fluence, squares)
+                        statistics[CROSSINGS] += passed
+                        crossed = crossed or passed > 0
                         state[beam.PX], state[beam.PY], state[beam.PZ] = qx, qy, qz
-                        z_ray, hit = depth, math.inf
+                        z_ray, hit = depth, far - depth
             if not open_event and place < 0:
                 passed = cross_planes(state, math.inf, planes, first_cell, counts, fluence, squares)
                 statistics[CROSSINGS] += passed

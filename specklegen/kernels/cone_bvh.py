@@ -351,15 +351,7 @@ def first_region(packed, near, touching, boxes, link, corners, places, spans):
         left, right = node + 1, link[node]
         one = _box(cone, span, slack, slack_y, near, far, boxes, left)
         two = _box(cone, span, slack, slack_y, near, far, boxes, right)
-        # As `push_nearer_last`, written out, which is quicker here.
-        if one > two:
-            left, right, one, two = right, left, two, one
-        if two < math.inf:
-            stack[height], depths[height] = right, two
-            height += 1
-        if one < math.inf:
-            stack[height], depths[height] = left, one
-            height += 1
+        height = push_nearer_last(stack, depths, height, left, one, right, two)
     found = _keep(places, spans, found, best, far)
     for m in range(1, found):
         place, at = places[m], m

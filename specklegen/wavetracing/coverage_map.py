@@ -133,7 +133,7 @@ def coverage(
         Hertz.
     method
         "wave" (with diffraction), "ray", or "phase": all paths of one reflection and two edges at most, with their
-        phases, without chance (`phase_rays`; soft, every surface perfect).
+        phases, without chance (`phase_rays`; mean power of soft and hard, every surface perfect).
     gain
         G_r of the receiving antenna, as a factor.
     beams, seed, max_events, diffraction, threads
@@ -163,7 +163,8 @@ def coverage(
     wavelength = LIGHT_SPEED / frequency
     source = PointEmitter(transmitter.position, wavelength, transmitter.power, transmitter.beam_angle)
     if method == "phase":
-        power = received_power(np.abs(phase_rays(geometry, source, plane.points)) ** 2, wavelength, gain)
+        both = [phase_rays(geometry, source, plane.points, polarisation=name) for name in ("soft", "hard")]
+        power = received_power(np.mean(np.square(np.abs(both)), axis=0), wavelength, gain)
         none = power == 0
         return Coverage(
             np.ma.array(decibel_milliwatt(power), mask=none), np.ma.array(np.zeros_like(power), mask=none), None, None

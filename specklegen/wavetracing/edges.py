@@ -14,6 +14,7 @@ theory of diffraction* (1962).
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from specklegen.core.showing import short
 
@@ -21,6 +22,9 @@ FLAT = np.deg2rad(175.0)
 """Interior angle above which two faces make no edge."""
 WELD = 1e-9
 """Distance below which vertices are one, over the size of the scene."""
+
+GAP = 1e-6
+"""Distance over the size of the scene below which two boundary edges are a gap: files of single precision make them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +144,27 @@ def topology(vertices: np.ndarray, faces: np.ndarray, welded: np.ndarray) -> Top
     turn = np.arctan2((np.cross(n, m) * along).sum(axis=1), (n * m).sum(axis=1))  # > 0: convex
     interior[one] = interior[two] = np.pi - turn
     return Topology(neighbour, interior, int((sizes > 2).sum()))
+
+
+def gaps(vertices: np.ndarray, faces: np.ndarray, welded: np.ndarray, found: Topology) -> int:
+    """Count boundary edges with another within GAP of the scene's size, both ends, that welding has left apart."""
+    sides = np.flatnonzero(found.neighbour < 0)
+    start, stop = faces[sides // 3, sides % 3], faces[sides // 3, (sides % 3 + 1) % 3]
+    keep = welded[start] != welded[stop]
+    start, stop = start[keep], stop[keep]
+    if len(start) < 2:
+        return 0
+    reach = GAP * float(np.ptp(vertices, axis=0).max())
+    p, q = vertices[start], vertices[stop]
+    one, two = cKDTree((p + q) / 2).query_pairs(reach, output_type="ndarray").T
+    names = np.sort(np.stack([welded[start], welded[stop]], axis=1), axis=1)
+    apart = (names[one] != names[two]).any(axis=1)
+    along, across = (
+        np.maximum(*(np.linalg.norm(a[one] - b[two], axis=1) for a, b in pairs)) <= reach
+        for pairs in (((p, p), (q, q)), ((p, q), (q, p)))
+    )
+    near = apart & (along | across)
+    return len(np.unique(np.concatenate([one[near], two[near]])))
 
 
 def edges_of(vertices: np.ndarray, faces: np.ndarray, found: Topology) -> Edges:

@@ -16,7 +16,7 @@ from specklegen.core.parallel import Threads, map_blocks, slices
 from specklegen.core.showing import summary
 from specklegen.kernels import cone_bvh, ray_bvh
 from specklegen.wavetracing.cones import Cone
-from specklegen.wavetracing.edges import Edges, Topology, edges_of, topology, weld
+from specklegen.wavetracing.edges import Edges, Topology, edges_of, gaps, topology, weld
 from specklegen.wavetracing.meshes import Mesh
 
 _RAYS = 16384  # in a block
@@ -99,7 +99,7 @@ class Geometry:
 
     @cached_property
     def topology(self) -> Topology:
-        """Which faces meet at which sides; `DoubtWarning` where more than two do, or two meshes share an edge."""
+        """Which faces meet at which sides; `DoubtWarning` of crowded edges, edges of two meshes, and gaps."""
         found = topology(self.vertices, self.faces, self.welded)
         if found.crowded:
             warnings.warn(
@@ -112,6 +112,14 @@ class Geometry:
         if shared:
             warnings.warn(
                 f"{shared} edges of two meshes coincide: they are welded, and diffract as one",
+                DoubtWarning,
+                stacklevel=2,
+            )
+        apart = gaps(self.vertices, self.faces, self.welded, found)
+        if apart:
+            warnings.warn(
+                f"{apart} boundary edges nearly coincide with another and are not welded: light leaks between them, "
+                "and both diffract; move their vertices together",
                 DoubtWarning,
                 stacklevel=2,
             )

@@ -4,6 +4,7 @@ An opening is given as one loop float64[n, 2], or as a sequence of loops; the la
 are (x, y) in the plane of the screen, seen against the light, which travels to +z.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.errors import reject
+from specklegen.core.errors import DoubtWarning, reject
 
 Opening = ArrayLike | Sequence[ArrayLike]
 """One loop float64[n, 2], or several."""
@@ -54,6 +55,12 @@ class Rim:
         """Area of the opening, holes taken off."""
         a, b = self.starts - self.centre, self.ends - self.centre
         return float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2)
+
+    @cached_property
+    def breadth(self) -> float:
+        """Mean width, twice the area over the rim's length: that of a long slit, half of a square's or a disc's."""
+        length = float(np.linalg.norm(self.ends - self.starts, axis=1).sum())
+        return 2 * self.area / length if length > 0 else 0.0
 
     @cached_property
     def triangles(self) -> np.ndarray:
@@ -117,6 +124,18 @@ def rim_of(field: str, opening: Opening | Rim) -> Rim:
     if rim.area < -1e-12 * float(np.square(np.ptp(rim.starts, axis=0)).sum()):
         reject(field, "of positive area", rim.area, _ORDER)
     return rim
+
+
+def doubt_narrow(field: str, breadth: float, wavelength: float) -> None:
+    """Warn of openings narrower than a wavelength, whose rims are no longer apart for the light."""
+    if 0 < breadth < wavelength:
+        warnings.warn(
+            f"{field} is {breadth / wavelength:.2g} wavelengths wide in the mean: light in a real opening below one is "
+            "not that without a screen (a slit of .2 passes .11 of it, soft, to 1.06, hard); take wider openings, or "
+            "an exact solution for slits, specklegen.oracles.slit_screen",
+            DoubtWarning,
+            stacklevel=3,
+        )
 
 
 def winding(points: np.ndarray, loops: Sequence[np.ndarray]) -> np.ndarray:

@@ -24,7 +24,7 @@ from specklegen.kernels.patterns import draw_polygon, draw_slits, draw_table, fi
 from specklegen.wavetracing.angular_spectrum import quadrature
 from specklegen.wavetracing.aperture import Amplitude, aperture_transform
 from specklegen.wavetracing.envelope import edge_envelope
-from specklegen.wavetracing.opening import Opening, Rim, rim_of
+from specklegen.wavetracing.opening import Opening, Rim, doubt_narrow, rim_of
 
 Method = Literal["rejection", "table"]
 
@@ -130,6 +130,8 @@ def sample_slits(
         reject("sample_slits", "given one finite width, centre and phase a slit", [a.shape for a in arrays])
     if not (arrays[0] > 0).all():
         reject("sample_slits widths", "greater than 0", arrays[0])
+    if wavelength is not None:
+        doubt_narrow("sample_slits widths: the narrowest", float(arrays[0].min()), wavelength)
     arrays[1] = arrays[1] - arrays[1].mean()
     draw = partial(_fill, draw_slits, (*arrays, np.cumsum(arrays[0]), _longest(wavelength)))
     return _draw(draw, (_count(count),), seed, threads)
@@ -181,6 +183,8 @@ def sample_pattern(
     if not rim.area > 0:
         reject("sample_pattern opening", "of positive area", rim.area, "No light passes: there is no pattern.")
     longest = _longest(wavelength)
+    if wavelength is not None:
+        doubt_narrow("sample_pattern opening", rim.breadth, wavelength)
     if method == "table":
         arguments = _table(rim, amplitude, longest)
         return _draw(partial(_fill, draw_table, (*arguments, longest)), (_count(count), 2), seed, threads)

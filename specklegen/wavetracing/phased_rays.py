@@ -18,7 +18,8 @@ not quite, since the first edge's L does not know where the light goes behind th
 Sources: J. B. Keller, J. Opt. Soc. Am. 52, 116 (1962); R. G. Kouyoumjian, P. H. Pathak, Proc. IEEE 62, 1448 (1974);
 S. Steinberg, M. Pharr, *Wave Tracing*, section on bilinear path tracing. Every surface is perfect, whatever its
 material. Left out: corners, slopes of the incident wave. Light is there or not by ray
-queries, so a point within 1e-7 of the scene of a shadow boundary may see either side of it.
+queries, but within 1e-12 rad of a boundary of light and shadow by the angles that the edge's coefficient sees, so that
+nothing is lost or doubled there. Light by two edges may see either side of such a boundary.
 """
 
 from __future__ import annotations
@@ -37,9 +38,10 @@ from specklegen.wavetracing.edges import normals
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.facets import facets_of
 from specklegen.wavetracing.geometry import Geometry
-from specklegen.wavetracing.wedge import NEAREST, wedge_coefficients
+from specklegen.wavetracing.wedge import NEAREST, geometric_shares, wedge_coefficients
 
 _CLEAR = 1e-7  # of a leg's length, at both of its ends, in which nothing blocks it
+_ROUNDING = 1e-12  # radians from a boundary at which its angle, not a query of the ray, says what is seen
 _MOST = 20_000  # sequences of facets, and pairs of edges
 _ROUNDS = 60  # of unfolding at one edge, then the other
 _STILL = 1e-14  # of an edge's length: a step of that unfolding that is none
@@ -125,6 +127,7 @@ class _Edge:
     normal: np.ndarray
     inward: np.ndarray
     facets: frozenset[int]  # in whose planes it lies: none of them mirrors light that comes from it
+    faces: tuple[int, int]  # facets of the 0-face and the n-face; one twice where it ends
 
     def leaves(self, facets: tuple[int, ...]) -> bool:
         """Whether light may run between the edge and each of the facets."""
@@ -147,19 +150,32 @@ class _Edge:
         # Rounding around the faces: those beyond are inside the wedge, and blocked anyway.
         return np.where(phi > top, np.where(phi - top < 2 * np.pi - phi, top, 0.0), phi)
 
+    def boundaries(
+        self, came: np.ndarray, goes: np.ndarray
+    ) -> Iterator[tuple[tuple[int, ...], np.ndarray, np.ndarray]]:
+        """Geometric waves that end here: the facets that mirror them, which directions are there, how much is seen."""
+        phi, incidence, (zero, last) = self.angle(goes), self.angle(came), self.faces
+        angles = np.abs(phi - incidence) - np.pi, phi + incidence - np.pi, phi + incidence - (2 * self.n - 1) * np.pi
+        shares = geometric_shares(self.n, phi, incidence)
+        for facets, angle, share in zip(((), (zero,), (last,)), angles, shares.T, strict=True):
+            yield facets, np.abs(angle) <= _ROUNDING, share
+
 
 def _edges(mirrors: _Mirrors) -> list[_Edge]:
     scene = mirrors.scene
     found, unit = scene.edges, normals(scene.vertices, scene.faces)
     edges = []
-    for ends, face, n in zip(found.ends, found.faces[:, 0], found.wedge, strict=True):
+    for ends, (face, other), n in zip(found.ends, found.faces, found.wedge, strict=True):
         length = float(np.linalg.norm(ends[1] - ends[0]))
         along = (ends[1] - ends[0]) / length
         inward = scene.vertices[scene.faces[face]].mean(axis=0) - ends[0]
         inward = inward - (inward @ along) * along
         heights = np.abs(((ends[:, None] - mirrors.point) * mirrors.normal).sum(axis=2)).max(axis=0)
         facets = frozenset(np.flatnonzero(heights <= _CLEAR * length).tolist())
-        edges.append(_Edge(ends[0], along, length, float(n), unit[face], inward / np.linalg.norm(inward), facets))
+        zero, last = (int(mirrors.facet[scene.number[f]]) for f in (face, other if other >= 0 else face))
+        edges.append(
+            _Edge(ends[0], along, length, float(n), unit[face], inward / np.linalg.norm(inward), facets, (zero, last))
+        )
     return edges
 
 
@@ -234,16 +250,16 @@ def phase_rays(
     sign = -1.0 if polarisation == "soft" else 1.0
     sequences = list(mirrors.sequences(reflections))
     u = np.zeros(len(flat), complex)
-    for sequence in sequences:
-        good = mirrors.clear(start, flat, sequence)
-        r = np.linalg.norm(mirrors.images(start, sequence)[-1] - flat, axis=1)
-        u[good] += sign ** len(sequence) * np.exp(1j * k * r[good]) / r[good]
+    seen = {sequence: mirrors.clear(start, flat, sequence).astype(float) for sequence in sequences}
     for edge in edges:
         for before in sequences:
             for behind in sequences:
                 if len(before) + len(behind) <= reflections and edge.leaves(before[-1:] + behind[-1:]):
-                    part = _by_edge(mirrors, edge, start, flat, before, behind, k, polarisation)
+                    part = _by_edge(mirrors, edge, start, flat, before, behind, k, polarisation, seen)
                     u += sign ** (len(before) + len(behind)) * part
+    for sequence, share in seen.items():
+        r, good = np.linalg.norm(mirrors.images(start, sequence)[-1] - flat, axis=1), share > 0
+        u[good] += share[good] * sign ** len(sequence) * np.exp(1j * k * r[good]) / r[good]
     if diffractions == 2:
         for one, two in product(edges, edges):
             for before, between, behind in product(sequences, repeat=3):
@@ -291,8 +307,8 @@ def _wave(edge: _Edge, q, source, point, radii, k: float, polarisation: str) -> 
     return (soft if polarisation == "soft" else hard) * np.sqrt(within / (s * (s + within))) * np.exp(1j * k * s)
 
 
-def _by_edge(mirrors, edge, start, end, before, behind, k, polarisation) -> np.ndarray:
-    """Field by one edge, with reflections before and behind it."""
+def _by_edge(mirrors, edge, start, end, before, behind, k, polarisation, seen) -> np.ndarray:
+    """Field by one edge, with reflections before and behind it; corrects what is ``seen`` of waves that end there."""
     source, point = mirrors.images(start, before)[-1], mirrors.images(end, behind)[-1]
     q, good = edge.crossing(source, point)
     good &= mirrors.clear(start, q, before)
@@ -302,6 +318,10 @@ def _by_edge(mirrors, edge, start, end, before, behind, k, polarisation) -> np.n
         q, source, point = q[good], source[good], point[good]
         r = np.linalg.norm(source - q, axis=1)
         u[good] = np.exp(1j * k * r) / r * _wave(edge, q, source, point, (r, r, r), k, polarisation)
+        for facets, there, share in edge.boundaries(source - q, point - q):
+            sequence = (*before, *facets, *behind[::-1])
+            if there.any() and sequence in seen:
+                seen[sequence][np.flatnonzero(good)[there]] = share[there]
     return u
 
 

@@ -27,7 +27,7 @@ from specklegen.wavetracing.angular_spectrum import light_strengths, spectrum_fi
 from specklegen.wavetracing.aperture import aperture_transform
 from specklegen.wavetracing.edge_rays import Polarisation, edge_ray_field
 from specklegen.wavetracing.light import Light, PlaneWave
-from specklegen.wavetracing.opening import Opening, Rim, rim_of
+from specklegen.wavetracing.opening import Opening, Rim, doubt_narrow, rim_of
 from specklegen.wavetracing.plane import Plane, PlaneField
 
 FieldMethod = Literal["boundary", "spectrum", "utd", "fraunhofer"]
@@ -76,6 +76,8 @@ def field_on_plane(
     RuleError
         If the opening is not made of loops, a pixel lies at z <= 0, or the method does not know this light or plane.
 
+    A `DoubtWarning` says where an opening is narrower than a wavelength in the mean, or corners matter for "utd".
+
     Examples
     --------
     >>> import numpy as np
@@ -95,6 +97,7 @@ def field_on_plane(
         values = np.asarray(light.field(points), np.complex128)
     else:
         rim = rim_of("field_on_plane opening", opening)
+        doubt_narrow("field_on_plane opening", rim.breadth, light.wavelength)
         if rim.area <= 0:
             values = np.zeros(len(points), np.complex128)
         elif method == "spectrum":

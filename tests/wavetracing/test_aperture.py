@@ -67,11 +67,11 @@ def test_wavevectors_across_an_edge_are_regular():
 
 @pytest.mark.parametrize("opening", [TRIANGLE, star(6, 6, 12**0.5), star(5, 6, 2.5), FRAME, ISLANDS])
 def test_edges_and_triangulations_agree(opening):
-    """Two formulae; 1e-12 of the area. A triangulation that lost a triangle of 1e-9 of the area would be seen."""
+    """Two formulae, to 1e-12. A triangulation that lost a triangle of 1e-9 of the area would be seen."""
     xi = np.random.default_rng(6).normal(scale=3.0, size=(40, 2))
     rim = rim_of("opening", opening)
     by_triangles = triangles_transform(rim.triangles, np.ones((len(rim.triangles), 3)), xi)
-    assert np.abs(aperture_transform(opening, xi) - by_triangles).max() < 1e-12 * rim.area
+    assert np.abs(aperture_transform(opening, xi) - by_triangles).max() < 1e-12  # measured 2e-14
     assert aperture_transform(opening, [0, 0]).real == pytest.approx(rim.area, rel=1e-15)
 
 

@@ -64,6 +64,22 @@ def test_phases_in_free_space_are_friis_at_the_middles():
     assert found.ledger is None
 
 
+@pytest.mark.filterwarnings("ignore:.*corners matter:specklegen.core.errors.DoubtWarning")
+@pytest.mark.parametrize(
+    ("frequency", "height", "loss"),
+    [(1e9, -5, -0.57), (1e9, -1, 2.26), (1e9, 0, 6.02), (1e9, 1, 9.81), (1e9, 5, 20.01), (3e10, 5, 34.70)],
+)
+def test_knife_edge_by_phases(frequency, height, loss):
+    """100 m before and 50 m behind the edge of a metal sheet, whose edge is ``height`` above the line of sight."""
+    wide = 1e6
+    corners = [[100, -wide, -wide], [100, wide, -wide], [100, wide, height], [100, -wide, height]]
+    knife = Geometry(Mesh(np.array(corners, float), np.array([[0, 1, 2], [0, 2, 3]]), Conductor()))
+    cell = Plane(center=[150, 0, 0.0], normal=[1.0, 0, 0], up=[0, 0, 1.0], shape=(1, 1), pitch=1e-3)
+    source = Transmitter([0, 0, 0.0])
+    there, free = (coverage(scene, source, cell, frequency, "phase").rss_dBm for scene in (knife, AIR))
+    assert float((free - there)[0, 0]) == pytest.approx(loss, abs=0.02)
+
+
 def test_ground_that_mirrors_adds_its_image():
     plane, source = street(z=30.0), np.array([0, 0, 60.0])
     scene = Geometry(sheet(1e5, 0.0, Conductor()))

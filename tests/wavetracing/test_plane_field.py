@@ -8,7 +8,15 @@ import pytest
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.oracles.rayleigh_sommerfeld import disc_axis, surface_field
 from specklegen.oracles.slit_screen import slit_screen
-from specklegen.wavetracing import Plane, PlaneField, PlaneWave, edge_rays, field_on_plane
+from specklegen.wavetracing import (
+    Plane,
+    PlaneField,
+    PlaneWave,
+    edge_rays,
+    field_on_plane,
+    sample_pattern,
+    sample_slits,
+)
 from specklegen.wavetracing.facing_edges import facing_edges
 from specklegen.wavetracing.opening import rim_of
 
@@ -249,6 +257,35 @@ class TestFraunhofer:
         edges = field_on_plane(shifted, TILTED, self.FAR, "fraunhofer").values
         nodes = field_on_plane(shifted, Given(TILTED.field), self.FAR, "fraunhofer").values
         assert distance(nodes, edges) < 1e-8
+
+
+def test_openings_below_a_wavelength_are_doubted():
+    plane = Plane(center=[0, 0, 50.0], shape=(1, 1), pitch=1.0)
+    for width in (1e-3, 0.9):
+        with pytest.warns(DoubtWarning, match="field_on_plane opening is .* wavelengths wide in the mean"):
+            field_on_plane(box(width, 100), LIGHT, plane)
+        with pytest.warns(DoubtWarning, match="sample_slits"):
+            sample_slits([3.0, width], [0.0, 9.0], [0.0, 0.0], 10, 0)
+        with pytest.warns(DoubtWarning, match="sample_pattern"):
+            sample_pattern(box(width, width), 10, 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        field_on_plane(box(1.1, 100), LIGHT, plane)
+        sample_pattern(box(2.1, 2.1), 10, 0)
+
+
+def test_phases_of_1e8_radians():
+    """On the axis of a disc |u|^2 = (1 - z/R)^2 + 4 z/R sin^2(k (R - z) / 2): at k z = 1e8 as well as at 1e4.
+
+    The path's difference R - z is r^2 / (R + z), where subtracting would leave 1e-8 of a wavelength.
+    """
+    turn = np.arange(5000) * 2 * np.pi / 5000
+    unit = np.sqrt(turn[1] / np.sin(turn[1])) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    for radius, z in ((20.0, 1.6e3), (20.0, 1.6e7), (1e3, 1.6e7), (4e3, 1.6e7)):
+        slant = np.hypot(radius, z)
+        beyond = radius**2 / (slant + z)
+        expected = np.hypot(beyond / slant, 2 * np.sqrt(z / slant) * np.sin(np.pi * beyond))
+        assert abs(at([0, 0, z], radius * unit)) == pytest.approx(expected, rel=1e-12)  # measured 3e-14
 
 
 def test_no_screen_and_a_closed_one():

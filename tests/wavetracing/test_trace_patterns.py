@@ -107,6 +107,29 @@ def test_two_slits_by_the_field_of_each_beam(amplitude):
     assert value < chi2.isf(FALSE_ALARM, degrees)
 
 
+@pytest.mark.parametrize("sigma", [98, 24.5])
+def test_visibility_of_narrow_slits(sigma):
+    """Slits of 1, d = 14 apart: fringes of visibility V = e^{-d^2 / 4 Sigma}.
+
+    Over whole fringes twice the mean of cos(d xi), each count over the slit's own power, is V: its deviation is
+    sqrt(2 / counts) at most, and the ensemble's blur of the slit's power adds less than 1e-3 within three fringes.
+    """
+    z, fringes = 1e5, 3
+    reach = z * np.tan(np.arcsin(fringes * 2 * np.pi / 14 / K))
+    source = CollimatedEmitter([-7.5, -10, -10], [7.5, 10, -10], [0, 0, 1.0], 3 * np.sqrt(sigma / 2), 1.0)
+    plane = receiver(z, reach, 240, 240)
+    beams = 60_000
+    found = trace(screen(slit(-7, 1), slit(7, 1)), source, plane, beams, 1, amplitude="uniform")
+    counts = found.irradiance[0].sum(axis=0) * plane.pitch**2 * beams
+    xi = K * np.sin(np.arctan((np.arange(240) - 119.5) * plane.pitch / z))
+    weights = counts / np.sinc(xi / 2 / np.pi) ** 2
+    visibility, exact = 2 * (weights @ np.cos(14 * xi)) / weights.sum(), np.exp(-(14**2) / (4 * sigma))
+    error = np.sqrt(2 * (weights / np.sinc(xi / 2 / np.pi) ** 2).sum()) / weights.sum()
+    assert_z(visibility, exact, error, slack=1e-3)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(visibility, np.exp(-(14**2) / (2 * sigma)), error, slack=1e-3)  # the spread counted twice
+
+
 def test_the_pattern_test_has_power():
     """Light a fifth less coherent, in area, or a spread counted twice, is noticed."""
     for assumed in (98 * 0.8, 98 / 2):
