@@ -24,7 +24,7 @@ from specklegen.models.learning.solver import Solver
 from specklegen.models.metrics import align
 from specklegen.models.retrieval.apodisation import transfer_function
 from specklegen.models.retrieval.autocorrelation import lag_means, memory_effect_at_lags
-from specklegen.models.retrieval.camera_noise import camera_noise
+from specklegen.models.retrieval.camera_noise import Stated, camera_noise
 from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
 from specklegen.models.retrieval.wiener import Division, choice, lag_variance, weights
 from specklegen.scene.window import Profile
@@ -73,14 +73,15 @@ def katz(
     retrieval: Retrieval | None = None, recipe: HiddenObject | None = None, seed: int = 0, *,
     division: Division | Literal["expected"] = "expected", apodise: bool = False,
 ) -> Method:  # fmt: skip
-    """Phase retrieval from the same lags that a network sees, camera noise read off the image and taken off.
+    """Phase retrieval from the same lags that a network sees, camera noise taken off.
 
     Parameters
     ----------
     retrieval
         Restarts and iterations; the extent is by default that of the object.
     recipe
-        If given: divide by each material's C_I, which a simulator knows.
+        If given: divide by each material's C_I, which a simulator knows; and where camera noise cannot be read off the
+        image, it is that of the recipe's camera.
     seed
         Of the random starts.
     division
@@ -94,11 +95,11 @@ def katz(
         settings = retrieval or Retrieval()
         if settings.extent is None:
             settings = settings.replace(extent=max(batch["object"].shape[-2:]))
-        seen = seen_lags(batch)
+        seen = seen_lags(batch, "unknown" if recipe is None else recipe.exposure or "none")
         made = []
         for n, grains in enumerate(seen.grain.tolist()):
             lags = seen.lags[n : n + 1]
-            if recipe is not None:
+            if recipe is not None and division != "none":
                 drawn = {name: float(values[n]) for name, values in batch["parameters"].items()}
                 kernel = recipe.material.known(recipe.material.slab_of(drawn)).kernel
                 c_i = memory_effect_at_lags(kernel, drawn["wavelength"], drawn["object_pitch"], FRAME)
@@ -138,14 +139,14 @@ class SeenLags(NamedTuple):
     grain: Tensor
 
 
-def seen_lags(batch: Batch) -> SeenLags:
+def seen_lags(batch: Batch, camera: Stated = "unknown") -> SeenLags:
     """Lags of the images of a batch; of films the mean over frames, taken as independent for the variance."""
     images = (batch["image"][:, None] if "image" in batch else batch["frames"]).double()
     flat = images / images.mean((-2, -1), keepdim=True)
     step, grain = steps_of(batch).double(), grain_pixels(batch).double()
     rows, columns = flat.shape[-2:]
     every = lag_means(flat - 1, (rows - 1, columns - 1))
-    every[..., 0, 0] -= camera_noise(flat, (grain * step)[:, None])
+    every[..., 0, 0] -= camera_noise(images, (grain * step)[:, None], camera)
     every, variance = every.mean(1), lag_variance(images).mean(1) / images.shape[1]
     peak = every[..., 0, 0].clamp_min(torch.finfo(every.dtype).tiny)
     lags = resampled_lags(torch.fft.fftshift(every / peak[:, None, None], dim=(-2, -1)), step, FRAME)

@@ -11,16 +11,18 @@ from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models.likelihood.likelihood import Optics
 from specklegen.models.likelihood.periodogram import Periodogram, periodogram
 from specklegen.models.retrieval.autocorrelation import MemoryEffect, memory_effect_of
-from specklegen.models.retrieval.camera_noise import camera_noise
+from specklegen.models.retrieval.camera_noise import Stated, camera_noise
 
 TILE = 160
 """Longest side of a tile in pixels: larger cameras are cut, which makes their periodograms less noisy."""
 
 
-def seen_by_camera(images: torch.Tensor, grain: torch.Tensor, tile: int | None = TILE) -> Periodogram:
-    """Periodograms of images real[B, F, H, W] with the camera's noise read off them; grains float[B], in pixels."""
+def seen_by_camera(
+    images: torch.Tensor, grain: torch.Tensor, tile: int | None = TILE, camera: Stated = "unknown"
+) -> Periodogram:
+    """Periodograms of images real[B, F, H, W] with the noise of :func:`camera_noise`; grains float[B], in pixels."""
     found = periodogram(images, tile=tile)
-    noise = camera_noise(images, grain[:, None]).mean(1)
+    noise = camera_noise(images, grain[:, None], camera).mean(1)
     return found._replace(noise=noise.to(found.noise))
 
 
@@ -46,4 +48,4 @@ def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogra
         kernel = recipe.material.known(recipe.material.slab_of(own)).kernel
         memory.append(memory_effect_of(kernel, own["wavelength"], own["object_pitch"]))
     optics = Optics(step.float(), grain.float(), recipe.profile, recipe.exposure is not None)
-    return seen_by_camera(images, grain), optics, memory
+    return seen_by_camera(images, grain, camera=recipe.exposure or "none"), optics, memory

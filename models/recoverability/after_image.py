@@ -195,7 +195,8 @@ def see_through(
         reject("see_through images", "of shape [objects, frames, rows, columns]", tuple(images.shape))
     own = bench_of(bench)
     solver = solver or load_solver()
-    seen = seen_by_camera(images, torch.full((len(images),), float(own.optics.grain)))
+    grain = torch.full((len(images),), float(own.optics.grain))
+    seen = seen_by_camera(images, grain, camera=bench.exposure or "unknown")
     memory = [own.memory_effect] * len(images)
     found = None
     if fit if fit is not None else not own.known and len(images) >= _FEWEST:

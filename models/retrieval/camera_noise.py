@@ -6,10 +6,16 @@ noise's, whatever the gain of the camera, its photons and its background. Images
 whose transform falls off so fast (Harris, *Proc. IEEE* 66, 51, 1978) that no light leaks there.
 """
 
+from typing import Literal
+
 import torch
 from torch import Tensor
 
 from specklegen.core.errors import reject
+from specklegen.instrument.camera import Camera
+
+Stated = Camera | Literal["none", "unknown"]
+"""A camera that states its noise, none, or one that states nothing."""
 
 BEYOND = 1.08
 """Frequencies that are taken, over the highest that the window passes; above 1 for the width of Hann's peak."""
@@ -19,7 +25,7 @@ FEWEST = 32
 """Frequencies that there must be, for a spread of a fifth."""
 
 
-def camera_noise(images: Tensor, grain: Tensor | float) -> Tensor:
+def camera_noise(images: Tensor, grain: Tensor | float, camera: Stated = "unknown") -> Tensor:
     """Variance that camera noise adds to a pixel, over the squared mean of the image; float[...].
 
     Its relative standard error is about sqrt(2 / frequencies), a hundredth for 128 x 128 pixels and 3 pixels a grain.
@@ -30,11 +36,14 @@ def camera_noise(images: Tensor, grain: Tensor | float) -> Tensor:
         real[..., H, W].
     grain
         Camera pixels in a grain, wavelength / window width, real[...] or one number.
+    camera
+        What states the noise where it cannot be read, grains being so small that the window passes all frequencies:
+        what exposed the images, or "none" if nothing did.
 
     Raises
     ------
     RuleError
-        If grains are so small that the window passes all frequencies of the camera.
+        If noise can be neither read nor is stated.
     """
     rows, columns = images.shape[-2:]
     flat = images.double()
@@ -46,7 +55,10 @@ def camera_noise(images: Tensor, grain: Tensor | float) -> Tensor:
     highest = torch.maximum(f[:, None], g).to(images.device)
     beyond = highest > BEYOND / torch.as_tensor(grain, dtype=torch.float64, device=images.device)[..., None, None]
     count = beyond.expand(power.shape).sum((-2, -1))
-    if (count < FEWEST).any():
+    if (count >= FEWEST).all():
+        return torch.where(beyond, power, 0.0).sum((-2, -1)) / count
+    if camera == "unknown":
         reject("camera_noise grain", f"above {2 * BEYOND:.3g} pixels, on a camera of many", grain,
-               "State the camera's noise, or open the aperture less.")  # fmt: skip
-    return torch.where(beyond, power, 0.0).sum((-2, -1)) / count
+               "State the camera ([exposure] of a recipe or a bench), or open the aperture less.")  # fmt: skip
+    mean = images.double().mean((-2, -1))
+    return torch.zeros_like(mean) if camera == "none" else camera.noise(mean)

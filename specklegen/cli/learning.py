@@ -214,7 +214,7 @@ def evaluate(
     }  # fmt: skip
     if katz:
         settings = Retrieval(restarts=restarts)
-        methods |= {"Katz": baselines.katz(settings, seed=seed)}
+        methods |= {"Katz": baselines.katz(settings, recipe=loaded, division="none", seed=seed)}
         methods |= {"Katz, C_I": baselines.katz(settings, recipe=loaded, seed=seed)}
     if solver:
         methods |= {"solver for any object": baselines.any_object(load_solver(), loaded, seed)}

@@ -19,7 +19,7 @@ exposure, by :func:`incoherent_sum`.
 """
 
 from collections.abc import Sequence
-from typing import Annotated, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -129,6 +129,14 @@ class Camera(Value):
         if self.bit_depth is not None and brightest < 0.5:
             told = f"The brightest pixel gives about {brightest:.2g} counts at {self.gain:g} electrons a count."
             reject("Camera.photons", "enough for a count", self.photons, told)
+
+    def noise(self, mean: Any) -> Any:
+        """Variance that noise adds to a pixel over the squared mean of an image, from its mean in counts (any array).
+
+        The photon transfer curve at the mean; saturation is left out.
+        """
+        rounding = 0.0 if self.bit_depth is None else 1 / 12
+        return ((mean - self.offset) / self.gain + (self.read_noise / self.gain) ** 2 + rounding) / mean**2
 
     @property
     def saturation(self) -> float:

@@ -6,6 +6,10 @@ import torch
 from zscore import assert_mean
 
 from specklegen.core.errors import RuleError
+from specklegen.datasets import load_recipe
+from specklegen.datasets.loading.stream import tensors
+from specklegen.instrument.camera import Camera, NoiseStreams, expose
+from specklegen.models.judging.baselines import seen_lags
 from specklegen.models.retrieval.camera_noise import camera_noise
 
 GRAIN = 3
@@ -49,3 +53,25 @@ def test_grains_may_differ():
 def test_a_camera_that_the_window_fills_is_refused():
     with pytest.raises(RuleError, match=r"camera_noise grain must be above 2\.16"):
         camera_noise(torch.ones(1, 64, 64), 2.0)
+
+
+def test_a_camera_states_what_cannot_be_read():
+    """Of the same counts: read where grains leave frequencies, stated where they do not."""
+    camera = Camera(photons=6.0, background=2.0, read_noise=1.5, gain=0.25, offset=10.0, bit_depth=None)
+    light = speckle(200)
+    light /= light.mean((1, 2), keepdims=True)
+    images = torch.from_numpy(expose(camera, light, NoiseStreams.of(3)))
+    read, stated = (camera_noise(images, grain, camera).numpy() for grain in (GRAIN, 2.0))
+    assert_mean(read / stated, 1.0, slack=1e-3)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(1.05 * read / stated, 1.0, slack=1e-3)
+    assert not camera_noise(images, 2.0, "none").any()
+
+
+def test_a_packaged_recipe_of_small_grains_is_judged():
+    """through-slab-lab: 2.13 pixels a grain. Its lags are seen by its own camera's noise."""
+    recipe = load_recipe("through-slab-lab", {"material": {"kernel_paths": 1000}})
+    batch = tensors(recipe.batch(0, "test", range(2)))
+    with pytest.raises(RuleError, match=r"camera_noise grain must be above 2\.16.*\[exposure\]"):
+        seen_lags(batch)
+    assert torch.isfinite(seen_lags(batch, recipe.exposure).lags).all()
