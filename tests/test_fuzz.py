@@ -227,7 +227,7 @@ def test_memory_effect_of_any_slab(count):
     check()
 
 
-@few_and_many(8, 300)
+@few_and_many(4, 300)
 def test_any_slab_between_indices(count):
     @examples(count)
     @given(scene=faced_scenes(), seed=st.integers(0, 99))

@@ -68,6 +68,8 @@ def reversal_decision(
         return Decision(part, reverse, "asked for" if reverse else "as asked")
     if reverse != "auto":
         reject("reverse", 'True, False or "auto"', reverse)
+    if isinstance(medium, Slab) and not medium.faces.matched and (views[..., -1] > 0).any():
+        return Decision(part, False, "behind a slab between refracting faces no light comes back the way it went")
     dimension = views.shape[-1]
     nearest = _nearest_sum(light.reshape(-1, dimension), views.reshape(-1, dimension))
     wing = _wing(medium, wavelength, 2 if dimension == 2 else 3, nearest)
