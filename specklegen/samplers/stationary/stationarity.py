@@ -183,7 +183,7 @@ class _Bank:
         return self._intensities[key]
 
     def moves_whole(self, light: np.ndarray) -> bool:
-        """Whether a tilt to these sines moves all light by as much, from lobes that do not stay behind (physics.md 10)."""
+        """Whether a tilt to these sines moves all light by as much: lobes do not stay behind (physics.md 10)."""
         tilt = float(np.hypot(*(light - self.light[:2])))
         return lobe_loss(self.scene.slab, self.scene.wavelength, tilt).spurious
 
