@@ -172,13 +172,16 @@ def faced_scenes(draw) -> sg.Scene:
 
 @st.composite
 def screen_media(draw, wavelength: float) -> sg.PhaseScreen | sg.GroundGlass | sg.ScreenStack:
-    """Thin media: smooth to rough, one to four of them, touching or far apart, at rest or in motion."""
+    """Thin media: smooth to rough, one to four of them, touching or far apart, at rest or in motion.
+
+    Four of the widest have an rms angle of .32, just what a stack may have.
+    """
 
     def screen():
         kind = draw(st.integers(0, 2))
         if kind == 2:
-            return sg.GroundGlass(angle=draw(powers(-4, -0.2)), rms_height=wavelength * draw(powers(0, 1)))
-        length, angle = wavelength * draw(powers(0.1, 4)), draw(st.one_of(st.just(0.0), powers(-9, -0.5)))
+            return sg.GroundGlass(angle=draw(powers(-4, -0.6)), rms_height=wavelength * draw(powers(0, 1)))
+        length, angle = wavelength * draw(powers(0.1, 4)), draw(st.one_of(st.just(0.0), powers(-9, -0.8)))
         phase = min(angle * np.sqrt(2) * np.pi * length / wavelength, 300.0)  # sigma of this rms angle
         index = draw(indices) if kind else 1.0
         if index == 1:

@@ -191,9 +191,9 @@ class Lobes:
         """K(p, a) at p float64[2] for a_m float64[M, 2]; 1 where a_m is the same for all screens, up to a phase."""
         if not len(self.shares):
             return 1.0
-        exponent = -0.5 * float(np.hypot(*sine)) ** 2 / self.variances
+        exponent = np.where(self.shares > 0, -0.5 * float(np.hypot(*sine)) ** 2 / self.variances, -np.inf)
         # Over the largest term: far outside all lobes every density underflows, and their ratios do not.
-        weight = self.shares * np.exp(exponent - exponent[self.shares > 0].max()) / (2 * np.pi * self.variances)
+        weight = self.shares * np.exp(exponent - exponent.max()) / (2 * np.pi * self.variances)
         variance, mean = self.spreads(ways)
         value = np.exp(-0.5 * self.wavenumber**2 * variance - 1j * self.wavenumber * (mean @ sine))
         return complex(weight @ value / weight.sum())

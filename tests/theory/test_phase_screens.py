@@ -91,7 +91,8 @@ def forward_stack(depth, correlation_length, thickness, count=40):
 def test_views_far_outside_all_lobes(sine):
     """Densities of e^-5000 underflow; their ratios, here with the exponents of long doubles, do not."""
     weak = sg.PhaseScreen(rms_phase=0.1, correlation_length=100.0)
-    pair = sg.ScreenStack(screens=(weak, weak), gaps=(800.0,))
+    smooth = sg.PhaseScreen(rms_phase=0.0, correlation_length=10.0)  # terms of no share, of the widest lobes
+    pair = sg.ScreenStack(screens=(weak, smooth, weak), gaps=(800.0, 0.0))
     terms, ways, view = lobes(pair, 1.0), tilt_ways(pair, np.array([1e-3, 0])), np.array([sine, 0])
     variance, mean = terms.spreads(ways)
     weight = terms.shares / terms.variances * np.exp(-0.5 * np.longdouble(sine) ** 2 / terms.variances)
