@@ -55,10 +55,11 @@ def camera_noise(images: Tensor, grain: Tensor | float, camera: Stated = "unknow
     highest = torch.maximum(f[:, None], g).to(images.device)
     beyond = highest > BEYOND / torch.as_tensor(grain, dtype=torch.float64, device=images.device)[..., None, None]
     count = beyond.expand(power.shape).sum((-2, -1))
-    if (count >= FEWEST).all():
-        return torch.where(beyond, power, 0.0).sum((-2, -1)) / count
+    read, readable = torch.where(beyond, power, 0.0).sum((-2, -1)) / count.clamp_min(1), count >= FEWEST
+    if readable.all():
+        return read
     if camera == "unknown":
         reject("camera_noise grain", f"above {2 * BEYOND:.3g} pixels, on a camera of many", grain,
                "State the camera ([exposure] of a recipe or a bench), or open the aperture less.")  # fmt: skip
-    mean = images.double().mean((-2, -1))
-    return torch.zeros_like(mean) if camera == "none" else camera.noise(mean)
+    stated = torch.zeros_like(read) if camera == "none" else camera.noise(images.double().mean((-2, -1)))
+    return torch.where(readable, read, stated)

@@ -143,6 +143,16 @@ def test_the_planner_leaves_narrow_lobes_to_the_stationary_sampler():
     assert far_field_decision(scene(slab(0.5, 20.0, 2), 3e-3)) is None
 
 
+@pytest.mark.parametrize("center", [0.0, 0.6, -0.6])
+def test_tilts_as_wide_as_the_half_space_have_a_plan(center):
+    """Their differences reach beyond any direction of light or view: what is not there is not judged."""
+    medium = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.99))
+    lights = sg.CollimatedBeams.tilts([-0.9, 0.0, 0.9], width=2000.0)
+    sensor = sg.FarFieldGrid(shape=(8, 8), pitch=1e-4, center=(center, 0.0))
+    made = sg.plan(sg.Scene(wavelength=WAVELENGTH, medium=medium, illumination=lights, sensor=sensor))
+    assert made.sampler == "paths"
+
+
 def test_path_sums_that_the_planner_must_take_are_doubted_without_advice_to_ask_it():
     narrow = scene(slab(0.997, 20.0, 25), 3e-3, width=600.0)
     narrow = narrow.replace(sensor=sg.FarFieldGrid(shape=(64, 64), pitch=4e-4, center=(0.2, 0.0)))

@@ -111,7 +111,7 @@ def pilot_error(
         for tilt, modelled in zip(tilts, models, strict=True):
             for kappa, gain in _probe_mismatches(scene):
                 other = view - tilt - kappa
-                if np.hypot(*other) < 1:
+                if max(np.hypot(*other), np.hypot(*(pilot.light[:2] - tilt))) < 1:
                     # Tilted light keeps its angle to a lobe that is narrower, where the lobe is not in its far field.
                     kept = lobe_loss(scene.slab, scene.wavelength, float(np.hypot(*tilt))).spurious
                     like = view if kept else other
@@ -174,9 +174,10 @@ class _Bank:
     def intensity(self, sines: np.ndarray, light: np.ndarray | None = None) -> np.ndarray:
         """Sums over 64 batches of paths of the contributions at one view, of the bank's light or one of other sines."""
         if light is not None and not np.array_equal(light, self.light[:2]):
-            if not self.moves_whole(light):
+            moved = sines - (light - self.light[:2])
+            if not self.moves_whole(light) or np.hypot(*moved) >= 1:
                 return self.sums(self._contributions(sines, directions_of_sines("light", light)))
-            sines = sines - (light - self.light[:2])
+            sines = moved
         key = sines.tobytes()
         if key not in self._intensities:
             self._intensities[key] = self.sums(self.weight(sines))

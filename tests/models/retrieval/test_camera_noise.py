@@ -66,6 +66,9 @@ def test_a_camera_states_what_cannot_be_read():
     with pytest.raises(AssertionError, match="z ="):
         assert_mean(1.05 * read / stated, 1.0, slack=1e-3)
     assert not camera_noise(images, 2.0, "none").any()
+    # Each image for itself, whatever stands beside it.
+    mixed = camera_noise(images[:2], torch.tensor([GRAIN, 2.0]), camera).numpy()
+    np.testing.assert_allclose(mixed, [read[0], stated[1]], rtol=1e-12)
 
 
 def test_a_packaged_recipe_of_small_grains_is_judged():
@@ -74,4 +77,9 @@ def test_a_packaged_recipe_of_small_grains_is_judged():
     batch = tensors(recipe.batch(0, "test", range(2)))
     with pytest.raises(RuleError, match=r"camera_noise grain must be above 2\.16.*\[exposure\]"):
         seen_lags(batch)
-    assert torch.isfinite(seen_lags(batch, recipe.exposure).lags).all()
+    images = batch["image"].double()
+    contrast = (images / images.mean((1, 2), keepdim=True)).var((1, 2), correction=0)
+    # A lag's variance is over the square of the zero lag, which loses the noise and nothing else.
+    stated, none = (seen_lags(batch, camera).variance for camera in (recipe.exposure, "none"))
+    noise = recipe.exposure.noise(images.mean((1, 2)))
+    np.testing.assert_allclose(1 - (none / stated).sqrt(), noise / contrast, rtol=1e-3)
