@@ -157,10 +157,12 @@ def _integrate_boxes(size: np.ndarray, extinction: float, away: np.ndarray, wave
         for a, b in combinations(axes, 2):
             level = partial(_lead, speed[:, ray], face[:, ray], a, b)
             corners, owner = _cut(corners, owner, level, 1e-13 * float(size.max()))
-    # One face is the way out of a whole simplex, that of its middle: a corner may lie on another as well, which a ray
-    # all but along that face meets at once there and nowhere else.
-    first = _distances(corners.mean(axis=1, keepdims=True), owner, speed, face).argmin(axis=-1)
-    distance = np.take_along_axis(_distances(corners, owner, speed, face), first[..., None], axis=-1)[..., 0]
+    # One face is the way out of a whole simplex, that which is nearest from its corners together: a single one may lie
+    # on another face as well, which a ray all but along that face meets at once there and nowhere else.
+    every = _distances(corners, owner, speed, face)
+    with np.errstate(over="ignore"):
+        first = every.sum(axis=1, keepdims=True).argmin(axis=-1)
+    distance = np.take_along_axis(every, first[..., None], axis=-1)[..., 0]
     exponent = 1j * (corners * wave[owner, None]).sum(axis=-1) - 0.5 * extinction * distance.sum(axis=-1)
     volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))  # d! times that of the simplex
     pieces = volume * _divided_exp(exponent)
