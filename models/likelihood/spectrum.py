@@ -25,6 +25,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.scene.window import Profile, Window
 
 _SMALLEST = 1e-6  # of T: beyond, it is left out
@@ -63,7 +64,7 @@ def factors(profile: Profile, cycles: int, pixel: float = 0.0) -> tuple[Factor, 
     """
     window = Window(profile, 1.0)
     reach = 1.0 if window.sharp else float(np.sqrt(-np.log(_SMALLEST)) / 2)
-    nodes, weights = np.polynomial.legendre.leggauss(int(np.pi * cycles * reach / 2) + 24)
+    nodes, weights = gauss_legendre(int(np.pi * cycles * reach / 2) + 24)
     nodes, weights = reach * (nodes + 1) / 2, reach * weights / 2  # from 0 on, where a square's overlap has its edge
     root = np.sqrt(weights)
     passed = window.overlap(nodes, nodes[:, None]) * np.outer(np.sinc(nodes * pixel), np.sinc(nodes * pixel)) ** 2

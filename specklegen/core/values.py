@@ -7,6 +7,7 @@ keys pilots and stores) and to TOML.
 
 import hashlib
 import json
+import re
 from collections.abc import Callable
 from functools import cached_property, lru_cache
 from typing import Annotated, Any, ParamSpec, Self, TypeVar, cast
@@ -36,6 +37,7 @@ _RULES = {
     "int_type": "a whole number",
     "int_parsing": "a whole number",
     "int_from_float": "a whole number",
+    "int_parsing_size": "a whole number of fewer digits",
     "missing": "given",
     "extra_forbidden": "absent: there is no such field",
     "frozen_instance": "left as it is: values are frozen, use .replace(...)",
@@ -56,19 +58,27 @@ _RULES = {
 }
 
 
+_MEMBER = re.compile(r"@|constrained-|function-|literal\[|(float|int|str|bool)$")
+"""How a part of a place begins that tells apart the members of a union; nobody wrote it."""
+
+
 def _house_message(owner: str, error: ValidationError) -> str:
-    lines = []
+    told: list[str] = []
+    broken: dict[str, tuple[list[str], object]] = {}  # the rules of one field, those of a union's members together
     for item in error.errors():
         context = {name: _bound(value) for name, value in item.get("ctx", {}).items()}
         if isinstance(context.get("error"), RuleError):
-            lines.append(str(context["error"]))
+            told.append(str(context["error"]))
             continue
-        # A part that begins with "@" tells apart the members of a union; nobody wrote it.
-        where = ".".join([owner, *(str(part) for part in item["loc"] if not str(part).startswith("@"))])
+        where = ".".join([owner, *(str(part) for part in item["loc"] if not _MEMBER.match(str(part)))])
         rule = _RULES.get(item["type"])
         rule = rule.format(**context) if rule else _bare(item["msg"])
-        lines.append(f"{where} must be {rule}; got {shown(item['input'])}.")
-    return "\n".join(lines)
+        broken.setdefault(where, ([], item["input"]))[0].append(rule)
+    told += [
+        f"{where} must be {' or '.join(dict.fromkeys(rules))}; got {shown(value)}."
+        for where, (rules, value) in broken.items()
+    ]
+    return "\n".join(told)
 
 
 def _bound(value: object) -> object:

@@ -6,8 +6,7 @@ Optical depths count half, for they are those of amplitudes.
 
 import math
 
-import numpy as np
-
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.kernels import inlined, kernel
 from specklegen.kernels.endpoints import face_profile
 from specklegen.kernels.trigonometry import sincos_turns
@@ -15,7 +14,7 @@ from specklegen.kernels.volume import EXTRA, chord, exit_distance, optical_depth
 
 # Gauss-Legendre with 32 nodes: to rounding for exponentials through up to 54 radians (or e-folds).
 NODES, REACH = 32, 50.0
-_X, _W = np.polynomial.legendre.leggauss(NODES)
+_X, _W = gauss_legendre(NODES)
 _X, _W = (_X + 1) / 2, _W / 2
 DEEPEST = 80.0  # optical depth beyond which nothing is seen: amplitude e^-40
 

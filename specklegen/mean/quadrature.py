@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.paths.volumes import spatial
 from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.media import Box, Slab, VoxelGrid
 from specklegen.scene.scene import Scene
 from specklegen.scene.window import Window
 
-_X, _W = np.polynomial.legendre.leggauss(4)
+_X, _W = gauss_legendre(4)
 _X, _W = (_X + 1) / 2, _W / 2
 _RADIANS = 8.0  # a panel at level 0; half of it at level 1, where four nodes are good to 4e-5
 _MOST_HELD = 4_000_000  # nodes held at a time, 40 bytes each

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from specklegen.core.errors import reject
+from specklegen.core.quadrature import gauss_legendre
 
 THINNEST = 1e-8
 """Optical depth from which layers are doubled; a layer's double scattering is left out there."""
@@ -54,7 +55,7 @@ def adding_doubling(optical_depth: float, *, albedo: float, g: float, nodes: int
     """
     if not optical_depth > 0:
         reject("adding_doubling optical_depth", "greater than 0", optical_depth)
-    x, w = legendre.leggauss(nodes)
+    x, w = gauss_legendre(nodes)
     mu, w = np.append((1 + x) / 2, 1.0), np.append(w / 2, 0.0)
     order = np.arange(2 * nodes)
     moments = (order + 0.5) * np.power(float(g), order)

@@ -10,6 +10,7 @@ Source: Born and Wolf, *Principles of Optics*, section 8.11; Osterberg, Smith, J
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.quadrature import gauss_legendre
 
 
 def surface_field(triangles: np.ndarray, points: np.ndarray, wavelength: float = 1.0, order: int = 60) -> np.ndarray:
@@ -21,7 +22,7 @@ def surface_field(triangles: np.ndarray, points: np.ndarray, wavelength: float =
     triangles, points = np.asarray(triangles, float), np.asarray(points, float)
     if points.ndim != 2 or points.shape[1] != 3 or not (points[:, 2] > 0).all():
         reject("surface_field points", "of shape (P, 3) with z > 0", points)
-    x, w = np.polynomial.legendre.leggauss(order)
+    x, w = gauss_legendre(order)
     s, w = (x + 1) / 2, w / 2
     a, b = (grid.ravel() for grid in np.meshgrid(s, s, indexing="ij"))
     shares, weights = np.stack([1 - a, a * (1 - b), a * b], axis=-1), np.outer(w, w).ravel() * a

@@ -16,6 +16,7 @@ excess is a fifth to all of this bound for anisotropies from -0.9 to 0.99 and op
 
 import numpy as np
 
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import remembered
 from specklegen.scene.scatterers import Dimensions, Scatterer
 
@@ -65,7 +66,7 @@ def _integrals(
     half = min(distance / 2, 1.0)
     rest = np.sqrt(1 - half**2)
     width = rate / phase
-    nodes, weights = np.polynomial.legendre.leggauss(_ACROSS)
+    nodes, weights = gauss_legendre(_ACROSS)
     # u = width tan(t) spaces the nodes by the Lorentzian; u is the cosine between w and i + v.
     reach = np.arctan(1 / width)
     along = width * np.tan(reach * nodes)
@@ -74,7 +75,7 @@ def _integrals(
     measure = reach * weights * (along**2 + width**2) / width  # du
     if dimensions == 3:
         # Closer by the axes of the lobes, at both ends of the half circle, by a cubic map.
-        t, ring = np.polynomial.legendre.leggauss(_AROUND)
+        t, ring = gauss_legendre(_AROUND)
         angle, ring = np.pi / 4 * (2 + 3 * t - t**3), 2 * ring * np.pi * 0.75 * (1 - t**2)
         cosines = np.cos(angle)
     else:
@@ -91,7 +92,7 @@ def _integrals(
 
 def _back_half(scatterer: Scatterer, dimensions: Dimensions) -> float:
     """Share of the scattered light that goes back."""
-    t, weights = np.polynomial.legendre.leggauss(256)
+    t, weights = gauss_legendre(256)
     theta, weights = np.pi / 4 * (3 + t), np.pi / 4 * weights
     ring = 2 * np.pi * np.sin(theta) if dimensions == 3 else 2.0
     return float(min(weights @ (ring * _density(scatterer, np.cos(theta), dimensions)), 1.0))

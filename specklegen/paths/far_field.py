@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.core.decision import Decision
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import remembered
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import Scatterer
@@ -87,7 +88,7 @@ def _overlap(particle: Scatterer, tilt: float) -> complex:
 @remembered(32)
 def _quadrature(particle: Scatterer) -> tuple[np.ndarray, np.ndarray]:
     """Angles float64[n] dense towards the axis, and weights for sin(theta) d theta."""
-    t, weights = np.polynomial.legendre.leggauss(_ALONG)
+    t, weights = gauss_legendre(_ALONG)
     low, high = np.log(1e-9), np.log(np.pi)
     theta = np.exp(low + (t + 1) / 2 * (high - low))
     return theta, weights * (high - low) / 2 * theta * np.sin(theta)

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import remembered
 from specklegen.kernels import lobes
 from specklegen.kernels.lobes import Lobe
@@ -182,7 +183,7 @@ def _moments(lobe: Lobe) -> np.ndarray:
     """Legendre moments g_l float64[n] of a lobe as it is drawn from, g_0 = 1."""
     if not len(lobe.rows):
         return np.append(1.0, np.full(_MOMENTS - 1, lobe.g)).cumprod()
-    x, w = legendre.leggauss(4)
+    x, w = gauss_legendre(4)
     start, width = lobe.rows[:-1, lobes.NODE, None], np.diff(lobe.rows[:, lobes.NODE])[:, None]
     into = width * (1 + x) / 2
     weights = (width / 2 * w * (lobe.rows[:-1, lobes.DENSITY, None] + lobe.rows[:-1, lobes.SLOPE, None] * into)).ravel()

@@ -22,11 +22,12 @@ from numpy.typing import ArrayLike
 from scipy.special import expn
 
 from specklegen.core.errors import reject
+from specklegen.core.quadrature import gauss_legendre
 
 _NODES = 8  # a panel
 _FIRST_PANEL = 1e-4  # mean free paths: psi has a term z log z at the faces
-_GRID = np.polynomial.legendre.leggauss(_NODES)
-_EXPONENTIALS = np.polynomial.legendre.leggauss(48)  # K to 3e-11 (E1 at kappa = 0)
+_GRID = gauss_legendre(_NODES)
+_EXPONENTIALS = gauss_legendre(48)  # K to 3e-11 (E1 at kappa = 0)
 
 
 @dataclass(frozen=True)
@@ -199,7 +200,7 @@ def _transfer(kappa: float, edges: np.ndarray) -> np.ndarray:
     z = nodes.ravel()
     matrix = _kernel(kappa, np.abs(z[:, None] - z)) * (half[:, None] * _GRID[1]).ravel()
     # Near the diagonal the logarithm is integrated by t -> t^4, which removes it, from the nearest point of the panel.
-    t, w = np.polynomial.legendre.leggauss(20)
+    t, w = gauss_legendre(20)
     t, w = (1 + t) / 2, w / 2
     t, w = t**4, 4 * t**3 * w
     for panel in range(len(half)):

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.errors import reject
+from specklegen.core.quadrature import gauss_legendre
 
 _BLOCK = {2: 4096, 3: 64}  # quadruples at a time: a box is cut into up to 60 triangles or some 1000 tetrahedra each
 _NODES = 16
@@ -259,7 +260,7 @@ def _integrate_depth(thickness, extinction, width, k, i1, i2, v1, v2) -> complex
     total = 0.0
     for start, end in zip(sorted(edges)[:-1], sorted(edges)[1:], strict=True):
         panels = 1 + int(per_length * (end - start) / 4)
-        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        nodes, weights = gauss_legendre(_NODES)
         bounds = np.linspace(start, end, panels + 1)
         half = np.diff(bounds)[:, None] / 2
         z = (bounds[:-1, None] + half * (1 + nodes)).ravel()

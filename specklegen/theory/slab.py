@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.errors import reject
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.kernels.fresnel import reflectances
 
 EXTRAPOLATION = 0.7104
@@ -125,7 +126,7 @@ def internal_reflection(inside: float, outside: float = 1.0, wall: float | None 
     indices = inside, inside if wall is None else wall, outside
     # R has a root at the critical cosine: two pieces, nodes dense on both sides of it.
     critical = np.sqrt(max(0.0, 1 - min(1.0, min(indices) / inside) ** 2))
-    t, weights = np.polynomial.legendre.leggauss(200)
+    t, weights = gauss_legendre(200)
     u, du = (t + 1) / 2, weights / 2
     found = np.zeros(2)
     for low, high, near in ((0.0, critical, critical), (critical, 1.0, critical)):

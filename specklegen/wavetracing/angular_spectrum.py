@@ -14,6 +14,7 @@ whose sharp limit is made smooth here.
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.wavetracing.aperture import aperture_transform
 from specklegen.wavetracing.light import Light, PlaneWave
 from specklegen.wavetracing.opening import Rim
@@ -131,7 +132,7 @@ def quadrature(triangles: np.ndarray, wavelength: float) -> tuple[np.ndarray, np
         middle = (a + b) / 2
         left = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
     cut = np.concatenate(done) if done else np.empty((0, 3, 2))
-    x, w = np.polynomial.legendre.leggauss(ORDER)
+    x, w = gauss_legendre(ORDER)
     s, w = (x + 1) / 2, w / 2
     first, second = np.meshgrid(s, s, indexing="ij")
     shares = np.stack([1 - first, first * (1 - second), first * second], axis=-1).reshape(-1, 3)

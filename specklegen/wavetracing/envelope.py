@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.wavetracing.opening import Rim
 
 
@@ -40,7 +41,7 @@ def edge_masses(lengths: np.ndarray, radius: float) -> np.ndarray:
     from scipy.special import sici
 
     x = radius * lengths / 2
-    nodes, weights = np.polynomial.legendre.leggauss(32 + 2 * int(np.ceil(x.max())))
+    nodes, weights = gauss_legendre(32 + 2 * int(np.ceil(x.max())))
     t, weights = np.pi / 4 * (nodes + 1), np.pi / 4 * weights
     inner = (t / 2 + np.sin(2 * t) / 4) * np.cos(t) / np.sin(t) * weights  # G dp = (...)/(c sin t) c cos t dt
     within = np.square(np.sinc(x[:, None] * np.sin(t) / np.pi)) @ inner

@@ -22,6 +22,7 @@ import numpy as np
 
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, slices
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.kernels.apertures import rim_field
 from specklegen.wavetracing.angular_spectrum import light_strengths, spectrum_field
 from specklegen.wavetracing.aperture import aperture_transform
@@ -124,7 +125,7 @@ def _rim_field(rim: Rim, light: PlaneWave, points: np.ndarray, threads: int | No
             'Use "spectrum".',
         )  # fmt: skip
     edges = np.hstack([rim.starts, rim.ends])
-    nodes, weights = np.polynomial.legendre.leggauss(16)
+    nodes, weights = gauss_legendre(16)
     values = np.empty(len(points), np.complex128)
 
     def fill(block: slice) -> None:

@@ -7,6 +7,8 @@ import pytest
 
 import specklegen as sg
 from specklegen.core.errors import RuleError, reject, shown
+from specklegen.datasets.recipes.parts.viewing import Window
+from specklegen.datasets.recipes.recipe import Samples
 
 
 def scene(**changes) -> sg.Scene:
@@ -199,6 +201,23 @@ def test_every_broken_rule_is_told_at_once():
     with pytest.raises(RuleError) as caught:
         slab(thickness=-1.0, albedo=2.0)
     assert len(str(caught.value).splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("width", "rule"),
+    [(NAN, "finite or one of 'fitted'; got nan."), (-1.0, "greater than 0.0 or one of 'fitted'; got -1.0."),
+     ("x", "a number or one of 'fitted'; got 'x'.")],
+)  # fmt: skip
+def test_the_members_of_a_union_are_one_rule(width, rule):
+    """As people wrote the field, without the names of a library's types."""
+    with pytest.raises(RuleError) as caught:
+        Window(width=width)
+    assert str(caught.value) == f"Window.width must be {rule}"
+
+
+def test_a_number_of_too_many_digits_is_told_in_words():
+    with pytest.raises(RuleError, match=r"^Samples\.train must be a whole number of fewer digits; got 1e\+300\.$"):
+        Samples(train=1e300)
 
 
 def test_reject_puts_the_remedy_last():

@@ -269,9 +269,9 @@ def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: 
         kernel = correlation_for(slab, paths=paths, tolerance=tolerance)
     else:
         kernel = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
-        if not kernel.weights.any():
-            reject("Material.kernel_paths", "enough for some light to come through the slab", paths,
-                   f"None does at optical depth {slab.optical_depth:.4g} and albedo {slab.albedo:g}.")  # fmt: skip
+    if not kernel.weights.any():
+        reject("Material.kernel_paths", "enough for some light to come through the slab", paths,
+               f"None does at optical depth {slab.optical_depth:.4g} and albedo {slab.albedo:g}.")  # fmt: skip
     estimator = Estimator.ATLAS if kernel.source == "atlas" else Estimator.PATHS
     return KnownMaterial(slab, kernel, kernel.half_range(), estimator)
 

@@ -13,10 +13,11 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss, legvander
+from numpy.polynomial.legendre import legvander
 
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.random_streams import Seed
 from specklegen.samplers.screens.correlation import screen_correlation
 from specklegen.samplers.screens.film import film_error, film_of
@@ -171,7 +172,7 @@ def _fit(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nodes float64[b] of either axis, what turns values on their square into coefficients, float64[b * b, N], and
     orders int64[N, 2].
     """
-    points, weights = leggauss(degree + 1)
+    points, weights = gauss_legendre(degree + 1)
     orders = np.array([[a, total - a] for total in range(degree + 1) for a in range(total, -1, -1)])
     norm = ((2 * orders + 1) / 2).prod(axis=1)
     return points, np.outer(weights, weights).reshape(-1, 1) * _values(_square(points), orders) * norm, orders

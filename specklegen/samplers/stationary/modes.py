@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from specklegen.core.lazy import LazyModule
+from specklegen.core.memory import require_memory
 from specklegen.core.parallel import one_torch_thread
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 
@@ -239,22 +240,82 @@ def _basis(shape: tuple[int, ...], degree: int) -> np.ndarray:
     return values
 
 
+def polynomial_count(shape: tuple[int, ...], degree: int) -> int:
+    """Products of polynomials of total degree at most ``degree``: the columns of :func:`graded`."""
+    by_degree = np.ones(1)
+    for count in shape:
+        by_degree = np.convolve(by_degree, np.ones(min(count, degree + 1)))[: degree + 1]
+    return int(by_degree.sum())
+
+
+def sum_of_squares(kernel: MemoryEffectCorrelation, lattice: Lattice) -> float:
+    """Squared Frobenius norm of K over all pairs of beams, or more.
+
+    A block of it between two base tilts is no larger than their own blocks, since K is positive semidefinite.
+    """
+    h, w = lattice.shape
+    pairs = np.outer(*(np.where(np.arange(n) > 0, 2.0, 1.0) * (n - np.arange(n)) for n in (h, w)))
+    squares = np.square(on_differences(kernel, lattice.shape, lattice.step))
+    return len(lattice.base) ** 2 * float((pairs * squares).sum())
+
+
+def fewest(matrix: torch.Tensor, squares: float, wanted: float) -> float:
+    """Polynomials without which no degree reaches a trace, float: a lower bound, from those of a lower degree.
+
+    ``matrix`` are the coefficients of K there, a block of K in a larger basis. n more columns add the trace of another
+    block of n rows: at most sqrt(n) times the root of the sum of its squares, and those of all K are ``squares``.
+    """
+    left = squares - float(matrix.square().sum())
+    missing = max(wanted - float(matrix.trace()), 0.0)
+    return len(matrix) + missing**2 / (max(left, 0.0) + 1e-9 * squares)
+
+
+def require_room(lattice_shape: tuple[int, ...], degree: int) -> None:
+    """Refuse polynomials that would not fit into memory.
+
+    Raises
+    ------
+    RuleError
+        With the bytes they take.
+    """
+    count, beams = polynomial_count(lattice_shape, degree), math.prod(lattice_shape)
+    per_axis = [min(n, degree + 1) for n in lattice_shape]
+    # K between all products of polynomials, twice; its matrix, factor and index, with what they are made from; values.
+    held = 8 * (2 * math.prod(n**2 for n in per_axis) + 8 * count**2 + 3 * beams * count)
+    require_memory(
+        "object_sampler", "held", held, f"{count} modes of {beams} beams",
+        "Use a smaller field of view in memory-effect ranges, fewer pixels, a longer coherence length, or a larger "
+        "mode_tolerance.",
+    )  # fmt: skip
+
+
 def karhunen_loeve(kernel: MemoryEffectCorrelation, lattice: Lattice, tolerance: float) -> Modes:
     """Modes of a lattice of beams.
 
     What they leave out adds up to at most ``tolerance`` of the intensity, and every beam's intensity is
     then restored to 1.
+
+    Raises
+    ------
+    RuleError
+        If the beams are so many, and so independent, that their modes would not fit into memory.
     """
     tilts = len(lattice.base)
     shape = lattice.shape if tilts == 1 else (tilts, *lattice.shape)
     complete = sum(shape) - len(shape)
-    degree = first_degree(shape)
+    degree, squares = first_degree(shape), 0.0
     with one_torch_thread():
         while True:
-            triangle = factor(coefficients(kernel, lattice, degree), lattice.size)
+            require_room(shape, degree)
+            matrix = coefficients(kernel, lattice, degree)
+            triangle = factor(matrix, lattice.size)
             if degree >= complete or 1 - reached(triangle, lattice.size) <= POLYNOMIAL_SHARE * tolerance:
                 break
+            squares = squares or sum_of_squares(kernel, lattice)
+            least = fewest(matrix, squares, (1 - POLYNOMIAL_SHARE * tolerance) * lattice.size)
             degree = degree * 3 // 2
+            while degree < complete and polynomial_count(shape, degree) < least:
+                degree = degree * 3 // 2
         columns = triangle[:, kept(triangle, lattice.size, tolerance)]
         values = torch.from_numpy(_basis(shape, degree)) @ columns
         values = values / values.norm(dim=1, keepdim=True)

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import Array, ComplexArray, remembered
 from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotropy
 
@@ -17,7 +18,7 @@ NARROWEST = 1e-7  # radians; where an amplitude jumps no bin is narrow enough
 _MOST_NODES = 2**18
 
 # Gauss-Legendre on (0, 1), to rounding for a quadratic times sin theta cos theta over a bin of WIDEST_BIN.
-_X, _W = np.polynomial.legendre.leggauss(8)
+_X, _W = gauss_legendre(8)
 _X, _W = (_X + 1) / 2, _W / 2
 
 

@@ -4,10 +4,10 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 from pydantic import Field
 from scipy.special import i0e, i1e, ive
 
+from specklegen.core.quadrature import gauss_legendre
 from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotropy
 
 
@@ -64,7 +64,7 @@ def _bins(concentration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     light at either side (2e-11 at the very edge).
     """
     nodes = np.linspace(0.0, 2 * math.asin(math.sqrt(min(1.0, 50 / concentration))), 129)
-    x, w = leggauss(12)
+    x, w = gauss_legendre(12)
     theta = (nodes[:-1] + nodes[1:])[:, None] / 2 + np.diff(nodes)[:, None] / 2 * x
     sums = np.cumsum(np.append(0.0, np.exp(-2 * concentration * np.sin(theta / 2) ** 2) @ w))
     return nodes, np.zeros(nodes.size, np.complex128), sums / sums[-1]

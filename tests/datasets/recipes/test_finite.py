@@ -157,3 +157,12 @@ def test_whatever_is_not_refused_can_be_drawn_and_is_a_beam(tilts):
     for seed in range(20):
         angles, _ = made.drawn(np.random.default_rng(seed))
         CollimatedBeams.tilts(angles, width=1.0)
+
+
+@pytest.mark.parametrize("kernel", ["atlas", "estimate"])
+def test_a_material_that_lets_no_light_through_is_refused(kernel):
+    """Weights of 1e-300 to the power of the collisions are 0; of particles that no atlas has, the atlas asks paths."""
+    dark = {"scatterer": {"type": "VonMisesFisher", "concentration": 5.0}, "albedo": 1e-300, "kernel": kernel}
+    recipe = load_recipe("characters-of-new-fonts", SMALL | {"material": {"kernel_paths": 1000, **dark}})
+    with pytest.raises(RuleError, match=r"Material\.kernel_paths must be enough for some light .* albedo 1e-300"):
+        recipe.sample(0, "train", 0)

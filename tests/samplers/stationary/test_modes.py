@@ -5,6 +5,7 @@ import pytest
 import torch
 from zscore import assert_mean
 
+from specklegen.core.errors import RuleError
 from specklegen.samplers.stationary import modes
 from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.samplers.stationary.modes import Lattice, karhunen_loeve
@@ -80,6 +81,49 @@ def test_the_degree_rises_until_it_suffices():
     found = karhunen_loeve(K, beams, 0.01)
     assert found.degree > modes.FIRST_DEGREE
     assert beams.size - np.square(found.coefficients).sum() <= 0.01 * beams.size
+
+
+@pytest.mark.parametrize("base", [AXIS, TILTS])
+def test_no_degree_needs_fewer_polynomials_than_the_bound(base):
+    """From every lower degree; of independent beams nearly all are needed."""
+    for step in (2e-5, 4e-4, 2e-3, 1e4 * RANGE):
+        beams = Lattice((9, 7), step, base)
+        full = beams.shape if len(base) == 1 else (len(base), *beams.shape)
+        found = [modes.coefficients(K, beams, degree) for degree in range(sum(full) - len(full) + 1)]
+        squares = modes.sum_of_squares(K, beams)
+        assert squares >= (1 - 1e-9) * np.square(dense(K, beams)).sum()
+        for wanted in (0.9 * beams.size, 0.99 * beams.size):
+            needed = next(len(matrix) for matrix in found if matrix.trace() >= wanted)
+            bounds = [modes.fewest(matrix, squares, wanted) for matrix in found if len(matrix) < needed]
+            assert max(bounds, default=0) <= needed
+            assert len(base) > 1 or step < RANGE or bounds[0] > 0.85 * needed
+
+
+def test_degrees_that_cannot_suffice_are_left_out_and_change_nothing(monkeypatch):
+    """The same degree, to the bit the same modes, with less work."""
+    beams = Lattice((30, 30), 0.5 * RANGE, AXIS)
+    tried = []
+    made = modes.coefficients
+    monkeypatch.setattr(modes, "coefficients", lambda *given: tried.append(given[2]) or made(*given))
+    found = karhunen_loeve(K, beams, 0.01)
+    quick, tried[:] = list(tried), []
+    monkeypatch.setattr(modes, "fewest", lambda *given: 0.0)
+    slow = karhunen_loeve(K, beams, 0.01)
+    assert slow.degree == found.degree == tried[-1] == quick[-1]
+    assert slow.values.tobytes() == found.values.tobytes()
+    assert len(quick) < len(tried)
+
+
+def test_modes_beyond_memory_are_refused_before_they_are_made():
+    """160 000 independent beams: a terabyte."""
+    with pytest.raises(RuleError, match=r"held within .* GiB; got .* modes of 160000 beams.*smaller field of view"):
+        karhunen_loeve(K, Lattice((400, 400), 50 * RANGE, AXIS), 0.01)
+
+
+def test_polynomials_are_counted():
+    for shape in ((1, 1), (5, 4), (3, 6, 2)):
+        for degree in (0, 1, 3, 6, 40):
+            assert modes.polynomial_count(shape, degree) == len(modes.graded(shape, degree))
 
 
 def test_modes_do_not_depend_on_rounding():
