@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
 
 import numpy as np
@@ -222,10 +222,10 @@ class HiddenObject(Recipe):
         return ()
 
     def media_frames(
-        self, sampler: ObjectSampler | ScreenObjects, seed: int, split: Split, medium: int
-    ) -> tuple[dict[str, float], Callable[[], list[torch.Tensor]]]:
-        """What is drawn for the frames of one medium, and how the sampler draws their fields."""
-        return {}, lambda: [draw_medium(self.light, sampler, seed, split, medium)]
+        self, seed: int, split: Split, medium: int
+    ) -> tuple[dict[str, float], Callable[[ObjectSampler | ScreenObjects], list[torch.Tensor]]]:
+        """What is drawn for the frames of one medium, and how a sampler draws their fields."""
+        return {}, lambda made: [draw_medium(self.light, made, seed, split, medium)]
 
     def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
         """Make one medium ready, with all that is drawn for it."""
@@ -237,8 +237,10 @@ class HiddenObject(Recipe):
         view = self.view(material.slab, pitch, pixels, angles)
         seen = view.seen
         motion = self.motion_of(material, seed, split, medium)
-        sampler = _sampler(self, material.slab, seen, pitch, tuple(map(tuple, np.sin(angles).tolist())), motion)
-        moved, media = self.media_frames(sampler, seed, split, medium)
+        sampler = partial(
+            _sampler, self, material.slab, seen, pitch, tuple(map(tuple, np.sin(angles).tolist())), motion
+        )
+        moved, media = self.media_frames(seed, split, medium)
         extent = pitch * max(self.objects.shape)
         parameters = material.parameters(seen.wavelength) | {
             "width": seen.width,

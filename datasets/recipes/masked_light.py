@@ -9,6 +9,7 @@ slab. The beams of the recipe's lattice are kept; what share of the light they c
 """
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any, Literal, Self, cast
 
 import numpy as np
@@ -152,12 +153,12 @@ class MaskedLight(Recipe):
         """Make one medium ready, for light of every mask."""
         material = self.material_of(seed, split, medium)
         view = self.view(material.slab)
-        sampler = _sampler(self, material.slab)
         parameters = material.parameters(self.wavelength) | {
             "width": self.geometry.width,
             "camera_pitch": self.geometry.grid.pitch,
         }
-        media = lambda: [draw_medium(self.light, sampler, seed, split, medium)]  # noqa: E731
+        media = lambda made: [draw_medium(self.light, made, seed, split, medium)]  # noqa: E731
+        sampler = partial(_sampler, self, material.slab)
         return realization(self, view, sampler, media, parameters, (seed, split, medium), share=False)
 
     def amplitudes(self, loops: list[np.ndarray]) -> np.ndarray:

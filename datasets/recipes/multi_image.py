@@ -6,7 +6,6 @@ Either the medium changes from image to image, or the illumination is tilted.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -106,15 +105,15 @@ class DynamicSlab(HiddenObject):
         return {"frames": images}
 
     def media_frames(
-        self, sampler: ObjectSampler | ScreenObjects, seed: int, split: Split, medium: int
-    ) -> tuple[dict[str, float], Callable[[], list[torch.Tensor]]]:
-        """What is drawn for the frames of one medium, and how the sampler draws their fields."""
+        self, seed: int, split: Split, medium: int
+    ) -> tuple[dict[str, float], Callable[[ObjectSampler | ScreenObjects], list[torch.Tensor]]]:
+        """What is drawn for the frames of one medium, and how a sampler draws their fields."""
         if self.dynamics.correlation_time is None:  # the sampler's modes hold all frames
-            return super().media_frames(sampler, seed, split, medium)
+            return super().media_frames(seed, split, medium)
         time = drawn(self.dynamics.correlation_time, generator(substream(seed, split, Purpose.DYNAMICS, medium)))
         kept = float(np.exp(-1 / time))
-        frames = partial(draw_frames, self.light, sampler, seed, split, medium, self.dynamics.frames, kept)
-        return {"correlation_time": time}, frames
+        fixed = seed, split, medium, self.dynamics.frames, kept
+        return {"correlation_time": time}, lambda made: draw_frames(self.light, made, *fixed)
 
     def tilts_of(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
         """No tilt; once a frame where screens drift, as frames are base tilts to their modes."""

@@ -1,6 +1,7 @@
 """Recipe kind "partially-coherent": a slab under partially coherent light, coherence length drawn sample by sample."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any, Literal, Self, cast
 
 import numpy as np
@@ -83,12 +84,12 @@ class PartiallyCoherent(Recipe):
         """Make one medium ready, for light of every coherence length."""
         material = self.material_of(seed, split, medium)
         view = self.view(material.slab)
-        sampler = _sampler(self, material.slab, view.shape[0], view.pitch)
         parameters = material.parameters(self.geometry.wavelength) | {
             "width": self.geometry.width,
             "camera_pitch": self.geometry.grid.pitch,
         }
-        media = lambda: [draw_medium(self.light, sampler, seed, split, medium)]  # noqa: E731
+        sampler = partial(_sampler, self, material.slab, view.shape[0], view.pitch)
+        media = lambda made: [draw_medium(self.light, made, seed, split, medium)]  # noqa: E731
         return realization(self, view, sampler, media, parameters, (seed, split, medium), share=True)
 
     def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:

@@ -33,8 +33,9 @@ from specklegen.instrument.camera import Camera, NoiseStreams, expose
 from specklegen.planning.plan import Plan
 from specklegen.samplers.screens.objects import ScreenObjects, screen_objects
 from specklegen.samplers.stationary.atlas import atlas_digest
-from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
+from specklegen.samplers.stationary.objects import ObjectSampler, ObjectSpeckle, object_sampler, object_speckle
 from specklegen.scene.illumination import Profile
+from specklegen.scene.media import Slab
 from specklegen.scene.sensors import FarFieldGrid
 
 DATA_VERSION = 4
@@ -360,6 +361,15 @@ class Recipe(Value, Pictured):
             material.kernel, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch, width=seen.width,
             profile=seen.profile, grid=seen.grid, base=base, light=light, pixel_integration=seen.pixel_integration,
             tolerance=tolerance, device=self.device,
+        )  # fmt: skip
+
+    def object_speckle(
+        self, slab: Slab, seen: Viewing, shape: tuple[int, int], pitch: float, base: np.ndarray
+    ) -> ObjectSpeckle:
+        """What is known of images behind a slab before any is drawn, for objects as in :meth:`object_sampler`."""
+        return object_speckle(
+            self.material.known(slab).kernel, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch,
+            width=seen.width, profile=seen.profile, grid=seen.grid, base=base, pixel_integration=seen.pixel_integration,
         )  # fmt: skip
 
     def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:

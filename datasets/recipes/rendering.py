@@ -16,6 +16,7 @@ import numpy as np
 from specklegen.core.errors import DoubtWarning, reject
 from specklegen.core.lazy import LazyModule
 from specklegen.datasets.recipes.medium_realization import (
+    Contrast,
     MediumRealization,
     PathSumFields,
     StationaryFields,
@@ -176,8 +177,8 @@ def _rendering(made: Plan) -> Rendering:
 def realization(
     recipe: "Recipe",
     view: MediumView,
-    sampler: ObjectSampler | ScreenObjects,
-    media: Callable[[], list[torch.Tensor]],
+    sampler: Callable[[], ObjectSampler | ScreenObjects],
+    media: Callable[[ObjectSampler | ScreenObjects], list[torch.Tensor]],
     parameters: dict[str, float],
     where: tuple[int, Split, int],
     *,
@@ -190,7 +191,7 @@ def realization(
     recipe, view
         The recipe, and one of its media.
     sampler, media
-        The stationary sampler, and how it draws the frames of the medium.
+        How the stationary sampler is made, and how it draws the frames of the medium; not called for path sums.
     parameters
         What was drawn for the medium.
     where
@@ -199,13 +200,17 @@ def realization(
         Whether many objects look through it.
     """
     chosen = chosen_rendering(recipe, view)
+    known: Contrast
     if chosen.sampler is not RenderedBy.PATHS:
-        fields: StationaryFields | PathSumFields = stationary_fields(sampler, media(), share=share)
+        made = sampler()
+        known = made
+        fields: StationaryFields | PathSumFields = stationary_fields(made, media(made), share=share)
     else:
+        known = speckle = recipe.object_speckle(view.slab, view.seen, view.shape, view.pitch, np.sin(view.tilts))
         seeds = tuple(medium_seeds(recipe.light, *where))
         fields = PathSumFields(
-            view.full, recipe.material.kernel_paths, sampler.mean, seeds, len(view.tilts), view.seen.divisions, share
+            view.full, recipe.material.kernel_paths, speckle.mean, seeds, len(view.tilts), view.seen.divisions, share
         )  # fmt: skip
     told = parameters | recipe.material.labels(view.slab)
     told |= {"sampler": float(chosen.sampler), "expected_error": chosen.expected_error}
-    return MediumRealization(fields, sampler, told, view.tilts, recipe.light.halves**-0.5)
+    return MediumRealization(fields, known, told, view.tilts, recipe.light.halves**-0.5)

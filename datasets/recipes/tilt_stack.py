@@ -1,6 +1,7 @@
 """Recipe kinds "tilt-stack" and "material-regression": the speckle of one medium under several tilts."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
@@ -68,13 +69,14 @@ class TiltStack(Recipe):
         material = self.material_of(seed, split, medium)
         angles, tilted = self.tilts.drawn(generator(substream(seed, split, Purpose.TILTS, medium)))
         view = self.view(material.slab, angles)
-        sampler = self.object_sampler(material, view.seen, view.shape, view.pitch, np.sin(angles), self.mode_tolerance)
+        looked = view.seen, view.shape, view.pitch, np.sin(angles), self.mode_tolerance
         parameters = material.parameters(view.seen.wavelength) | {
             "width": view.seen.width,
             "camera_pitch": view.seen.grid.pitch,
             **tilted,
         }
-        media = lambda: [draw_medium(self.light, sampler, seed, split, medium)]  # noqa: E731
+        sampler = partial(self.object_sampler, material, *looked)
+        media = lambda made: [draw_medium(self.light, made, seed, split, medium)]  # noqa: E731
         return realization(self, view, sampler, media, parameters, (seed, split, medium), share=False)
 
     def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:

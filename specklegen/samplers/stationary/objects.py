@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.fft import next_fast_len
 
+from specklegen.core.errors import counted
 from specklegen.core.lazy import LazyModule
 from specklegen.core.memory import require_memory
 from specklegen.core.parallel import one_torch_thread
@@ -53,7 +54,46 @@ _MOST_BYTES = 2**27  # of spectra: pairs of very many modes would not fit into m
 
 
 @dataclass(frozen=True)
-class ObjectSampler:
+class ObjectSpeckle:
+    """What is known of an object's images before any is drawn. Made by :func:`object_speckle`.
+
+    Attributes
+    ----------
+    shape : (h, w)
+        Of the object.
+    mean : float
+        Expected image of an object of total brightness 1.
+    variance : real[2h - 1, 2w - 1]
+        Covariance of the images of two object pixels at one camera pixel, over the square of their mean, by
+        the difference (row, column) between them.
+    """
+
+    shape: tuple[int, int]
+    mean: float
+    variance: np.ndarray
+
+    def contrast(self, brightness: np.ndarray) -> float:
+        """Expected contrast of an object's image, over media, of what one camera pixel sees.
+
+        Its square is sum_jl O_j O_l V(j - l) / (sum O)^2, V the covariance of two pixels' images.
+        """
+        power = np.square(np.abs(np.fft.rfft2(np.asarray(brightness, np.float64), self._padded)))
+        twice = np.ones(power.shape[1])
+        twice[1 : (self._padded[1] + 1) // 2] = 2
+        variance = (power * self._variance_spectrum * twice).sum() / np.prod(self._padded)
+        return float(np.sqrt(max(variance, 0.0)) / np.sum(brightness, dtype=np.float64))
+
+    @property
+    def _padded(self) -> tuple[int, int]:
+        return 2 * self.shape[0] - 1, 2 * self.shape[1] - 1
+
+    @cached_property
+    def _variance_spectrum(self) -> np.ndarray:
+        return np.fft.rfft2(np.fft.ifftshift(self.variance)).real
+
+
+@dataclass(frozen=True)
+class ObjectSampler(ObjectSpeckle):
     """Draws media and images objects through them. Made by :func:`object_sampler`.
 
     Attributes
@@ -74,12 +114,6 @@ class ObjectSampler:
         Transforms e^(ik i_j . s) of object pixels.
     camera_rows, camera_columns : complex[T, H, lag rows], complex[T, lag columns / 2 + 1, W]
         Transforms from lags to camera pixels.
-    shape : (h, w)
-    mean : float
-        Expected image of an object of total brightness 1.
-    variance : real[2h - 1, 2w - 1]
-        Covariance of the images of two object pixels at one camera pixel, over the square of their mean, by
-        the difference (row, column) between them.
     """
 
     modes: torch.Tensor
@@ -93,9 +127,6 @@ class ObjectSampler:
     object_columns: torch.Tensor
     camera_rows: torch.Tensor
     camera_columns: torch.Tensor
-    shape: tuple[int, int]
-    mean: float
-    variance: np.ndarray
 
     @property
     def rank(self) -> int:
@@ -170,25 +201,6 @@ class ObjectSampler:
             images = ((self.camera_rows @ spectrum) @ self.camera_columns).real.contiguous()
             return images.add_(self.flat * self.mean * light.sum()) if self.flat else images
 
-    def contrast(self, brightness: np.ndarray) -> float:
-        """Expected contrast of an object's image, over media, of what one camera pixel sees.
-
-        Its square is sum_jl O_j O_l V(j - l) / (sum O)^2, V the covariance of two pixels' images.
-        """
-        power = np.square(np.abs(np.fft.rfft2(np.asarray(brightness, np.float64), self._padded)))
-        twice = np.ones(power.shape[1])
-        twice[1 : (self._padded[1] + 1) // 2] = 2
-        variance = (power * self._variance_spectrum * twice).sum() / np.prod(self._padded)
-        return float(np.sqrt(max(variance, 0.0)) / np.sum(brightness, dtype=np.float64))
-
-    @property
-    def _padded(self) -> tuple[int, int]:
-        return 2 * self.shape[0] - 1, 2 * self.shape[1] - 1
-
-    @cached_property
-    def _variance_spectrum(self) -> np.ndarray:
-        return np.fft.rfft2(np.fft.ifftshift(self.variance)).real
-
     def _pairs_cheaper(self, brightness: torch.Tensor, draws: int) -> bool:
         bright = int((brightness > 0).sum()) * len(self.modes)
         cells_count, lag_count = self.x.count * self.y.count, self.lags[0] * self.lags[1]
@@ -235,6 +247,75 @@ class ObjectSampler:
     def _ramps(self) -> tuple[torch.Tensor, torch.Tensor]:
         """e^(ik i_j . x) over the cells: lags 0, 1, ... of the object's transform, from the first cell."""
         return self.object_rows[: self.y.count].T, self.object_columns[: self.x.count].T
+
+
+def exit_axes(
+    *, wavelength: float, object_shape: tuple[int, int], object_pitch: float, width: float, grid: FarFieldGrid,
+    profile: Profile, base: np.ndarray,
+) -> tuple[Axis, Axis]:  # fmt: skip
+    """Cells along x and y of the face that light leaves, fine enough for every beam and every view."""
+    span = [
+        object_pitch * (object_shape[1 - axis] - 1) + grid.pitch * (grid.shape[1 - axis] - 1)
+        + float(np.ptp(base[:, axis])) for axis in (0, 1)
+    ]  # fmt: skip
+    x, y = (cells(wavelength, width, profile, wavelength / (2 * width), each) for each in span)
+    return x, y
+
+
+def lags_between(x: Axis, y: Axis, modes: int = 1, dtype: torch.dtype | None = None) -> tuple[int, int]:
+    """Lags (y, x) of cells for which there is room.
+
+    Raises
+    ------
+    RuleError
+        If fields of so many modes on the cells would not fit into memory; one mode is the least.
+    """
+    lags = (_even_fast_length(2 * y.count), _even_fast_length(2 * x.count))
+    # White noise of the modes, mixed; fields of a point over the lags, their transform and square; the sum over points.
+    held = (8 if dtype == torch.complex128 else 4) * (4 * modes * x.count * y.count + 8 * lags[0] * lags[1])
+    require_memory(
+        "object_sampler", "held", held, f"{counted(modes, 'mode')} on {x.count} x {y.count} cells of the exit face",
+        "Use a narrower window (window.width) or a smaller field of view.",
+    )  # fmt: skip
+    return lags
+
+
+def object_speckle(
+    kernel: MemoryEffectCorrelation,
+    *,
+    wavelength: float,
+    object_shape: tuple[int, int],
+    object_pitch: float,
+    width: float,
+    grid: FarFieldGrid,
+    profile: Profile = "square",
+    base: ArrayLike = ((0.0, 0.0),),
+    light: LightModes | None = None,
+    pixel_integration: bool = False,
+) -> ObjectSpeckle:
+    """Find what is known of an object's images before any is drawn, whatever draws them.
+
+    Parameters
+    ----------
+    kernel, wavelength, object_shape, object_pitch, width, grid, profile, base, light, pixel_integration
+        As in :func:`object_sampler`.
+
+    Raises
+    ------
+    RuleError
+        If the lags of a window that is no product of its sides would not fit into memory.
+    """
+    light = light or monochromatic(kernel)
+    window = Window(profile, width)
+    x, y = exit_axes(
+        wavelength=wavelength, object_shape=object_shape, object_pitch=object_pitch, width=width, grid=grid,
+        profile=profile, base=np.atleast_2d(np.asarray(base, np.float64)),
+    )  # fmt: skip
+    if not window.separable:
+        lags_between(x, y)
+    seen = (grid.pitch / wavelength) if pixel_integration else 0.0
+    variance = speckle_variance(light, x, y, window, 2 * np.pi / wavelength, object_shape, object_pitch, seen)
+    return ObjectSpeckle(object_shape, mean_intensity(kernel, window.area), variance)
 
 
 def object_sampler(
@@ -295,23 +376,16 @@ def object_sampler(
     seen_as = base if like is None else base + np.asarray(like, np.float64)
     modes = karhunen_loeve(kernel, Lattice(object_shape, k * object_pitch, k * seen_as, kept), tolerance)
     values = modes.values
-    axes = []
-    for axis in (0, 1):
-        n_object, n_camera = object_shape[1 - axis], grid.shape[1 - axis]
-        span = object_pitch * (n_object - 1) + grid.pitch * (n_camera - 1) + float(np.ptp(base[:, axis]))
-        axes.append(cells(wavelength, width, profile, wavelength / (2 * width), span))
-    x, y = axes
-    lags = (_even_fast_length(2 * y.count), _even_fast_length(2 * x.count))
-    bytes_each = 4 if dtype == torch.complex64 else 8
-    # White noise of the modes, mixed; fields of a point over the lags, their transform and square; the sum over points.
-    noise = 4 * values.shape[1] * len(light.shares) * x.count * y.count
-    held = bytes_each * (noise + 8 * lags[0] * lags[1])
-    require_memory(
-        "object_sampler", "held", held, f"{values.shape[1]} modes on {x.count} x {y.count} cells of the exit face",
-        "Use a narrower window (window.width) or a smaller field of view.",
+    x, y = exit_axes(
+        wavelength=wavelength, object_shape=object_shape, object_pitch=object_pitch, width=width, grid=grid,
+        profile=profile, base=base,
+    )  # fmt: skip
+    lags = lags_between(x, y, values.shape[1] * len(light.shares), dtype)
+    speckle = object_speckle(
+        kernel, wavelength=wavelength, object_shape=object_shape, object_pitch=object_pitch, width=width, grid=grid,
+        profile=profile, base=base, light=light, pixel_integration=pixel_integration,
     )  # fmt: skip
     window = Window(profile, width)
-    area = window.area
     amplitude = sampled_amplitude(x, y, window)
     # Lag s of the transform is s for s < n/2 and s - n above: the order of an FFT.
     lag_y = np.fft.fftfreq(lags[0], 1 / lags[0]) * y.size
@@ -338,15 +412,15 @@ def object_sampler(
         flat=light.flat,
         x=x,
         y=y,
-        envelope=put(amplitude * np.sqrt(mean_intensity(kernel, area)), real),
+        envelope=put(amplitude * np.sqrt(speckle.mean), real),
         lags=lags,
         object_rows=waves(lag_y, sines[:, 0, 1] / wavelength, np.ones(object_shape[0])),
         object_columns=waves(lag_x, sines[0, :, 0] / wavelength, np.ones(object_shape[1])),
         camera_rows=torch.stack([waves(view / -wavelength, lag_y, area_y) for view in view_y]),
         camera_columns=torch.stack([waves(view / -wavelength, lag_x, twice * area_x).T for view in view_x]),
         shape=object_shape,
-        mean=mean_intensity(kernel, area),
-        variance=speckle_variance(light, x, y, window, k, object_shape, object_pitch, seen),
+        mean=speckle.mean,
+        variance=speckle.variance,
     )
 
 

@@ -26,6 +26,12 @@ TILTED = {"material": {"kernel_paths": 2000}, "camera": {"shape": [16, 16]}}
 NARROW = {"window": {"width": 4000.0}}
 
 
+WIDE = {
+    "material": {"g": 0.999, "optical_depth": 8.0, "kernel_paths": 1000}, "field": {"extent_over_range": 3.0},
+    "camera": {"shape": [32, 32]},
+}  # fmt: skip
+
+
 def changed(*tables):
     found = {}
     for table in tables:
@@ -257,3 +263,19 @@ def test_a_scatterer_of_ones_own_goes_everywhere():
     assert len(set(drawn)) == 4
     assert ((10 <= drawn) & (drawn <= 30)).all()
     assert batch["image"].shape == (4, 16, 16)
+
+
+def test_path_sums_need_no_room_for_the_stationary_sampler(monkeypatch):
+    """Lobes so narrow that three ranges span thousands of grains; the mean and the contrast are told all the same."""
+    with pytest.raises(sg.RuleError, match="within the reach of a transform"):
+        load_recipe("through-slab", WIDE | {"sampler": "stationary"}).plans()
+    assert np.isfinite(load_recipe("through-slab", WIDE).sample(0, "train", 0)["image"]).all()
+    recipe = load_recipe("through-slab", changed(SMALL, NARROW, {"sampler": "paths"}))
+    stationary = load_recipe("through-slab", changed(SMALL, NARROW, {"sampler": "stationary"}))
+    light = np.ones((6, 6))
+    expected = medium_realization(stationary, 0, "train", 0)
+    monkeypatch.setattr("specklegen.samplers.stationary.objects.karhunen_loeve", None)
+    found = medium_realization(recipe, 0, "train", 0)
+    assert isinstance(found.fields, PathSumFields)
+    assert found.fields.unit == expected.fields.mean
+    assert found.expected_contrast(light) == expected.expected_contrast(light)
