@@ -35,6 +35,8 @@ from specklegen.kernels.walk import GAUSSIAN, footprint_density, sample_footprin
 UNIFORM, PLANE, BEAM, POINT = 0, 1, 2, 3
 _ISOTROPIC_SHARE = 0.1  # of a lobe: bounds the weights where the medium's lobe has broader tails
 _TAU = 2.0 * math.pi
+_CLOSEST = 1e-150  # of a vertex to a point, whatever the unit: its square is a number still
+_ROUNDING = 1e-13  # of a coordinate: closer vertices lie where rounding puts them, not where they were drawn
 _SLACK = 1.0 + 1e-12  # rounding of a cosine at the rim of a full sphere
 
 
@@ -216,6 +218,9 @@ def sample_start(bounds, cells, extinction, kinds, rows, words, n):
     if whole == 0.0:
         return False, x, y, z, wx, wy, wz
     _, t = march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, -math.log1p(b * math.expm1(-whole)))
+    if kinds[r, 0] == POINT and t <= _CLOSEST + _ROUNDING * max(abs(x), abs(y), abs(z)):
+        # Within rounding of the point, or so near that squares underflow: next to nothing of its light, left out.
+        return False, x, y, z, wx, wy, wz
     x, y, z = x + t * dx, y + t * dy, z + t * dz
     # Rounding may put the vertex a bit outside.
     x = min(max(x, bounds[0, 0]), bounds[1, 0])

@@ -81,6 +81,36 @@ def test_a_point_source_that_almost_touches_a_face():
     assert_z(one.intensity[0], two.intensity[0], error)
 
 
+@pytest.mark.parametrize("height", [1e-200, 5.13531431e-162, 1e-155])
+def test_a_sensor_that_almost_touches_a_face(height):
+    """Vertices of every second ray lie so near it that squares of distances underflow: next to no light, left out."""
+    close, near = (
+        sg.Scene(
+            wavelength=1.0, medium=sg.Slab(thickness=1e-9, mean_free_path=1.0, scatterer=ISOTROPIC),
+            illumination=sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]), sensor=sg.NearField(points=[[-1e-9, 0.0, z]]),
+        )
+        for z in (height, 1e-30)
+    )  # fmt: skip
+    with np.errstate(all="raise", under="ignore"):
+        np.testing.assert_allclose(estimate(close).intensity, estimate(near).intensity, rtol=1e-12)
+
+
+@pytest.mark.parametrize("above", [1.2e-13, 1e-9])
+def test_a_sensor_within_rounding_of_a_face(above):
+    """Far from the origin: vertices that rounding would put beside where they were drawn are left out."""
+    close, on = (
+        sg.Scene(
+            wavelength=1.0, medium=sg.Box(lower=[1000.0] * 3, upper=[1001.0] * 3, mean_free_path=1.0,
+                                          scatterer=ISOTROPIC),
+            illumination=sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]),
+            sensor=sg.NearField(points=[[1000.5, 1000.5, z]]),
+        )
+        for z in (1000 + above, 1000.0)
+    )  # fmt: skip
+    # The same paths: what differs is the light of the layer below the sensor.
+    np.testing.assert_allclose(estimate(close).intensity, estimate(on).intensity, rtol=1e-6)
+
+
 @pytest.mark.parametrize("lights", [0, 1])
 @pytest.mark.parametrize("near", [False, True])
 def test_nothing_to_look_at(lights, near):
