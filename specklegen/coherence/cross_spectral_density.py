@@ -21,6 +21,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtri
 
+from specklegen.core.arguments import finite_numbers, real_array, real_number, whole_number
 from specklegen.core.errors import reject
 
 _ROUNDING = 1e-10  # of the trace: what an estimated or rounded W may have of negative eigenvalues
@@ -64,12 +65,14 @@ def gaussian_schell_model(x: np.ndarray, coherence_length: float, amplitude: np.
            [0.882, 1.   , 0.882],
            [0.607, 0.882, 1.   ]])
     """
-    x = np.asarray(x, float)
+    x = finite_numbers("gaussian_schell_model x", real_array("gaussian_schell_model x", x))
     if x.ndim != 1 or not x.size:
         reject("gaussian_schell_model x", "a list of at least one position", x)
+    coherence_length = real_number("gaussian_schell_model coherence_length", coherence_length)
     if not coherence_length >= 0:
         reject("gaussian_schell_model coherence_length", "at least 0", coherence_length)
-    amplitude = np.ones(x.size) if amplitude is None else np.asarray(amplitude)
+    amplitude = np.ones(x.size) if amplitude is None else amplitude
+    amplitude = finite_numbers("gaussian_schell_model amplitude", amplitude)
     if amplitude.shape != x.shape:
         reject("gaussian_schell_model amplitude", f"{x.size} numbers, one a position", amplitude.shape)
     spacing = np.diff(np.sort(x)).max(initial=0.0)
@@ -82,7 +85,8 @@ def gaussian_schell_model(x: np.ndarray, coherence_length: float, amplitude: np.
     if coherence_length == 0:
         degree = np.eye(x.size)
     else:
-        degree = np.exp(-(((x[:, None] - x) / coherence_length) ** 2) / 2)
+        with np.errstate(over="ignore"):  # points too far apart for their square: independent
+            degree = np.exp(-(((x[:, None] - x) / coherence_length) ** 2) / 2)
     return amplitude[:, None] * degree * amplitude.conj()
 
 
@@ -185,9 +189,7 @@ def _eigenvalues_falling(field: str, W0: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _kept(owner: str, eigenvalues: np.ndarray, n_modes: int | None, energy: float) -> int:
     if n_modes is not None:
-        if not 1 <= n_modes <= eigenvalues.size:
-            reject(f"{owner} n_modes", f"from 1 to {eigenvalues.size}", n_modes)
-        return n_modes
+        return whole_number(f"{owner} n_modes", n_modes, 1, eigenvalues.size)
     _check_energy(owner, energy)
     if energy == 1:
         return eigenvalues.size
@@ -197,7 +199,7 @@ def _kept(owner: str, eigenvalues: np.ndarray, n_modes: int | None, energy: floa
 
 
 def _check_energy(owner: str, energy: float) -> None:
-    if not 0 < energy <= 1:
+    if not 0 < real_number(f"{owner} energy", energy) <= 1:
         reject(f"{owner} energy", "greater than 0 and at most 1", energy)
 
 
@@ -222,7 +224,7 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
     >>> number_of_modes(5.0), number_of_modes(50.0)
     (10, 83)
     """
-    if not 0 <= a_over_sigma < math.inf:
+    if not 0 <= real_number("number_of_modes a_over_sigma", a_over_sigma) < math.inf:
         reject("number_of_modes a_over_sigma", "at least 0 and finite", a_over_sigma)
     _check_energy("number_of_modes", energy)
     if energy == 1:
@@ -236,6 +238,11 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
 def effective_modes(W: np.ndarray) -> float:
     """Return N_eff = (tr W)^2 / tr W^2, the number of equally strong modes of the same contrast.
 
+    Raises
+    ------
+    RuleError
+        If W is not a square matrix of finite numbers, or holds no light.
+
     Examples
     --------
     >>> import numpy as np
@@ -243,7 +250,11 @@ def effective_modes(W: np.ndarray) -> float:
     >>> effective_modes(np.eye(4))  # four independent points
     4.0
     """
-    return float(np.trace(W).real ** 2 / np.sum(np.abs(W) ** 2))
+    W = _square("effective_modes W", W)
+    total = float(np.trace(W).real)
+    if not total > 0:
+        reject("effective_modes W", "of a trace above 0: of some light", total)
+    return 1 / float(np.sum(np.square(np.abs(W / total))))
 
 
 def speckle_contrast(W: np.ndarray) -> float:
@@ -257,6 +268,11 @@ def speckle_contrast(W: np.ndarray) -> float:
     ----------
     W : [n, n]
         Cross-spectral density of the source.
+
+    Raises
+    ------
+    RuleError
+        As `effective_modes`.
 
     Examples
     --------
@@ -315,8 +331,7 @@ def sample_fields(
     >>> sample_fields(W0, 100, seed=0).shape
     (100, 9)
     """
-    if n < 1:
-        reject("sample_fields n", "at least 1", n)
+    whole_number("sample_fields n", n, 1)
     random = np.random.default_rng(np.random.SeedSequence([seed]))
     if method == "kl":
         eigenvalues, modes = coherent_modes(W0, energy=1)
@@ -384,6 +399,11 @@ def propagate_csd(G: np.ndarray, W0: np.ndarray) -> np.ndarray:
         Hermitian and positive, of rank ``points`` at most. For intensities alone use
         `intensity_from_modes`, which needs no such matrix.
 
+    Raises
+    ------
+    RuleError
+        If the shapes do not fit, or a number is not finite.
+
     Examples
     --------
     >>> import numpy as np
@@ -391,7 +411,24 @@ def propagate_csd(G: np.ndarray, W0: np.ndarray) -> np.ndarray:
     >>> propagate_csd(np.ones((1, 4)), np.eye(4))  # four independent points on one pixel
     array([[4.]])
     """
+    G, W0 = _behind("propagate_csd", G, "W0", _square("propagate_csd W0", W0)), np.asarray(W0)
     return G @ W0 @ G.conj().T
+
+
+def _square(field: str, W: np.ndarray) -> np.ndarray:
+    """Check a matrix over pairs of points."""
+    W = finite_numbers(field, W, 2)
+    if W.shape[0] != W.shape[1]:
+        reject(field, "a square matrix", W.shape)
+    return W
+
+
+def _behind(owner: str, G: np.ndarray, name: str, source: np.ndarray) -> np.ndarray:
+    """Check the response to as many points as a source has."""
+    G = finite_numbers(f"{owner} G", G)
+    if G.shape[-1:] != source.shape[:1]:
+        reject(f"{owner} G", f"a response to the {len(source)} points of {name} along its last axis", G.shape)
+    return G
 
 
 def intensity_from_modes(G: np.ndarray, modes: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
@@ -409,6 +446,11 @@ def intensity_from_modes(G: np.ndarray, modes: np.ndarray, eigenvalues: np.ndarr
     -------
     float64[...]
 
+    Raises
+    ------
+    RuleError
+        If the shapes do not fit, a number is not finite, or a power is negative.
+
     Examples
     --------
     >>> import numpy as np
@@ -417,12 +459,21 @@ def intensity_from_modes(G: np.ndarray, modes: np.ndarray, eigenvalues: np.ndarr
     >>> intensity_from_modes(np.eye(9), modes, power).round(6)  # nothing in the way: of the source itself
     array([1., 1., 1., 1., 1., 1., 1., 1., 1.])
     """
-    fields = G @ (modes * np.sqrt(eigenvalues))
+    modes = finite_numbers("intensity_from_modes modes", modes, 2)
+    power = finite_numbers("intensity_from_modes eigenvalues", eigenvalues, 1)
+    if power.shape != modes.shape[1:] or not (power >= 0).all():
+        reject("intensity_from_modes eigenvalues", f"{modes.shape[1]} powers of at least 0, one a mode", eigenvalues)
+    fields = _behind("intensity_from_modes", G, "modes", modes) @ (modes * np.sqrt(power))
     return np.sum(np.real(fields) ** 2 + np.imag(fields) ** 2, axis=-1)
 
 
 def spectral_density(W: np.ndarray) -> np.ndarray:
     """Return S = diag W, the mean intensity: float64[n].
+
+    Raises
+    ------
+    RuleError
+        If W is not a square matrix of finite numbers.
 
     Examples
     --------
@@ -431,7 +482,7 @@ def spectral_density(W: np.ndarray) -> np.ndarray:
     >>> spectral_density(np.diag([1.0, 2.0]))
     array([1., 2.])
     """
-    return np.real(np.diagonal(W)).copy()
+    return np.real(np.diagonal(_square("spectral_density W", W))).copy()
 
 
 def spectral_degree_of_coherence(W: np.ndarray, reference: int | None = None) -> np.ndarray:

@@ -20,6 +20,7 @@ Three remarks on the paper, all tested:
 All lengths are in the unit of the wavelength. See docs/coherence.md.
 """
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,12 +30,16 @@ import numpy as np
 from pydantic import model_validator
 from scipy.special import hankel1e
 
+from specklegen.core.arguments import finite_numbers, real_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks
 from specklegen.core.picturing import Pictured, draw_map
 from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, PositiveInt, Value
 from specklegen.kernels import rays
+
+_FINEST = 1e-11
+"""Of a way, that a wavelength may be: its phase then has four digits."""
 
 
 class TransverseDetector(Value):
@@ -163,6 +168,10 @@ class CylindricalFocus(Value):
         if nearest <= -self.focal_length:
             rule = f"greater than -focal_length = {-self.focal_length:g}"
             reject("CylindricalFocus.detector.z", rule, nearest, "Place every pixel behind the lens.")
+        farthest = self.half_aperture + self.focal_length + float(np.abs(self.detector.z).max())
+        if self.wavelength < _FINEST * farthest:
+            rule = f"at least {_FINEST:g} of the longest way, {_FINEST * farthest:.3g}"
+            reject("CylindricalFocus.wavelength", rule, self.wavelength, "Phases beyond lose their digits.")
         return self
 
     @property
@@ -339,6 +348,11 @@ def flux_weighted_csd(G: np.ndarray, dG: np.ndarray, W0: np.ndarray, k: float) -
     -------
     complex128[pixels, pixels]
 
+    Raises
+    ------
+    RuleError
+        If the shapes do not fit, or a number is not finite.
+
     Source: [Prahl09], measurement function, with the derivative taken analytically.
 
     Examples
@@ -351,5 +365,13 @@ def flux_weighted_csd(G: np.ndarray, dG: np.ndarray, W0: np.ndarray, k: float) -
     >>> flux_weighted_csd(focus.physical_optics(), focus.physical_optics(derivative=True), W0, k=2 * np.pi).shape
     (11, 11)
     """
+    k = real_number("flux_weighted_csd k", k)
+    if not 0 < k < math.inf:
+        reject("flux_weighted_csd k", "greater than 0 and finite", k)
+    parts = {"G": G, "dG": dG, "W0": W0}
+    G, dG, W0 = (finite_numbers(f"flux_weighted_csd {name}", each, 2) for name, each in parts.items())
+    if not (G.shape == dG.shape and W0.shape == (G.shape[1],) * 2):
+        reject("flux_weighted_csd", "given G and dG of one shape (pixels, points) and W0 of (points, points)",
+               (G.shape, dG.shape, W0.shape))  # fmt: skip
     half = dG @ W0 @ G.conj().T
     return (half - half.conj().T) / (2j * k)

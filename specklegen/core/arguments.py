@@ -71,3 +71,24 @@ def real_array(field: str, value: ArrayLike) -> np.ndarray:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         reject(field, "an array of numbers", value)
+
+
+def finite_numbers(field: str, value: ArrayLike, dimensions: int | None = None) -> np.ndarray:
+    """Return an array of real or complex numbers, all of them finite.
+
+    Raises
+    ------
+    RuleError
+        If it holds something else, or has another number of dimensions.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        reject(field, "an array of numbers", value)
+    if array.dtype.kind not in "iufc":
+        reject(field, "an array of numbers", value)
+    if dimensions is not None and array.ndim != dimensions:
+        reject(field, f"an array of {dimensions} dimensions", array.shape)
+    if not np.isfinite(array).all():
+        reject(field, "finite everywhere", array)
+    return array

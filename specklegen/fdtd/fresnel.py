@@ -1,6 +1,11 @@
 """A uniform slab in closed form: Fresnel's coefficients and Airy's sum over the two faces."""
 
+import math
+
 import numpy as np
+
+from specklegen.core.arguments import finite_numbers, real_array, real_number
+from specklegen.core.errors import reject
 
 
 def slab_fresnel(
@@ -24,6 +29,11 @@ def slab_fresnel(
     reflected, transmitted : complex128[F]
         At the entrance face, and at the exit face over the wave that would be there without the slab.
 
+    Raises
+    ------
+    RuleError
+        If an index is not greater than 0, or a number is not finite.
+
     Examples
     --------
     >>> import numpy as np
@@ -32,7 +42,11 @@ def slab_fresnel(
     >>> (abs(reflected) ** 2 + abs(transmitted) ** 2).round(12)  # nothing is absorbed
     array([1., 1.])
     """
-    k0 = np.asarray(wavenumber, dtype=float)
+    for name, value in {"n_slab": n_slab, "n_background": n_background, "thickness": thickness}.items():
+        number = real_number(f"slab_fresnel {name}", value)
+        if not (math.isfinite(number) and (number > 0 or name == "thickness" and number == 0)):
+            reject(f"slab_fresnel {name}", "finite and " + ("at least 0" if name == "thickness" else "above 0"), value)
+    k0 = finite_numbers("slab_fresnel wavenumber", real_array("slab_fresnel wavenumber", wavenumber))
     face = (n_background - n_slab) / (n_background + n_slab)
     once = np.exp(-1j * k0 * n_slab * thickness)
     airy = 1 - face**2 * once**2

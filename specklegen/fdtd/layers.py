@@ -19,6 +19,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.arguments import finite_numbers
 from specklegen.core.errors import reject
 from specklegen.core.showing import short
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
@@ -142,10 +143,18 @@ class RandomLayer(Value):
 def sample_moments(kappa: np.ndarray) -> Moments:
     """Moments of a sample of media float64[R, N], the second in full (N x N): no stationarity assumed.
 
+    Raises
+    ------
+    RuleError
+        If ``kappa`` is no table of finite numbers.
+
     Examples
     --------
     >>> from specklegen.fdtd import RandomLayer, sample_moments
     >>> sample_moments(RandomLayer(correlation_length=0.02, n_points=50).sample(8, seed=0)).second.shape
     (50, 50)
     """
+    kappa = finite_numbers("sample_moments kappa", kappa, 2)
+    if not kappa.size:
+        reject("sample_moments kappa", "at least one medium of at least one cell", kappa.shape)
     return Moments(kappa.mean(axis=0), kappa.T @ kappa / len(kappa))

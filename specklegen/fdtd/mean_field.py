@@ -34,6 +34,7 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
 from specklegen.fdtd.currents import in_phase, out_of_phase
 from specklegen.fdtd.layers import Moments, RandomLayer
@@ -179,6 +180,9 @@ def equivalent_slab(layer: RandomLayer, wavelength: float) -> EquivalentSlab:
 
 
 def _phase_per_cell(layer: RandomLayer, wavelength: float) -> np.ndarray:
+    wavelength = real_number("wavelength", wavelength)
+    if wavelength == math.inf:
+        reject("wavelength", "finite", wavelength)
     if not wavelength >= 8 * layer.dx * layer.n_background:
         reject("wavelength", "at least 8 cells in the background", wavelength, "Use a smaller dx.")
     # at S = 1 the background of the grid has no dispersion

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import even_slices, map_blocks
 from specklegen.fdtd.courant import check_courant
@@ -55,8 +56,7 @@ def monte_carlo_mean(
     >>> found.realizations
     16
     """
-    if n_realizations < 1:
-        reject("monte_carlo_mean.n_realizations", "at least 1", n_realizations)
+    whole_number("monte_carlo_mean n_realizations", n_realizations, 1)
     incidence = illuminate(layer, pulse, courant, margin)
     if method == "transfer_matrix":
         scattering, to_time = _grid_responses, incidence.basis()

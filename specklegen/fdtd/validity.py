@@ -20,6 +20,8 @@ import warnings
 
 import numpy as np
 
+from specklegen.core.arguments import real_number
+from specklegen.core.errors import reject
 from specklegen.fdtd.currents import mean_polarisation, radiated
 from specklegen.fdtd.incidence import Incidence
 from specklegen.fdtd.layers import RandomLayer
@@ -32,6 +34,11 @@ BACK_TOLERANCE = 0.1  # V < 0.033: the mean back field is small, and brute force
 def phase_variance(layer: RandomLayer, wavenumber: float) -> float:
     """Variance V (radians squared) of the phase through the layer, at a vacuum wave number k0.
 
+    Raises
+    ------
+    RuleError
+        If ``wavenumber`` is negative or not finite.
+
     Examples
     --------
     >>> import numpy as np
@@ -39,6 +46,8 @@ def phase_variance(layer: RandomLayer, wavenumber: float) -> float:
     >>> round(phase_variance(RandomLayer(correlation_length=0.02), 2 * np.pi / 0.6), 4)
     0.0118
     """
+    if not 0 <= real_number("phase_variance wavenumber", wavenumber) < np.inf:
+        reject("phase_variance wavenumber", "at least 0 and finite", wavenumber)
     lags = np.arange(1, layer.n_points)
     pairs = layer.n_points + 2 * ((layer.n_points - lags) * layer.index_correlation()[1:]).sum()
     return float((wavenumber * layer.rms_index * layer.dx) ** 2 * pairs)

@@ -37,11 +37,14 @@ from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.scene.faces import Faces
 from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.media import Medium, Slab
-from specklegen.scene.scene import Scene
+from specklegen.scene.scene import Scene, require_range
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.scene.window import Profile
 
 PHASE_LIMIT = 0.3
+_LENGTHS = (
+    "wavelength", "object_distance", "object_extent", "aperture", "camera_distance", "focal_length", "pixel_pitch",
+)  # fmt: skip
 _ROUNDING = 1e-12  # a limit that was computed and handed back must pass
 
 
@@ -117,6 +120,7 @@ class LabSetup(Value):
                 "given, or else focal_length, and not both",
                 (self.camera_distance, self.focal_length),
             )
+        require_range({f"LabSetup.{name}": getattr(self, name) or 0.0 for name in _LENGTHS})
         self._check_sampling()
         self._check_field()
         self._check_aperture()

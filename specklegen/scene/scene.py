@@ -123,7 +123,7 @@ class Scene(Value, Pictured):
         stack = require_thin(medium, self.wavelength)  # type: ignore[arg-type]
         lengths = {"Scene.wavelength": self.wavelength, f"{light.type}.width": light.width}
         lengths |= {f"{medium.type}.correlation_length": length for length in stack.correlation_lengths}
-        _require_range(lengths | {f"{medium.type}.gaps": gap for gap in (*stack.gaps, stack.behind)})
+        require_range(lengths | {f"{medium.type}.gaps": gap for gap in (*stack.gaps, stack.behind)})
 
     def _require_lengths(self) -> None:
         """Refuse lengths whose fourth powers leave the range of floats: results would be 0, NaN or without error."""
@@ -140,7 +140,7 @@ class Scene(Value, Pictured):
             lengths[f"{light.type}.width"] = light.width
         if np.isfinite(medium.mean_free_path):
             lengths[f"{medium.type}.mean_free_path"] = medium.mean_free_path
-        _require_range(lengths)
+        require_range(lengths)
 
     def _require_apart(self, sources: np.ndarray, sensors: np.ndarray) -> None:
         """Refuse a sensor point beside a source inside the medium: single scattering there diverges with 1/distance."""
@@ -284,7 +284,7 @@ def _dimension(medium: AnyMedium) -> int | None:
     return 3 if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack) else len(medium.lower)
 
 
-def _require_range(lengths: dict[str, float]) -> None:
+def require_range(lengths: dict[str, float]) -> None:
     """Refuse lengths, by their names, whose fourth powers leave the range of floats."""
     for name, length in lengths.items():
         if length and not 1 / LARGEST <= length <= LARGEST:

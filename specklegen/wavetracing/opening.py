@@ -95,6 +95,8 @@ class Rim:
         return [(self.loops[n], groups[n]) for n in outer]
 
 
+_PAIRS = 2**20  # of edges looked at together
+_TOUCH = 1e-12  # of an area: corners that close to an edge touch it
 _ORDER = "List outer loops counter-clockwise and holes clockwise."
 
 
@@ -104,7 +106,7 @@ def rim_of(field: str, opening: Opening | Rim) -> Rim:
     Raises
     ------
     RuleError
-        If a loop is not float64[n, 2] with n >= 3 and finite, or the holes outweigh the outer loops.
+        If a loop is not float64[n, 2] with n >= 3 and finite, loops cross, or one runs the wrong way round.
     """
     if isinstance(opening, Rim):
         return opening
@@ -123,7 +125,55 @@ def rim_of(field: str, opening: Opening | Rim) -> Rim:
     rim = Rim(tuple(loops))
     if rim.area < -1e-12 * float(np.square(np.ptp(rim.starts, axis=0)).sum()):
         reject(field, "of positive area", rim.area, _ORDER)
+    crossed = crossing(rim.starts, rim.ends)
+    if crossed is not None:
+        reject(field, "of loops that cross neither themselves nor each other", rim.starts[list(crossed)],
+               "Edges that begin at these corners cross: list corners in their order around the opening.")  # fmt: skip
+    about = [loop - rim.centre for loop in loops]  # near the origin, so that rounding stays small
+    for loop in about:
+        beside = _left_of(loop)
+        if beside is not None and (around := int(winding(beside[None], about)[0])) != 1:
+            reject(field, "on the left of all of its edges, once",
+                   f"winding number {around} at {beside + rim.centre}", _ORDER)  # fmt: skip
     return rim
+
+
+def crossing(starts: np.ndarray, ends: np.ndarray) -> tuple[int, int] | None:
+    """Two edges that cross within both, if there are any; those that touch do not."""
+    left, right = np.minimum(starts[:, 0], ends[:, 0]), np.maximum(starts[:, 0], ends[:, 0])
+    order = np.argsort(left, kind="stable")
+    # Of edges in the order of their left ends, those up to the last that begins before this one ends.
+    last = np.searchsorted(left[order], right[order], side="right")
+    count = np.maximum(last - np.arange(len(order)) - 1, 0)
+    done = 0
+    while done < len(order):
+        until = max(done + 1, int(np.searchsorted(np.cumsum(count), np.cumsum(count)[done] + _PAIRS)))
+        rows = np.arange(done, min(until, len(order)))
+        first = np.repeat(rows, count[rows])
+        second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(count[rows]) - count[rows], count[rows])
+        i, j = order[first], order[second]
+        over = _sides(starts[i], ends[i], starts[j], ends[j]) & _sides(starts[j], ends[j], starts[i], ends[i])
+        if over.any():
+            return int(i[over.argmax()]), int(j[over.argmax()])
+        done = until
+    return None
+
+
+def _sides(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Whether c and d lie on either side of the line through a and b, beyond rounding."""
+    along = b - a
+    sides = [along[:, 0] * (p - a)[:, 1] - along[:, 1] * (p - a)[:, 0] for p in (c, d)]
+    scale = np.square(np.abs(np.stack([along, c - a, d - a])).max(axis=(0, 2)))
+    return (np.minimum(*sides) < -_TOUCH * scale) & (np.maximum(*sides) > _TOUCH * scale)
+
+
+def _left_of(loop: np.ndarray) -> np.ndarray | None:
+    """Point float64[2] just left of the longest edge of a loop; None of a loop without area."""
+    along = np.roll(loop, -1, axis=0) - loop
+    longest = np.square(along).sum(axis=1).argmax()
+    if not abs(_signed_area(loop)) > 1e-9 * np.square(along[longest]).sum():
+        return None
+    return loop[longest] + along[longest] * 0.5 + 1e-9 * np.array([-along[longest, 1], along[longest, 0]])
 
 
 def doubt_narrow(field: str, breadth: float, wavelength: float) -> None:

@@ -29,6 +29,11 @@ def test_full_coherence():
     assert np.linalg.matrix_rank(W, tol=1e-10 * np.trace(W).real) == 1
 
 
+def test_wavelengths_whose_phases_have_no_digits_are_refused():
+    with pytest.raises(ValueError, match=r"CylindricalFocus\.wavelength must be at least 1e-11 of the longest way"):
+        focus().replace(wavelength=1e-300)
+
+
 def test_no_coherence():
     system = focus()
     with pytest.warns(UserWarning, match="depends on their number"):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from specklegen.fdtd import RandomLayer, coherent_transmission, equivalent_slab, phase_variance
+from specklegen.core.errors import RuleError
+from specklegen.fdtd import RandomLayer, coherent_transmission, equivalent_slab, phase_variance, sample_moments
 
 FALSE_ALARM = 1e-6
 WAVELENGTH = 0.6
@@ -114,6 +115,13 @@ def test_bad_input_is_refused():
         equivalent_slab(layer, WAVELENGTH)
     with pytest.raises(ValueError, match="wavelength must be at least 8 cells"):
         coherent_transmission(layer, math.nan)
+    for wrong, rule in ((math.inf, "wavelength must be finite"), ("x", "wavelength must be a number")):
+        with pytest.raises(RuleError, match=rule):
+            coherent_transmission(layer, wrong)
+    with pytest.raises(RuleError, match="wavenumber must be at least 0 and finite"):
+        phase_variance(layer, math.nan)
+    with pytest.raises(RuleError, match="kappa must be finite everywhere"):
+        sample_moments(np.full((2, 3), math.nan))
     with pytest.raises(ValueError, match="method must be one of"):
         coherent_transmission(RandomLayer(correlation_length=1), WAVELENGTH, "guess")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="n_realizations must be at least 1"):

@@ -1,8 +1,11 @@
 """The Yee march: exact propagation, slab, both forms, against the frequency domain, against literal NumPy."""
 
+import math
+
 import numpy as np
 import pytest
 
+from specklegen.core.errors import RuleError
 from specklegen.fdtd import Pulse, RandomLayer, illuminate, slab_fresnel, transfer_matrix, yee
 from specklegen.fdtd.yee import march
 from specklegen.kernels.fdtd import march_total
@@ -150,6 +153,21 @@ def test_marched_slab_is_fresnels():
     expected_forward = incidence.series((t - 1) * np.exp(-1j * k * 0.004 * (cells - 1)))
     assert rel(back[0], expected_back) < 0.02
     assert rel(forward[0], expected_forward) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        ({"n_slab": math.nan}, "n_slab must be finite and above 0; got nan"),
+        ({"n_background": 0.0}, "n_background must be finite and above 0; got 0.0"),
+        ({"thickness": "x"}, "thickness must be a number; got 'x'"), ({"thickness": -1.0}, "thickness must be finite"),
+        ({"wavenumber": [1.0, math.inf]}, "wavenumber must be finite everywhere"),
+    ],
+)  # fmt: skip
+def test_slabs_that_are_none_are_refused(change, rule):
+    fields = {"n_slab": 1.5, "n_background": 1.0, "thickness": 1.0, "wavenumber": [1.0]} | change
+    with pytest.raises(RuleError, match=f"slab_fresnel {rule}"):
+        slab_fresnel(**fields)
 
 
 def test_bad_input_is_refused():

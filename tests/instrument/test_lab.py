@@ -318,6 +318,11 @@ def test_a_refusal_names_a_largest_value_that_passes_and_is_the_largest(field, v
         LabSetup(**{**EXAMPLE, **others, field: 1.002 * limit})
 
 
+def test_lengths_whose_powers_overflow_are_refused():
+    with pytest.raises(ValueError, match=r"LabSetup\.object_distance must be between 1e-60 and 1e\+60; got 1e\+300"):
+        LabSetup(**{**EXAMPLE, "object_distance": 1e300})
+
+
 def test_the_remedies_for_undersampling_work():
     bad = {**EXAMPLE, "pixel_pitch": 0.03}
     with pytest.raises(ValueError, match="oversampling to 5 or more, or the aperture to at most") as refusal:

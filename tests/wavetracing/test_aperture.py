@@ -6,7 +6,7 @@ from scipy.stats import multivariate_normal
 
 from specklegen.core.errors import RuleError
 from specklegen.wavetracing import aperture_transform, gaussian_mass, triangles_transform
-from specklegen.wavetracing.opening import rim_of
+from specklegen.wavetracing.opening import crossing, rim_of
 
 TRIANGLE = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 2.0]])
 XI = np.array([1.0, 0.5])
@@ -148,6 +148,10 @@ def test_masses_add():
         ([[0, 0], [1, 0]], "n at least 3"),
         ([[0, 0], [1, 0], [np.nan, 1]], "finite everywhere"),
         (TRIANGLE[::-1], "positive area"),
+        ([[0, 0], [1, 1], [1, 0], [0, 1]], r"cross neither themselves .* list corners in their order"),
+        ([square(2.0), square(2.0, (1, 0.5))], "cross neither"),
+        ([square(2.0), square(1.0)], "once; got 'winding number 2 at"),
+        ([square(2.0), square(1.0, (5, 5))[::-1]], "once; got 'winding number 0 at"),
         ("mask", "loops of shape"),
         (3.0, "loops of shape"),
     ],
@@ -164,8 +168,27 @@ def test_other_bad_input_is_refused():
         aperture_transform(square(8.0), XI, lambda p: np.exp(1e6j * p[:, 0]))
     with pytest.raises(RuleError, match="positive definite"):
         gaussian_mass(TRIANGLE, [[1, 2], [2, 1]])
-    with pytest.raises(RuleError, match="holes"):
-        _ = rim_of("opening", [square(2.0), square(1.0, (5, 5))[::-1]]).triangles
+
+
+def test_crossing_edges_are_found_wherever_they_lie():
+    """Against every pair of edges; those that touch, at a corner or along a side, do not cross."""
+    rng = np.random.default_rng(8)
+    for count in (3, 5, 9, 40):
+        for _ in range(40):
+            loop = rng.normal(size=(count, 2)) * [1.0, 10.0 ** rng.integers(-3, 4)]
+            a, b = loop, np.roll(loop, -1, axis=0)
+            along, to = (b - a)[:, None], loop - a[:, None]
+            sides = along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0]  # of each corner to each edge
+            apart = (sides * np.roll(sides, -1, axis=1) < 0) & ~np.eye(count, dtype=bool)
+            expected = apart & apart.T
+            found = crossing(a, b)
+            assert (found is not None) == expected.any()
+            assert found is None or expected[found]
+    turn = np.linspace(0, 2 * np.pi, 3000, endpoint=False)
+    gear = np.stack([np.cos(turn), np.sin(turn)], axis=1) * (1 + 0.1 * np.sin(40 * turn))[:, None]
+    assert crossing(gear, np.roll(gear, -1, axis=0)) is None
+    beside = [square(2.0), square(2.0, (2, 0.5)), square(2.0, (0, 2))]
+    assert rim_of("opening", beside).area == 12
 
 
 def test_an_opening_of_no_area_is_dark():
