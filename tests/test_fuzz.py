@@ -1,8 +1,9 @@
-"""Random scenes, valid and not: no crash, no NaN, no warning, no silent nonsense; a refusal names the field.
+"""Random scenes and recipes, valid and not: no crash, no NaN, no warning, no nonsense; a refusal names the field.
 
-    FUZZ_SEED=3 pytest -m slow tests/test_fuzz.py     # 4500 others with each seed; 22 seeds, 1e5 scenes, take an hour
+    FUZZ_SEED=3 pytest -m slow tests/test_fuzz.py     # 11 000 others with each seed
 """
 
+import json
 import os
 import warnings
 from contextlib import contextmanager
@@ -11,11 +12,23 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
+from random_recipes import recipe_tables
 from random_scenes import directions, faced_scenes, powers, scenes, screen_scenes, slabs, wavelengths
 from zscore import limit
 
 import specklegen as sg
+from specklegen.coherence import (
+    coherent_modes,
+    gaussian_schell_model,
+    intensity_from_modes,
+    propagate_csd,
+    speckle_contrast,
+    spectral_degree_of_coherence,
+    spectral_density,
+)
 from specklegen.core.errors import RuleError
+from specklegen.datasets.recipes.registry import KINDS
+from specklegen.wavetracing import aperture_transform, gaussian_mass
 
 SEED = os.environ.get("FUZZ_SEED")
 
@@ -44,6 +57,7 @@ def strict():
 
 
 ABSORBED = "enough that light crosses the absorbing"
+GOT = ("; got ",)  # any reason in the house's words
 DIM = "Scene intensity must be between"  # what float32 holds
 
 
@@ -266,6 +280,87 @@ def test_any_screens(count):
         assert curve.intensity[0] == pytest.approx(1, abs=1e-9)
         assert np.abs(curve.field).max() <= 1 + 1e-9
         assert joint.magnitude.max() <= 1 + 1e-9
+
+    check()
+
+
+@few_and_many(10, 400)
+def test_any_recipe_gives_samples_or_says_why_not(count):
+    """Finite, of the layout, the same again, and the same of the recipe as a store writes it down."""
+
+    @examples(count)
+    @given(table=recipe_tables(), seed=st.integers(0, 99), index=st.integers(0, 9))
+    def check(table, seed, index):
+        with strict():
+            recipe = result_or_refusal(GOT, lambda: KINDS[table["kind"]](**table))
+            plans = recipe and result_or_refusal(GOT, recipe.plans)
+            if not plans or sum(plan.seconds for plan in plans) > 1:
+                return
+            sample = result_or_refusal(GOT, lambda: recipe.sample(seed, "train", index))
+            if sample is None:
+                return
+            for name, spec in recipe.layout().items():
+                if name != "parameters":
+                    assert sample[name].dtype == np.dtype(spec.dtype)
+                    assert spec.shape is None or sample[name].shape == tuple(spec.shape)
+                    assert np.isfinite(sample[name].astype(np.float64)).all()
+            written = recipe.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
+            again = type(recipe)(**json.loads(json.dumps(written)))
+            assert again.fingerprint() == recipe.fingerprint()
+            for name, value in again.sample(seed, "train", index).items():
+                assert name == "parameters" or np.array_equal(value, sample[name])
+
+    check()
+
+
+@few_and_many(60, 3000)
+def test_any_opening_passes_no_more_than_its_area(count):
+    """Or is refused for its corners; its far field is strongest straight ahead, where it is the area."""
+
+    @examples(count)
+    @given(
+        corners=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=9), size=powers(-9, 9),
+        turns=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=4), reach=powers(-3, 5),
+    )  # fmt: skip
+    def check(corners, size, turns, reach):
+        loop, xi = size * np.array(corners), reach / size * np.array(turns)
+        with strict():
+            found = result_or_refusal(("opening",), lambda: aperture_transform(loop, np.append(xi, [[0, 0]], axis=0)))
+            if found is None:
+                return
+            mass = gaussian_mass(loop, size**2 * np.eye(2), mean=loop[0])
+        area = found[-1].real
+        assert (np.abs(found) <= area + 1e-12 * size**2).all()
+        assert -1e-12 <= mass <= min(1, area / (2 * np.pi * size**2)) + 1e-12
+
+    check()
+
+
+@few_and_many(60, 3000)
+def test_any_source_has_modes_of_its_power(count):
+    """A Gaussian Schell model of points anywhere; what passes through a random system is as coherent as can be."""
+
+    @examples(count)
+    @given(
+        places=st.lists(st.floats(-1, 1), min_size=1, max_size=12), size=powers(-9, 9), length=powers(-12, 12),
+        energy=st.floats(0.01, 1), seed=st.integers(0, 99),
+    )  # fmt: skip
+    def check(places, size, length, energy, seed):
+        with strict(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # points too few for their coherence length
+            source = gaussian_schell_model(size * np.array(places), length)
+            power, modes = coherent_modes(source, energy=energy)
+            system = np.random.default_rng(seed).normal(size=(3, len(places), 2)) @ [1, 1j]
+            seen = propagate_csd(system, source)
+            degree = spectral_degree_of_coherence(seen)
+        assert energy * len(places) * (1 - 1e-9) <= power.sum() <= len(places) * (1 + 1e-9)
+        assert 0 < speckle_contrast(source) <= 1 + 1e-12
+        assert np.abs(degree).max() <= 1 + 1e-12
+        if energy == 1:
+            np.testing.assert_allclose(
+                intensity_from_modes(system, modes, power), spectral_density(seen), rtol=1e-6,
+                atol=1e-9 * spectral_density(seen).max(),
+            )  # fmt: skip
 
     check()
 

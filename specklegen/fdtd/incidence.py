@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.memory import require_memory
 from specklegen.core.showing import short
 from specklegen.core.values import Positive, Value
 from specklegen.fdtd.layers import RandomLayer
@@ -160,8 +161,8 @@ def illuminate(
     Raises
     ------
     RuleError
-        If the Courant number is not in (0, 1], the margin is too small for the source, or the grid is too
-        coarse for the pulse.
+        If the Courant number is not in (0, 1], the margin is too small for the source, the grid is too
+        coarse for the pulse, or so fine that its steps do not fit into memory.
 
     Examples
     --------
@@ -175,7 +176,12 @@ def illuminate(
         reject("margin", f"at least {_SOURCE_DISTANCE + 2} cells", margin)
     dt = courant * layer.dx * layer.n_background
     crossing = (layer.n_points + MARGIN) / courant
-    steps = math.ceil(2 * pulse.delay * pulse.duration / dt + 2.2 * crossing)
+    lasts = 2 * pulse.delay * pulse.duration / dt + 2.2 * crossing
+    require_memory(
+        "single_realization", "run", 200 * lasts, f"{lasts:.3g} steps of {dt:.3g} each",
+        "Use a shorter pulse, or larger cells (dx).",
+    )  # fmt: skip
+    steps = math.ceil(lasts)
     source = pulse(dt * np.arange(steps))
     n_fft = 1 << (steps + math.ceil(2 * layer.n_points / courant)).bit_length()  # no wrap: run + round trip
     lines = np.fft.rfft(source, n_fft)

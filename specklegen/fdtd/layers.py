@@ -77,7 +77,9 @@ class RandomLayer(Value):
     correlation: Literal["exponential"] = "exponential"
 
     @model_validator(mode="after")
-    def _warn_if_white(self) -> Self:
+    def _check(self) -> Self:
+        if not self.rms_index < self.n_background:
+            reject("RandomLayer.rms_index", f"less than n_background = {self.n_background:g}", self.rms_index)
         if self.correlation_length < self.dx and self.rms_index > 0:
             warnings.warn(
                 f"RandomLayer.correlation_length = {self.correlation_length:g} is below dx = {self.dx:g}: "

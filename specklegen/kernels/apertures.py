@@ -30,6 +30,7 @@ import math
 from specklegen.kernels import inlined, kernel
 
 _TERMS = 17
+_DARKEST = 1e-280  # |xi|^2, in any unit, below which it loses digits, and phases across an opening are none
 _TWO_PI = 2.0 * math.pi
 
 
@@ -52,7 +53,7 @@ def sinc_less_one(x):
 def polygon_transform(edges, area, x, y):
     """Return Psi at (x, y) of ``edges`` float64[N, 4]: midpoint, then vector to the end, about a point of the plane."""
     square = x * x + y * y
-    if square == 0.0:
+    if square < _DARKEST:
         return complex(area, 0.0)
     real = imag = 0.0
     for e in range(edges.shape[0]):

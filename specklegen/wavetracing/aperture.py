@@ -160,7 +160,7 @@ def gaussian_mass(polygon: Opening, covariance: ArrayLike, mean: ArrayLike = (0.
     a, b, length = a[length > 0], b[length > 0], length[length > 0]
     along = (b - a) / length[:, None]
     h = a[:, 0] * along[:, 1] - a[:, 1] * along[:, 0]  # positive where the mean lies on the left
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # lines through the mean, or all but
         first, last = ((p * along).sum(axis=1) / np.abs(h) for p in (a, b))
         angle = (np.arctan(last) - np.arctan(first)) / (2 * np.pi)
         mass = np.sign(h) * (angle - owens_t(np.abs(h), last) + owens_t(np.abs(h), first))

@@ -96,6 +96,7 @@ class Rim:
 
 
 _PAIRS = 2**20  # of edges looked at together
+_BESIDE = 1024  # edges beside which the winding number is found
 _TOUCH = 1e-12  # of an area: corners that close to an edge touch it
 _ORDER = "List outer loops counter-clockwise and holes clockwise."
 
@@ -106,7 +107,8 @@ def rim_of(field: str, opening: Opening | Rim) -> Rim:
     Raises
     ------
     RuleError
-        If a loop is not float64[n, 2] with n >= 3 and finite, loops cross, or one runs the wrong way round.
+        If a loop is not float64[n, 2] with n >= 3 and finite, loops cross, or wind about a place twice or the wrong way
+        round.
     """
     if isinstance(opening, Rim):
         return opening
@@ -129,12 +131,10 @@ def rim_of(field: str, opening: Opening | Rim) -> Rim:
     if crossed is not None:
         reject(field, "of loops that cross neither themselves nor each other", rim.starts[list(crossed)],
                "Edges that begin at these corners cross: list corners in their order around the opening.")  # fmt: skip
-    about = [loop - rim.centre for loop in loops]  # near the origin, so that rounding stays small
-    for loop in about:
-        beside = _left_of(loop)
-        if beside is not None and (around := int(winding(beside[None], about)[0])) != 1:
-            reject(field, "on the left of all of its edges, once",
-                   f"winding number {around} at {beside + rim.centre}", _ORDER)  # fmt: skip
+    wrong = _wound(rim)
+    if wrong is not None:
+        reject(field, "inside outer loops and outside holes, each listed once",
+               f"a winding number of {wrong[0]} at {wrong[1]}", _ORDER)  # fmt: skip
     return rim
 
 
@@ -167,13 +167,15 @@ def _sides(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.nda
     return (np.minimum(*sides) < -_TOUCH * scale) & (np.maximum(*sides) > _TOUCH * scale)
 
 
-def _left_of(loop: np.ndarray) -> np.ndarray | None:
-    """Point float64[2] just left of the longest edge of a loop; None of a loop without area."""
-    along = np.roll(loop, -1, axis=0) - loop
-    longest = np.square(along).sum(axis=1).argmax()
-    if not abs(_signed_area(loop)) > 1e-9 * np.square(along[longest]).sum():
-        return None
-    return loop[longest] + along[longest] * 0.5 + 1e-9 * np.array([-along[longest, 1], along[longest, 0]])
+def _wound(rim: Rim) -> tuple[int, np.ndarray] | None:
+    """A winding number that is neither 0 nor 1, and the point float64[2] beside an edge where it is so."""
+    about = [loop - rim.centre for loop in rim.loops]  # near the origin, so that rounding stays small
+    edges = rim.about_centre[:: -(-len(rim.starts) // _BESIDE)]
+    across = 1e-9 * np.stack([-edges[:, 3], edges[:, 2]], axis=1)
+    points = np.concatenate([edges[:, :2] + across, edges[:, :2] - across])
+    around = winding(points, about)
+    wrong = np.flatnonzero((around != 0) & (around != 1))
+    return (int(around[wrong[0]]), points[wrong[0]] + rim.centre) if len(wrong) else None
 
 
 def doubt_narrow(field: str, breadth: float, wavelength: float) -> None:

@@ -24,6 +24,7 @@ nothing is lost or doubled there. Light by two edges may see either side of such
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ from specklegen.wavetracing.wedge import NEAREST, geometric_shares, wedge_coeffi
 
 _CLEAR = 1e-7  # of a leg's length, at both of its ends, in which nothing blocks it
 _ROUNDING = 1e-12  # radians from a boundary at which its angle, not a query of the ray, says what is seen
-_MOST = 20_000  # sequences of facets, and pairs of edges
+_MOST = 50_000  # of facets and edges on a path: some minutes
 _ROUNDS = 60  # of unfolding at one edge, then the other
 _STILL = 1e-14  # of an edge's length: a step of that unfolding that is none
 
@@ -212,7 +213,7 @@ def phase_rays(
     ------
     RuleError
         For arguments out of range; points or a source nearer to an edge on a path than 1 / k, where there is no ray
-        yet; more than 20000 sequences of facets or pairs of edges.
+        yet; more than 50000 combinations of facets and edges, which take minutes.
 
     A `DoubtWarning` says where edges are shorter than the Fresnel zone of the nearest point: corners matter there, from
     which there are no rays.
@@ -237,12 +238,16 @@ def phase_rays(
     mirrors = _mirrors(geometry)
     edges = _edges(mirrors) if diffractions else []
     facets = len(mirrors.normal)
-    for name, count in (
-        ("reflections", facets**reflections * (len(edges) + 1)),
-        ("diffractions", len(edges) ** 2 * facets**reflections if diffractions == 2 else 0),
-    ):
-        if count > _MOST:
-            reject(f"phase_rays {name}", f"few enough for {_MOST} combinations", count, "Use trace for such scenes.")
+    # Of r reflections, C(r + m, m) ways to fall before, between and behind m edges.
+    count = sum(
+        len(edges) ** m * sum(math.comb(r + m, m) * facets**r for r in range(reflections + 1))
+        for m in range(diffractions + 1)
+    )
+    if count > _MOST:
+        reject(
+            "phase_rays reflections, diffractions", f"few enough for {_MOST} combinations of facets and edges", count,
+            "Ask for fewer, or use trace for such scenes.",
+        )  # fmt: skip
     k = 2 * np.pi / source.wavelength
     flat = points.reshape(-1, 3)
     _doubt_corners(edges, flat, source.wavelength)

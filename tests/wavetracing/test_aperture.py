@@ -150,8 +150,9 @@ def test_masses_add():
         (TRIANGLE[::-1], "positive area"),
         ([[0, 0], [1, 1], [1, 0], [0, 1]], r"cross neither themselves .* list corners in their order"),
         ([square(2.0), square(2.0, (1, 0.5))], "cross neither"),
-        ([square(2.0), square(1.0)], "once; got 'winding number 2 at"),
-        ([square(2.0), square(1.0, (5, 5))[::-1]], "once; got 'winding number 0 at"),
+        ([square(2.0), square(1.0)], "listed once; got 'a winding number of 2 at"),
+        ([square(2.0), square(1.0, (5, 5))[::-1]], "got 'a winding number of -1 at"),
+        ([[0, 1], [-1, 0], [0, 0], [0, -1], [-1, 0], [0, 0]], "got 'a winding number of -1 at"),
         ("mask", "loops of shape"),
         (3.0, "loops of shape"),
     ],
@@ -189,6 +190,13 @@ def test_crossing_edges_are_found_wherever_they_lie():
     assert crossing(gear, np.roll(gear, -1, axis=0)) is None
     beside = [square(2.0), square(2.0, (2, 0.5)), square(2.0, (0, 2))]
     assert rim_of("opening", beside).area == 12
+    spiked = [[0, 0], [1, 0], [2, 0], [1, 0], [1, 1], [0.5, 0.5], [0, 1]]
+    assert rim_of("opening", spiked).area == 0.75
+
+
+@pytest.mark.parametrize("reach", [5e-324, 2.6820216838384305e-160, 1e-139])
+def test_wavevectors_whose_squares_underflow_lose_nothing(reach):
+    np.testing.assert_allclose(aperture_transform(TRIANGLE, [[0, reach], [reach, -reach]]), rim_of("t", TRIANGLE).area)
 
 
 def test_an_opening_of_no_area_is_dark():

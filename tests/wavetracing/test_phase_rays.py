@@ -177,5 +177,8 @@ def test_refused():
         phase_rays(half, lamp([-5, 0, 5.0]), np.array([[-0.05, 0, -0.05]]))
     with pytest.raises(RuleError, match="0 to 4"):
         phase_rays(half, lamp([0, 0, 5]), np.zeros((1, 3)), diffractions=3)
+    many = Geometry([sheet([[0, -10, z], [10, -10, z], [10, 10, z], [0, 10, z]]) for z in range(8)])
+    with pytest.raises(RuleError, match="50000 combinations of facets and edges; got .* Ask for fewer"):
+        phase_rays(many, lamp([-5, 0, 5.0]), np.zeros((1, 3)), 2, 2)
     with pytest.raises(RuleError, match="soft"):
         phase_rays(half, lamp([0, 0, 5]), np.zeros((1, 3)), polarisation="TE")  # pyright: ignore
