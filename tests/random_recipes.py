@@ -68,7 +68,7 @@ def recipe_tables(draw) -> dict:
         table["field"]["pixels"] = draw(st.floats(3, 30))
     for _ in range(draw(st.integers(1, 3))):
         if draw(st.integers(0, 3)) == 0:
-            key, value = draw(st.sampled_from(ADDED))
+            key, value = copy.deepcopy(draw(st.sampled_from(ADDED)))
             table[key] = table.get(key, {}) | value if isinstance(value, dict) else value
             continue
         *way, key = draw(st.sampled_from(_places(table)))
@@ -76,5 +76,5 @@ def recipe_tables(draw) -> dict:
         for each in way:
             inner = inner[each]
         wrong = draw(st.integers(0, 7)) == 0
-        inner[key] = draw(st.sampled_from(WRONG)) if wrong else _gentle(draw, key, inner[key])
+        inner[key] = copy.deepcopy(draw(st.sampled_from(WRONG))) if wrong else _gentle(draw, key, inner[key])
     return table
