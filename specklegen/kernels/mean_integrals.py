@@ -6,7 +6,8 @@ Optical depths count half, for they are those of amplitudes.
 
 import math
 
-from specklegen.core.quadrature import gauss_legendre
+import numpy as np
+
 from specklegen.kernels import inlined, kernel
 from specklegen.kernels.endpoints import face_profile
 from specklegen.kernels.trigonometry import sincos_turns
@@ -14,7 +15,7 @@ from specklegen.kernels.volume import EXTRA, chord, exit_distance, optical_depth
 
 # Gauss-Legendre with 32 nodes: to rounding for exponentials through up to 54 radians (or e-folds).
 NODES, REACH = 32, 50.0
-_X, _W = gauss_legendre(NODES)
+_X, _W = np.polynomial.legendre.leggauss(NODES)
 _X, _W = (_X + 1) / 2, _W / 2
 DEEPEST = 80.0  # optical depth beyond which nothing is seen: amplitude e^-40
 

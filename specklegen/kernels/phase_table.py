@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.core.quadrature import gauss_legendre
 from specklegen.kernels import inlined, spliced
 from specklegen.kernels.arithmetic import exponential
 from specklegen.kernels.phase_functions import amplitude as henyey_greenstein_amplitude
@@ -32,7 +31,7 @@ ISOTROPIC_3D, HENYEY_3D, FISHER_3D, TABULATED_3D = 0, 1, 2, 3
 ISOTROPIC_2D, HENYEY_2D, FISHER_2D, TABULATED_2D = 4, 5, 6, 7
 
 # Gauss-Legendre on (0, 1): five points integrate a quadratic times sin theta to 2e-15 over a bin of pi/16.
-_X, _W = gauss_legendre(5)
+_X, _W = np.polynomial.legendre.leggauss(5)
 _POINTS, _WEIGHTS = tuple(((_X + 1) / 2).tolist()), tuple((_W / 2).tolist())
 
 
