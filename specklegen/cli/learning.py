@@ -199,7 +199,8 @@ def evaluate(
         return
     assert isinstance(loaded, HiddenObject)
     if "image" not in loaded.images_layout():
-        reject("evaluate --recipe", "one with one image of each object", recipe)
+        reject("evaluate --recipe", "one with one image of each object", recipe,
+               "through-slab and unknown-slab are; `specklegen recipes` lists all.")  # fmt: skip
     writable(out)
     tables = [model.trained_on for model in named.values()]
     if solver:

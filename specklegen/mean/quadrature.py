@@ -100,21 +100,28 @@ def _window(
         axes = [_Axis(breaks, rates + 2 / radius) for breaks, rates in axes]
     if not window.separable and len(axes) == 2:  # x = r sin(angle): smooth where the chord across shrinks to nothing
         angles = np.arcsin(np.clip(axes[0].breaks / radius, -1, 1))
-        angle, weight = _panels(_Axis(angles, axes[0].rates * radius), np.inf, fineness)
+        found = _panels(_Axis(angles, axes[0].rates * radius), np.inf, fineness, most)
+        if found is None:
+            return None
+        angle, weight = found
         reaches = radius * np.cos(angle)
         first, weight = radius * np.sin(angle), weight * reaches
     else:
-        first, weight = _panels(axes[0], reach, fineness)
+        found = _panels(axes[0], reach, fineness, most)
+        if found is None:
+            return None
+        first, weight = found
         reaches = np.full(len(first), reach)
     if len(axes) == 1:
         positions, weights = first[:, None], weight
     else:
         rows, total = [], 0
         for x, w, half in zip(first, weight, reaches, strict=True):
-            y, v = _panels(axes[1], half, fineness)
-            total += len(y)
-            if total > most:
+            found = _panels(axes[1], half, fineness, most - total)
+            if found is None:
                 return None
+            y, v = found
+            total += len(y)
             rows.append((np.stack([np.full_like(y, x), y], axis=1), w * v))
         if not rows:
             return np.empty((0, 2)), np.empty(0)
@@ -124,11 +131,14 @@ def _window(
     return (positions, weights) if len(weights) <= most else None
 
 
-def _panels(axis: _Axis, reach: float, fineness: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss-Legendre nodes and weights between breaks, no farther from 0 than ``reach``."""
+def _panels(axis: _Axis, reach: float, fineness: float, most: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Gauss-Legendre nodes and weights between breaks, no farther from 0 than ``reach``; None of more than ``most``."""
     ends = np.clip(axis.breaks, -reach, reach)
     width = np.diff(ends)
-    pieces = np.ceil(fineness * (width * axis.rates + _RADIANS * (width > 0))).astype(int)
+    pieces = np.ceil(fineness * (width * axis.rates + _RADIANS * (width > 0)))
+    if pieces.sum() * len(_X) > most:  # before any of them is made
+        return None
+    pieces = pieces.astype(int)
     _, at, weight = _along(ends[None], pieces[None])
     return at, weight
 
