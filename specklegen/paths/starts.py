@@ -16,6 +16,7 @@ from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import NearField
 
 _REFERENCES = 8  # lights that paths start from at most; others are covered by their neighbours
+_MISSING = 4.0  # times the cross-section of a medium that a beam may have, and be drawn whole
 _EVENLY = 0.1  # share of paths that start anywhere in a finite medium: bounds every weight; at most one mean free
 # path over the thickness, since a path from the middle of a thick medium scatters OD^2 times, not OD times
 
@@ -79,18 +80,24 @@ def _light_rows(scene: Scene, volume: Volume) -> list[dict]:
 
 
 def _beam_row(scene: Scene, reference: np.ndarray, covered: np.ndarray) -> dict:
-    """A beam along ``reference`` whose footprint holds, at every depth, those of the lights it covers."""
+    """A beam along ``reference`` whose footprint holds, at every depth, those of the lights it covers.
+
+    Of a beam wider than a finite medium only rays that meet it are drawn, as of a plane wave: nearly all others miss.
+    """
     beams = scene.beams
     drift = covered[:, :2] / covered[:, 2:] - reference[:2] / reference[2]
     margin = float(np.abs(drift).max(initial=0.0)) * scene.medium.thickness
     code = footprint_code(beams.profile)
-    return {
-        "kind": kernel.BEAM,
-        "vector": reference,
-        "footprint": code,
-        # The Gaussian density follows the intensity, whose standard deviation is a quarter of the width.
-        "extent": (beams.width / (4 if code == GAUSSIAN else 2)) + margin * (1 if code == SQUARE else math.sqrt(2)),
-    }
+    # The Gaussian density follows the intensity, whose standard deviation is a quarter of the width.
+    extent = (beams.width / (4 if code == GAUSSIAN else 2)) + margin * (1 if code == SQUARE else math.sqrt(2))
+    medium = scene.volume
+    if not isinstance(medium, Slab):
+        sides = medium.upper - medium.lower
+        cosines = np.abs(reference if len(sides) == 3 else reference[[0, 2]])
+        met = float((cosines * sides.prod() / sides).sum())
+        if (2 * extent) ** (len(sides) - 1) * cosines[-1] > _MISSING * met:
+            return {"kind": kernel.PLANE, "vector": reference}
+    return {"kind": kernel.BEAM, "vector": reference, "footprint": code, "extent": extent}
 
 
 def _spread(directions: np.ndarray) -> list[int]:

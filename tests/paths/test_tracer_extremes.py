@@ -95,6 +95,29 @@ def test_a_sensor_that_almost_touches_a_face(height):
         np.testing.assert_allclose(estimate(close).intensity, estimate(near).intensity, rtol=1e-12)
 
 
+@pytest.mark.parametrize("dense", [1.0, 100.0, 1e6])
+@pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
+def test_a_beam_much_wider_than_a_medium_is_a_plane_wave(dense, profile):
+    """The same paths: of rays over all the beam one in 1e12 would meet it, and no light was seen of dense parts."""
+    medium = sg.VoxelGrid(
+        lower=[-0.5] * 3, upper=[0.5] * 3, extinction=[[[1.0, 1.0]], [[dense, 1.0]]], albedo=0.5,
+        scatterers=(ISOTROPIC,),
+    )  # fmt: skip
+    beam, plane = (
+        sg.Scene(
+            wavelength=1.0, medium=medium, illumination=light,
+            sensor=sg.FarField(directions=[[-1.0, 0, 0], [0.6, 0, 0.8]]),
+        )  # fmt: skip
+        for light in (
+            sg.CollimatedBeams(directions=[[0.0, 0.0, 1.0]], width=1e6, profile=profile),
+            sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]),
+        )
+    )
+    one, two = estimate(beam), estimate(plane)
+    assert (one.intensity > 0).all()
+    np.testing.assert_allclose(one.intensity, two.intensity, rtol=1e-9)
+
+
 @pytest.mark.parametrize("above", [1.2e-13, 1e-9])
 def test_a_sensor_within_rounding_of_a_face(above):
     """Far from the origin: vertices that rounding would put beside where they were drawn are left out."""
