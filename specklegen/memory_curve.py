@@ -291,9 +291,13 @@ def _of_screens(medium: ThinMedium, wavelength: float, tilts: ArrayLike, mode: M
     )  # fmt: skip
 
 
+_FAINTEST = 1e-290
+"""Light below which its products have lost their digits: as good as none."""
+
+
 def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
     kernel = estimate_correlation(medium, paths, seed, threads=threads)
-    if not kernel.weights.any():
+    if not kernel.weights.sum() > _FAINTEST:
         return _dark(len(light))
     q = 2 * np.pi / wavelength * light[:, 0]
     intensity, decorrelation, error = kernel.intensity(q)
@@ -304,7 +308,7 @@ def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, t
 def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
     """K_t = E[w e^(ik t . R)] / E[w], R the lateral way from face to face about the first pair."""
     kernel = estimate_oblique_correlation(medium, AXIS, view, paths, seed, threads=threads)
-    if not kernel.weights.any():
+    if not kernel.weights.sum() > _FAINTEST:
         return _dark(len(light))
     k = 2 * np.pi / wavelength
     sums = [kernel.weights * np.exp(1j * k * (kernel.displacement @ tilt)) for tilt in light[:, :2]]
@@ -345,7 +349,7 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
     found = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
     sums, single = np.array([both for both, _ in found]), sum(alone for _, alone in found)
     total = sums[:, 2 * n].real.sum()
-    if total == 0:
+    if not total > _FAINTEST:
         return _dark(n)
 
     def normalised(part: np.ndarray) -> np.ndarray:

@@ -399,3 +399,14 @@ def test_bad_input_is_named(case):
     good = {"wavelength": WAVELENGTH, "tilts": [0.0], "paths": 10}
     with pytest.raises(RuleError, match=message):
         sg.memory_effect(slab(2), **(good | changes))
+
+
+@pytest.mark.parametrize("mode", ["transmission", "reflection"])
+def test_light_without_digits_is_dark(mode):
+    """At an albedo of 2e-308 weights are denormal: their ratios were 1.001 for 1, or overflowed."""
+    particles = sg.VonMisesFisher(concentration=5.6)
+    medium = sg.Slab(thickness=1e-9, mean_free_path=1.0, albedo=2.2250738585072014e-308, scatterer=particles)
+    with np.errstate(all="raise", under="ignore"):
+        found = sg.memory_effect(medium, wavelength=1.0, tilts=[0.0, 0.01], mode=mode, paths=64)
+    assert np.isnan(found.intensity).all()
+    assert np.isnan(found.field).all()
