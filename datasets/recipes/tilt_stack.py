@@ -69,13 +69,14 @@ class TiltStack(Recipe):
         material = self.material_of(seed, split, medium)
         angles, tilted = self.tilts.drawn(generator(substream(seed, split, Purpose.TILTS, medium)))
         view = self.view(material.slab, angles)
-        looked = view.seen, view.shape, view.pitch, np.sin(angles), self.mode_tolerance
         parameters = material.parameters(view.seen.wavelength) | {
             "width": view.seen.width,
             "camera_pitch": view.seen.grid.pitch,
             **tilted,
         }
-        sampler = partial(self.object_sampler, material, *looked)
+        sampler = partial(
+            self.object_sampler, material, view.seen, view.shape, view.pitch, np.sin(angles), self.mode_tolerance
+        )
         media = lambda made: [draw_medium(self.light, made, seed, split, medium)]  # noqa: E731
         return realization(self, view, sampler, media, parameters, (seed, split, medium), share=False)
 

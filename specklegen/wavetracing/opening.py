@@ -145,9 +145,9 @@ def crossing(starts: np.ndarray, ends: np.ndarray) -> tuple[int, int] | None:
     # Of edges in the order of their left ends, those up to the last that begins before this one ends.
     last = np.searchsorted(left[order], right[order], side="right")
     count = np.maximum(last - np.arange(len(order)) - 1, 0)
-    done = 0
+    total, done = np.cumsum(count), 0
     while done < len(order):
-        until = max(done + 1, int(np.searchsorted(np.cumsum(count), np.cumsum(count)[done] + _PAIRS)))
+        until = max(done + 1, int(np.searchsorted(total, total[done] + _PAIRS)))
         rows = np.arange(done, min(until, len(order)))
         first = np.repeat(rows, count[rows])
         second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(count[rows]) - count[rows], count[rows])

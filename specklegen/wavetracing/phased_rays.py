@@ -43,7 +43,7 @@ from specklegen.wavetracing.wedge import NEAREST, geometric_shares, wedge_coeffi
 
 _CLEAR = 1e-7  # of a leg's length, at both of its ends, in which nothing blocks it
 _ROUNDING = 1e-12  # radians from a boundary at which its angle, not a query of the ray, says what is seen
-_MOST = 50_000  # of facets and edges on a path: some minutes
+_MOST = 50_000  # combinations of facets and edges
 _ROUNDS = 60  # of unfolding at one edge, then the other
 _STILL = 1e-14  # of an edge's length: a step of that unfolding that is none
 
@@ -213,7 +213,7 @@ def phase_rays(
     ------
     RuleError
         For arguments out of range; points or a source nearer to an edge on a path than 1 / k, where there is no ray
-        yet; more than 50000 combinations of facets and edges, which take minutes.
+        yet; more than 50000 combinations of facets and edges.
 
     A `DoubtWarning` says where edges are shorter than the Fresnel zone of the nearest point: corners matter there, from
     which there are no rays.
