@@ -1,5 +1,6 @@
 """The mean field of every geometry: closed forms, brute force, symmetries and the wave solver."""
 
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -9,6 +10,7 @@ from scenes import DATA
 import specklegen as sg
 from specklegen.core.values import Value
 from specklegen.mean import finite
+from specklegen.mean.quadrature import _Axis, _panels
 from specklegen.scene.window import Window
 
 SCATTERER = sg.HenyeyGreenstein(g=0.6)
@@ -409,3 +411,16 @@ def test_a_dear_mean_is_not_judged():
     big = scene(voxels(box((900.0, 900.0), 500.0), (2, 2)), at([0.0, 50.0]), at(np.arange(0, 360, 15)))
     said = next(v.reason for v in sg.plan(big, paths=16).decisions if v.part.startswith("mean"))
     assert "not judged: mean_field must be an integral of at most" in said
+
+
+def test_nodes_are_counted_before_they_are_made():
+    """5e8 nodes of one axis would take 12 GB; those that there may be are made."""
+    axis = _Axis(np.array([0.0, 1.0]), np.array([1e9]))
+    tracemalloc.start()
+    assert _panels(axis, np.inf, 1 / 8, 4_000_000) is None
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**20
+    few = _panels(axis._replace(rates=np.array([100.0])), np.inf, 1 / 8, 4_000_000)
+    assert few is not None
+    assert few[1].sum() == pytest.approx(1, rel=1e-12)
