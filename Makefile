@@ -4,13 +4,19 @@ PYTHON ?= python3
 TORCH ?= torch==2.13.0
 BIN = .venv/bin
 
-.PHONY: demo test lint bench docs linkcheck clean
+.PHONY: demo test quick lint speed docs linkcheck clean
+
+# Tests of values, of kernels and of the one program that draws: what most changes break.
+QUICK = tests/core tests/scene tests/instrument tests/kernels tests/theory tests/synthesis \
+	tests/planning/test_units.py tests/planning/test_before_allocation.py tests/test_closed_lists.py tests/test_scene_types.py \
+	tests/datasets/test_split.py tests/datasets/test_random_words.py tests/datasets/objects \
+	tests/datasets/loading/test_stream.py
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet "$(TORCH)"
-	$(BIN)/pip install --quiet --editable ".[dev,digits,mie,dask,mesh,validate,parquet,remote]"
+	$(BIN)/pip install --quiet --editable ".[dev,digits,mie,dask,mesh,validate,parquet,remote,hdf5]"
 	touch $@
 
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/
@@ -19,13 +25,18 @@ demo: .venv/installed  ## generate a small training set, stream it, leave pictur
 test: .venv/installed lint  ## lint, types, import contracts, then the tests
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
 
+quick: .venv/installed  ## a selection of the tests, about three minutes on a quiet machine; first failure ends it
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -x $(QUICK)
+
 lint: .venv/installed
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/pyright
+	$(BIN)/python scripts/count_scene_types.py
 
-bench: .venv/installed  ## the ratios of the performance page, one core
+speed: .venv/installed  ## the ratios of the performance page, one core
 	$(BIN)/python scripts/benchmark.py
+
 
 .venv/installed-docs: .venv/installed
 	$(BIN)/pip install --quiet --editable ".[docs]"

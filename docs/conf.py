@@ -83,7 +83,7 @@ _OUTSIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICE
 """Files of the repository's root that are pages of the site too, in the folder project/."""
 
 
-PACKAGES = ("", ".datasets", ".models", ".coherence", ".wavetracing", ".fdtd")
+PACKAGES = ("", ".datasets", ".models", ".coherence", ".instrument", ".measured", ".wavetracing", ".fdtd")
 """Packages whose names are public."""
 
 

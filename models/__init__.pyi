@@ -1,5 +1,6 @@
 from .judging.benchmark import benchmark as benchmark
 from .judging.evaluation import evaluate as evaluate
+from .learning.networks.network import Network as Network
 from .learning.reconstructor import Reconstructor as Reconstructor
 from .learning.reconstructor import load_pretrained as load_pretrained
 from .learning.solver import Solver as Solver
@@ -15,8 +16,9 @@ from .likelihood.periodogram import periodogram as periodogram
 from .metrics import align as align
 from .metrics import bootstrap as bootstrap
 from .metrics import scores as scores
-from .recoverability.after_image import see_through as see_through
+from .recoverability.assessment import reconstruct_and_assess as reconstruct_and_assess
 from .recoverability.verdict import Verdict as Verdict
 from .recoverability.verdict import recoverable as recoverable
+from .retrieval.measured_memory_effect import measured_memory_effect as measured_memory_effect
 from .retrieval.phase_retrieval import Retrieval as Retrieval
 from .retrieval.phase_retrieval import retrieve as retrieve

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from specklegen.core.arguments import real_array, real_number, real_tensor, whole_number
 from specklegen.core.errors import reject
 
 _WINDOW, _SIGMA = 11, 1.5  # of Wang et al. 2004
@@ -218,19 +219,23 @@ def bootstrap(
     >>> round(found.mean, 3)
     0.75
     """
-    values, media = np.asarray(values, dtype=np.float64), np.asarray(media)
+    values, media = real_array("bootstrap.values", values), real_array("bootstrap.media", media)
     if values.shape != media.shape or values.ndim != 1:
         reject("bootstrap.media", f"one for each of the {values.shape} values", media.shape)
     if not np.isfinite(values).all():
         reject("bootstrap.values", "finite", values)
+    confidence = real_number("bootstrap.confidence", confidence)
+    resamples = whole_number("bootstrap.resamples", resamples, 1, 10**7)
     if not 0 < confidence < 1:
         reject("bootstrap.confidence", "between 0 and 1", confidence)
     names, which = np.unique(media, return_inverse=True)
     if len(names) < 2:
         reject("bootstrap.media", "at least two different ones", names, "One medium tells nothing about the others.")
-    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    rng = np.random.default_rng(np.random.SeedSequence(whole_number("bootstrap.seed", seed)))
     drawn = rng.multinomial(len(names), np.full(len(names), 1 / len(names)), size=resamples)
-    shown = np.full(len(media), -1) if characters is None else np.asarray(characters)
+    shown = np.full(len(media), -1) if characters is None else real_array("bootstrap.characters", characters)
+    if shown.shape != media.shape:
+        reject("bootstrap.characters", f"one for each of the {values.shape} values", shown.shape)
     kinds, kind = np.unique(shown[shown >= 0], return_inverse=True)
     if len(kinds) < 2:
         means = (drawn @ np.bincount(which, values)) / (drawn @ np.bincount(which))
@@ -245,5 +250,7 @@ def bootstrap(
 
 
 def _require_alike(image: Tensor, target: Tensor) -> None:
+    real_tensor("image", image)
+    real_tensor("target", target)
     if image.shape != target.shape or image.ndim < 2:
         reject("image", f"of the target's shape [..., H, W], {tuple(target.shape)}", tuple(image.shape))

@@ -1,4 +1,4 @@
-"""Speed and memory of the engine as ratios, in one run on one thread: what `make bench` prints.
+"""Speed and memory of the engine as ratios, in one run on one thread: what `make speed` prints.
 
 One example throughout: a slab of 2000 wavelengths, optical depth 10, g = 0.9; five
 tilts 0.0025 degrees apart, 101 x 101 views 0.000125 degrees apart, a window of 1e5 wavelengths, 1e5 paths.
@@ -24,19 +24,20 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+import torch
 from error_time.machine import circumstances
 
 import specklegen as sg
 from specklegen.core.memory import resident_memory
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.oracles.naive_numba import naive_field
 from specklegen.paths.phases import random_phases
 from specklegen.paths.tracer import volume_tracer
 from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.path_sums.nufft import nufft_field
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
-from specklegen.samplers.stationary.objects import object_sampler
-from specklegen.samplers.stationary.stacks import stack_sampler
 from specklegen.scene.sensors import Side
+from specklegen.synthesis.objects import object_imaging, object_media
+from specklegen.synthesis.stacks import stack_sampler
 
 PATHS = 100_000
 WIDTH = 1e5
@@ -195,18 +196,18 @@ def object_seconds(kernel: MemoryEffectCorrelation, repeats: int, times: int) ->
     """Seconds for ``times`` images of objects (35 % filled) over half a memory-effect range, and the modes used."""
     extent = 0.5 * kernel.half_range() / (2 * np.pi)  # direction sine of the full side, wavelength 1
     camera = sg.FarField.grid(shape=(128, 128), pitch=0.5 / WIDTH)
-    sampler = object_sampler(
+    imaging = object_imaging(
         kernel, wavelength=1.0, object_shape=(28, 28), object_pitch=extent / 28, width=WIDTH, grid=camera
     )
     objects = np.random.default_rng(0).random((times, 28, 28))
-    objects = np.where(objects < 0.35, objects / 0.35, 0.0)
-    spectra = sampler.spectra(sampler.medium(0))
+    lights = torch.from_numpy(np.where(objects < 0.35, objects / 0.35, 0.0)).to(torch.float32)[:, None]
+    kept = object_media(imaging, 0).shared()
     fresh, shared = seconds(
-        lambda n: [sampler.image(sampler.medium(n, r), picture) for r, picture in enumerate(objects)],
-        lambda n: [sampler.image(spectra, picture) for picture in objects],
+        lambda n: [object_media(imaging, n, r).images(light) for r, light in enumerate(lights)],
+        lambda n: [kept.images(light) for light in lights],
         repeats=repeats,
     )
-    return fresh, shared, sampler.rank
+    return fresh, shared, imaging.rank
 
 
 def thread_rows(repeats: int) -> list[Row]:

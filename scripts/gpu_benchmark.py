@@ -22,12 +22,10 @@ import torch
 
 import specklegen as sg
 from specklegen.datasets import load_recipe
-from specklegen.datasets.batched import fresh, plan
-from specklegen.datasets.batched.generator import SpeckleGenerator
-from specklegen.datasets.batched.samplers import Samplers
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
-from specklegen.samplers.stationary.objects import object_sampler
-from specklegen.samplers.stationary.stacks import stack_sampler
+from specklegen.datasets.recipes.generator import SpeckleGenerator
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
+from specklegen.synthesis.objects import object_imaging, object_media
+from specklegen.synthesis.stacks import stack_sampler
 
 WIDTH = 1e5
 MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
@@ -103,15 +101,14 @@ def hidden_objects(kernel: MemoryEffectCorrelation, device: torch.device, repeat
     pitch = 0.5 * kernel.half_range() / (2 * np.pi) / 28
     camera = sg.FarField.grid((128, 128), pitch=0.5 / WIDTH)
     arguments = {"wavelength": 1.0, "object_shape": (28, 28), "object_pitch": pitch, "width": WIDTH, "grid": camera}
-    sampler, plain = object_sampler(kernel, device=device, **arguments), object_sampler(kernel, **arguments)
+    imaging, plain = object_imaging(kernel, device=device, **arguments), object_imaging(kernel, **arguments)
     picture = np.random.default_rng(0).random((28, 28))
-    picture = np.where(picture < 0.35, picture / 0.35, 0.0)
-    error = agreement(sampler.image(sampler.medium(0), picture), plain.image(plain.medium(0), picture), 1e-4)
+    light = torch.from_numpy(np.where(picture < 0.35, picture / 0.35, 0.0)).to(torch.float32)[None]
+    there = light.to(device)
+    error = agreement(object_media(imaging, 0).images(there), object_media(plain, 0).images(light), 1e-4)
     times = 20
-    took = (
-        seconds(lambda: [sampler.image(sampler.medium(1, r), picture) for r in range(times)], device, repeats) / times
-    )
-    transforms = sampler.rank * (sampler.rank + 1) / 2 + sampler.rank
+    took = seconds(lambda: [object_media(imaging, 1, r).images(there) for r in range(times)], device, repeats) / times
+    transforms = imaging.rank * (imaging.rank + 1) / 2 + imaging.rank
     return {
         "rate": 1 / took, "error": error,
         "bytes": 8.0 * 128**2 * 4 * transforms,
@@ -127,24 +124,15 @@ STREAMS = (
 
 def needs(generator: SpeckleGenerator, numbers: list[int]) -> tuple[float, float]:
     """Bytes and operations that one image cannot do without, on average: every array written once and read once."""
-    height, width = generator.recipe.camera_shape
-    frames, h, w = 1, 1, 1
-    if generator.way == plan.DRAWN:
-        (h, w), tilts = plan.beams_of(generator.recipe)
-        ranks = generator.ranks(generator.prepare(numbers)[0])
-        (rows, columns), cells = generator.sizes.lags, np.prod(generator.sizes.cells)
-    elif generator.way == plan.KEPT:
-        assert generator.library is not None
-        groups = generator.library.groups
-        ranks = [groups[group].samplers.modes.shape[2] for group, _ in generator.library.places]
-        rows, columns, cells = groups[0].spectra.shape[2], 2 * groups[0].spectra.shape[3] - 2, 0
-        tilts, h, w = groups[0].samplers.tilts.shape[1], *_pixels(groups[0].samplers)
-    else:
-        media, frames = generator.media, fresh.frames_of(generator.recipe)
-        ranks, tilts, (h, w) = [media.samplers.modes.shape[2]], 1, _pixels(media.samplers)
-        (rows, columns), cells = media.lags, media.envelope[0].numel()
-    half, found = columns // 2 + 1, []
-    for rank in ranks:
+    recipe = generator.recipe
+    (height, width), frames = recipe.camera_shape, recipe.frames
+    made = generator.media(list(dict.fromkeys(recipe.medium_number(n) for n in numbers)))
+    found = []
+    for group, _ in made.at:
+        imaging = made.groups[group][1]
+        (rows, columns), (h, w), tilts, rank = imaging.lags, imaging.shape, imaging.modes.shape[1], imaging.rank
+        cells = 0 if recipe.shares_media else imaging.envelope[0].numel()  # media that come again are kept
+        half = columns // 2 + 1
         pairs = rank * (rank + 1) / 2
         noise = 16 * rank * cells + 16 * rank * rows * columns + 8 * pairs * rows * columns if cells else 0
         sums = 16 * pairs * rows * half + 16 * tilts * pairs * rows * half
@@ -155,10 +143,6 @@ def needs(generator: SpeckleGenerator, numbers: list[int]) -> tuple[float, float
         found.append((frames * (noise + sums + camera), frames * (transforms + images) + objects))
     mean_bytes, operations = np.mean(found, axis=0)
     return float(mean_bytes), float(operations)
-
-
-def _pixels(made: Samplers) -> tuple[int, int]:
-    return made.transforms["object_rows"].shape[2], made.transforms["object_columns"].shape[1]
 
 
 def stream(name: str, device: torch.device, repeats: int) -> dict[str, float]:
@@ -246,10 +230,10 @@ def naive(kernel: MemoryEffectCorrelation, device: torch.device, repeats: int) -
         return total / (light.sum() * cells**2)
 
     camera = sg.FarField.grid((views, views), pitch=cells / (views * width))
-    sampler = object_sampler(
+    imaging = object_imaging(
         kernel, wavelength=1.0, object_shape=(side, side), object_pitch=pitch, width=width, grid=camera
     )
-    expected = sampler.contrast(light.cpu().numpy().reshape(side, side))
+    expected = float(imaging.contrast(light.cpu().double().view(1, side, side)))
     seen = torch.stack([image() for _ in range(12)])
     variances = (seen - 1).square().mean((1, 2)).cpu()  # about their expected value
     error = float((variances.mean() - expected**2) / (variances.std() / len(seen) ** 0.5))

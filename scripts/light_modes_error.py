@@ -7,10 +7,10 @@ effect for all). Run: python scripts/light_modes_error.py
 
 import numpy as np
 
-from specklegen.samplers.stationary.correlation import estimate_correlation
-from specklegen.samplers.stationary.spectrum import SpectralCorrelation, estimate_spectral_correlation, light_modes
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein
+from specklegen.synthesis.spectrum import SpectralCorrelation, estimate_spectral_correlation, light_modes
 
 PATHS, THICKNESS = 100_000, 1000.0
 MATERIALS = ((10.0, 0.9), (10.0, 0.0), (5.0, 0.7), (20.0, 0.95))

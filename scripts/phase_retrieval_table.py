@@ -28,12 +28,12 @@ from specklegen.core.statistics import wilson
 from specklegen.datasets import load_recipe
 from specklegen.datasets.objects import Glyphs, ObjectFamily, Photographs, Points
 from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.models.metrics import align, pearson
 from specklegen.models.retrieval.apodisation import diffraction_limited, framed, transfer_function
 from specklegen.models.retrieval.autocorrelation import autocorrelation, memory_effect_at_lags
 from specklegen.models.retrieval.phase_retrieval import BETAS, Retrieval, retrieve
 from specklegen.models.retrieval.restarts import lowest_error
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
 
 FAMILIES: dict[str, ObjectFamily] = {"points": Points(), "glyphs": Glyphs(), "photographs": Photographs()}
 EXTENTS = {"points": (0.5, 1.0, 2.0, 3.0), "glyphs": (0.5, 1.0, 2.0), "photographs": (0.5,)}
@@ -160,13 +160,12 @@ def cells(media: int, split: str) -> Iterator[Cell]:
         kept = {family: ([], [], []) for family in families}
         for medium in range(media):
             ready = scene.prepare(0, split, medium)  # type: ignore[arg-type]
-            shared = ready.media[0]
-            if len(families) > 1 and ready.sampler.spectra_bytes < 2**27:
-                shared = ready.sampler.spectra(shared)
+            seen = ready.seen
+            if len(families) > 1 and ready.imaging.spectra_bytes < 2**27:
+                seen = seen.shared()
             for family in families:
                 brightness = FAMILIES[family].image(0, split, medium)  # type: ignore[arg-type]
-                image = ready.sampler.image(shared, brightness).double()
-                image /= ready.sampler.mean * brightness.sum()
+                image = seen.images(torch.from_numpy(brightness)[None])[0, 0].double()
                 for store, value in zip(
                     kept[family],
                     (torch.from_numpy(brightness), measured(image, family, extent, medium), image[:160, :160]),

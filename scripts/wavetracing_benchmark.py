@@ -21,21 +21,21 @@ import numpy as np
 from numba import njit
 
 from specklegen.core.errors import DoubtWarning
-from specklegen.kernels import cone_bvh, ray_bvh
-from specklegen.kernels.region_patterns import draw_polygons
 from specklegen.wavetracing import CollimatedEmitter, Cone, Geometry, Mesh, Plane, perforated_screen, trace
+from specklegen.wavetracing.kernels import cone_bvh, ray_bvh
+from specklegen.wavetracing.kernels.region_patterns import draw_polygons
 
 RAYS = 100_000
 NO_FACETS = np.empty(0, np.int32)
 
 
 @njit(nogil=True)
-def _cones(origins, cone, boxes, link, corners, depths):
+def _cones(origins, cone, tree, depths):
     """Move one cone to many origins; return the nodes visited."""
     visited = 0
     for n in range(origins.shape[0]):
         cone[:3] = origins[n]
-        depths[n], _, count = cone_bvh.closest(cone, 0.0, np.inf, boxes, link, corners)
+        depths[n], _, count = cone_bvh.closest(cone, 0.0, np.inf, tree)
         visited += count
     return visited
 
@@ -83,16 +83,12 @@ class Queries:
 
     def rays(self) -> int:
         """Nodes visited by all rays."""
-        tree = self.scene
-        return ray_bvh.nearest_of(
-            self.origins, self.directions, 0.0, NO_FACETS, tree.boxes, tree.link, tree.corners, self.out, self.place
-        )
+        return ray_bvh.nearest_of(self.origins, self.directions, 0.0, NO_FACETS, self.scene.tree, self.out, self.place)
 
     def cones(self, radius: float, count: int = RAYS) -> int:
         """Nodes visited by ``count`` cones of a width."""
-        tree = self.scene
         cone = Cone(np.zeros(3), np.eye(3), radius, radius, 1e-6, 1e-6).packed()
-        return _cones(self.origins[:count], cone, tree.boxes, tree.link, tree.corners, self.out[:count])
+        return _cones(self.origins[:count], cone, self.scene.tree, self.out[:count])
 
     @property
     def triangle(self) -> float:
@@ -165,9 +161,7 @@ def screens() -> None:
     source, count = CollimatedEmitter([-1, -1, -10], [1, 1, -10], [0, 0, 1.0], 10.0, 1.0), 4000
 
     def rays() -> None:
-        ray_bvh.nearest_of(
-            origins, directions, 0.0, NO_FACETS, scene.boxes, scene.link, scene.corners, out, place
-        )
+        ray_bvh.nearest_of(origins, directions, 0.0, NO_FACETS, scene.tree, out, place)
 
     for amplitude in ("auto", "gaussian"):
         ray, beam = best(

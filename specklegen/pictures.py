@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from specklegen.core.statistics import autocorrelation
-from specklegen.memory_curve import MemoryEffect
+from specklegen.memory_effects.curve import MemoryEffect
+from specklegen.memory_effects.temporal import TemporalCorrelation
 from specklegen.theory.slab import memory_effect_diffusion
 
 
@@ -115,6 +116,15 @@ def memory_effect_figure(curves: Mapping[str, MemoryEffect], out: Path) -> Path:
     for label, curve in curves.items():
         curve.plot(axes, label=label)
     axes.legend(frameon=False)
+    return _save(figure, out)
+
+
+def temporal_figure(curves: Mapping[str, TemporalCorrelation], out: Path) -> Path:
+    """Draw |g1|^2 of labelled curves over the lag, with error bars, into a PNG."""
+    figure, axes = _figure(1, 1, 6.5, 4.2)
+    for label, curve in curves.items():
+        curve.plot(axes[0, 0], label=label)
+    axes[0, 0].legend(frameon=False)
     return _save(figure, out)
 
 

@@ -6,29 +6,29 @@ The planner asks every sampler (:mod:`specklegen.samplers`) and holds the one th
 then draws one realization after the other.
 """
 
-import warnings
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from specklegen.core.arguments import instance, whole_number
-from specklegen.core.budgets import checked_budget, paths_for
+from specklegen.core.arguments import flag, instance, whole_number
+from specklegen.core.budgets import Budget, Reverse, paths_within, require_time
 from specklegen.core.decision import Decision
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.display.plot import Pictured, draw_stack
+from specklegen.core.display.repr import summary
+from specklegen.core.errors import reject, warn_user
+from specklegen.core.memory import require_memory
 from specklegen.core.parallel import one_blas_thread
-from specklegen.core.picturing import Pictured, draw_stack
 from specklegen.core.random_streams import Seed, pilot_seed
-from specklegen.core.showing import summary
+from specklegen.core.shielded import shielded
 from specklegen.mean.field import mean_field
 from specklegen.paths.gaussianity import Gaussianity
-from specklegen.paths.reversal import Reverse
 from specklegen.planning.plan import Plan
-from specklegen.planning.planning import plan
-from specklegen.samplers.sampler import SamplerName, require_finite
-from specklegen.scene.illumination import IncoherentObject
+from specklegen.planning.planning import planned
+from specklegen.samplers.sampler import AnySampler, require_finite
 from specklegen.scene.scene import Scene
 
 
@@ -133,6 +133,7 @@ class SpeckleStack(Pictured):
         return np.square(self.field.real) + np.square(self.field.imag)
 
 
+@shielded()
 def render(
     scene: Scene,
     *,
@@ -141,7 +142,7 @@ def render(
     seconds: float | None = None,
     seed: Seed = 0,
     realizations: int | None = None,
-    sampler: SamplerName = "auto",
+    sampler: AnySampler = "auto",
     reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
@@ -159,19 +160,15 @@ def render(
 
     Parameters
     ----------
-    scene, paths, rel_error, sampler, reverse, field_tolerance
+    scene, rel_error, sampler, field_tolerance
         See :func:`specklegen.plan`.
-    seconds
-        Instead of ``paths``, or as a limit to ``rel_error``: as many paths as this time allows here, planning left
-        out. The count, which the report states, is fixed before the run and gives the same bits as ``paths=`` it.
-    seed
-        A whole number, or a sequence of them; see above for what it fixes.
+    paths, seconds, seed, reverse, threads
+        See :class:`specklegen.core.budgets.Budget`; above for what a seed fixes. ``seconds`` are those of all
+        realizations, planning left out.
     realizations
         Number of media; None renders one and drops the axis.
     mean
         Add the mean field m.
-    threads
-        Threads; by default all cores this process may run on.
 
     Returns
     -------
@@ -193,23 +190,44 @@ def render(
     >>> stack.field.shape  # media, tilts, rows, columns
     (3, 2, 16, 16)
     """
-    instance("render scene", scene, Scene)
-    if realizations is not None:
-        whole_number("render realizations", realizations, 1)
-    if mean and isinstance(scene.illumination, IncoherentObject):
-        reject("mean", "False for an incoherent object", mean, "Its ballistic image is not modelled.")
-    checked_budget("render", paths, rel_error, seconds)
-    choose = partial(
-        plan, scene, sampler=sampler, reverse=reverse, mean=mean, field_tolerance=field_tolerance, threads=threads
+    budget = Budget("render", paths, rel_error, seconds, seed, threads, reverse)
+    return rendered(
+        scene, budget, realizations=realizations, sampler=sampler, mean=mean, field_tolerance=field_tolerance
     )
-    if seconds is not None:
-        paths = _paths_within(choose, rel_error, seconds / (realizations or 1), threads)
-        rel_error = None
-    made = choose(paths=paths, rel_error=rel_error)
+
+
+def rendered(
+    scene: Scene,
+    budget: Budget,
+    *,
+    realizations: int | None = None,
+    sampler: AnySampler = "auto",
+    mean: bool = False,
+    field_tolerance: float = 1e-3,
+) -> SpeckleStack:
+    """Render within a budget, for the verb that owns it; see :func:`render`."""
+    instance(f"{budget.owner} scene", scene, Scene)
+    if realizations is not None:
+        whole_number(f"{budget.owner} realizations", realizations, 1)
+    if flag("mean", mean) and not scene.illumination.coherent:
+        reject("mean", "False for an incoherent object", mean, "Its ballistic image is not modelled.")
+    choose = partial(planned, scene, sampler=sampler, mean=mean, field_tolerance=field_tolerance)
+    budget = _without_seconds(choose, budget, realizations or 1)
+    made = choose(budget)
+    each = 8 * len(scene.lights) if scene.illumination.coherent else 4  # bytes of a view, under all tilts
+    held = (realizations or 1) * math.prod(scene.sensor.shape) * each
+    require_memory(
+        f"{budget.owner} realizations", "held", (2 if mean else 1) * held, f"{realizations or 1} media",
+        "Render fewer at a time, each range under a seed of its own.", share=0.9,
+    )  # fmt: skip
+    require_time(
+        f"{budget.owner} paths", made.seconds * (realizations or 1), f"{made.paths} paths, {realizations or 1} media",
+        "Ask for fewer paths, or for a larger rel_error.",
+    )  # fmt: skip
     remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
     for doubt in made.doubts:
-        warnings.warn(f"{doubt}.{remedy}", DoubtWarning, stacklevel=2)
-    images, connections, unfinished = _drawn(made, seed, realizations or 1, threads)
+        warn_user(f"{doubt}.{remedy}")
+    images, connections, unfinished = _drawn(made, budget.seed, realizations or 1, budget.threads)
     if mean:
         images = images + mean_field(scene).astype(np.complex64)
     require_finite(images)
@@ -227,7 +245,7 @@ def render(
         mean_added=mean,
         decisions=made.decisions,
     )
-    if isinstance(scene.illumination, IncoherentObject):
+    if not scene.illumination.coherent:
         return SpeckleStack(None, images, report)
     return SpeckleStack(images, None, report)
 
@@ -236,7 +254,7 @@ def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
     """Every realization [R, ...] by the sampler that was planned, and their connections and unfinished paths."""
     images, connections, unfinished = np.empty(0), 0, 0
     with one_blas_thread():
-        for r, each in enumerate(made.chosen.prepare(seed, threads).images(realizations)):
+        for r, each in enumerate(made.chosen.prepare(seed, threads).media(realizations)):
             if r == 0:
                 images = np.empty((realizations, *each.image.shape), each.image.dtype)
             images[r] = each.image
@@ -245,15 +263,20 @@ def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
     return images, connections, unfinished
 
 
-def _paths_within(
-    choose: Callable[..., Plan], rel_error: float | None, seconds: float, threads: int | None
-) -> int:
-    """Paths that a time allows, or those of an error if they are fewer; pilots run under a seed of their own."""
+def _without_seconds(choose: Callable[[Budget], Plan], budget: Budget, realizations: int) -> Budget:
+    """The budget with the paths that its time allows, or those of its error if they are fewer.
+
+    Pilots run under a seed of their own.
+    """
+    if budget.seconds is None:
+        return budget
 
     def pilot(count: int) -> float:
-        made = choose(paths=count)
-        _drawn(made, pilot_seed(made.scene.unitless_fingerprint()), 1, threads)
+        made = choose(replace(budget, paths=count, rel_error=None, seconds=None))
+        _drawn(made, pilot_seed(made.scene.unitless_fingerprint()), 1, budget.threads)
         return made.expected_error
 
-    allowed = paths_for(0, None, None, seconds, pilot)
-    return allowed if rel_error is None else min(allowed, choose(rel_error=rel_error).paths)
+    paths = paths_within(budget.seconds / realizations, pilot)
+    if budget.rel_error is not None:
+        paths = min(paths, choose(replace(budget, seconds=None)).paths)
+    return replace(budget, paths=paths, rel_error=None, seconds=None)

@@ -7,7 +7,6 @@ Path sums come in tiles of at most 512 x 512 views and sixteen tilts, stationary
 is traced once where its connections fit, else once a piece.
 """
 
-import warnings
 from collections.abc import Iterator
 from itertools import chain, islice
 from pathlib import Path
@@ -16,17 +15,19 @@ from typing import Any
 import numpy as np
 
 from specklegen.core.arguments import instance
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.budgets import Budget, Reverse, require_time
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.libraries import library_versions
 from specklegen.core.random_streams import Seed
+from specklegen.core.shielded import shielded, shielded_steps
+from specklegen.core.whole_files import making
 from specklegen.mean.field import mean_field
-from specklegen.paths.reversal import Reverse
-from specklegen.planning.planning import plan, streaming_obstacle
-from specklegen.samplers.sampler import SamplerName, Where, require_finite
+from specklegen.planning.planning import planned, streaming_obstacle
+from specklegen.samplers.sampler import AnySampler, Where, require_finite
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid
 
 
+@shielded()
 def render_tiles(
     scene: Scene,
     *,
@@ -34,7 +35,7 @@ def render_tiles(
     rel_error: float | None = None,
     seed: Seed = 0,
     realization: int | None = None,
-    sampler: SamplerName = "auto",
+    sampler: AnySampler = "auto",
     reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
@@ -76,15 +77,14 @@ def render_tiles(
     if obstacle or sampler == "covariance":
         served = "CollimatedBeams through a slab, seen by a FarFieldGrid"
         reject("render_tiles scene", served, obstacle or sampler, "Use render.")
-    made = plan(
-        scene, paths=paths, rel_error=rel_error, sampler=sampler, reverse=reverse, mean=mean,
-        field_tolerance=field_tolerance, streamed=True, threads=threads,
-    )  # fmt: skip
+    budget = Budget("render_tiles", paths, rel_error, seed=seed, threads=threads, reverse=reverse)
+    made = planned(scene, budget, sampler=sampler, mean=mean, field_tolerance=field_tolerance, streamed=True)
+    require_time("render_tiles paths", made.seconds, f"{made.paths} paths", "Ask for fewer, or a larger rel_error.")
     remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
     for doubt in made.doubts:
-        warnings.warn(f"{doubt}.{remedy}", DoubtWarning, stacklevel=2)
-    pieces = made.chosen.prepare(seed, threads).pieces(realization or 0)
-    return _with_mean(pieces, scene if mean else None)
+        warn_user(f"{doubt}.{remedy}")
+    pieces = made.chosen.prepare(seed, threads).fields(realization or 0)
+    return shielded_steps(_with_mean(pieces, scene if mean else None))
 
 
 def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **arguments):
@@ -100,7 +100,7 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
         See :func:`render_tiles`.
     out
         Folder of the group; chunks of the field are one tilt of the stack's pieces. It gets its name when it is
-        complete: until then it lies beside it as ``.NAME.unfinished``, which the next call for that folder replaces.
+        complete: until then it lies beside it under a temporary name (:mod:`specklegen.core.whole_files`).
     progress
         Show a bar.
 
@@ -135,27 +135,26 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     shape = (len(scene.beams.directions), *scene.sensor.shape)
     if out.exists():
         raise FileExistsError(f"{out} exists; choose another folder, or remove it.")
-    unfinished = out.with_name(f".{out.name}.unfinished")
     first = list(islice(pieces, 1))  # the largest: those at the far edges are cut off
     chunks = (1, *first[0][1].shape[1:]) if first else shape
-    group = zarr.create_group(str(unfinished), overwrite=True, attributes=_attributes(scene, arguments))
-    for name, dims, values, said in _axes(scene):
-        told: dict[str, Any] = {"long_name": said, "units": "1"}
-        axis = group.create_array(name, shape=values.shape, dtype="float64", dimension_names=dims, attributes=told)
-        axis[...] = values
     about: dict[str, Any] = {
         "long_name": "field; |field|^2 is a differential scattering cross-section for unit irradiance",
         "units": "unit of length",
         "coordinates": "x y tilt_x tilt_y",
     }
-    array = group.create_array(
-        "field", shape=shape, chunks=chunks, dtype="complex64", dimension_names=("tilt", "y", "x"), attributes=about
-    )
-    with tqdm(total=int(np.prod(shape)), unit="view", unit_scale=True, disable=not progress) as bar:
-        for where, field in chain(first, pieces):
-            array[where] = field
-            bar.update(field.size)
-    unfinished.rename(out)
+    with making(out) as temporary:
+        group = zarr.create_group(str(temporary), attributes=_attributes(scene, arguments))
+        for name, dims, values, said in _axes(scene):
+            told: dict[str, Any] = {"long_name": said, "units": "1"}
+            axis = group.create_array(name, shape=values.shape, dtype="float64", dimension_names=dims, attributes=told)
+            axis[...] = values
+        array = group.create_array(
+            "field", shape=shape, chunks=chunks, dtype="complex64", dimension_names=("tilt", "y", "x"), attributes=about
+        )
+        with tqdm(total=int(np.prod(shape)), unit="view", unit_scale=True, disable=not progress) as bar:
+            for where, field in chain(first, pieces):
+                array[where] = field
+                bar.update(field.size)
     return zarr.open_group(str(out), mode="r+")["field"]
 
 
@@ -171,8 +170,7 @@ def _attributes(scene: Scene, arguments: dict[str, Any]) -> dict[str, Any]:
 
 def _axes(scene: Scene) -> list[tuple[str, tuple[str, ...], np.ndarray, str]]:
     """Name, dimensions, values and meaning of each axis of a stack."""
-    grid = scene.sensor
-    assert isinstance(grid, FarFieldGrid)
+    grid = scene.grid
     (x, y), light = grid.sines, scene.beams.directions
     return [
         ("x", ("x",), x, "direction sine of the view in x, inside the medium"),
@@ -192,8 +190,7 @@ def _with_mean(pieces: Iterator[tuple[Where, np.ndarray]], scene: Scene | None) 
 
 def _part(scene: Scene, where: Where) -> Scene:
     """The scene with the tilts and views of a piece."""
-    grid, (tilts, rows, columns) = scene.sensor, where
-    assert isinstance(grid, FarFieldGrid)
+    grid, (tilts, rows, columns) = scene.grid, where
     x, y = grid.sines
     x, y = x[columns], y[rows]
     part = grid.replace(shape=(len(y), len(x)), center=((x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2))

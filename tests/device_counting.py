@@ -4,7 +4,7 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten
 
-from specklegen.datasets.batched.fused import KERNELS
+from specklegen.synthesis.fused import KERNELS
 
 # Operators that make no kernel: they allocate, or look at memory that is there.
 FREE = {

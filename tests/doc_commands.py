@@ -9,7 +9,7 @@ from scenes import ROOT
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
 PROGRAMS = r"(?:specklegen|make|pip|pytest|python|dask|torchrun|docker|rattler-build) [^=\n|]"
-PLACEHOLDERS = {"RECIPE": "through-slab", "NAME": "through-slab", "FILE": "bench.toml", "DIR": "made"}
+PLACEHOLDERS = {"RECIPE": "through-slab", "NAME": "through-slab", "FILE": "setup.toml", "DIR": "made"}
 """What pages leave to the reader, and what it is here."""
 
 

@@ -3,8 +3,8 @@
 import hashlib
 import os
 
-from specklegen.samplers.stationary import correlation_cache
-from specklegen.samplers.stationary.atlas import correlation_for
+from specklegen.memory_effects import cache
+from specklegen.memory_effects.atlas import correlation_for
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein
 
@@ -15,6 +15,6 @@ def use_and_delete(folder: str) -> list[str]:
     for _ in range(15):
         kernel = correlation_for(medium, paths=2000)
         seen.append(f"{kernel.source} {hashlib.sha256(kernel.weights.tobytes()).hexdigest()}")
-        for file in correlation_cache.folder().glob("*.kernel"):
+        for file in cache.folder().glob("*.kernel"):
             file.unlink(missing_ok=True)
     return seen

@@ -1,11 +1,13 @@
 """Small stores of a fake recipe, for the tests of data sets."""
 
+import os
 import subprocess
 import sys
 
 import numpy as np
 from fake_recipe import FakeRecipe, assert_same
 
+from specklegen.core.whole_files import AGE
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store.generate import generate
 
@@ -28,6 +30,13 @@ def contents(folder):
     """Return every file of a store but the claims, by its path."""
     files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.name != "locks"]
     return {str(file.relative_to(folder)): file.read_bytes() for file in files}
+
+
+def age(folder):
+    """Date what is not yet whole, in and beside the stores of a folder, as if nobody had touched it for long."""
+    for path in [*folder.rglob("*.partial"), *folder.rglob("*.creating")]:
+        then = path.stat().st_mtime - 2 * AGE
+        os.utime(path, (then, then))
 
 
 def claiming(file, number):

@@ -29,12 +29,12 @@ QUICK = [shell for shell in shells() if str(shell).startswith("docs/recipes.md")
 """Run by every `make test`; all others are slow."""
 
 NOT_RUN = {
-    "make (demo|test)": "test_newcomer.py runs the one; the other is this suite",
-    "make bench|python scripts/benchmark.py .*": "its answer is a time, on a quiet machine",
+    "make (demo|test|quick)": "test_newcomer.py runs the first; the others are this suite",
+    "make speed|python scripts/benchmark.py .*": "its answer is a time, on a quiet machine",
     "make docs": "test_site.py runs what it runs",
-    "pip install .*": "asks a package index; scripts/check_install.py runs it in a clean environment",
+    "pip install .*": "asks a package index; packaging/check_install.py runs it in a clean environment",
     "pytest (?!-m gpu).*": "files of this suite",
-    "python scripts/install_sizes.py .*": "installs gigabytes, and its answer depends on the day",
+    "python packaging/install_sizes.py .*": "installs gigabytes, and its answer depends on the day",
     "torchrun .*": "test_docs.py runs the program with as many processes",
     ".*SLURM_ARRAY_TASK_ID.*": "for a cluster; test_store.py runs all parts",
     "specklegen (train|info|verify|preview|train characters-of-new-fonts)": "a name; its arguments stand elsewhere",
@@ -47,10 +47,10 @@ NOT_RUN = {
     "python scripts/(figures/tan13|reproduce_figures|wave_openings).py .*": "hours; test_reproduce_figures.py",
     "python scripts/(plan_accuracy|wavetracing_benchmark).py": "its answer is times, on a quiet machine",
     "python scripts/gpu_benchmark.py .*": "its answer is times, on a quiet machine",
-    "python scripts/stability_report.py --slow": "an hour; test_stability.py runs its rows",
-    "python scripts/train_(any_object|through_slab).py.*": "an hour or more",
+    "python tests/stability_report.py --slow": "an hour; test_stability.py runs its rows",
+    "python scripts/build/train_(any_object|through_slab).py.*": "an hour or more",
     "python scripts/any_object_table.py .*": "an hour",
-    "python scripts/fit_recoverability.py (simulate|recipes) .*": "minutes to hours",
+    "python scripts/build/fit_recoverability.py (simulate|recipes) .*": "minutes to hours",
 }
 """Commands that are not run here, and why; those of scripts are checked for their options."""
 
@@ -85,45 +85,50 @@ SLOW = [shell for shell in shells() if shell not in QUICK and any(re.match(PROGR
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory) -> Path:
-    """The folder that the pages speak of: pictures, a bench, and the scripts."""
+def setup(tmp_path_factory) -> Path:
+    """The folder that the pages speak of: pictures, a setup, and the scripts."""
     folder = tmp_path_factory.mktemp("commands")
     (folder / "my-images").mkdir()
     for n in range(10):
         Image.fromarray(np.full((20, 20 + n), 20 * n + 9, np.uint8)).save(folder / "my-images" / f"{n}.png")
-    (folder / "bench.toml").write_text(next(b.text for b in blocks() if b.language == "toml" and "my-bench" in b.text))
+    rng = np.random.default_rng(0)  # frames of a camera, for fit-camera
+    for name, level, count in [(f"bright_{n}", 50 * 2**n, 2) for n in range(4)] + [("dark", 0, 2)]:
+        for n in range(count):
+            frame = (20 + rng.poisson(level, (64, 64)) + rng.normal(0, 2, (64, 64))).round().astype(np.uint16)
+            Image.fromarray(frame).save(folder / f"{name}_{n}.tif")
+    (folder / "setup.toml").write_text(next(b.text for b in blocks() if b.language == "toml" and "my-setup" in b.text))
     (folder / "scripts").symlink_to(ROOT / "scripts")
     (folder / "tests").symlink_to(ROOT / "tests")
     return folder
 
 
 @pytest.mark.parametrize("shell", QUICK, ids=str)
-def test_a_quick_command_runs_as_printed(shell, bench, monkeypatch):
-    monkeypatch.chdir(bench)
+def test_a_quick_command_runs_as_printed(shell, setup, monkeypatch):
+    monkeypatch.chdir(setup)
     for line in shell.lines:
         result = CliRunner().invoke(app, shlex.split(plain(line))[1:])
         assert result.exit_code == 0, f"{line}\n{result.output}"
 
 
 @pytest.fixture(scope="module")
-def store(bench) -> None:
+def store(setup) -> None:
     """The store that the page on data sets speaks of."""
-    generate(load_recipe("through-slab"), samples=96, folder=bench / "data" / "a.zarr", processes=1)
+    generate(load_recipe("through-slab"), samples=96, folder=setup / "data" / "a.zarr", processes=1)
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("store")
 @pytest.mark.parametrize("shell", SLOW, ids=str)
-def test_a_slow_command_runs_as_printed(shell, bench):
+def test_a_slow_command_runs_as_printed(shell, setup):
     if "reconstruct" in shell.lines[0]:
         for n in range(2):
-            frame = load_recipe(bench / "bench.toml").sample(0, "test", n)["image"]
-            Image.fromarray(np.asarray(frame, np.uint16)).save(bench / f"shot-{n}.tiff")
+            frame = load_recipe(setup / "setup.toml").sample(0, "test", n)["image"]
+            Image.fromarray(np.asarray(frame, np.uint16)).save(setup / f"shot-{n}.tiff")
     stop = f"echo {_ENDED} >&2; kill $(jobs -p) 2>/dev/null || true"
     script = f"set -e\ntrap '{stop}' EXIT\n" + "\n".join(to_run(shell))
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
-    folder = ROOT if shell.lines[0].startswith("pytest") else bench
+    folder = ROOT if shell.lines[0].startswith("pytest") else setup
     done = subprocess.run(
         ["bash", "-c", script], cwd=folder, env=environment, capture_output=True, text=True, timeout=1800
     )  # fmt: skip

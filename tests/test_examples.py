@@ -6,9 +6,10 @@ import inspect
 
 import pytest
 
-PACKAGES = [f"specklegen{name}" for name in ("", ".datasets", ".models", ".coherence", ".wavetracing", ".fdtd")]
+ROOMS = ("", ".datasets", ".models", ".coherence", ".instrument", ".wavetracing", ".fdtd")
+PACKAGES = [f"specklegen{name}" for name in ROOMS]
 NAMES = sorted({f"{package}.{name}" for package in PACKAGES for name in importlib.import_module(package).__all__})
-LONG = ("benchmark", "load_pretrained", "load_solver", "see_through", "train")
+LONG = ("benchmark", "load_pretrained", "load_solver", "reconstruct_and_assess", "train")
 """These take seconds each."""
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

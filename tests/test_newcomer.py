@@ -45,10 +45,10 @@ def fresh(tmp_path_factory) -> tuple[Path, str]:
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory) -> Path:
-    """A folder of one's own: the README's bench, and odd pictures."""
-    folder = tmp_path_factory.mktemp("bench")
-    (folder / "bench.toml").write_text(next(b.text for b in README if b.language == "toml"))
+def setup(tmp_path_factory) -> Path:
+    """A folder of one's own: the README's setup, and odd pictures."""
+    folder = tmp_path_factory.mktemp("setup")
+    (folder / "setup.toml").write_text(next(b.text for b in README if b.language == "toml"))
     images = folder / "my-images"
     images.mkdir()
     rng = np.random.default_rng(0)
@@ -77,53 +77,53 @@ def test_the_demo_is_quiet_and_leaves_what_it_names(fresh):
 
 
 @pytest.mark.parametrize("block", [block for block in README if block.language == "python"], ids=str)
-def test_a_block_of_the_readme_runs(fresh, bench, block):
-    (bench / "block.py").write_text(shorter(block.text))
-    said = run(fresh[0] / ".venv" / "bin" / "python", "block.py", cwd=bench)  # which asserts the exit status
+def test_a_block_of_the_readme_runs(fresh, setup, block):
+    (setup / "block.py").write_text(shorter(block.text))
+    said = run(fresh[0] / ".venv" / "bin" / "python", "block.py", cwd=setup)  # which asserts the exit status
     assert "Traceback" not in said
 
 
-def test_a_corrupt_picture_is_named_and_others_serve(fresh, bench):
-    torn = bench / "my-images" / "torn.png"
-    torn.write_bytes((bench / "my-images" / "grey-0.png").read_bytes()[:50])
-    assert "torn.png" in run(command(fresh), "plan", "bench.toml", "--samples", "8", *TINY, cwd=bench, status=2)
+def test_a_corrupt_picture_is_named_and_others_serve(fresh, setup):
+    torn = setup / "my-images" / "torn.png"
+    torn.write_bytes((setup / "my-images" / "grey-0.png").read_bytes()[:50])
+    assert "torn.png" in run(command(fresh), "plan", "setup.toml", "--samples", "8", *TINY, cwd=setup, status=2)
     torn.unlink()
-    assert "8 samples: about" in run(command(fresh), "plan", "bench.toml", "--samples", "8", *TINY, cwd=bench)
+    assert "8 samples: about" in run(command(fresh), "plan", "setup.toml", "--samples", "8", *TINY, cwd=setup)
     # From another folder the pictures are found all the same.
-    run(command(fresh), "preview", bench / "bench.toml", "--out", "sheet.png", *TINY, cwd=bench.parent)
+    run(command(fresh), "preview", setup / "setup.toml", "--out", "sheet.png", *TINY, cwd=setup.parent)
 
 
-def test_a_training_goes_on_where_it_was_stopped(fresh, bench):
-    words = [command(fresh), "train", "bench.toml", "--out", "run", "--epochs", "4", "--validation-samples", "8",
+def test_a_training_goes_on_where_it_was_stopped(fresh, setup):
+    words = [command(fresh), "train", "setup.toml", "--out", "run", "--epochs", "4", "--validation-samples", "8",
              "--width", "4", "--batch-size", "16", *TINY]  # fmt: skip
-    first = subprocess.Popen([str(w) for w in words], cwd=bench, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    first = subprocess.Popen([str(w) for w in words], cwd=setup, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     for _ in range(3000):
-        if (bench / "run" / "checkpoint.pt").exists() or first.poll() is not None:
+        if (setup / "run" / "checkpoint.pt").exists() or first.poll() is not None:
             break
         time.sleep(0.1)
     first.send_signal(signal.SIGINT)
     assert b"Traceback" not in first.communicate(timeout=300)[0]
-    said = run(*words, cwd=bench)
+    said = run(*words, cwd=setup)
     assert "epoch 0:" not in said or first.returncode == 0
-    assert (bench / "run" / "best.pt").exists()
+    assert (setup / "run" / "best.pt").exists()
     said = run(
-        command(fresh), "evaluate", "run/best.pt", "--recipe", "bench.toml", "--samples", "8", "--no-katz",
-        "--set", "material.kernel_paths=1000", "--set", "media=4", cwd=bench,
+        command(fresh), "evaluate", "run/best.pt", "--recipe", "setup.toml", "--samples", "8", "--no-katz",
+        "--set", "material.kernel_paths=1000", "--set", "media=4", cwd=setup,
     )  # fmt: skip
     assert "| run | sharp |" in said
 
 
 @pytest.mark.parametrize("checker", ["pyright", "mypy"])
-def test_type_checkers_know_the_code_of_the_readme(fresh, bench, checker):
+def test_type_checkers_know_the_code_of_the_readme(fresh, setup, checker):
     binaries = fresh[0] / ".venv" / "bin"
     if checker == "mypy":
-        run(binaries / "pip", "install", "--quiet", "mypy", cwd=bench)
-    (bench / "types").mkdir(exist_ok=True)
+        run(binaries / "pip", "install", "--quiet", "mypy", cwd=setup)
+    (setup / "types").mkdir(exist_ok=True)
     asked = "\nreveal_type(load_recipe('x'))\nreveal_type(sg.memory_effect)\n"
     text = "import specklegen as sg\nfrom specklegen.datasets import load_recipe\n" + asked
-    (bench / "types" / "user.py").write_text(text)
+    (setup / "types" / "user.py").write_text(text)
     options = ["--pythonpath", str(binaries / "python")] if checker == "pyright" else []
-    said = run(binaries / checker, *options, "user.py", cwd=bench / "types")
+    said = run(binaries / checker, *options, "user.py", cwd=setup / "types")
     assert "Recipe" in said
     assert "MemoryEffect" in said
     assert "Unknown" not in said

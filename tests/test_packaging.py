@@ -50,7 +50,7 @@ def _wanted() -> set[str]:
     """Every file of code and data, under the path that it has in a wheel."""
     found = {"specklegen/py.typed"}
     for top, name in TREES.items():
-        for pattern in ("*.py", "*.pyi", "packaged/*.toml", "data/*.npz", "data/*.pt", "data/*.md"):
+        for pattern in ("*.py", "*.pyi", "packaged/*.toml", "data/*.npz", "data/*.txt", "data/*.pt", "data/*.md"):
             for file in (ROOT / top).rglob(pattern):
                 parts = file.relative_to(ROOT / top).parts
                 if top != "specklegen" or parts[0] not in ("datasets", "models"):
@@ -133,7 +133,7 @@ def test_a_release_file_works_in_a_clean_environment(minor, kind, tmp_path):
     if python is None or subprocess.run([python, "--version"], capture_output=True).returncode:  # a shim without one
         pytest.skip(f"there is no python3.{minor} here")
     file = _built(_checkout(tmp_path / "specklegen"), f"build_{kind}")
-    command = [sys.executable, str(ROOT / "scripts" / "check_install.py"), "--python", python, str(file)]
+    command = [sys.executable, str(ROOT / "packaging" / "check_install.py"), "--python", python, str(file)]
     without = [] if os.environ.get("TORCH", "torch") else ["--without-torch"]
     done = subprocess.run([*command, *without], cwd=tmp_path, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr[-4000:]

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from stability import FAST, SLOW
+from stability.media import deep
+from stability.row import Row, holds, measured, refused, within
 
-from scripts.stability import FAST, SLOW
-from scripts.stability.media import deep
-from scripts.stability.row import Row, holds, measured, refused, within
 from specklegen.core.errors import reject
 from specklegen.paths import slab_tracer
 

@@ -9,10 +9,10 @@ import numpy as np
 from torch.utils.data import Dataset
 
 from specklegen.core.arguments import whole_number
+from specklegen.core.display.plot import SHOWN, Pictured, draw_stack
+from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
-from specklegen.core.picturing import SHOWN, Pictured, draw_stack
-from specklegen.core.showing import summary
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.sample_schema import Renderable, require_finite
@@ -28,7 +28,8 @@ class SpeckleCache(Dataset, Pictured):
     """A store as a map-style data set: ``cache[n]`` equals ``recipe.sample(seed, split, n)`` to the bit.
 
     A sample is a dict of tensors, with "index" (int) and "parameters" (a dict of floats). Files are opened
-    when first read, in whichever process reads them.
+    when first read, in whichever process reads them; a process that finds another data set at the path than the one
+    that was opened there refuses it.
 
     Parameters
     ----------
@@ -138,11 +139,12 @@ class SpeckleCache(Dataset, Pictured):
         return self._store.samples
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in ("folder", "missing", "recipe")}
+        return {name: getattr(self, name) for name in ("folder", "missing", "recipe", "fingerprint")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
+        self.__dict__.update({name: each for name, each in state.items() if name != "fingerprint"})
         self._open()
+        self._store.require(state["fingerprint"])
 
     def __getitem__(self, index: int) -> dict[str, Any]:
         """Return a sample as tensors."""

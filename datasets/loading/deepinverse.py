@@ -12,10 +12,9 @@ from deepinv.physics.generator import PhysicsGenerator  # pyright: ignore[report
 
 from specklegen.core.errors import reject
 from specklegen.datasets.recipes.hidden_object import HiddenObject
-from specklegen.datasets.recipes.medium_realization import StationaryFields, medium_realization
 from specklegen.datasets.split import Split, split_number
-from specklegen.samplers.stationary.object_operator import ObjectOperator, object_operator
-from specklegen.samplers.stationary.objects import ObjectSampler
+from specklegen.synthesis.imaging import ImagedMedia
+from specklegen.synthesis.object_operator import ObjectOperator
 
 _NEW = 2**31
 """Media of a recipe that never repeats one, as many as a generator draws from."""
@@ -98,16 +97,18 @@ class MediumGenerator(PhysicsGenerator):
 @lru_cache(maxsize=64)
 def _operators(recipe: HiddenObject, seed: int, split: Split, medium: int) -> tuple[ObjectOperator, ...]:
     """The maps of one medium, a frame each."""
-    fields = medium_realization(recipe, seed, split, medium).fields
-    if not isinstance(fields, StationaryFields) or not isinstance(fields.sampler, ObjectSampler):
+    seen = recipe.prepare(seed, split, medium).seen
+    if not isinstance(seen, ImagedMedia) or seen.imaging.polynomials is not None:
         reject("SpecklePhysics.recipe", "one of slabs that the stationary sampler renders", recipe.name)
-    return tuple(object_operator(fields.sampler, each) for each in fields.media)
+    spectra = seen.shared().spectra
+    assert spectra is not None
+    return tuple(ObjectOperator(seen.imaging, each) for each in spectra[0])
 
 
 def _unit(of: ObjectOperator) -> float:
     """What the mean brightness of an object is over a pixel's expectation."""
-    rows, columns = of.sampler.shape
-    return 1 / (of.sampler.mean * rows * columns)
+    rows, columns = of.imaging.shape
+    return 1 / (rows * columns)
 
 
 def _images(brightness: torch.Tensor, maps: tuple[ObjectOperator, ...]) -> torch.Tensor:
@@ -115,5 +116,5 @@ def _images(brightness: torch.Tensor, maps: tuple[ObjectOperator, ...]) -> torch
 
 
 def _adjoint(images: torch.Tensor, maps: tuple[ObjectOperator, ...]) -> torch.Tensor:
-    parts = images.split([len(each.sampler.modes) for each in maps])
+    parts = images.split([len(each.imaging.modes[0]) for each in maps])
     return sum((each.adjoint(part) * _unit(each) for each, part in zip(maps, parts, strict=True)), torch.zeros(()))

@@ -72,7 +72,7 @@ class EpochBatches(IterableDataset):
         if not 0 <= self.rank < self.world:
             reject(f"{owner}.rank", f"from 0 to world - 1 = {self.world - 1}", self.rank)
         self._count = batch_count(length, batch_size, self.world, drop_last)
-        self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
+        self._epoch = torch.zeros((), dtype=torch.int64, device="cpu").share_memory_()
         self.choices = 0
 
     def __len__(self) -> int:

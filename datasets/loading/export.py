@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from specklegen.core.arguments import whole_number
+from specklegen.core.display.escape import csv_cell
 from specklegen.core.errors import reject
-from specklegen.core.escaping import csv_cell
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.loading.parquet import write_parquet
 

@@ -1,6 +1,5 @@
 """The loader: a DataLoader with the safe start method, and a position that can be saved and restored."""
 
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -8,8 +7,9 @@ import torch
 from torch.utils.data import DataLoader, IterableDataset
 
 from specklegen.core.arguments import whole_number
-from specklegen.core.errors import DoubtWarning, reject
-from specklegen.core.showing import summary
+from specklegen.core.display.repr import summary
+from specklegen.core.errors import reject, warn_user
+from specklegen.core.shielded import shielded
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.store.identity import differences
 from specklegen.datasets.workers import worker_context
@@ -20,7 +20,7 @@ class _FromBatch(IterableDataset):
 
     def __init__(self, batches: EpochBatches) -> None:
         self.batches = batches
-        self.start = torch.zeros(2, dtype=torch.int64).share_memory_()
+        self.start = torch.zeros(2, dtype=torch.int64, device="cpu").share_memory_()
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         epoch, first = self.start.tolist()
@@ -133,8 +133,9 @@ class EpochLoader:
         epoch, number = self._position = self._upcoming
         stays = self.repeat or self.batches.choices > 0
         self._upcoming = (epoch if stays else epoch + 1), 0
-        self._source.start.copy_(torch.tensor([epoch, number]))
-        batches = iter(self._loader)
+        self._source.start.copy_(torch.tensor([epoch, number], device="cpu"))
+        with shielded():  # torch draws a seed for its workers on the default device
+            batches = iter(self._loader)
         while True:
             if turn != self._turn:
                 reject(
@@ -205,10 +206,8 @@ class EpochLoader:
                 f"Resume with {state['world']} ranks and batches of {state['batch_size']}.",
             )
         if moved:
-            warnings.warn(
+            warn_user(
                 f"the position was saved on {there!r} and goes on on {kind!r}: the same samples, rounded differently",
-                DoubtWarning,
-                stacklevel=2,
             )
         self._choices = self.batches.choices
         self._upcoming, self._position = (state["epoch"], number), None

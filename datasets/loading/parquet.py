@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.whole_files import write_whole
 from specklegen.datasets.loading.cache import SpeckleCache
-from specklegen.datasets.store.files import write_whole
 
 _ROWS = 64
 """Samples in a row group."""

@@ -1,6 +1,5 @@
 """The stream: samples rendered while a network trains on them, never stored."""
 
-import logging
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 from itertools import accumulate, chain, pairwise
@@ -12,22 +11,19 @@ from torch.utils.data import get_worker_info
 
 from specklegen.core.arguments import whole_number
 from specklegen.core.devices import checked_device
+from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
 from specklegen.core.parallel import slices
-from specklegen.core.showing import summary
-from specklegen.datasets.batched import plan
-from specklegen.datasets.batched.generator import SpeckleGenerator
+from specklegen.core.registered import require_importable
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.loading.prefetch import ahead
+from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.identity import device_kind
 
 if TYPE_CHECKING:
     from specklegen.datasets.loading.loader import EpochLoader
-
-
-_LOG = logging.getLogger(__name__)
 
 
 class SpeckleStream(EpochBatches):
@@ -55,10 +51,8 @@ class SpeckleStream(EpochBatches):
         Leave out the last, smaller batches.
     device : str or torch.device
         Where to render, and where the batches lie: "cpu", or "cuda" in the training process itself, without
-        workers. The random numbers are the same; the last bits are not. Elsewhere than on the CPU batches are made
-        whole where the recipe allows (:class:`~specklegen.datasets.batched.generator.SpeckleGenerator`), and sample by
-        sample, much slower, where it does not: a warning says why, and so does :meth:`report`. Small batches are made
-        several at once, and on "cuda" the next ones while the program uses these.
+        workers. The random numbers are the same; the last bits are not. :meth:`report` says what the host makes there
+        all the same. Small batches are made several at once, and on "cuda" the next ones while the program uses these.
     graphs : bool
         Whether CUDA graphs may be used, on "cuda"; the samples are the same.
 
@@ -124,7 +118,10 @@ class SpeckleStream(EpochBatches):
             self._require_no_workers(get_worker_info().num_workers)  # type: ignore[union-attr]
         if self._generator is not None:
             for made, parts in ahead(self._at_once(self._generator, epoch, [*numbers]), self.device):
-                yield from (_own(made, part) for part in parts)
+                for part in parts:
+                    batch = _own(made, part)
+                    require_finite(batch, self.recipe, self.seed, self.split)
+                    yield batch
             return
         for number in numbers:
             batch = self.recipe.batch(self.seed, self.split, self.indices(epoch, number))
@@ -145,22 +142,17 @@ class SpeckleStream(EpochBatches):
 
     @cached_property
     def _generator(self) -> SpeckleGenerator | None:
-        """What makes whole batches on another device than the CPU; None where samples are made one by one."""
+        """What makes batches on another device than the CPU; None where the recipe is asked for them."""
         if self.device.type == "cpu" or not isinstance(self.recipe, Recipe):
             return None
-        generator = SpeckleGenerator(self.recipe, self.seed, self.split, self.device, graphs=self.graphs)
-        if generator.way != plan.STEPS:
-            return generator
-        _LOG.warning("recipe %s is rendered sample by sample on %s: %s", self.recipe.name, self.device,
-                     "; ".join(generator.why))  # fmt: skip
-        return None
+        return SpeckleGenerator(self.recipe, self.seed, self.split, self.device, graphs=self.graphs)
 
     def report(self) -> dict[str, Any]:
         """Say how batches are made; see :meth:`SpeckleGenerator.report`."""
         if self._generator is not None:
             return self._generator.report() | {"batches_at_once": self._batches_at_once(self._generator)}
-        why = list(plan.way_of(self.recipe)[1]) if isinstance(self.recipe, Recipe) else []
-        return {"way": plan.STEPS, "device": str(self.device), "why": why, "host": ["everything but sums of fields"]}
+        host = "everything but sums of fields" if not isinstance(self.recipe, Recipe) else "everything"
+        return {"device": str(self.device), "host": [host]}
 
     def loader(self, num_workers: int = 0, **options: Any) -> "EpochLoader":
         """Return an iterable over epochs with exact resume: specklegen.datasets.loading.loader.EpochLoader.
@@ -197,6 +189,7 @@ class SpeckleStream(EpochBatches):
 
     def warm(self) -> None:
         """Render one sample, so that kernels are compiled and cached before workers start."""
+        require_importable(getattr(self.recipe, "own_classes", tuple)())
         self.recipe.sample(self.seed, self.split, 0)
 
 

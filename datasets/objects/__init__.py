@@ -4,23 +4,17 @@ A family is a frozen value; ``family.image(seed, split, index)`` is a pure funct
 the three splits (characters, photographs, files, patterns) are disjoint by construction.
 """
 
-from typing import Annotated
-
-from pydantic import Field
-
 from specklegen.datasets.objects.digits import Digits
 from specklegen.datasets.objects.drawings import Blobs, Polygons, Strokes
-from specklegen.datasets.objects.families import Families, Family
-from specklegen.datasets.objects.family import ObjectFamily
+from specklegen.datasets.objects.families import Families
+from specklegen.datasets.objects.family import AnyFamily, ObjectFamily
 from specklegen.datasets.objects.folder import Folder
 from specklegen.datasets.objects.glyphs import Glyphs
 from specklegen.datasets.objects.meshes import Meshes
 from specklegen.datasets.objects.patterns import Bars, Points
 from specklegen.datasets.objects.photographs import Photographs, Silhouettes
 
-HiddenObjects = Annotated[Family | Families, Field(discriminator="type")]
-
 __all__ = [
-    "Bars", "Blobs", "Digits", "Families", "Family", "Folder", "Glyphs", "HiddenObjects", "Meshes", "ObjectFamily",
-    "Photographs", "Points", "Polygons", "Silhouettes", "Strokes",
+    "AnyFamily", "Bars", "Blobs", "Digits", "Families", "Folder", "Glyphs", "Meshes", "ObjectFamily", "Photographs",
+     "Points", "Polygons", "Silhouettes", "Strokes",
 ]  # fmt: skip

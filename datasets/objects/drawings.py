@@ -4,6 +4,7 @@ They stand for what a user may hide: lines, cut-outs, textures. The number is th
 split. Pixels hold the share of their area that is covered.
 """
 
+from abc import abstractmethod
 from typing import Literal
 
 import numpy as np
@@ -27,9 +28,9 @@ class Drawing(DrawnFamily):
         """Draw from the number alone; float[h, w]."""
         return self.drawn(generator([int(n) for n in source]))
 
+    @abstractmethod
     def drawn(self, rng: np.random.Generator) -> np.ndarray:
         """One drawing, float[h, w]."""
-        raise NotImplementedError
 
 
 class Strokes(Drawing):

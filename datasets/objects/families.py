@@ -1,27 +1,14 @@
-"""Families: objects of several families in one data set, the family of each sample drawn at random.
+"""Families: objects of several families in one data set, the family of each sample drawn at random."""
 
-A new family is one file, and its name in :data:`Family`.
-"""
-
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Positive
-from specklegen.datasets.objects.digits import Digits
-from specklegen.datasets.objects.drawings import Blobs, Polygons, Strokes
-from specklegen.datasets.objects.family import ObjectFamily, Source
-from specklegen.datasets.objects.folder import Folder
-from specklegen.datasets.objects.glyphs import Glyphs
-from specklegen.datasets.objects.meshes import Meshes
-from specklegen.datasets.objects.patterns import Bars, Points
-from specklegen.datasets.objects.photographs import Photographs, Silhouettes
+from specklegen.datasets.objects.family import AnyFamily, ObjectFamily, Source
 from specklegen.datasets.split import Purpose, Seed, Split, generator, substream
-
-Family = Glyphs | Photographs | Silhouettes | Folder | Digits | Points | Bars | Strokes | Polygons | Blobs | Meshes
-"""Every family of one kind of object."""
 
 
 class Families(ObjectFamily):
@@ -38,7 +25,7 @@ class Families(ObjectFamily):
     """
 
     type: Literal["Families"] = "Families"
-    families: tuple[Annotated[Family, Field(discriminator="type")], ...]
+    families: tuple[AnyFamily, ...]
     weights: tuple[Positive, ...] | None = None
 
     @model_validator(mode="before")
@@ -55,6 +42,8 @@ class Families(ObjectFamily):
     def _check(self) -> Self:
         if not self.families:
             reject("Families.families", "at least one family", self.families)
+        if any(isinstance(family, Families) for family in self.families):
+            reject("Families.families", "families of one kind of object each, and no mixture", self.families)
         shapes = {family.shape for family in self.families}
         if shapes != {self.shape}:
             reject("Families.families", f"of the mixture's shape {self.shape}", sorted(shapes))

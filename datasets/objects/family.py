@@ -8,14 +8,34 @@ Two ways to keep the splits apart, one for each kind of source:
   its own hash puts it into the split that asks.
 
 In both, the picture is made from a source that has already been proved to belong to the split.
+
+A family of a user's own is a class that inherits one of the two, with fields of its own; from then on it is known by
+its name, in recipes too:
+
+    class Rings(DrawnFamily):
+        def propose(self, rng):
+            return (int(rng.integers(3, 12)),)
+
+        def picture(self, source, rng):
+            row, column = np.indices(self.shape) - np.array(self.shape)[:, None, None] / 2
+            return np.abs(np.hypot(row, column) - source[0]) < 1
 """
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from functools import cached_property
+from math import prod
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.values import PositiveInt, Value
+from specklegen.core.memory import memory_limit
+from specklegen.core.registered import Registered, member_of
+from specklegen.core.registry import Registry
+from specklegen.core.shielded import shielded
+from specklegen.core.values import WITH_CONTENT, PositiveInt
 from specklegen.datasets.split import (
     SPLITS,
     Purpose,
@@ -29,9 +49,15 @@ from specklegen.datasets.split import (
     substream,
 )
 
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.datasets.addresses import Addresses
+
 Source = tuple[str | int, ...]
 
 _ATTEMPTS = 1000
+_AT_ONCE = 32  # objects that one batch holds
 
 
 def source_key(source: Source) -> str:
@@ -39,8 +65,12 @@ def source_key(source: Source) -> str:
     return "/".join(map(str, source))
 
 
-class ObjectFamily(Value):
-    """A family of hidden objects.
+def _is_family(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, ObjectFamily)
+
+
+class ObjectFamily(Registered):
+    """A family of hidden objects, by its ``type``, the name of the class. Subclass it for one of your own.
 
     Parameters
     ----------
@@ -48,8 +78,20 @@ class ObjectFamily(Value):
         (rows, columns) of an object.
     """
 
+    registry: ClassVar = Registry("family of objects", _is_family)
+    type: Any = None
     shape: tuple[PositiveInt, PositiveInt] = (28, 28)
 
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if 4 * _AT_ONCE * prod(self.shape) > 0.1 * memory_limit():
+            reject(
+                f"{type(self).__name__}.shape", f"of at most {0.1 * memory_limit() / 4 / _AT_ONCE:.1e} pixels here",
+                self.shape, "Objects are made a batch at a time: use fewer pixels.",
+            )  # fmt: skip
+        return self
+
+    @shielded()
     def image(self, seed: Seed, split: Split, index: int) -> np.ndarray:
         """Object of sample ``index``: float32[h, w], at least 0, largest value 1; a pure function.
 
@@ -65,29 +107,45 @@ class ObjectFamily(Value):
             reject(f"{type(self).__name__} picture", "brighter than 0 somewhere", source_key(source))
         return np.asarray(picture / peak, dtype=np.float32)
 
+    @property
+    def drawn_together(self) -> bool:
+        """Whether pictures of many samples are drawn where the samples are made; else one by one, on the host."""
+        return type(self).images is not ObjectFamily.images
+
+    def images(self, drawn: "Addresses", numbers: Sequence[int]) -> "torch.Tensor":
+        """Objects of samples, float32[B, h, w], on the device of their draws; :meth:`image` for each."""
+        import torch
+
+        made = np.stack([self.image(drawn.seed, drawn.split, n) for n in numbers])
+        return torch.from_numpy(made).to(drawn.device)
+
     def identity(self) -> dict:
         """Everything that the pixels depend on, for the fingerprint of a data set."""
-        return self.model_dump(mode="json")
+        return self.model_dump(mode="json", context=WITH_CONTENT)
 
+    @abstractmethod
     def source(self, seed: Seed, split: Split, index: int) -> Source:
         """What sample ``index`` shows; it belongs to ``split`` and to no other."""
-        raise NotImplementedError
 
+    @abstractmethod
     def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
         """Draw one source at a random size and place: float[h, w], at least 0."""
-        raise NotImplementedError
 
     def labels(self, source: Source) -> dict[str, float]:  # noqa: ARG002
         """What is told of a source with every sample, under the same names for all: "label", -1 where it has none."""
         return {"label": -1.0}
 
 
+AnyFamily = Annotated[ObjectFamily, *member_of(ObjectFamily)]
+"""Objects of any family, written with its type."""
+
+
 class ListedFamily(ObjectFamily):
     """A family whose sources can be listed."""
 
+    @abstractmethod
     def sources(self) -> tuple[Source, ...]:
         """Every source of the family."""
-        raise NotImplementedError
 
     def split_key(self, source: Source) -> str:
         """Key by which a source is dealt to a split; sources that share it stay together."""
@@ -125,9 +183,9 @@ class ListedFamily(ObjectFamily):
 class DrawnFamily(ObjectFamily):
     """A family whose sources are drawn at random, and belong to the split that their hash says."""
 
+    @abstractmethod
     def propose(self, rng: np.random.Generator) -> Source:
         """Draw one source, of any split."""
-        raise NotImplementedError
 
     def source(self, seed: Seed, split: Split, index: int) -> Source:
         """Draw sources until one belongs to the split."""

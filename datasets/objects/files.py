@@ -6,6 +6,7 @@ folder changes nothing, and a file that is there twice counts once, so that its 
 """
 
 import hashlib
+from abc import abstractmethod
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
@@ -31,9 +32,9 @@ class FileFamily(ListedFamily):
     _noun: ClassVar[str] = "file"
     _plural: ClassVar[str] = "files"
 
+    @abstractmethod
     def require_readable(self, path: Path) -> None:
         """Raise any error if a file holds nothing of this family."""
-        raise NotImplementedError
 
     @cached_property
     def files(self) -> dict[str, str]:

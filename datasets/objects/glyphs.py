@@ -1,4 +1,4 @@
-"""Glyphs: letters and digits of the fonts that matplotlib carries, so that no file is needed.
+"""Glyphs: letters and digits in 21 faces of three families of fonts, whose outlines this package carries.
 
 The outline of a character (unhinted, so it is the same at every size), its curves in straight pieces that leave
 them by 1e-4 of the size at most, is scaled, turned and placed; grey levels are the areas of pixels inside, exactly
@@ -7,8 +7,9 @@ them by 1e-4 of the size at most, is scaled, turned and placed; grey levels are 
 and scaled are other characters' strokes: no two are one shape at two sizes, as c and C are.
 """
 
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -19,6 +20,11 @@ from specklegen.datasets.objects.family import ListedFamily, Source, place_withi
 from specklegen.datasets.objects.outlines import CHARACTERS, FONTS, outline
 from specklegen.datasets.split import Split
 from specklegen.kernels.coverage import fill_coverage
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.datasets.addresses import Addresses
 
 Fraction = Annotated[float, Field(gt=0, le=1)]
 
@@ -92,6 +98,19 @@ class Glyphs(ListedFamily):
         """Whole source, its character or its font, as ``disjoint`` says."""
         font, character = source
         return {"glyph": source_key(source), "character": str(character), "font": str(font)}[self.disjoint]
+
+    @property
+    def drawn_together(self) -> bool:
+        """Whether pictures of many samples are drawn where the samples are made: not those of a class of one's own."""
+        return type(self).picture is Glyphs.picture
+
+    def images(self, drawn: "Addresses", numbers: Sequence[int]) -> "torch.Tensor":
+        """Characters of samples, float32[B, h, w], drawn where they are wanted; of a class of one's own, here."""
+        if not self.drawn_together:
+            return super().images(drawn, numbers)
+        from specklegen.datasets.objects.glyph_batches import glyph_images
+
+        return glyph_images(self, drawn, numbers)
 
     def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
         """Character turned, scaled to its turned extent and put where it fits; float[h, w], area covered."""

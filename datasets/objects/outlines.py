@@ -1,22 +1,18 @@
-"""Outlines of the characters of matplotlib's fonts, in straight pieces: made once, and kept on disk.
+"""Outlines of characters in the fonts of DejaVu, STIX and Computer Modern, as data of this package.
 
-matplotlib is asked for curves, once for all characters of all fonts; after that its file is read, and a process that
-shows characters does not import it. A folder that cannot be written, or a damaged file, costs that second and no more.
+``specklegen/data/glyphs.npz`` holds lines and parabolas by whole numbers, written once by
+``scripts/build/make_glyphs.py`` from the fonts that matplotlib carries; no font file and no other library has a say in
+what an object looks like. Curves are cut into chords that leave them by 1e-4 of the size at most, in whole numbers up
+to one division, so that every processor gets the same ends to the last bit. Licences: ``glyphs-licences.txt`` beside
+the file.
 """
 
-import hashlib
-import math
-import os
-import tempfile
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import platformdirs
-
-from specklegen.core.errors import reject
 
 CHARACTERS = "0123456789ABCDEFGHJKLMNPQRSTUVWXYZabdefghnqrt"
 
@@ -44,8 +40,8 @@ FONTS = (
     "cmtt10.ttf",
 )
 
-_DEVIATION = 0.01  # of a curve from its chords, at a size of 100
-_FORM = 1  # of the file
+FILE = Path(str(files("specklegen") / "data" / "glyphs.npz"))
+UNIT = 64  # of the whole numbers in the file, in one of the outlines
 
 
 @dataclass(frozen=True)
@@ -80,86 +76,38 @@ def outline(font: str, character: str) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def outlines() -> Outlines:
-    """All outlines, from the disk where they are there.
+    """All outlines, read-only."""
+    with np.load(FILE, allow_pickle=False) as tables:
+        segments, pieces, counts = (tables[name] for name in ("segments", "pieces", "counts"))
+    edges = chords(segments, pieces)
+    starts = np.cumsum([0, *np.add.reduceat(pieces.astype(np.int64), np.cumsum([0, *counts[:-1]], dtype=np.int64))])
+    for array in (edges, starts):
+        array.flags.writeable = False
+    return Outlines(edges, starts)
 
-    Raises
-    ------
-    RuleError
-        If they are made anew, and this matplotlib does not carry one of the fonts.
+
+def chords(segments: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """Cut segments into chords.
+
+    Parameters
+    ----------
+    segments : int[s, 3, 2]
+        Start, control point and end of parabolas, in units of 1 / :data:`UNIT`; of what is one chord the control point
+        does not matter.
+    pieces : int[s]
+        Chords of each, evenly spaced in the parameter.
+
+    Returns
+    -------
+    float64[sum of pieces, 4]
+        Both ends of each, one after the other.
     """
-    file = _file()
-    try:
-        content = memoryview(file.read_bytes())
-        if hashlib.sha256(content[:-32]).digest() == content[-32:]:
-            count = len(FONTS) * len(CHARACTERS) + 1
-            starts = np.frombuffer(content, np.int64, count)
-            return Outlines(np.frombuffer(content[:-32], np.float64, offset=8 * count).reshape(-1, 4), starts)
-    except OSError:
-        pass
-    made = _made()
-    payload = made.starts.astype(np.int64).tobytes() + made.edges.tobytes()
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as new:
-            new.write(payload + hashlib.sha256(payload).digest())
-        os.replace(new.name, file)
-    except OSError:
-        pass
-    return made
+    number = np.repeat(pieces.astype(np.int64), pieces)[:, None]
+    step = np.arange(len(number))[:, None] - np.repeat(np.cumsum(pieces, dtype=np.int64) - pieces, pieces)[:, None]
+    start, control, end = np.repeat(segments.astype(np.int64), pieces, axis=0).transpose(1, 0, 2)
 
+    def at(k: np.ndarray) -> np.ndarray:
+        weighed = (number - k) ** 2 * start + 2 * k * (number - k) * control + k**2 * end
+        return weighed / (UNIT * number**2)
 
-def _file() -> Path:
-    root = Path(os.environ.get("SPECKLEGEN_CACHE") or platformdirs.user_cache_dir("specklegen"))
-    return root / f"outlines-{_FORM}-matplotlib-{version('matplotlib')}.bin"
-
-
-def _made() -> Outlines:
-    parts = [drawn(font, character) for font in FONTS for character in CHARACTERS]
-    return Outlines(np.concatenate(parts), np.cumsum([0, *map(len, parts)]))
-
-
-def drawn(font: str, character: str) -> np.ndarray:
-    """Outline as matplotlib draws it, float64[n, 4]."""
-    import matplotlib
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import TextPath
-
-    path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / font
-    if not path.is_file():
-        reject("Glyphs font", "one that this matplotlib carries", font, "Reinstall matplotlib.")
-    return flattened(TextPath((0, 0), character, size=100, prop=FontProperties(fname=str(path))))
-
-
-def flattened(path) -> np.ndarray:
-    """Edges float64[n, 4] of a path of matplotlib's, every contour closed, curves in pieces ``_DEVIATION`` off."""
-    vertices, codes = path.vertices.tolist(), path.codes.tolist()
-    contours: list[list[list[float]]] = []
-    place = 0
-    while place < len(codes):
-        code = codes[place]
-        if code == path.MOVETO:
-            contours.append([vertices[place]])
-        elif code != path.CLOSEPOLY:
-            contours[-1].extend(_pieces([contours[-1][-1], *vertices[place : place + _POINTS[code]]]))
-        place += _POINTS.get(code, 1)
-    ends = [np.array([*contour, contour[0]]) for contour in contours]
-    edges = np.concatenate([np.concatenate([points[:-1], points[1:]], axis=1) for points in ends])
-    return edges[(edges[:, :2] != edges[:, 2:]).any(axis=1)]
-
-
-_POINTS = {2: 1, 3: 2, 4: 3}  # that follow matplotlib's LINETO, CURVE3, CURVE4
-
-
-def _pieces(control: list[list[float]]) -> list[list[float]]:
-    """Points of a Bezier curve after its first, for chords that leave it by ``_DEVIATION`` at most."""
-    order = len(control) - 1
-    if order == 1:
-        return control[1:]
-    bend = max(
-        abs(a[0] - 2 * b[0] + c[0]) + abs(a[1] - 2 * b[1] + c[1])
-        for a, b, c in zip(control, control[1:], control[2:], strict=False)
-    )
-    count = max(1, math.ceil(math.sqrt(order * (order - 1) * bend / (8 * _DEVIATION))))
-    t = np.arange(1, count + 1)[:, None] / count
-    weights = np.hstack([math.comb(order, n) * t**n * (1 - t) ** (order - n) for n in range(order + 1)])
-    return (weights @ np.array(control)).tolist()
+    return np.hstack([at(step), at(step + 1)])

@@ -56,6 +56,8 @@ def _read_tiff(path: Path) -> np.ndarray:
 
     with TiffFile(path) as file:
         series = file.series[0]
+        if "S" not in series.axes and len(series.shape) > 2:  # pages, however few columns each has
+            raise ValueError(f"it has the shape {series.shape} along {series.axes}, not one grey or colour picture")
         _require_small(_pixels(series.shape))
         return series.asarray()
 

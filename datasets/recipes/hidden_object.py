@@ -2,40 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.display.plot import draw_images
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
-from specklegen.core.picturing import draw_images
+from specklegen.core.shielded import shielded
 from specklegen.core.values import Value
-from specklegen.datasets.objects import HiddenObjects
-from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
-from specklegen.datasets.recipes.parts.diffuser import KnownDiffuser
-from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, require_above
-from specklegen.datasets.recipes.parts.light import draw_medium
-from specklegen.datasets.recipes.parts.material import KnownMaterial
+from specklegen.datasets.distributions import Draw, ends, require_above
+from specklegen.datasets.objects import AnyFamily
+from specklegen.datasets.recipes.media import DrawnMedia, MediumView
+from specklegen.datasets.recipes.parts.light import Lit
 from specklegen.datasets.recipes.parts.viewing import Viewing
-from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
-from specklegen.datasets.recipes.rendering import MediumView, realization
+from specklegen.datasets.recipes.recipe import Recipe
+from specklegen.datasets.recipes.specification import PARAMETERS
 from specklegen.datasets.sample_schema import ArraySpec
-from specklegen.datasets.split import Purpose, Split, generator, substream
-from specklegen.samplers.screens.objects import ScreenObjects
-from specklegen.samplers.stationary.objects import ObjectSampler
-from specklegen.scene.media import Slab
-from specklegen.scene.screens import ScreenStack
+from specklegen.datasets.split import Purpose
 
 if TYPE_CHECKING:
     import torch
+
+    from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes import materials as _materials
+    from specklegen.datasets.recipes.materials import Materials
 else:
     torch = LazyModule("torch")
+    _materials = LazyModule("specklegen.datasets.recipes.materials")
 
-Motion = tuple[tuple[float, float], ...]
-"""Velocities (x, y) of screens, lengths a frame."""
 CENTRE = ("object_row", "object_column")
 """Parameters that say where an object lies in its frame."""
 
@@ -46,6 +43,15 @@ def centre_of(brightness: np.ndarray) -> tuple[float, float]:
     rows, columns = light.sum(1), light.sum(0)
     total = rows.sum()
     return float(rows @ np.arange(len(rows)) / total), float(columns @ np.arange(len(columns)) / total)
+
+
+def centres_of(light: "torch.Tensor") -> "tuple[torch.Tensor, ...]":
+    """Centres of brightness float64[B], rows and columns, of objects real[B, h, w]."""
+    if light.device.type == "cpu":  # one by one: sums over several have other last bits
+        return torch.tensor([centre_of(each) for each in light.numpy()], dtype=torch.float64).unbind(-1)
+    bright = light.double()
+    along = [torch.arange(n, dtype=torch.float64, device=light.device) for n in bright.shape[1:]]
+    return tuple(bright.sum(axis) @ place / bright.sum((1, 2)) for axis, place in zip((2, 1), along, strict=True))
 
 
 class ObjectField(Value):
@@ -96,7 +102,7 @@ class HiddenObject(Recipe):
     """
 
     kind: Literal["hidden-object"] = "hidden-object"
-    objects: HiddenObjects
+    objects: AnyFamily
     field: ObjectField | None = None
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
 
@@ -134,12 +140,12 @@ class HiddenObject(Recipe):
         }  # fmt: skip
 
     def images_layout(self) -> dict[str, ArraySpec]:
-        """Layout of what :meth:`images_of` names."""
+        """Layout of what :meth:`named` names."""
         return {"image": self.observation(self.camera_shape, ("y", "x"), "camera image")}
 
-    def images_of(self, images: np.ndarray, tilts: np.ndarray) -> dict[str, np.ndarray]:
-        """Name what the camera saw, [n, H, W], under tilts float64[T, 2]."""
-        return {"image": images[0]}
+    def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
+        """One image."""
+        return {"image": images[:, 0]}
 
     def split_notes(self) -> str:
         """What the splits share and what they do not, in Markdown sentences for the data card."""
@@ -148,30 +154,28 @@ class HiddenObject(Recipe):
             f"the sources of `{self.objects.type}` are dealt to the splits before any sample is drawn."
         )
 
-    def pitch(self, material: KnownMaterial | KnownDiffuser, share: float) -> float:
-        """Direction sine between object pixels in front of a material.
+    def host_work(self) -> list[str]:
+        """What is made on the host, pictures of objects among it where the family draws them one by one."""
+        pictures = [] if self.objects.drawn_together else [f"pictures of {self.objects.class_name()}"]
+        return [*super().host_work(), *pictures]
 
-        Parameters
-        ----------
-        material
-            The material.
-        share
-            The drawn number of the field.
+    def pitches(self, materials: "Materials", share: "torch.Tensor") -> "torch.Tensor":
+        """Direction sines float64[M] between object pixels in front of materials; ``share`` the field's drawn numbers.
 
         Raises
         ------
         RuleError
-            If the pitch follows from a range that the material does not have.
+            If the pitch follows from a range that a material does not have.
         """
         if self.lab is not None:
-            return self.lab.object_pitch(self.objects.shape)
+            return torch.full_like(share, self.lab.object_pitch(self.objects.shape))
         assert self.field is not None
         if self.field.pitch is not None:
             return share
-        if not np.isfinite(material.half_range):
-            reject("ObjectField.extent_over_range", "left out for a material without a memory-effect range", share,
-                   "Give the pitch instead.")  # fmt: skip
-        return share * material.range_sine(self.wavelength) / max(self.objects.shape)
+        if share.device.type == "cpu" and not torch.isfinite(materials.half_range).all():
+            reject("ObjectField.extent_over_range", "left out for a material without a memory-effect range",
+                   float(share[0]), "Give the pitch instead.")  # fmt: skip
+        return share * materials.range_sine(self.wavelength) / max(self.objects.shape)
 
     def geometry_of(self, pitch: float, pixels: float) -> Viewing:
         """Window and camera for objects of a pitch; ``pixels`` across, where the window is fitted."""
@@ -190,101 +194,68 @@ class HiddenObject(Recipe):
         return (self.field.pixels or 0.0) if self.field is not None else 0.0
 
     @property
-    def field_varies(self) -> bool:
-        """Whether two media may show objects of different extent."""
-        return any(low < high for low, high in map(ends, (self._field_number, self._pixels)))
+    def media_alike(self) -> bool:
+        """Whether neither the material nor the extent of objects is drawn."""
+        fixed = (low == high for low, high in map(ends, (self._field_number, self._pixels)))
+        return super().media_alike and all(fixed)
 
+    @shielded()
     def extremes(self) -> list[MediumView]:
         """Media at the ends of every range, looked at by the largest object, where the window is fitted behind the
         widest window and behind the narrowest, whose camera sees furthest from the axis.
         """
         share, across = ends(self._field_number)[1], sorted(set(ends(self._pixels)))
-        pitches = [(slab, self.pitch(self.material.known(slab), share)) for slab in self.material.extremes()]
-        return [self.view(slab, pitch, pixels, self.widest_tilts) for pixels in across for slab, pitch in pitches]
+        slabs = self.material.extremes()
+        known = _materials.characterized_materials(
+            self.material, [self.material.known(slab) for slab in slabs], self.wavelength, torch.device("cpu")
+        )  # fmt: skip
+        pitches = self.pitches(known, torch.full_like(known.half_range, share)).tolist()
+        return [
+            MediumView(slab, self.geometry_of(pitch, pixels), self.objects.shape, pitch, self.widest_tilts)
+            for pixels in across for slab, pitch in zip(slabs, pitches, strict=True)
+        ]  # fmt: skip
 
     @property
     def widest_tilts(self) -> np.ndarray:
         """The tilts that reach farthest, radians float64[T, 2]."""
         return np.zeros((1, 2))
 
-    def view(self, slab: Slab | ScreenStack, pitch: float, pixels: float, tilts: np.ndarray) -> MediumView:
-        """One medium with its object in front; where windows are fitted so many ``pixels`` across."""
-        return MediumView(slab, self.geometry_of(pitch, pixels), self.objects.shape, pitch, tilts)
+    def tilts_of(
+        self, drawn: "Addresses", numbers: Sequence[int]
+    ) -> "tuple[torch.Tensor, dict[str, torch.Tensor]]":
+        """Tilts float64[M, T, 2] of the illumination of media, radians, and what was drawn for them."""
+        return torch.zeros((len(numbers), 1, 2), dtype=torch.float64, device=drawn.device), {}
 
-    def tilts_of(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
-        """Tilts float64[T, 2] of the illumination of one medium, radians, and what was drawn for them."""
-        return np.zeros((1, 2)), {}
+    def moved_media(self, drawn: "Addresses", numbers: Sequence[int], media: DrawnMedia) -> DrawnMedia:  # noqa: ARG002
+        """Draw how media move, where they do."""
+        return media
 
-    def motion_of(
-        self, material: KnownMaterial | KnownDiffuser, seed: int, split: Split, medium: int,  # noqa: ARG002
-    ) -> Motion:  # fmt: skip
-        """Velocity (x, y) of each screen of one medium, lengths a frame; none of what stands still."""
-        return ()
-
-    def media_frames(
-        self, seed: int, split: Split, medium: int
-    ) -> tuple[dict[str, float], Callable[[ObjectSampler | ScreenObjects], list[torch.Tensor]]]:
-        """What is drawn for the frames of one medium, and how a sampler draws their fields."""
-        return {}, lambda made: [draw_medium(self.light, made, seed, split, medium)]
-
-    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
-        """Make one medium ready, with all that is drawn for it."""
-        material = self.material_of(seed, split, medium)
-        of_field = generator(substream(seed, split, Purpose.FIELD, medium))
-        share, pixels = drawn(self._field_number, of_field), drawn(self._pixels, of_field)
-        angles, tilted = self.tilts_of(generator(substream(seed, split, Purpose.TILTS, medium)))
-        pitch = self.pitch(material, share)
-        view = self.view(material.slab, pitch, pixels, angles)
-        seen = view.seen
-        motion = self.motion_of(material, seed, split, medium)
-        sampler = partial(
-            _sampler, self, material.slab, seen, pitch, tuple(map(tuple, np.sin(angles).tolist())), motion
-        )
-        moved, media = self.media_frames(seed, split, medium)
-        extent = pitch * max(self.objects.shape)
-        parameters = material.parameters(seen.wavelength) | {
-            "width": seen.width,
-            "camera_pitch": seen.grid.pitch,
+    def seen_media(self, drawn: "Addresses", numbers: Sequence[int], materials: "Materials") -> DrawnMedia:
+        """Draw what is seen of media: extent of the object, window, tilts, motion."""
+        share, pixels = drawn.numbers(Purpose.FIELD, (self._field_number, self._pixels), numbers)
+        angles, tilted = self.tilts_of(drawn, numbers)
+        pitch, side, width = self.pitches(materials, share), max(self.objects.shape), None
+        if self.fits_window:
+            assert self.camera is not None
+            width = self.wavelength * (pixels / self.camera.pixels_per_grain) / (pitch * side)
+        sight = self.sight(drawn, self.objects.shape, pitch, torch.sin(angles), width)
+        parameters = materials.parameters | {
+            "width": sight.width,
+            "camera_pitch": sight.camera_pitch,
             "object_pitch": pitch,
-            "extent_over_range": extent / material.range_sine(seen.wavelength),
+            "extent_over_range": pitch * side / materials.range_sine(self.wavelength),
             **tilted,
-            **moved,
-            **self.motion_parameters(material, seen, motion),
         }
-        shared = self.media is not None or self.media_group > 1
-        return realization(self, view, sampler, media, parameters, (seed, split, medium), share=shared)
+        media = DrawnMedia(
+            materials, sight, self.wavenumber_bandwidth, angles, parameters, torch.ones_like(pitch)
+        )
+        return self.moved_media(drawn, numbers, media)
 
-    def motion_parameters(
-        self, material: KnownMaterial | KnownDiffuser, seen: Viewing, motion: Motion,  # noqa: ARG002
-    ) -> dict[str, float]:  # fmt: skip
-        """What is stored of a motion."""
-        return {}
-
-    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
-        """One image with its object and parameters; see :class:`Recipe`."""
-        which = cast(Split, split)
-        brightness = self.objects.image(seed, which, index)
-        medium = self.medium_number(index)
-        ready = medium_realization(self, seed, which, medium)
-        images = self.observed(ready.images(brightness), seed, which, index)
-        return {
-            **self.images_of(images, ready.tilts),
-            "object": brightness,
-            "index": np.int64(index),
-            "parameters": {
-                **ready.parameters,
-                "expected_contrast": ready.expected_contrast(brightness),
-                "medium": float(medium),
-                **self.objects.labels(self.objects.source(seed, which, index)),
-                **dict(zip(CENTRE, centre_of(brightness), strict=True)),
-            },
-        }
-
-
-@lru_cache(maxsize=8)
-def _sampler(
-    recipe: HiddenObject, slab: Slab | ScreenStack, seen: Viewing, pitch: float, base: tuple, motion: Motion
-) -> ObjectSampler | ScreenObjects:
-    material, shape = recipe.material.known(slab), recipe.objects.shape
-    moved = np.arange(len(base))[:, None, None] * np.array(motion) if motion else None
-    return recipe.object_sampler(material, seen, shape, pitch, np.array(base), recipe.mode_tolerance, moved)
+    def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> Lit:
+        """Objects, what is told of them, and where they lie."""
+        light = self.objects.images(drawn, numbers)
+        sources = [self.objects.source(drawn.seed, drawn.split, n) for n in numbers]
+        labels = [self.objects.labels(source) for source in sources]
+        put = lambda rows: torch.tensor(rows, dtype=torch.float64).to(drawn.device)  # noqa: E731
+        told = {name: put([each[name] for each in labels]) for name in labels[0]}
+        return Lit(light, None, told | dict(zip(CENTRE, centres_of(light), strict=True)), {"object": light})

@@ -8,26 +8,34 @@ exactly, with the aperture operator Psi (`specklegen.wavetracing.aperture_transf
 slab. The beams of the recipe's lattice are kept; what share of the light they carry is among the parameters.
 """
 
-from collections.abc import Mapping
-from functools import partial
-from typing import Annotated, Any, Literal, Self, cast
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.values import NonNegative, PositiveInt, Value, remembered
-from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
-from specklegen.datasets.recipes.parts.distributions import Choice, Draw, drawn, ends, require_above
-from specklegen.datasets.recipes.parts.light import draw_medium
-from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
-from specklegen.datasets.recipes.rendering import MediumView, realization
+from specklegen.core.lazy import LazyModule
+from specklegen.core.values import NonNegative, PositiveInt, Value
+from specklegen.datasets.distributions import Choice, Draw, drawn, ends, require_above
+from specklegen.datasets.recipes.media import DrawnMedia, MediumView
+from specklegen.datasets.recipes.partially_coherent import lattice_media
+from specklegen.datasets.recipes.parts.light import Lit
+from specklegen.datasets.recipes.recipe import Recipe
+from specklegen.datasets.recipes.specification import PARAMETERS
 from specklegen.datasets.sample_schema import ArraySpec
-from specklegen.datasets.split import Purpose, Split, generator, substream
+from specklegen.datasets.split import Purpose, generator, substream
 from specklegen.kernels.coverage import fill_coverage
-from specklegen.samplers.stationary.objects import ObjectSampler
 from specklegen.scene.media import Slab
 from specklegen.wavetracing import aperture_transform
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes.materials import Materials
+else:
+    torch = LazyModule("torch")
 
 
 class Slits(Value):
@@ -149,17 +157,11 @@ class MaskedLight(Recipe):
         """Media at the ends of every range, under all beams."""
         return [self.view(slab) for slab in self.material.extremes()]
 
-    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
-        """Make one medium ready, for light of every mask."""
-        material = self.material_of(seed, split, medium)
-        view = self.view(material.slab)
-        parameters = material.parameters(self.wavelength) | {
-            "width": self.geometry.width,
-            "camera_pitch": self.geometry.grid.pitch,
-        }
-        media = lambda made: [draw_medium(self.light, made, seed, split, medium)]  # noqa: E731
-        sampler = partial(_sampler, self, material.slab)
-        return realization(self, view, sampler, media, parameters, (seed, split, medium), share=False)
+    def seen_media(self, drawn: "Addresses", numbers: Sequence[int], materials: "Materials") -> DrawnMedia:  # noqa: ARG002
+        """Media under the lattice of beams."""
+        return lattice_media(
+            self, drawn, materials, (self.beams, self.beams), self.wavelength / self.geometry.width
+        )  # fmt: skip
 
     def amplitudes(self, loops: list[np.ndarray]) -> np.ndarray:
         """Amplitudes complex128[beams, beams] on the slab, rows y, of light of amplitude 1 through a mask.
@@ -172,28 +174,27 @@ class MaskedLight(Recipe):
         # The phase of the beam along the axis is that of all, and is left out.
         return aperture_transform(loops, xi) * np.exp(1j * self.distance * (along - self._k))
 
-    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
-        """One image with its mask and parameters; see :class:`Recipe`."""
-        which = cast(Split, split)
-        medium = self.medium_number(index)
-        numbers = self.mask.drawn(generator(substream(seed, which, Purpose.OBJECT, index)))
-        loops = slit_loops(numbers)
-        waves = self.amplitudes(loops)
-        ready = medium_realization(self, seed, which, medium)
-        area = numbers["slit_count"] * numbers["slit_width"] * numbers["slit_length"]
-        return {
-            "image": self.observed(ready.superposed(waves, self.step)[None], seed, which, index)[0],
-            "mask": _picture(loops, self.pixels),
-            "index": np.int64(index),
-            "parameters": {
-                **ready.parameters,
-                **numbers,
-                "open_share": area,
-                "carried_share": float(np.square(np.abs(waves)).sum()) / area,
-                "expected_contrast": ready.contrast,
-                "medium": float(medium),
-            },
-        }
+    def host_work(self) -> list[str]:
+        """What is made on the host, masks among it."""
+        return [*super().host_work(), "masks, and the waves behind them"]
+
+    def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> Lit:
+        """Waves through masks, their pictures, and what was drawn of them."""
+        streams = (generator(substream(drawn.seed, drawn.split, Purpose.OBJECT, n)) for n in numbers)
+        masks = [self.mask.drawn(rng) for rng in streams]
+        loops = [slit_loops(numbers) for numbers in masks]
+        waves = np.stack([self.amplitudes(each) for each in loops])
+        put = lambda rows: torch.from_numpy(np.asarray(rows)).to(drawn.device)  # noqa: E731
+        area = np.array([each["slit_count"] * each["slit_width"] * each["slit_length"] for each in masks])
+        told = {name: put([each[name] for each in masks]) for name in masks[0]}
+        carried = np.array([float(np.square(np.abs(own)).sum()) for own in waves]) / area
+        told |= {"open_share": put(area), "carried_share": put(carried)}
+        pictures = np.stack([_picture(each, self.pixels) for each in loops])
+        return Lit(put(waves), self.step, told, {"mask": put(pictures)})
+
+    def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
+        """One image."""
+        return {"image": images[:, 0]}
 
 
 def _picture(loops: list[np.ndarray], pixels: int) -> np.ndarray:
@@ -202,10 +203,3 @@ def _picture(loops: list[np.ndarray], pixels: int) -> np.ndarray:
     covered = np.empty((pixels, pixels))
     fill_coverage((np.concatenate(ends_) + 0.5) * pixels, covered)
     return covered.astype(np.float32)
-
-
-@remembered(8)
-def _sampler(recipe: MaskedLight, slab: Slab) -> ObjectSampler:
-    view = recipe.view(slab)
-    material = recipe.material.known(slab)
-    return recipe.object_sampler(material, view.seen, view.shape, view.pitch, np.zeros((1, 2)), recipe.mode_tolerance)

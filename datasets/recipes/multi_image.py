@@ -5,36 +5,44 @@ Either the medium changes from image to image, or the illumination is tilted.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal, Self
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal, Self, cast
 
 import numpy as np
 from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
+from specklegen.core.random_streams import Stream
 from specklegen.core.values import PositiveInt, Value
-from specklegen.datasets.recipes.hidden_object import HiddenObject, Motion
-from specklegen.datasets.recipes.medium_realization import MediumRealization
-from specklegen.datasets.recipes.parts.diffuser import Diffuser, KnownDiffuser
-from specklegen.datasets.recipes.parts.distributions import Draw, UnboundedDraw, drawn, require_above
-from specklegen.datasets.recipes.parts.light import draw_frames
-from specklegen.datasets.recipes.parts.material import KnownMaterial
-from specklegen.datasets.recipes.parts.tilts import Tilts
-from specklegen.datasets.recipes.parts.viewing import Viewing
+from specklegen.datasets.distributions import Draw, UnboundedDraw, ends, require_above
+from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.datasets.recipes.media import DrawnMedia
+from specklegen.datasets.recipes.parts.diffuser import Diffuser
+from specklegen.datasets.recipes.tilted import Tilted
 from specklegen.datasets.sample_schema import ArraySpec
-from specklegen.datasets.split import Purpose, Split, generator, substream
+from specklegen.datasets.split import Purpose
 from specklegen.samplers.screens.film import frame_correlation
-from specklegen.samplers.screens.objects import ScreenObjects
-from specklegen.samplers.stationary.objects import ObjectSampler
+from specklegen.scene.scene import Scene
 from specklegen.scene.window import Window
 
 if TYPE_CHECKING:
     import torch
     from scipy import optimize
+
+    from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes.medium import Medium
 else:
     torch, optimize = LazyModule("torch"), LazyModule("scipy.optimize")
 
+MODELS = {
+    "autoregression": "the fields of two frames are correlated by e^(-t / correlation_time), whatever ways the light "
+    "took, and no medium obeys that: of scatterers in motion long paths decorrelate first (squares .82 and .0025 at .1 "
+    "and 3 correlation times; .59 and .04 with the paths of a slab of optical depth 10 and g .9)",
+}
+"""Laws by which the field of a medium decorrelates, and what each assumes."""
 _TIMES = (-20.0, 40.0)
 """Logarithms of times, in frames, between which a correlation time is looked for."""
 
@@ -46,8 +54,13 @@ class Dynamics(Value):
     ----------
     frames
         Images a sample.
+    model
+        Law of the decorrelation over a ``correlation_time``. There is one, "autoregression": the medium is redrawn
+        little by little, by a first-order autoregression of its fields (see :mod:`light`). **It is assumed, and no
+        medium obeys it.** Scatterers in motion change the phases of long paths faster than those of short ones, so
+        that the correlation falls faster at first and has a long tail: its square is .82 and .0025 at .1 and 3
+        correlation times here, .59 and .04 with the paths of a slab of optical depth 10 and g .9.
     correlation_time
-        The medium is redrawn little by little: its fields follow a first-order autoregression (see :mod:`light`).
         Frames over which the correlation of the field falls to 1/e, and that of the intensity to 1/e^2; may
         vary from medium to medium; infinite for a medium that stays as it is.
     velocities
@@ -57,6 +70,7 @@ class Dynamics(Value):
     """
 
     frames: PositiveInt = 8
+    model: str = "autoregression"
     correlation_time: UnboundedDraw | None = None
     velocities: tuple[tuple[Draw, Draw], ...] | None = None
 
@@ -64,16 +78,22 @@ class Dynamics(Value):
     def _check(self) -> Self:
         if (self.correlation_time is None) == (self.velocities is None):
             reject("Dynamics", "given by one of correlation_time and velocities", self.model_dump(exclude_none=True))
+        if self.model not in MODELS:
+            reject("Dynamics.model", f"one of {', '.join(MODELS)}", self.model)
+        if self.velocities is not None and "model" in self.model_fields_set:
+            reject("Dynamics.model", "left out where velocities are given", self.model, "That motion is no model's.")
         if self.correlation_time is not None:
             require_above("Dynamics.correlation_time", self.correlation_time, 0)
         return self
 
     @model_serializer(mode="wrap")
-    def _without_velocities(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out velocities that are not there: the dynamics are what they were before they could have any."""
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out velocities that are not there, and the first model: the dynamics are what they were without."""
         content = write(self)
         if self.velocities is None:
             content.pop("velocities", None)
+        if self.model == "autoregression":
+            content.pop("model", None)
         return content
 
 
@@ -95,55 +115,87 @@ class DynamicSlab(HiddenObject):
                    len(given), "Give a correlation_time to a medium of scatterers.")  # fmt: skip
         return self
 
+    def idealisations(self, scene: Scene) -> list[Decision]:
+        """What is left out of every image, and the law that is assumed between them."""
+        assumed = Decision("motion", False, f'idealised: model "{self.dynamics.model}": {MODELS[self.dynamics.model]}')
+        return super().idealisations(scene) + ([assumed] if self.dynamics.velocities is None else [])
+
     def images_layout(self) -> dict[str, ArraySpec]:
         """Layout of what :meth:`images_of` names."""
         shape = (self.dynamics.frames, *self.camera_shape)
         return {"frames": self.observation(shape, ("frame", "y", "x"), "one camera image a frame")}
 
-    def images_of(self, images: np.ndarray, tilts: np.ndarray) -> dict[str, np.ndarray]:  # noqa: ARG002
-        """Name what the camera saw, [F, H, W]."""
+    def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
+        """The film."""
         return {"frames": images}
 
-    def media_frames(
-        self, seed: int, split: Split, medium: int
-    ) -> tuple[dict[str, float], Callable[[ObjectSampler | ScreenObjects], list[torch.Tensor]]]:
-        """What is drawn for the frames of one medium, and how a sampler draws their fields."""
-        if self.dynamics.correlation_time is None:  # the sampler's modes hold all frames
-            return super().media_frames(seed, split, medium)
-        time = drawn(self.dynamics.correlation_time, generator(substream(seed, split, Purpose.DYNAMICS, medium)))
-        kept = float(np.exp(-1 / time))
-        fixed = seed, split, medium, self.dynamics.frames, kept
-        return {"correlation_time": time}, lambda made: draw_frames(self.light, made, *fixed)
+    @property
+    def frames(self) -> int:
+        """Frames in which the fields are redrawn little by little; those of screens that drift are base tilts."""
+        return 1 if self.dynamics.velocities is not None else self.dynamics.frames
 
-    def tilts_of(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
+    @property
+    def pictures(self) -> int:
+        """One a frame."""
+        return self.dynamics.frames
+
+    @property
+    def media_alike(self) -> bool:
+        """Whether neither material, extent nor velocities are drawn."""
+        drifts = (number for both in self.dynamics.velocities or () for number in both)
+        return super().media_alike and all(low == high for low, high in map(ends, drifts))
+
+    def later_frames(self, drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor | None:
+        """Keys int64[M, halves, F - 1, 2] of the fields of all frames but the first."""
+        halves, later = len(self.medium_purposes), self.frames - 1
+        if not later:
+            return None
+        moved = drawn.words(numbers, [Purpose.DYNAMICS])[:, :, None].expand(-1, halves, later, -1)
+        number = torch.stack(torch.meshgrid(torch.arange(halves), torch.arange(1, later + 1), indexing="ij"), -1)
+        return drawn.keys(Stream.STATIONARY, torch.cat([moved, number.expand(len(numbers), -1, -1, -1)], -1))
+
+    def tilts_of(
+        self, drawn: Addresses, numbers: Sequence[int]
+    ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """No tilt; once a frame where screens drift, as frames are base tilts to their modes."""
-        angles, tilted = super().tilts_of(rng)
-        return np.repeat(angles, 1 if self.dynamics.velocities is None else self.dynamics.frames, axis=0), tilted
+        angles, tilted = super().tilts_of(drawn, numbers)
+        return angles.repeat(1, 1 if self.dynamics.velocities is None else self.dynamics.frames, 1), tilted
 
-    def motion_of(
-        self, material: KnownMaterial | KnownDiffuser, seed: int, split: Split, medium: int,  # noqa: ARG002
-    ) -> Motion:  # fmt: skip
-        """Velocity (x, y) of each screen of one medium, lengths a frame; none of what stands still."""
-        rng = generator(substream(seed, split, Purpose.DYNAMICS, medium))
-        return tuple((drawn(x, rng), drawn(y, rng)) for x, y in self.dynamics.velocities or ())
+    @property
+    def widest_tilts(self) -> np.ndarray:
+        """No tilt, once a frame where screens drift."""
+        return np.repeat(super().widest_tilts, self.pictures // self.frames, axis=0)
 
-    def motion_parameters(
-        self, material: KnownMaterial | KnownDiffuser, seen: Viewing, motion: Motion
-    ) -> dict[str, float]:
-        """Velocities, and the correlation time that follows from them."""
-        if not motion:
-            return {}
-        named = {f"velocity{m}_{axis}": v for m, both in enumerate(motion) for axis, v in zip("xy", both, strict=True)}
-        assert isinstance(material, KnownDiffuser)
-        window = Window(seen.profile, seen.width)
-        stack = material.slab.stack.replace(velocities=motion)
-        kept = lambda log_time: frame_correlation(stack, seen.wavelength, stack.moved(np.exp([log_time])), window)[0]  # noqa: E731
+    def moved_media(self, drawn: Addresses, numbers: Sequence[int], media: DrawnMedia) -> DrawnMedia:
+        """Draw how still media are, or how their screens drift."""
+        if self.dynamics.velocities is None:
+            assert self.dynamics.correlation_time is not None
+            (time,) = drawn.numbers(Purpose.DYNAMICS, [self.dynamics.correlation_time], numbers)
+            told = media.parameters | {"correlation_time": time}
+            return replace(media, parameters=told, still=torch.exp(-1 / time))
+        each = [number for both in self.dynamics.velocities for number in both]
+        found = drawn.numbers(Purpose.DYNAMICS, each, numbers)
+        names = [f"velocity{m}_{axis}" for m in range(len(self.dynamics.velocities)) for axis in "xy"]
+        velocities = torch.stack(found, -1).unflatten(1, (-1, 2))
+        frame = torch.arange(self.dynamics.frames, dtype=torch.float64, device=velocities.device)
+        times = [self._correlation_time(media, n, motion) for n, motion in enumerate(velocities.tolist())]
+        told = media.parameters | dict(zip(names, found, strict=True))
+        told["correlation_time"] = torch.tensor(times, dtype=torch.float64).to(velocities.device)
+        return replace(media, parameters=told, moved=frame[:, None, None] * velocities[:, None])
+
+    def _correlation_time(self, media: DrawnMedia, place: int, motion: list[list[float]]) -> float:
+        """Frames over which the correlation of a field falls to 1/e, of one medium whose screens drift."""
+        window = Window(self.profile, float(media.sight.width[place]))
+        stack = cast(Any, media.materials.slabs[place]()).stack.replace(velocities=motion)
+        kept = lambda log_time: frame_correlation(  # noqa: E731
+            stack, self.wavelength, stack.moved(np.exp([log_time])), window
+        )[0]  # fmt: skip
         if kept(_TIMES[1]) > np.exp(-1):
-            return named | {"correlation_time": np.inf}
+            return np.inf
         log_time = optimize.root_scalar(lambda t: kept(t) - np.exp(-1), bracket=_TIMES).root
-        return named | {"correlation_time": float(np.exp(log_time))}
+        return float(np.exp(log_time))
 
-    def frames_correlation(self, ready: MediumRealization) -> np.ndarray:
+    def frames_correlation(self, ready: Medium) -> np.ndarray:
         """Correlation float64[F] of one beam's field in the first frame with that in every frame."""
         steps, told = np.arange(self.dynamics.frames), ready.parameters
         if self.dynamics.correlation_time is not None:
@@ -159,7 +211,7 @@ class DynamicSlab(HiddenObject):
         return "dynamics"
 
 
-class TwoTilts(HiddenObject):
+class TwoTilts(Tilted, HiddenObject):
     """Images of one object under several tilts of its light, correlated by the memory effect.
 
     The camera stands still, so that each image is shifted by its tilt. Samples: ``stack`` float32[T, H, W] (or
@@ -167,7 +219,6 @@ class TwoTilts(HiddenObject):
     """
 
     kind: Literal["two-tilts"] = "two-tilts"  # type: ignore[assignment]
-    tilts: Tilts
 
     def images_layout(self) -> dict[str, ArraySpec]:
         """Layout of what :meth:`images_of` names."""
@@ -177,13 +228,11 @@ class TwoTilts(HiddenObject):
             "tilts": self.tilts.layout,
         }
 
-    def images_of(self, images: np.ndarray, tilts: np.ndarray) -> dict[str, np.ndarray]:
-        """Name what the camera saw, [T, H, W], under tilts float64[T, 2]."""
-        return {"stack": images, "tilts": tilts.copy()}
-
-    def tilts_of(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
-        """Tilts float64[T, 2] of the illumination of one medium, radians, and what was drawn for them."""
-        return self.tilts.drawn(rng)
+    def tilts_of(
+        self, drawn: Addresses, numbers: Sequence[int]
+    ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """Tilts float64[M, T, 2] of the illumination of media, radians, and what was drawn for them."""
+        return self.tilts.drawn_together(drawn, numbers)
 
     @property
     def widest_tilts(self) -> np.ndarray:

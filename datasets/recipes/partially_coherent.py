@@ -1,30 +1,33 @@
 """Recipe kind "partially-coherent": a slab under partially coherent light, coherence length drawn sample by sample."""
 
-from collections.abc import Mapping
-from functools import partial
-from typing import Annotated, Any, Literal, Self, cast
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from specklegen.coherence.partially_coherent import (
-    COHERENT,
-    effective_source_modes,
-    gaussian_brightness,
-    source_lattice,
-)
-from specklegen.core.values import remembered
-from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
-from specklegen.datasets.recipes.parts.distributions import UnboundedDraw, drawn, ends
-from specklegen.datasets.recipes.parts.light import draw_medium
-from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
-from specklegen.datasets.recipes.rendering import MediumView, realization
+from specklegen.coherence.partially_coherent import source_lattice
+from specklegen.core.lazy import LazyModule
+from specklegen.datasets.distributions import UnboundedDraw, ends
+from specklegen.datasets.recipes.media import DrawnMedia, MediumView
+from specklegen.datasets.recipes.parts.light import Lit
+from specklegen.datasets.recipes.recipe import Recipe
+from specklegen.datasets.recipes.specification import PARAMETERS
 from specklegen.datasets.sample_schema import ArraySpec
-from specklegen.datasets.split import Purpose, Split, generator, substream
-from specklegen.samplers.stationary.objects import ObjectSampler
+from specklegen.datasets.split import Purpose
 from specklegen.scene.illumination import CollimatedBeams, Profile
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes.materials import Materials
+    from specklegen.datasets.recipes.parts.source import Source
+else:
+    torch = LazyModule("torch")
 
 
 class PartiallyCoherent(Recipe):
@@ -80,41 +83,38 @@ class PartiallyCoherent(Recipe):
         beam = CollimatedBeams.tilts([0.0], width=width, profile=profile)
         return Scene(wavelength=wavelength, medium=slab, illumination=beam, sensor=self.geometry.grid)
 
-    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
-        """Make one medium ready, for light of every coherence length."""
-        material = self.material_of(seed, split, medium)
-        view = self.view(material.slab)
-        parameters = material.parameters(self.geometry.wavelength) | {
-            "width": self.geometry.width,
-            "camera_pitch": self.geometry.grid.pitch,
-        }
-        sampler = partial(_sampler, self, material.slab, view.shape[0], view.pitch)
-        media = lambda made: [draw_medium(self.light, made, seed, split, medium)]  # noqa: E731
-        return realization(self, view, sampler, media, parameters, (seed, split, medium), share=True)
+    def seen_media(self, drawn: "Addresses", numbers: Sequence[int], materials: "Materials") -> DrawnMedia:  # noqa: ARG002
+        """Media under the beams of the source."""
+        count, pitch = self.lattice
+        return lattice_media(self, drawn, materials, (count, count), pitch)
 
-    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
-        """One image with its parameters; see :class:`Recipe`."""
-        which = cast(Split, split)
-        medium = self.medium_number(index)
-        length = drawn(self.coherence_length, generator(substream(seed, which, Purpose.OBJECT, index)))
-        wavelength, width, profile = self._window
-        brightness = gaussian_brightness(*self.lattice, wavelength, min(length, COHERENT * width))
-        ready = medium_realization(self, seed, which, medium)
-        return {
-            "image": self.observed(ready.images(brightness), seed, which, index)[0],
-            "index": np.int64(index),
-            "parameters": {
-                **ready.parameters,
-                "coherence_length": length,
-                "effective_modes": effective_source_modes(brightness, self.lattice[1], wavelength, width, profile),
-                "expected_contrast": ready.expected_contrast(brightness),
-                "medium": float(medium),
-            },
-        }
+    def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> Lit:
+        """The beams of a source of some coherence length."""
+        source = _source(self, drawn.device)
+        (length,) = drawn.numbers(Purpose.OBJECT, [self.coherence_length], numbers)
+        light = source.beams(length)
+        told = {"coherence_length": length, "effective_modes": source.effective_modes(light)}
+        return Lit(light, None, told, {})
+
+    def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
+        """One image."""
+        return {"image": images[:, 0]}
 
 
-@remembered(8)
-def _sampler(recipe: PartiallyCoherent, slab: Slab, count: int, pitch: float) -> ObjectSampler:
-    material = recipe.material.known(slab)
-    axis, tolerance = np.zeros((1, 2)), recipe.mode_tolerance
-    return recipe.object_sampler(material, recipe.geometry, (count, count), pitch, axis, tolerance)
+def lattice_media(
+    recipe: Recipe, drawn: "Addresses", materials: "Materials", shape: tuple[int, int], pitch: float
+) -> DrawnMedia:
+    """Media under a lattice of beams about the axis, the same for all: ``pitch`` direction sines apart."""
+    seen = recipe.geometry
+    whole = lambda value: torch.full_like(materials.half_range, value)  # noqa: E731
+    base = torch.zeros((len(materials), 1, 2), dtype=torch.float64, device=drawn.device)
+    parameters = materials.parameters | {"width": whole(seen.width), "camera_pitch": whole(seen.grid.pitch)}
+    sight = recipe.sight(drawn, shape, whole(pitch), base)
+    return DrawnMedia(materials, sight, seen.bandwidth, base, parameters, whole(1.0))
+
+
+@lru_cache(maxsize=8)
+def _source(recipe: PartiallyCoherent, device: "torch.device") -> "Source":
+    from specklegen.datasets.recipes.parts.source import source_of
+
+    return source_of(*recipe.lattice, *recipe._window, device)

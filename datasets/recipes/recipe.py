@@ -1,119 +1,69 @@
 """Recipes: what a data set is made of, and its samples as pure functions of (seed, split, index).
 
-A recipe is a frozen value, read from a packaged preset or a TOML file. ``inherits`` names another recipe to
-start from; tables are merged, everything else is replaced. The physics of each kind is in a file of its own:
-:mod:`tilt_stack`, :mod:`hidden_object`, :mod:`partially_coherent`, :mod:`masked_light`.
+What a recipe says is in :mod:`specification`; here is what is made of it. The physics of each kind is in a file of its
+own: :mod:`tilt_stack`, :mod:`hidden_object`, :mod:`partially_coherent`, :mod:`masked_light`.
 """
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, PrivateAttr, Tag, WithJsonSchema, model_validator
 
 from specklegen.core.arguments import whole_number
-from specklegen.core.devices import checked_device
+from specklegen.core.content import is_own
+from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.picturing import Pictured
-from specklegen.core.values import PositiveInt, Value
-from specklegen.datasets.recipes.medium_realization import MediumRealization
-from specklegen.datasets.recipes.parts.diffuser import Diffuser, KnownDiffuser
-from specklegen.datasets.recipes.parts.distributions import ends
-from specklegen.datasets.recipes.parts.light import Light
-from specklegen.datasets.recipes.parts.material import Estimator, KnownMaterial, Material, known_light
-from specklegen.datasets.recipes.parts.preset import PresetMaterial
-from specklegen.datasets.recipes.parts.viewing import CameraGrid, Lab, Viewing, Window
-from specklegen.datasets.recipes.rendering import Planned, RenderedBy, Rendering, medium_plan, rendering_of
-from specklegen.datasets.sample_schema import ArraySpec, require_finite
-from specklegen.datasets.split import SPLITS, Purpose, Split, generator, medium_of, split_number, substream
-from specklegen.instrument.camera import Camera, NoiseStreams, expose
-from specklegen.planning.plan import Plan
-from specklegen.samplers.screens.objects import ScreenObjects, screen_objects
-from specklegen.samplers.stationary.atlas import atlas_digest
-from specklegen.samplers.stationary.objects import ObjectSampler, ObjectSpeckle, object_sampler, object_speckle
-from specklegen.scene.illumination import Profile
-from specklegen.scene.media import Slab
-from specklegen.scene.sensors import FarFieldGrid
-
-DATA_VERSION = 4
-"""Raised by hand whenever pixels change; a golden test guards it."""
-
-PARAMETERS = ArraySpec(
-    dtype="float64",
-    description="parameters drawn for the sample and what follows from them; lengths in the recipe's unit, angles in "
-    "radians, pitches in direction sines inside the medium; expected_contrast is that of the light at one pixel, "
-    "before the camera's noise; estimator: " + ", ".join(f"{e.value} kernel from {e.name.lower()}" for e in Estimator)
-    + "; sampler: " + ", ".join(f"{s.value} {s.name.lower()}" for s in RenderedBy)
-    + "; expected_error: relative error that its number of paths leaves, as planned",
-    unbounded=("memory_effect_range", "coherence_length", "correlation_time"),
+from specklegen.core.lazy import LazyModule
+from specklegen.core.registry import Registry
+from specklegen.core.shielded import shielded
+from specklegen.datasets.recipes.media import (
+    DrawnMedia,
+    MediumView,
+    Planned,
+    Rendering,
+    media_requests,
+    medium_plan,
+    rendering_of,
 )
-"""Layout of the parameters of every kind."""
+from specklegen.datasets.recipes.parts.diffuser import KnownDiffuser
+from specklegen.datasets.recipes.parts.material import CharacterizedMaterial
+from specklegen.datasets.recipes.specification import Specification
+from specklegen.datasets.sample_schema import require_finite
+from specklegen.datasets.split import Purpose, Split, generator, split_number, substream
+from specklegen.planning.plan import Plan
+from specklegen.samplers.sampler import MediaRequest
+from specklegen.scene.scene import Scene
+from specklegen.scene.validity import idealisations
+from specklegen.synthesis.sight import Sight
 
-NOISES = (Purpose.SHOT_NOISE, Purpose.BACKGROUND, Purpose.DARK_CURRENT, Purpose.READ_NOISE)
+if TYPE_CHECKING:
+    import torch
 
-COSMETIC = {"name", "description", "samples", "strict"}
-"""Fields that decide no pixel and so stay out of the fingerprint."""
-
-
-class Samples(Value):
-    """Samples an epoch, split by split."""
-
-    train: PositiveInt = 4096
-    validation: PositiveInt = 512
-    test: PositiveInt = 512
-
-
-Media = Annotated[
-    PositiveInt | None,
-    BeforeValidator(lambda media: None if media == "new" else media),
-    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1}, {"const": "new"}, {"type": "null"}]}),
-]
-"""A number of media, or "new" for one that is never seen again (TOML has no null to override a number with)."""
-
-
-def _kind_of_material(value: Any) -> str:
-    given = value if isinstance(value, Mapping) else getattr(type(value), "model_fields", ())
-    return next((f"@{kind}" for kind in ("screens", "preset") if kind in given), "@slab")
-
-
-AnyMaterial = Annotated[
-    Annotated[Material, Tag("@slab")]
-    | Annotated[Diffuser, Tag("@screens")]
-    | Annotated[PresetMaterial, Tag("@preset")],
-    Discriminator(_kind_of_material),
-]
-"""A slab, or thin screens where the table holds ``screens``, or a named material where it holds ``preset``."""
+    from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes import generator as _generator
+    from specklegen.datasets.recipes import materials as _materials
+    from specklegen.datasets.recipes import medium as _medium
+    from specklegen.datasets.recipes.materials import Materials
+    from specklegen.datasets.recipes.medium import Medium
+    from specklegen.datasets.recipes.parts.light import Lit
+else:
+    torch = LazyModule("torch")
+    _generator = LazyModule("specklegen.datasets.recipes.generator")
+    _materials = LazyModule("specklegen.datasets.recipes.materials")
+    _medium = LazyModule("specklegen.datasets.recipes.medium")
 
 
-class Recipe(Value, Pictured):
-    """What every kind of recipe has.
+def _is_kind(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Recipe)
 
-    Parameters
-    ----------
-    name, description
-        For people; not part of the fingerprint.
-    samples
-        Samples an epoch.
-    media
-        Media a split; sample n is seen through medium n mod ``media``. "new" (None) never repeats one.
-    media_group
-        Neighbouring samples that share a medium, where media never repeat.
-    material, window, camera
-        The scene, in the engine's terms.
-    lab
-        Or in those of a laboratory, instead of wavelength, window, camera and field.
-    light
-        Bandwidth and polarisation.
-    exposure
-        Camera and its noises; where given, images are counts, and pixels average over their area.
-    sampler
-        "auto" renders with the sampler that the planner chooses: the stationary one where its error over all the
-        recipe's media is within 0.02, path sums elsewhere, which are slower. Or the name of either.
-    strict
-        Refuse, instead of warning of it, a sampler that is asked for and that the planner finds unfit.
+
+class Recipe(Specification):
+    """What every kind of recipe has. Subclass it, or one of its kinds, for a kind of your own.
+
+    A kind is known by its ``kind``: the name of the class, unless the field says another. It says its arrays in
+    :meth:`layout`, and lists in :meth:`extremes` the media that a plan must serve. Its fields are those of
+    :class:`~specklegen.datasets.recipes.specification.Specification`.
 
     Examples
     --------
@@ -125,189 +75,14 @@ class Recipe(Value, Pictured):
     (128, 128)
     """
 
-    name: str
-    description: str = ""
-    samples: Samples = Samples()
-    media: Media = None
-    media_group: PositiveInt = 1
-    material: AnyMaterial
-    window: Window | None = None
-    camera: CameraGrid | None = None
-    lab: Lab | None = None
-    light: Light = Light()
-    exposure: Camera | None = None
-    sampler: Literal["auto", "paths", "stationary"] = "auto"
-    strict: bool = False
-    _device: str = PrivateAttr("cpu")  # not written down: a file says what is rendered, not where
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        stated = {"material.wavelength": self.material.wavelength, "window": self.window, "camera": self.camera}
-        given = [name for name, value in stated.items() if value is not None]
-        if self.lab is not None and given:
-            reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
-        if self.lab is None and len(given) < len(stated):
-            reject("Recipe", f"given {', '.join(stated)}, or else a table lab", given)
-        if self.lab is not None:
-            self._take_faces(self.lab)
-        if self.lab is not None and (self.light.bandwidth or self.light.refractive_index != 1):
-            reject("Recipe.light", "without bandwidth and refractive_index, which the lab gives", self.light)
-        if self.media is not None and self.media_group != 1:
-            reject("Recipe.media_group", "1 where media are numbered", self.media_group, "Leave out media.")
-        if self.lab is None:
-            self._check_smear()
-        if isinstance(self.material, Diffuser):
-            self._check_screens(self.material)
-        if self.window is not None and (self.window.width == "fitted") != self.fits_window:
-            reject("Window.width", '"fitted" where field.pixels is given, a length elsewhere', self.window.width,
-                   "Give one of window.width and field.pixels.")  # fmt: skip
-        if self.exposure is not None and self.exposure.oversampling != 1:
-            reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
-        if self.exposure is not None:
-            self.exposure.require_light(int(np.prod(self.camera_shape)))
-        return self
-
-    def _check_screens(self, material: Diffuser) -> None:
-        if self.light.bandwidth or (self.lab is not None and self.lab.wavenumber_bandwidth):
-            reject("Recipe.light.bandwidth", "0 behind thin screens", self.light.bandwidth, "It is not modelled there.")
-        if self.lab is not None:
-            material.seen_at(self.lab.medium_wavelength)
-
-    def _take_faces(self, lab: Lab) -> None:
-        """The material's faces are those of the laboratory, where there is one."""
-        if not isinstance(self.material, Material):
-            return
-        if self.material.faces.matched:
-            self.__dict__["material"] = self.material.replace(faces=lab.layer_faces)
-        elif self.material.faces != lab.layer_faces:
-            reject("Material.faces", f"those of the lab, {lab.layer_faces}", self.material.faces, "Leave them out.")
-
-    def _check_smear(self) -> None:
-        """Speckle scales with the wavelength: over the band it must not move by more than its own size."""
-        assert self.material.wavelength is not None
-        assert self.camera is not None
-        grains = max(self.camera.shape) / self.camera.pixels_per_grain
-        largest = self.light.refractive_index * self.material.wavelength / grains
-        if self.light.bandwidth > largest:
-            reject("Light.bandwidth", f"at most {largest:.4g}, which moves the pattern by one speckle",
-                   self.light.bandwidth, "Use a narrower filter, or a smaller camera.")  # fmt: skip
-
-    def _facts(self) -> Mapping[str, object]:
-        """What a file of the recipe says, one row a table; fields that are left out say nothing."""
-        said = self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
-        return {name: _row(value) for name, value in said.items()}
+    registry: ClassVar = Registry("kind of recipe", _is_kind)
+    name_key: ClassVar = "kind"
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Draw the scene of its first medium."""
         self.extremes()[0].probe.plot(axes, label)
 
-    @property
-    def device(self) -> str:
-        """Torch device that samples are rendered on."""
-        return self._device
-
-    def on(self, device: str) -> Self:
-        """Return this recipe rendering on another torch device: the same random numbers, other rounding.
-
-        Raises
-        ------
-        RuleError
-            If there is no such device here.
-        """
-        if str(device) != "cpu":
-            checked_device(f"{type(self).__name__}.on device", device)
-        copy = self.model_copy()
-        copy._device = str(device)
-        return copy
-
-    def __eq__(self, other: object) -> bool:
-        # What is kept for a recipe lies on its device.
-        return super().__eq__(other) and self._device == other._device  # type: ignore[attr-defined]
-
-    __hash__ = Value.__hash__
-
-    @property
-    def data_version(self) -> int:
-        """Version of the pixels."""
-        return DATA_VERSION
-
-    @property
-    def fits_window(self) -> bool:
-        """Whether each medium has a window of its own."""
-        return False
-
-    @property
-    def wavelength(self) -> float:
-        """Wavelength inside the medium."""
-        if self.lab is not None:
-            return self.lab.medium_wavelength
-        assert self.material.wavelength is not None
-        return self.material.wavelength
-
-    @property
-    def profile(self) -> Profile:
-        """Shape of the window."""
-        outline = self.lab or self.window
-        assert outline is not None
-        return outline.profile
-
-    @property
-    def camera_shape(self) -> tuple[int, int]:
-        """(rows, columns) of an image."""
-        if self.lab is not None:
-            return self.lab.pixels
-        assert self.camera is not None
-        return self.camera.shape
-
-    @cached_property
-    def geometry(self) -> Viewing:
-        """Window and camera as the engine sees them; of a recipe whose window is the same for every medium."""
-        lab = self.lab
-        if lab is not None:
-            pitch = lab.view_pitch * lab.oversampling  # whole pixels: their area is integrated exactly
-            grid = FarFieldGrid(shape=lab.pixels, pitch=pitch)
-            return Viewing(self.wavelength, lab.aperture, lab.profile, grid, lab.wavenumber_bandwidth, True)
-        assert self.window is not None
-        if self.window.width == "fitted":
-            reject("Recipe.geometry", "asked of a medium where the window is fitted", self.window.width)
-        return self.seen_through(self.window.width)
-
-    def seen_through(self, width: float) -> Viewing:
-        """Camera behind a window of some width, its grains always of the same number of pixels."""
-        assert self.camera is not None
-        wavelength, light = self.wavelength, self.light
-        grid = FarFieldGrid(shape=self.camera.shape, pitch=wavelength / (width * self.camera.pixels_per_grain))
-        # d k = 2 pi n d(lambda_0) / lambda_0^2, and lambda_0 = n wavelength
-        bandwidth = 2 * np.pi * light.bandwidth / (light.refractive_index * wavelength**2)
-        return Viewing(wavelength, width, self.profile, grid, bandwidth, self.exposure is not None)
-
-    def physics(self) -> dict[str, Any]:
-        """Everything that decides a pixel."""
-        decided = self.model_dump(mode="json", exclude=COSMETIC) | {"data_version": DATA_VERSION}
-        return decided | ({"atlas": atlas_digest(self.material.extremes())} if self.material.kernel == "atlas" else {})
-
-    @cached_property
-    def _canonical_json(self) -> str:
-        return json.dumps(self.physics(), sort_keys=True, separators=(",", ":"))
-
-    def fingerprint(self) -> str:
-        """SHA-256 of everything that decides a pixel, in hexadecimal."""
-        return hashlib.sha256(self.canonical_json().encode()).hexdigest()
-
-    def length(self, split: str) -> int:
-        """Samples in an epoch of a split."""
-        split_number(split)
-        return int(getattr(self.samples, split))
-
-    def medium_number(self, index: int) -> int:
-        """Number of the medium of sample ``index``."""
-        return index // self.media_group if self.media is None else medium_of(index, self.media)
-
-    def media_of(self, samples: int) -> int:
-        """Media behind the first ``samples`` samples of a split."""
-        return -(-samples // self.media_group) if self.media is None else min(samples, self.media)
-
-    def material_of(self, seed: int, split: Split, medium: int) -> KnownMaterial | KnownDiffuser:
+    def material_of(self, seed: int, split: Split, medium: int) -> CharacterizedMaterial | KnownDiffuser:
         """Material of one medium, with its kernel."""
         return self.material.realized(generator(substream(seed, split, Purpose.MATERIAL, medium)), split)
 
@@ -322,16 +97,25 @@ class Recipe(Value, Pictured):
         """
         return rendering_of(self, self.plans())
 
+    def idealisations(self, scene: Scene) -> list[Decision]:
+        """What a real set-up has and one of the recipe's scenes leaves out."""
+        index = self.light.refractive_index if self.lab is None else self.lab.refractive_index
+        known = self.lab is not None or index != 1
+        band = bool(self.light.bandwidth or (self.lab is not None and self.lab.bandwidth))
+        return idealisations(scene, refractive_index=index if known else None, band=band, halves=self.light.halves)
+
     @property
     def rendering_note(self) -> str:
-        """What renders the samples, in a sentence."""
+        """What renders the samples and what is idealised, in sentences."""
+        told = self.idealisations(self.extremes()[0].probe)
+        return " ".join([self._rendered_by, *(f"Left out: {each.part}, {each.reason}." for each in told)])
+
+    @property
+    def _rendered_by(self) -> str:
         chosen = self.rendering
         if chosen is None:
             return "Rendered by the sampler that the planner chooses for each medium; every sample says which."
-        sampler = {
-            RenderedBy.PATHS: "path sums", RenderedBy.STATIONARY: "the stationary sampler",
-            RenderedBy.SCREENS: "the screens sampler",
-        }[chosen.sampler]  # fmt: skip
+        sampler = "path sums" if chosen.name == "paths" else f"the {chosen.name} sampler"
         return f"Rendered by {sampler}; relative error that the paths leave, as planned: {chosen.expected_error:.2g}."
 
     @property
@@ -340,77 +124,125 @@ class Recipe(Value, Pictured):
         band = self.light.bandwidth or (self.lab is not None and self.lab.wavenumber_bandwidth)
         return "a bandwidth" if band else None
 
-    def object_sampler(
-        self, material: KnownMaterial | KnownDiffuser, seen: Viewing, shape: tuple[int, int], pitch: float,
-        base: np.ndarray, tolerance: float = 0.01, moved: np.ndarray | None = None,
-    ) -> ObjectSampler | ScreenObjects:  # fmt: skip
-        """Sampler of the engine for objects of a shape and pitch under base tilts float64[T, 2] (sines).
+    @property
+    def media_alike(self) -> bool:
+        """Whether media differ in nothing but what is drawn of their fields: one imaging serves them all."""
+        return not self.material.varies
 
-        Behind screens ``moved`` float64[T, M, 2] is how far each has moved at every base tilt.
+    @property
+    def frames(self) -> int:
+        """Frames of a sample in which the medium is another one."""
+        return 1
+
+    @property
+    def pictures(self) -> int:
+        """Images of a sample: frames, or tilts."""
+        return self.frames
+
+    def later_frames(self, drawn: "Addresses", numbers: Sequence[int]) -> "torch.Tensor | None":  # noqa: ARG002
+        """Keys int64[M, halves, F - 1, 2] of the fields of all frames but the first; None of media at rest."""
+        return None
+
+    def host_work(self) -> list[str]:
+        """What is made on the host, whatever the device, in words."""
+        said = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
+        if self.rendering is None:
+            said.append("sums over paths, where they are chosen")
+        elif self.rendering.chosen.medium_by_medium:
+            sampler = self.rendering.name
+            said.append("sums over paths" if sampler == "paths" else f"media of the {sampler} sampler, one by one")
+        own = self.exposure is not None and is_own(type(self.exposure))
+        return [*said, "counts of a camera of a user's own"] if own else said
+
+    def drawn_media(self, drawn: "Addresses", numbers: Sequence[int]) -> "list[tuple[list[int], DrawnMedia]]":
+        """Draw media, those whose materials are known in the same way together, and which they are."""
+        parts = _materials.drawn_materials(self.material, drawn, numbers, self.wavelength)
+        return [
+            (places, self.seen_media(drawn, [numbers[n] for n in places], materials)) for places, materials in parts
+        ]
+
+    def seen_media(self, drawn: "Addresses", numbers: Sequence[int], materials: "Materials") -> DrawnMedia:
+        """Draw what is seen of media of known materials; what each kind says."""
+        raise NotImplementedError
+
+    def requests(self, media: DrawnMedia) -> list[tuple[list[int], MediaRequest]]:
+        """What is asked of the sampler for media, and for which."""
+        return media_requests(self, media)
+
+    def path_scene(self, media: DrawnMedia, place: int) -> Scene:
+        """Scene of one medium with every beam, for path sums."""
+        return media.view(place).full
+
+    def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> "Lit":
+        """What samples shine through their media; what each kind says."""
+        raise NotImplementedError
+
+    def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Name what the camera saw, [B, T or F, H, W], under tilts float64[B, T, 2]; what each kind says."""
+        raise NotImplementedError
+
+    def sight(
+        self, drawn: "Addresses", shape: tuple[int, int], object_pitch: Any, base: Any, width: Any = None
+    ) -> Sight:
+        """How objects are seen through media.
+
+        Parameters
+        ----------
+        drawn
+            Where the numbers lie.
+        shape
+            Of the object.
+        object_pitch, base
+            Direction sines float64[M] between its pixels, and float64[M, T, 2] of the base tilts.
+        width : float64[M] or None
+            Of the windows, where each medium has its own.
         """
-        if isinstance(material, KnownDiffuser):
-            return screen_objects(
-                material.slab.stack, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch, grid=seen.grid,
-                base=base, width=seen.width, profile=seen.profile, pixel_integration=seen.pixel_integration,
-                tolerance=tolerance, device=self.device, moved=moved,
-            )  # fmt: skip
-        light = None
-        if seen.bandwidth:
-            light = known_light(material.slab, self.material.kernel_paths, seen.bandwidth, self.light.spectrum)
-        return object_sampler(
-            material.kernel, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch, width=seen.width,
-            profile=seen.profile, grid=seen.grid, base=base, light=light, pixel_integration=seen.pixel_integration,
-            tolerance=tolerance, device=self.device,
-        )  # fmt: skip
-
-    def object_speckle(
-        self, slab: Slab, seen: Viewing, shape: tuple[int, int], pitch: float, base: np.ndarray
-    ) -> ObjectSpeckle:
-        """What is known of images behind a slab before any is drawn, for objects as in :meth:`object_sampler`."""
-        return object_speckle(
-            self.material.known(slab).kernel, wavelength=seen.wavelength, object_shape=shape, object_pitch=pitch,
-            width=seen.width, profile=seen.profile, grid=seen.grid, base=base, pixel_integration=seen.pixel_integration,
-        )  # fmt: skip
-
-    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
-        """Make one medium ready, with all that is drawn for it."""
-        raise NotImplementedError
-
-    def observed(self, images: np.ndarray, seed: int, split: Split, index: int) -> np.ndarray:
-        """What the camera makes of expected intensities float[..., H, W]: float32, or counts if it is exposed."""
-        if self.exposure is None:
-            return images.astype(np.float32)
-        streams = NoiseStreams(*(substream(seed, split, purpose, index) for purpose in NOISES))
-        # Rounding may leave a dark pixel a little below 0.
-        return expose(self.exposure, np.maximum(images, 0), streams)
-
-    def observation(self, shape: tuple[int, ...], dims: tuple[str, ...], what: str) -> ArraySpec:
-        """Layout of an array of camera images."""
-        if self.exposure is None:
-            return ArraySpec(shape=shape, dims=dims, description=f"{what}, intensity over its expected value")
-        counts = self.exposure.bit_depth is not None
-        return ArraySpec(
-            shape=shape, dims=dims, dtype="uint16" if counts else "float32", counts=counts, units="counts",
-            description=f"{what}, counts",
-        )  # fmt: skip
-
-    def split_notes(self) -> str:
-        """What the splits share and what they do not, in Markdown sentences for the data card."""
-        notes = ["No medium of one split appears in another: each has random streams of its own."]
-        ranges = self.material.by_split
-        if ranges is not None:
-            spans = "; ".join("{} {:g} to {:g}".format(split, *ends(getattr(ranges, split))) for split in SPLITS)
-            notes.append(f"The splits differ in the material: {ranges.parameter} is drawn from {spans}.")
-        elif self.material.varies:
-            notes.append("Materials of all splits are drawn from the same ranges, independently.")
+        if width is None:
+            seen = self.geometry
+            width, pitch = (torch.full_like(object_pitch, number) for number in (seen.width, seen.grid.pitch))
         else:
-            notes.append("All media are of one material.")
-        return " ".join(notes)
+            assert self.camera is not None
+            pitch = self.wavelength / (width * self.camera.pixels_per_grain)
+        bound = self._most_cells if drawn.device.type != "cpu" or self._on_one_grid else None
+        return Sight(
+            wavelength=self.wavelength, profile=self.profile, shape=shape, camera=self.camera_shape, center=(0.0, 0.0),
+            integrated=self.lab is not None or self.exposure is not None, width=width, object_pitch=object_pitch,
+            camera_pitch=pitch, base=base, bound=bound,
+        )  # fmt: skip
 
-    def layout(self) -> Mapping[str, ArraySpec]:
-        """Shape, type, axes and unit of every array of a sample."""
-        raise NotImplementedError
+    @property
+    def _on_one_grid(self) -> bool:
+        """Whether it pays to have all media on one grid: each is seen once, and they are of about one size."""
+        return not (self.media_alike or self.shares_media or self.tilts_turn)
 
+    @cached_property
+    def _most_cells(self) -> tuple[int, int]:
+        """No fewer cells along (y, x) than any medium has: those at the ends of the ranges, tilted either way."""
+        views = [view for view in self.extremes() if isinstance(view, MediumView)]
+        put = lambda rows: torch.tensor(np.array(rows), dtype=torch.float64)  # noqa: E731
+        found = []
+        for turned in (False, True) if self.tilts_turn else (False,):
+            base = [np.sin(view.tilts)[:, ::-1] if turned else np.sin(view.tilts) for view in views]
+            sight = Sight(
+                wavelength=self.wavelength, profile=self.profile, shape=views[0].shape, camera=self.camera_shape,
+                center=(0.0, 0.0), integrated=False, width=put([view.seen.width for view in views]) * (1 + 1e-9),
+                object_pitch=put([view.pitch for view in views]), base=put(base),
+                camera_pitch=put([view.seen.grid.pitch for view in views]),
+            )  # fmt: skip
+            found.append(sight.most_cells)
+        rows, columns = np.max(found, axis=0).tolist()
+        return rows, columns
+
+    @property
+    def tilts_turn(self) -> bool:
+        """Whether the direction of tilting differs between media."""
+        return False
+
+    def prepare(self, seed: int, split: Split, medium: int) -> "Medium":
+        """Make one medium ready to be looked through, with all that is drawn for it."""
+        return _medium.medium_of_recipe(self, seed, split, medium)
+
+    @shielded()
     def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One sample: arrays, "index" and "parameters" (a flat dict of float64). Pure.
 
@@ -420,35 +252,35 @@ class Recipe(Value, Pictured):
             If the split is unknown, the seed or the index is not a whole number of at least 0, or the sample would
             hold a number that is not finite.
         """
-        index = whole_number(f"{type(self).__name__}.sample index", index, 0, 2**64 - 1)
-        self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
-        sample = self.rendered(seed, split, index)
-        require_finite(sample, self, seed, split)
-        return sample
-
-    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
-        """One sample, before it is checked; what each kind says."""
-        raise NotImplementedError
+        index = whole_number(f"{type(self).__name__}.sample index", index, 0, 2**63 - 1)
+        batch = self.batch(seed, split, [index])
+        parameters = {name: float(value[0]) for name, value in batch.pop("parameters").items()}
+        return {name: value[0] for name, value in batch.items()} | {"parameters": parameters}
 
     def extremes(self) -> Sequence[Planned]:
         """Media at the ends of every range, looked at by the widest object and the most tilted beams."""
         raise NotImplementedError
 
+    @shielded()
     def plans(self) -> list[Plan]:
         """Plans of the media at the ends of every range: what ``specklegen plan`` prints, and what runs."""
         return [medium_plan(self, view) for view in self.extremes()]
 
+    @shielded()
     def batch(self, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:
         """Samples stacked along a new first axis, parameters as a dict of float64[B]; the same bits as alone."""
-        samples = [self.sample(seed, split, index) for index in indices]
-        if not samples:
-            reject("batch indices", "at least one index", list(indices))
-        batch = {key: np.stack([s[key] for s in samples]) for key in samples[0] if key != "parameters"}
-        names = samples[0]["parameters"]
-        return batch | {"parameters": {n: np.array([s["parameters"][n] for s in samples]) for n in names}}
+        numbers = list(indices)
+        if not numbers:
+            reject("batch indices", "at least one index", numbers)
+        split_number(split)
+        self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
+        batch = arrays(_generator.generator_of(self, seed, cast(Split, split), self.device)(numbers))
+        require_finite(batch, self, seed, split)
+        return batch
 
 
-def _row(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_row(inner)}" for name, inner in value.items())
-    return ", ".join(map(_row, value)) if isinstance(value, list) else str(value)
+def arrays(batch: Any) -> Any:
+    """Turn the tensors of a (nested) dict into arrays on the host."""
+    if isinstance(batch, dict):
+        return {key: arrays(value) for key, value in batch.items()}
+    return batch.cpu().numpy()

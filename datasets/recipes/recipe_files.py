@@ -1,8 +1,8 @@
 """Recipes as tables: the packaged ones by name, TOML files by path, and what they inherit.
 
 A table is what a recipe is made from before anything is checked. Reading one imports no engine, so that listing
-recipes and completing their names is quick. Paths in a file, those of folders and those that it inherits, are relative
-to that file, wherever the command runs.
+recipes and completing their names is quick. Paths in a file, of folders, of recipes that it inherits and of modules
+(``type = "rings:Rings"``), are relative to that file, wherever the command runs.
 """
 
 from collections.abc import Mapping
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from specklegen.core.errors import reject
+from specklegen.core.registry import anchored
 from specklegen.core.tables import read_text, toml_table
 
 LONGEST_CHAIN = 16
@@ -85,7 +86,7 @@ def _parsed(source: str) -> dict[str, Any]:
             "recipe", f"one of {', '.join(recipe_names())}, or the path of a TOML file", _relative(file),
             f"Did you mean {close[0]}?" if close else "`specklegen recipes` lists the packaged ones.",
         )  # fmt: skip
-    table = toml_table(read_text(file, "recipe"), f"recipe {source}")
+    table = anchored(toml_table(read_text(file, "recipe"), f"recipe {source}"), file.parent)
     objects = table.get("objects")
     if isinstance(objects, dict):
         members = objects.get("families")
@@ -111,7 +112,8 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
     """Merge tables: tables go into tables, everything else is replaced.
 
     A table with another ``type`` replaces the old one whole, since their fields have nothing in common; so do a
-    distribution (``{uniform = ...}``), and a material of another kind (``screens`` or ``preset`` where it had none).
+    distribution (``{uniform = ...}``), and a material of another kind (``screens``, ``preset``
+    or ``layers`` where it had none).
     """
     result = dict(base)
     for key, value in changes.items():
@@ -126,7 +128,7 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
 def _alike(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
     """Whether two tables are of one kind, so that one changes fields of the other."""
     same_type = new.get("type", old.get("type")) == old.get("type")
-    return same_type and not _is_draw(old) and {"screens", "preset"} & new.keys() <= old.keys()
+    return same_type and not _is_draw(old) and {"screens", "preset", "layers"} & new.keys() <= old.keys()
 
 
 def _is_draw(table: Mapping[str, Any]) -> bool:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from specklegen.core.errors import reject
+from specklegen.core.registry import Registry, is_import_path
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.masked_light import MaskedLight
 from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
@@ -15,17 +16,13 @@ from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
 from specklegen.datasets.recipes.volume_object import VolumeObject
 from specklegen.datasets.recipes.volume_stack import VolumeStack
 
-KINDS: dict[str, type[Recipe]] = {
-    "tilt-stack": TiltStack,
-    "material-regression": MaterialRegression,
-    "hidden-object": HiddenObject,
-    "partially-coherent": PartiallyCoherent,
-    "masked-light": MaskedLight,
-    "dynamic-slab": DynamicSlab,
-    "two-tilts": TwoTilts,
-    "volume-stack": VolumeStack,
-    "volume-object": VolumeObject,
-}
+PACKAGED: tuple[type[Recipe], ...] = (
+    TiltStack, MaterialRegression, HiddenObject, PartiallyCoherent, MaskedLight, DynamicSlab, TwoTilts, VolumeStack,
+    VolumeObject,
+)  # fmt: skip
+"""Kinds of this library; they are known, as those of users are, by being defined."""
+KINDS: Registry[type[Recipe]] = Recipe.registry
+"""Every kind of recipe by its name."""
 
 
 def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) -> Recipe:
@@ -34,7 +31,8 @@ def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) ->
     Parameters
     ----------
     source
-        Name of a packaged recipe, or path of a TOML file.
+        Name of a packaged recipe, or path of a TOML file. Where a ``type`` or ``kind`` is an import path, as in
+        "my_module:Rings", **the module is imported, which runs it**: read such a file as you would run a program.
     changes
         A nested table merged over it, such as ``{"objects": {"type": "Folder", "path": "my-images"}}``.
 
@@ -54,22 +52,21 @@ def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) ->
     if changes is not None and not isinstance(changes, Mapping):
         reject("load_recipe changes", 'a table such as {"material": {"g": 0.8}}', changes)
     table = merged(recipe_table(source), changes or {})
-    return _kind(table)(**table)
+    kind = _kind(table.get("kind"))
+    return kind(**table | {"kind": kind.class_name()})
 
 
 def recipe_schema(name: str) -> dict[str, Any]:
-    """JSON schema of a kind of recipe, by its name or that of a recipe of the kind.
+    """JSON schema of a kind of recipe, by its name, its import path or a recipe of the kind.
 
     Raises
     ------
     RuleError
         If there is neither.
     """
-    return _kind({"kind": name} if name in KINDS else recipe_table(name)).model_json_schema()
+    known = name in KINDS or is_import_path(name)
+    return _kind(name if known else recipe_table(name).get("kind")).model_json_schema()
 
 
-def _kind(table: Mapping[str, Any]) -> type[Recipe]:
-    kind = table.get("kind")
-    if not isinstance(kind, str) or kind not in KINDS:
-        reject("recipe.kind", f"one of {', '.join(KINDS)}", kind)
-    return KINDS[kind]
+def _kind(name: object) -> type[Recipe]:
+    return KINDS.find("recipe.kind", name)

@@ -1,42 +1,44 @@
 """Recipe kinds "tilt-stack" and "material-regression": the speckle of one medium under several tilts."""
 
-from collections.abc import Mapping
-from functools import partial
-from typing import Annotated, Any, Literal, cast
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field
 
-from specklegen.datasets.recipes.medium_realization import MediumRealization, medium_realization
-from specklegen.datasets.recipes.parts.light import draw_medium
-from specklegen.datasets.recipes.parts.tilts import Tilts
-from specklegen.datasets.recipes.recipe import PARAMETERS, Recipe
-from specklegen.datasets.recipes.rendering import MediumView, realization
+from specklegen.core.lazy import LazyModule
+from specklegen.datasets.recipes.media import DrawnMedia, MediumView
+from specklegen.datasets.recipes.parts.light import Lit
+from specklegen.datasets.recipes.specification import PARAMETERS
+from specklegen.datasets.recipes.tilted import Tilted
 from specklegen.datasets.sample_schema import ArraySpec
-from specklegen.datasets.split import Purpose, Split, generator, substream
 from specklegen.scene.media import Slab
 from specklegen.scene.screens import ScreenStack
 
+if TYPE_CHECKING:
+    import numpy as np
+    import torch
+
+    from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes.materials import Materials
+else:
+    torch = LazyModule("torch")
+
 _TOLERANCE = 0.01
-_BEAM = np.ones((1, 1), np.float32)  # to the sampler, a beam is an object of one pixel
 
 
-class TiltStack(Recipe):
+class TiltStack(Tilted):
     """Stacks of speckle images of one medium, one image a tilt, mean intensity 1.
 
     Samples: ``stack`` float32[T, H, W] (or uint16 counts), ``tilts`` float64[T, 2] in radians.
 
     Parameters
     ----------
-    tilts
-        The tilts.
     mode_tolerance
         Share of the intensity that the stationary sampler's modes may leave out, and that is put back evenly; see
         :class:`~specklegen.datasets.recipes.hidden_object.HiddenObject`.
     """
 
     kind: Literal["tilt-stack"] = "tilt-stack"
-    tilts: Tilts
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = _TOLERANCE
 
     def physics(self) -> dict[str, Any]:
@@ -55,7 +57,7 @@ class TiltStack(Recipe):
             "parameters": PARAMETERS,
         }
 
-    def view(self, slab: Slab | ScreenStack, angles: np.ndarray) -> MediumView:
+    def view(self, slab: Slab | ScreenStack, angles: "np.ndarray") -> MediumView:
         """One medium under its tilts."""
         seen = self.geometry
         return MediumView(slab, seen, (1, 1), seen.grid.pitch, angles)
@@ -64,37 +66,20 @@ class TiltStack(Recipe):
         """Media at the ends of every range, under the widest tilts."""
         return [self.view(slab, self.tilts.widest) for slab in self.material.extremes()]
 
-    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
-        """Make one medium ready, with all that is drawn for it."""
-        material = self.material_of(seed, split, medium)
-        angles, tilted = self.tilts.drawn(generator(substream(seed, split, Purpose.TILTS, medium)))
-        view = self.view(material.slab, angles)
-        parameters = material.parameters(view.seen.wavelength) | {
-            "width": view.seen.width,
-            "camera_pitch": view.seen.grid.pitch,
-            **tilted,
-        }
-        sampler = partial(
-            self.object_sampler, material, view.seen, view.shape, view.pitch, np.sin(angles), self.mode_tolerance
-        )
-        media = lambda made: [draw_medium(self.light, made, seed, split, medium)]  # noqa: E731
-        return realization(self, view, sampler, media, parameters, (seed, split, medium), share=False)
+    def seen_media(self, drawn: "Addresses", numbers: Sequence[int], materials: "Materials") -> DrawnMedia:
+        """Draw the tilts of media; a beam is an object of one pixel."""
+        angles, tilted = self.tilts.drawn_together(drawn, numbers)
+        seen = self.geometry
+        whole = lambda value: torch.full_like(angles[:, 0, 0], value)  # noqa: E731
+        parameters = materials.parameters | {
+            "width": whole(seen.width), "camera_pitch": whole(seen.grid.pitch), **tilted
+        }  # fmt: skip
+        sight = self.sight(drawn, (1, 1), whole(seen.grid.pitch), torch.sin(angles))
+        return DrawnMedia(materials, sight, seen.bandwidth, angles, parameters, whole(1.0))
 
-    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
-        """One stack with its tilts and parameters; see :class:`Recipe`."""
-        which = cast(Split, split)
-        medium = self.medium_number(index)
-        ready = medium_realization(self, seed, which, medium)
-        return {
-            "stack": self.observed(ready.images(_BEAM), seed, which, index),
-            "tilts": ready.tilts.copy(),
-            "index": np.int64(index),
-            "parameters": {
-                **ready.parameters,
-                "expected_contrast": ready.expected_contrast(_BEAM),
-                "medium": float(medium),
-            },
-        }
+    def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> Lit:
+        """Beams of brightness 1."""
+        return Lit(torch.ones((len(numbers), 1, 1), device=drawn.device), None, {}, {})
 
 
 class MaterialRegression(TiltStack):
@@ -113,9 +98,8 @@ class MaterialRegression(TiltStack):
         )
         return {**super().layout(), "target": target}
 
-    def rendered(self, seed: int, split: str, index: int) -> dict[str, Any]:
-        """One stack with its tilts, target and parameters; see :class:`Recipe`."""
-        sample = super().rendered(seed, split, index)
-        drawn = sample["parameters"]
-        target = [drawn["g"], np.log10(drawn["optical_depth"]), np.log10(drawn["thickness"])]
-        return {**sample, "target": np.array(target, np.float32)}
+    def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Stacks, their tilts, and what is to be told from them."""
+        target = [parameters["g"], torch.log10(parameters["optical_depth"]), torch.log10(parameters["thickness"])]
+        found = super().named(images, tilts, parameters)
+        return {**found, "target": torch.stack(target, -1).to(torch.float32)}

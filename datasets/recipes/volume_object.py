@@ -1,23 +1,29 @@
 """Recipe kind "volume-object": an incoherent object seen through a box, through voxels, or by a camera near a slab."""
 
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.random_streams import Seed
+from specklegen.core.lazy import LazyModule
 from specklegen.core.values import remembered
+from specklegen.datasets.distributions import drawn, ends
 from specklegen.datasets.recipes.hidden_object import HiddenObject
-from specklegen.datasets.recipes.medium_realization import PathSumFields, planned_sums
-from specklegen.datasets.recipes.parts.distributions import drawn, ends
+from specklegen.datasets.recipes.media import planned_whole
 from specklegen.datasets.recipes.volume_recipe import Beams, VolumeRecipe, VolumeView
 from specklegen.datasets.split import Purpose, Split, generator, substream
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.scene.illumination import object_sines
 from specklegen.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = LazyModule("torch")
 
 _JUDGED = 4  # beams along a side of the object that stand for all of them
 _AMPLITUDES = 2**22  # of beams and connections, from which a contrast is found
@@ -41,10 +47,11 @@ class EstimatedContrast:
     squares: np.ndarray
     powers: np.ndarray
 
-    def contrast(self, brightness: np.ndarray) -> float:
-        """Of an object real[h, w]."""
-        light = np.asarray(brightness, np.float64).reshape(-1)
-        return float(np.sqrt(max(light @ (self.squares @ light), 0.0) / np.prod(self.powers @ light)))
+    def contrast(self, light: "torch.Tensor") -> "torch.Tensor":
+        """Expected contrast float64[B] of images of objects real[B, h, w]."""
+        rows = np.asarray(light.cpu().numpy(), np.float64).reshape(len(light), -1)
+        found = [np.sqrt(max(own @ (self.squares @ own), 0.0) / np.prod(self.powers @ own)) for own in rows]
+        return torch.tensor(np.array(found), device=light.device)
 
 
 class VolumeObject(VolumeRecipe, HiddenObject):
@@ -77,19 +84,20 @@ class VolumeObject(VolumeRecipe, HiddenObject):
         sines = object_sines("object", self.objects.shape, pitch)
         return Beams(sines, judged, np.zeros((1, 2)), {"object_pitch": pitch})
 
-    def speckle(
-        self, view: VolumeView, unit: float, seeds: tuple[Seed, ...]
-    ) -> tuple[PathSumFields, EstimatedContrast]:
-        """Every beam's intensity, kept where other objects look through the medium."""
-        paths, share = self.material.kernel_paths, self.media is not None or self.media_group > 1
-        fields = PathSumFields(view.full, paths, unit, seeds, tilts=1, divisions=1, share=share)
-        return fields, estimated_contrast(view.full, paths)
+    @property
+    def object_shape(self) -> tuple[int, int]:
+        """Pixels of the object."""
+        return self.objects.shape
+
+    def contrast_of(self, view: VolumeView) -> EstimatedContrast:
+        """From the pilot's paths."""
+        return estimated_contrast(view.full, self.material.kernel_paths)
 
 
 @remembered(16)
 def estimated_contrast(scene: Scene, paths: int) -> EstimatedContrast:
     """Contrast of objects made of a scene's beams, at the middle of its camera."""
-    made = planned_sums(scene, paths)
+    made = planned_whole(scene, paths, PathSums)
     pilot, (rows, columns) = made.chosen.pilot, scene.sensor.shape
     layout = pilot.tracer.layout.of_ends(slice(None), np.array([rows // 2 * columns + columns // 2]))
     most = max(_AMPLITUDES // len(scene.lights), 64)

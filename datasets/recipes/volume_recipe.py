@@ -5,29 +5,43 @@ here. It is the expected intensity, the mean over the beams and over the camera,
 a medium and keyed by the medium's scene; its relative standard error is among the parameters, as ``mean_error``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Self, cast
+from typing import TYPE_CHECKING, Self, cast
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.core.lazy import LazyModule
+from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import remembered
-from specklegen.datasets.recipes.medium_realization import Contrast, Fields, MediumRealization, planned_sums
-from specklegen.datasets.recipes.parts.distributions import drawn, ends
-from specklegen.datasets.recipes.parts.light import medium_seeds
+from specklegen.datasets import distributions
+from specklegen.datasets.distributions import ends
+from specklegen.datasets.recipes.media import planned_whole
 from specklegen.datasets.recipes.parts.material import Material
 from specklegen.datasets.recipes.parts.volume import Outline, PlacedCamera
 from specklegen.datasets.recipes.recipe import Recipe
-from specklegen.datasets.recipes.rendering import chosen_rendering
 from specklegen.datasets.split import Purpose, Split, generator, substream
 from specklegen.paths.pilot import mean_intensity
 from specklegen.planning.plan import Plan
+from specklegen.samplers.path_sums.sampler import PathSums
+from specklegen.samplers.sampler import MediaRequest
 from specklegen.scene.illumination import CollimatedBeams, directions_of_sines
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
+from specklegen.synthesis.correlations import Tabulated
+from specklegen.synthesis.sight import Sight
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes.media import DrawnMedia
+    from specklegen.samplers.sampler import Contrast
+    from specklegen.synthesis.correlations import Places
+else:
+    torch = LazyModule("torch")
 
 _SPREAD_VIEWS = 64  # of the camera, over which the expected intensity is averaged
 
@@ -92,7 +106,7 @@ class VolumeRecipe(Recipe):
                    self.material, "Boxes and voxels are made of these.")  # fmt: skip
         for name, given, remedy in (
             ("lab", self.lab is not None, "Write material.wavelength, window and camera."),
-            ("exposure", self.exposure is not None, "Expose the images by specklegen.expose."),
+            ("exposure", self.exposure is not None, "Expose the images by specklegen.instrument.expose."),
             ("light.bandwidth", bool(self.light.bandwidth), "Path sums are of one wavelength."),
             ("material.faces", not self.material.faces.matched, "Boxes and voxels have no step of the index."),
             ("mode_tolerance", "mode_tolerance" in self.model_fields_set, "Path sums have no modes."),
@@ -112,9 +126,19 @@ class VolumeRecipe(Recipe):
         """Those that reach farthest."""
         raise NotImplementedError
 
-    def speckle(self, view: VolumeView, unit: float, seeds: tuple[Seed, ...]) -> tuple[Fields, Contrast]:
-        """The fields of one medium in units of an expected intensity, and what tells their contrast."""
+    @property
+    def object_shape(self) -> tuple[int, int]:
+        """Pixels of the object, each a beam under every tilt."""
         raise NotImplementedError
+
+    def contrast_of(self, view: VolumeView) -> "Contrast":
+        """What tells the contrast of images of one medium."""
+        raise NotImplementedError
+
+    @property
+    def media_alike(self) -> bool:
+        """Never: media are planned one by one."""
+        return False
 
     def volume_view(
         self, slab: Slab, width: float, contrast: float, beams: Beams, rng: np.random.Generator
@@ -153,17 +177,20 @@ class VolumeRecipe(Recipe):
             for contrast in contrasts
         ]
 
-    def prepare(self, seed: int, split: Split, medium: int) -> MediumRealization:
-        """Make one medium ready, with all that is drawn for it."""
-        slab = self.material.draw(generator(substream(seed, split, Purpose.MATERIAL, medium)), split)
-        beams = self.beams(seed, split, medium)
-        rng = generator(substream(seed, split, Purpose.OUTLINE, medium))
-        width, contrast = self._outlines(lambda number: drawn(number, rng))
+    def drawn_media(self, drawn: "Addresses", numbers: Sequence[int]) -> "list[tuple[list[int], DrawnMedia]]":
+        """Draw media one by one: slabs, outlines, beams, and the intensity that is expected."""
+        return [([n], self._drawn(drawn, number)) for n, number in enumerate(numbers)]
+
+    def _drawn(self, drawn: "Addresses", number: int) -> "VolumeMedia":
+        where = drawn.seed, drawn.split
+        slab = self.material.draw(generator(substream(*where, Purpose.MATERIAL, number)), drawn.split)
+        beams = self.beams(drawn.seed, drawn.split, number)  # type: ignore[arg-type]
+        rng = generator(substream(*where, Purpose.OUTLINE, number))
+        width, contrast = self._outlines(lambda each: distributions.drawn(each, rng))
         view = self.volume_view(slab, width, contrast, beams, rng)
         unit, error = expected_intensity(view.probe, self.material.kernel_paths)
-        chosen = chosen_rendering(self, view)
-        fields, speckle = self.speckle(view, unit, tuple(medium_seeds(self.light, seed, split, medium)))
         assert self.window is not None
+        assert self.camera is not None
         told = {
             "wavelength": self.wavelength,
             "thickness": slab.thickness,
@@ -177,16 +204,71 @@ class VolumeRecipe(Recipe):
             **({"voxel_contrast": contrast} if self.outline and self.outline.voxels else {}),
             **beams.parameters,
             **self.material.labels(slab),
-            "sampler": float(chosen.sampler),
-            "expected_error": chosen.expected_error,
         }
-        return MediumRealization(fields, speckle, told, beams.tilts, self.light.halves**-0.5)
+        put = lambda rows: torch.tensor(np.asarray(rows), dtype=torch.float64)[None].to(drawn.device)  # noqa: E731
+        one, tilts = put(1.0), put(beams.tilts)
+        sight = Sight(
+            wavelength=self.wavelength, profile=self.profile, shape=self.object_shape, camera=self.camera.shape,
+            center=(0.0, 0.0), integrated=False, width=one, object_pitch=one, camera_pitch=one, base=tilts,
+        )  # fmt: skip
+        parameters = {name: put(value) for name, value in told.items()}
+        return VolumeMedia(view, unit, self.contrast_of(view), sight, tilts, parameters, one)
+
+    def requests(self, media: "VolumeMedia") -> list[tuple[list[int], MediaRequest]]:  # type: ignore[override]
+        """What is asked of path sums for one medium."""
+        request = MediaRequest(
+            sight=media.sight, correlations=Tabulated([]), light=None, tolerance=0.0, media=(),
+            units=torch.tensor([media.unit], dtype=torch.float64), shared=self.shares_media, contrast=media.contrast,
+        )  # fmt: skip
+        return [([0], request)]
+
+    def path_scene(self, media: "VolumeMedia", place: int) -> Scene:  # type: ignore[override]  # noqa: ARG002
+        """The scene with every beam."""
+        return media.scenes.full
+
+
+@dataclass(frozen=True)
+class VolumeMedia:
+    """One medium as it was drawn: as :class:`~specklegen.datasets.recipes.media.DrawnMedia`, of path sums alone.
+
+    Attributes
+    ----------
+    scenes : VolumeView
+    unit : float
+        Expected intensity of a beam of brightness 1.
+    contrast : Contrast
+        What tells the contrast of images.
+    sight : Sight
+        Shapes of object and camera; its numbers mean nothing.
+    tilts : float64[1, T, 2]
+    parameters : dict of float64[1]
+    still : float64[1]
+    """
+
+    scenes: VolumeView
+    unit: float
+    contrast: "Contrast"
+    sight: Sight
+    tilts: "torch.Tensor"
+    parameters: "dict[str, torch.Tensor]"
+    still: "torch.Tensor"
+
+    def __len__(self) -> int:
+        return 1
+
+    def at(self, places: "Places") -> "VolumeMedia":  # noqa: ARG002 - there is one
+        """The medium."""
+        return self
+
+    def view(self, place: int) -> VolumeView:  # noqa: ARG002
+        """As it is planned."""
+        return self.scenes
 
 
 @remembered(64)
 def expected_intensity(scene: Scene, paths: int) -> tuple[float, float]:
     """Expected intensity, mean over the lights and over views spread over the camera; its relative standard error."""
-    made: Plan = planned_sums(scene, paths)
+    made: Plan = planned_whole(scene, paths, PathSums)
     rows, columns = scene.sensor.shape
     number = np.arange(_SPREAD_VIEWS)
     row = ((number + 0.5) / _SPREAD_VIEWS * rows).astype(int)

@@ -1,13 +1,11 @@
 """The data card: a page in Markdown beside every store that says what is in it and how to read it."""
 
-import glob
 import json
 from pathlib import Path
 
-from specklegen.core.escaping import cell, markdown, markdown_code
-from specklegen.datasets.store.files import is_temporary, write_whole
-from specklegen.datasets.store.locks import claim
-from specklegen.datasets.store.store import METADATA, Store
+from specklegen.core.display.escape import cell, markdown, markdown_code
+from specklegen.core.whole_files import write_whole
+from specklegen.datasets.store.store import Store
 
 _PAGE = """# {title}: {split} split
 
@@ -83,11 +81,7 @@ def card_file(folder: Path) -> Path:
 
 
 def write_card(store: Store) -> Path:
-    """Write the card beside the store, by renaming; sweep up what killed processes left of it."""
+    """Write the card beside the store."""
     file = card_file(store.folder)
-    with claim(store.locks, METADATA, wait=True) as claimed:
-        for left in file.parent.glob(f"{glob.escape(file.name)}.*.partial"):
-            if claimed == "held" and is_temporary(left):
-                left.unlink(missing_ok=True)
-        write_whole(file, card(store).encode())
+    write_whole(file, card(store).encode())
     return file

@@ -3,19 +3,14 @@
 The metadata is written here once, by the process that starts the work; those that fill the store open it.
 """
 
-import contextlib
-import glob
-import os
-import re
-import shutil
-import uuid
-import warnings
-from collections.abc import Iterator, Mapping
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from specklegen.core.errors import DoubtWarning, RuleError, reject
+from specklegen.core.errors import RuleError, reject, warn_user
 from specklegen.core.libraries import library_versions
+from specklegen.core.whole_files import making, sweep, unfinished
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store import metadata
 from specklegen.datasets.store.files import writing
@@ -23,11 +18,6 @@ from specklegen.datasets.store.identity import differences, fingerprint, identit
 from specklegen.datasets.store.layout import layout_of, rendering_note, write_empty
 from specklegen.datasets.store.locks import claim
 from specklegen.datasets.store.store import METADATA, Store
-
-_CREATING = re.compile(r"\.[0-9a-f]{32}\.creating")
-
-_LIVING: set[Path] = set()
-"""Stores that threads of this process are making: locks do not keep one from sweeping another's."""
 
 
 def open_for(
@@ -47,12 +37,13 @@ def open_for(
     RuleError
         If the folder holds something else, or another data set: the fields that differ are named.
     """
-    sweep_creations(folder)
+    sweep(unfinished(folder))
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         _create(recipe, identity(recipe, seed, split, dtype), folder, samples, shard_samples, notes)
     store = Store(folder, writable=True)
     require_same(store, identity(recipe, seed, split, dtype))
     _require_same_rendering(store, recipe)
+    metadata.require_bounded("generate.samples", max(samples, store.samples), store.shard_samples)
     if samples > store.samples:
         store = grown(store, samples)
     _tell_of_other_libraries(store)
@@ -67,11 +58,10 @@ def _tell_of_other_libraries(store: Store) -> None:
         for name in sorted(then.keys() | now.keys()) if then.get(name) != now.get(name)
     ]  # fmt: skip
     if then and changed and not store.valid().all():
-        warnings.warn(
+        warn_user(
             f"{store.folder} was begun with other libraries: {', '.join(changed)}. New samples may differ from what "
             "those would have given in their last bits, no more: pixels agree to 1e-4. For the same bits install the "
             "versions that `specklegen info` names.",
-            DoubtWarning, stacklevel=3,
         )  # fmt: skip
 
 
@@ -83,7 +73,7 @@ def _require_same_rendering(store: Store, recipe: Renderable) -> None:
     remedy = "Render all of it anew in another folder, or ask for one sampler by name."
     if getattr(recipe, "strict", False):
         reject("generate.folder", f'a store that is "{now}"', then, remedy)
-    warnings.warn(f'{store.folder} was "{then}", and is now "{now}". {remedy}', DoubtWarning, stacklevel=3)
+    warn_user(f'{store.folder} was "{then}", and is now "{now}". {remedy}')
 
 
 def require_same(store: Store, wanted: Mapping[str, Any]) -> None:
@@ -102,46 +92,21 @@ def _require_same(folder: Path, attributes: Mapping[str, Any], wanted: Mapping[s
         )
 
 
-@contextlib.contextmanager
-def _temporary(folder: Path) -> Iterator[Path]:
-    with writing(folder), contextlib.ExitStack() as stack:
-        while True:
-            temporary = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}.creating")
-            _LIVING.add(temporary)
-            stack.callback(_LIVING.discard, temporary)
-            stack.callback(shutil.rmtree, temporary, ignore_errors=True)
-            # Until it is locked another process may take it for dead and delete it: then there is no such file.
-            with contextlib.suppress(FileNotFoundError):
-                (temporary / "valid").mkdir(parents=True, exist_ok=True)
-                stack.enter_context(claim(temporary / "valid" / "locks", METADATA, wait=True))
-                break
-        yield temporary
-
-
-def sweep_creations(folder: Path) -> list[Path]:
-    """Delete half-made stores that killed processes left beside ``folder``; those of living ones are locked."""
-    swept = []
-    for temporary in folder.parent.glob(f".{glob.escape(folder.name)}.*.creating"):
-        if temporary in _LIVING or not _CREATING.fullmatch(temporary.name.removeprefix(f".{folder.name}")):
-            continue
-        with contextlib.suppress(OSError):
-            (temporary / "valid").mkdir(parents=True, exist_ok=True)  # its maker may have died before it did
-            with claim(temporary / "valid" / "locks", METADATA) as claimed:
-                if claimed == "held":
-                    shutil.rmtree(temporary, ignore_errors=True)
-                    swept.append(temporary)
-    return swept
-
-
 def grown(store: Store, samples: int) -> Store:
-    """Make room for more samples, and open the store anew; see :mod:`specklegen.datasets.store.metadata`."""
+    """Make room for more samples, and open the store anew; see :mod:`specklegen.datasets.store.metadata`.
+
+    Where locks exclude nobody, others may do so at the same time, to other lengths: the longest is agreed on.
+    """
     with writing(store.folder), claim(store.locks, METADATA, wait=True):
         now = metadata.read(store.folder)
-        samples = max(samples, now.room)
-        if samples > now.samples:
-            now.replace(room=samples).write(store.folder)
-            now.write_arrays(store.folder, samples)
-            now.replace(samples=samples, room=samples).write(store.folder)
+        wanted = max(samples, now.room) if max(samples, now.room) > now.samples else None
+        while wanted is not None:
+            if wanted > now.room:
+                now.replace(room=wanted).write(store.folder)
+            now.write_arrays(store.folder, wanted)
+            now.replace(samples=wanted, room=wanted).write(store.folder)
+            now = metadata.recorded(store.folder) or now
+            wanted = metadata.disagreed(store.folder, now)  # whoever writes last finds what the others wrote
     return Store(store.folder, writable=True)
 
 
@@ -154,7 +119,6 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
         If the folder is not a store of this version, or of another recipe; or nothing tells its seed any more.
     """
     metadata.reject_strangers(folder)
-    sweep_creations(folder)
     with writing(folder), claim(_with_parent(folder / "valid" / "locks"), METADATA, wait=True):
         try:
             metadata.read(folder)
@@ -166,8 +130,8 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
         wanted = identity(recipe, there["seed"], there["split"], there["dtype"])
         _require_same(folder, attributes, wanted)
         layout = layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"])
-        with _temporary(folder) as temporary:
-            made = write_empty(temporary, layout)
+        with tempfile.TemporaryDirectory() as temporary:
+            made = write_empty(Path(temporary), layout)
         made.write_arrays(folder, samples)
         made.write(folder)
         return found
@@ -188,10 +152,10 @@ def _create(
 ) -> None:
     """Make an empty store under a temporary name, then rename it; of several at once, one wins."""
     layout = layout_of(recipe, wanted, samples, shard_samples, notes)
-    with _temporary(folder) as temporary:
-        write_empty(temporary, layout)
+    with writing(folder):
         try:
-            os.rename(temporary, folder)
-        except OSError as error:
-            if not (folder / "zarr.json").exists():
-                raise error
+            with making(folder) as temporary:
+                write_empty(temporary, layout)
+        except FileExistsError:
+            if not metadata.is_store(folder):
+                raise

@@ -64,6 +64,7 @@ def run(
             fill,
             shards,
             folder=str(store.folder),
+            fingerprint=store.fingerprint,
             recipe=cloudpickle.dumps(recipe),  # as bytes, since reading a recipe loads Numba
             wait=wait,
             caller=os.getpid(),
@@ -106,15 +107,15 @@ def _client(cluster: "str | Client | Cluster") -> Iterator["Client"]:
         yield client
 
 
-def fill(shard: int, folder: str, recipe: bytes, wait: bool, caller: int) -> "Outcome":
+def fill(shard: int, folder: str, fingerprint: str, recipe: bytes, wait: bool, caller: int) -> "Outcome":
     """Render and write one shard; what a worker runs.
 
     Raises
     ------
     OSError
         If trying again may help.
-    RuleError
-        If this worker sees no store, or would render something else into it.
+    RuleError, ForeignShard
+        If this worker sees no store or another one, or would render something else into it.
     """
     if "numba" not in sys.modules:
         os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # Dask leaves it alone: dask/distributed#9075
@@ -128,6 +129,7 @@ def fill(shard: int, folder: str, recipe: bytes, wait: bool, caller: int) -> "Ou
         if os.getpid() != caller:  # not a cluster of threads in the process that called generate
             prepare_worker()
         store, loaded = Store(folder, writable=True), pickle.loads(recipe)
+        store.require(fingerprint)
         stated = store.attributes["identity"]
         require_same(store, identity(loaded, stated["seed"], stated["split"], stated["dtype"]))
         outcome = fill_shard(store, loaded, shard, wait)

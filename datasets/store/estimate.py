@@ -1,5 +1,6 @@
 """What generating a data set will cost, from a few samples rendered and stored now."""
 
+import shutil
 import tempfile
 import time
 from pathlib import Path
@@ -7,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from specklegen.core.budgets import MOST_SECONDS, TOLD_SECONDS, require_time
+from specklegen.core.errors import counted, reject
 from specklegen.core.parallel import thread_count
 from specklegen.datasets.sample_schema import Renderable, stored_arrays
 from specklegen.datasets.store.creation import open_for
@@ -15,6 +18,8 @@ from specklegen.datasets.store.layout import default_shard_samples, stored_type
 
 _PROBE = 32
 _SECONDS = 3.0  # for the samples of one of the two shards that are tried
+_LITTLE = 2**30  # bytes on a disk that nobody need be told of
+_UNITS = ("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0), ("s", 1.0)
 _COPIES = 2
 """Of the largest array, beside a shard's columns: its encoded chunks, and the file made of them."""
 
@@ -70,6 +75,50 @@ def estimate(
         "shard_samples": rows,
         "processes": workers,
     }
+
+
+def foreseen(
+    recipe: Renderable,
+    samples: int,
+    folder: Path,
+    seed: int = 0,
+    split: str = "train",
+    *,
+    processes: int | None = None,
+    anyway: bool = False,
+) -> str:
+    """Say what storing so many more samples in a folder will cost; nothing where that is seconds and little room.
+
+    Raises
+    ------
+    RuleError
+        If the disk has less room than that, or if it would take more than thirty days, unless ``anyway``.
+    """
+    specs = stored_arrays(recipe).values()
+    raw = samples * sum(int(np.prod(spec.shape)) * stored_type(spec, "uint16").itemsize for spec in specs)
+    free = shutil.disk_usage(next(place for place in (folder, *folder.absolute().parents) if place.is_dir())).free
+    media, fresh, again = _seconds(recipe, seed, split, samples)
+    least = ((samples - media) * again + media * fresh) / thread_count(processes)
+    if raw < min(_LITTLE, free) and least < TOLD_SECONDS:
+        return ""
+    cost = estimate(recipe, samples, seed, split, processes=processes)
+    if not anyway:
+        remedy = "Ask for fewer samples, or go on all the same with --anyway."
+        if cost["bytes"] > free:
+            have, need = (f"{count / 2**30:.2g} GiB" for count in (free, cost["bytes"]))
+            reject("generate.samples", f"stored within the {have} that are free in {folder}", f"{need} for {samples}",
+                   f"Make room. {remedy}")  # fmt: skip
+        if cost["seconds"] > MOST_SECONDS:
+            require_time("generate.samples", cost["seconds"], counted(samples, "sample"), remedy)
+    return (
+        f"{counted(samples, 'sample')} to render: about {_in_words(cost['seconds'])} on "
+        f"{counted(cost['processes'], 'core')}, {cost['bytes'] / 2**30:.2g} GiB"
+    )
+
+
+def _in_words(seconds: float) -> str:
+    unit, length = next((unit, length) for unit, length in _UNITS if seconds >= 2 * length or unit == "s")
+    return f"{seconds / length:.2g} {unit}" if seconds < 10 * length else f"{seconds / length:.0f} {unit}"
 
 
 def _seconds(recipe: Renderable, seed: int, split: str, samples: int) -> tuple[int, float, float]:

@@ -22,11 +22,15 @@ import numpy as np
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import ToldError, counted, reject
 from specklegen.core.parallel import one_torch_thread, thread_count
+from specklegen.core.registered import require_importable
+from specklegen.core.whole_files import sweep
 from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.card import write_card
-from specklegen.datasets.store.creation import open_for
+from specklegen.datasets.store.creation import grown, open_for
 from specklegen.datasets.store.files import no_room, writing
 from specklegen.datasets.store.info import info
+from specklegen.datasets.store.reading import SampleReader
+from specklegen.datasets.store.shards import DamagedShard, ForeignShard, MissingSample
 from specklegen.datasets.store.store import Store
 from specklegen.datasets.workers import end_with_parent, prepare_worker, worker_context
 
@@ -122,8 +126,9 @@ def generate(
     _check(samples, shard_samples, shard_range)
     if cluster is not None and processes is not None:
         reject("generate.processes", "left out with a cluster, which has its own", processes)
-    store = open_for(recipe, seed, split, dtype, Path(folder).absolute(), samples, shard_samples, notes)
-    store.sweep()
+    there = Path(folder).resolve()  # links are followed once: they may be moved while this runs
+    store = open_for(recipe, seed, split, dtype, there, samples, shard_samples, notes)
+    sweep(store.temporaries())
     with writing(store.folder):
         write_card(store)
     part, parts = shard_range
@@ -131,6 +136,7 @@ def generate(
     shards = range(part * count // parts, (part + 1) * count // parts)
     total = sum(len(store.span(shard)) for shard in shards)
     missing = [shard for shard in shards if not store.is_complete(shard)]
+    require_own(store, [shard for shard in shards if shard not in set(missing)])
     done = total - sum(len(store.span(shard)) for shard in missing)
     report = progress or (lambda done, total: None)
     report(done, total)
@@ -161,6 +167,27 @@ def generate(
             f"{len(failures)} of {counted(len(shards), 'shard')} failed; the others are stored.\n{shown}"
         )
     return info(store.folder) | {"rendered": rendered}
+
+
+def require_own(store: Store, shards: Sequence[int]) -> None:
+    """Refuse shards that the ledger lists and that hold something else: one sample of each is read, with its seal.
+
+    Raises
+    ------
+    GenerationError
+        Naming the first few, and the remedy.
+    """
+    reader, foreign = SampleReader(store), []
+    for shard in shards:
+        try:
+            reader.read(store.span(shard)[0])
+        except (ForeignShard, MissingSample) as error:
+            foreign.append(f"shard {shard}: {error}")
+        except DamagedShard:
+            continue  # `verify` tells of it, and mends it
+    if foreign:
+        shown = "\n".join(foreign[:5])
+        raise GenerationError(f"{counted(len(foreign), 'shard')} not as the ledger of {store.folder} says.\n{shown}")
 
 
 def _check(samples: int, shard_samples: int | None, shard_range: tuple[int, int]) -> None:
@@ -273,24 +300,33 @@ def _run(
                 ) from None
 
 
-_job: tuple[Store, Renderable] | None = None
+_job: tuple[Store, Renderable, str] | None = None
 
 
-def _start_worker(folder: str, recipe: bytes) -> None:
+def _start_worker(folder: str, samples: int, fingerprint: str, recipe: bytes) -> None:
     global _job
     end_with_parent()
     prepare_worker()
-    _job = Store(folder, writable=True), pickle.loads(recipe)
+    store = Store(folder, writable=True)
+    if store.fingerprint == fingerprint:  # others may be growing it, to other lengths
+        store = grown(store, samples)
+    _job = store, pickle.loads(recipe), fingerprint
 
 
 def _fill_here(shard: int, wait: bool) -> Outcome:
     assert _job is not None
-    return fill_shard(*_job, shard, wait)
+    store, recipe, fingerprint = _job
+    try:
+        store.require(fingerprint)
+    except ForeignShard as error:
+        return Outcome(shard, "failed", message=f"shard {shard}: {error}")
+    return fill_shard(store, recipe, shard, wait)
 
 
 def _pooled(
     store: Store, recipe: Renderable, shards: list[int], processes: int, wait: bool
 ) -> Iterator[Outcome]:
+    require_importable(getattr(recipe, "own_classes", tuple)())
     recipe.sample(
         store.attributes["identity"]["seed"], store.attributes["identity"]["split"], 0
     )  # compiles once
@@ -298,7 +334,7 @@ def _pooled(
         min(processes, len(shards)),
         mp_context=worker_context(),
         initializer=_start_worker,
-        initargs=(str(store.folder), pickle.dumps(recipe)),
+        initargs=(str(store.folder), store.samples, store.fingerprint, pickle.dumps(recipe)),
     )
     try:
         futures: list[Future[Outcome]] = [pool.submit(_fill_here, shard, wait) for shard in shards]

@@ -1,5 +1,6 @@
 """The layout of a store: what its arrays are, found from the recipe, and an empty store of it on the disk."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 from specklegen.core.libraries import library_versions
+from specklegen.core.memory import require_memory
 from specklegen.datasets.sample_schema import ArraySpec, Renderable, stored_arrays
 from specklegen.datasets.store import metadata
 from specklegen.datasets.store.identity import fingerprint
@@ -71,6 +73,12 @@ def layout_of(
     types = {key: stored_type(spec, wanted["dtype"]) for key, spec in arrays.items()}
     size = max((int(np.prod(spec.shape)) * types[key].itemsize for key, spec in arrays.items()), default=1)
     rows = min(shard_samples or default_shard_samples(samples, size), samples)
+    metadata.require_bounded("generate.samples", samples, rows)
+    each = sum(math.prod(spec.shape) * types[key].itemsize for key, spec in arrays.items())
+    require_memory(
+        "generate.shard_samples", "held", rows * each, f"{rows} samples of a shard",
+        "Choose smaller shards, or a recipe of fewer pixels.",
+    )  # fmt: skip
     attributes = {
         "format": metadata.FORMAT,
         "title": recipe.name,

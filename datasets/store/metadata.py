@@ -9,18 +9,24 @@ So a kill in between leaves arrays of the old or of the new length, and nothing 
 
 import hashlib
 import json
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
-from specklegen.datasets.store.files import json_bytes, write_whole
+from specklegen.core.whole_files import WAITS, patiently, write_whole
+from specklegen.datasets.store.files import json_bytes
 from specklegen.datasets.store.identity import differences, fingerprint
 
 FORMAT = "specklegen store, version 2"
 COLUMNS = ("parameters", "index", "seed", "seal")
 """Tables with a row a sample, the ledger excepted."""
+
+MOST_SAMPLES, MOST_SHARDS = 10**9, 10**6
+"""The ledger of so many samples takes 1 GB, and opening it a file for each of so many shards: a minute."""
 
 _REMEDY = "`specklegen verify --repair RECIPE` writes it again from the recipe; the samples stay."
 
@@ -57,6 +63,11 @@ class Metadata:
         """Length of an array of a store of so many samples."""
         return -(-samples // self.attributes["shard_samples"]) if name == "checksum" else samples
 
+    def said(self, name: str) -> dict[str, Any]:
+        """Return what the ``zarr.json`` of an array says, its length included."""
+        said = self.files[f"{name}/zarr.json"]
+        return said | {"shape": [self.rows(name, self.samples), *said["shape"][1:]]}
+
     def replace(self, **lengths: int) -> Self:
         """Return the metadata of a store of other lengths."""
         return type(self)(**{"samples": self.samples, "room": self.room} | lengths, files=self.files)
@@ -83,6 +94,20 @@ def _record(folder: Path) -> Path:
     return folder / "valid" / "record.json"
 
 
+def require_bounded(field: str, samples: int, shard_samples: int) -> None:
+    """Refuse more samples or shards than anybody can go through: each shard has files of its own.
+
+    Raises
+    ------
+    RuleError
+        With the numbers.
+    """
+    remedy = "Split it into several stores, by seeds."
+    whole_number(f"{field} (samples)", samples, 1, MOST_SAMPLES, remedy=remedy)
+    whole_number(f"{field} (samples in a shard)", shard_samples, 1, MOST_SAMPLES, remedy=remedy)
+    whole_number(f"{field} (shards)", -(-samples // shard_samples), 1, MOST_SHARDS, remedy=remedy)
+
+
 def is_store(folder: Path) -> bool:
     """Whether a folder is meant as a store, be it a damaged one."""
     return (folder / "zarr.json").is_file() or _record(folder).is_file()
@@ -101,10 +126,15 @@ def _without_length(name: str, said: dict[str, Any]) -> dict[str, Any]:
 
 def recorded(folder: Path) -> Metadata | None:
     """Read the record of a store; None if it is not there, or not as it was written."""
+    return _parsed(_bytes(_record(folder)))
+
+
+def _bytes(file: Path) -> bytes:
+    """Content of a file that should be there; b"" where it is not."""
     try:
-        return _parsed(_record(folder).read_bytes())
+        return patiently(file.read_bytes)
     except OSError:
-        return None
+        return b""
 
 
 def _parsed(data: bytes) -> Metadata | None:
@@ -126,16 +156,31 @@ def read(folder: Path) -> Metadata:
         the fields are named, and the remedy.
     """
     reject_strangers(folder)
+    waits = iter(WAITS)
     while True:
-        data = _record(folder).read_bytes() if _record(folder).is_file() else b""
+        data = _bytes(_record(folder))
         there = _parsed(data)
         faults = ["valid/record.json (missing, or not as it was written)"]
         if there is not None:
+            for samples in (there.samples, there.room):
+                require_bounded("store metadata", samples, there.attributes["shard_samples"])
             faults = list(_faults(folder, there))
             if not faults:
                 return there
-        if not _record(folder).is_file() or _record(folder).read_bytes() == data:  # no other call is growing it
+        if _bytes(_record(folder)) != data:
+            continue  # another call is growing it, or, if lengths alone differ, may be
+        wait = next(waits, None) if all("(length" in fault for fault in faults) else None
+        if wait is None:
             reject("store metadata", f"as written when the store was made, in {folder}", "; ".join(faults), _REMEDY)
+        time.sleep(wait)
+
+
+def disagreed(folder: Path, there: Metadata) -> int | None:
+    """Return the greatest of the lengths that the record of a store and its arrays state; None where all agree."""
+    said = {name: _json(folder / name / "zarr.json")["shape"][0] for name in there.arrays}
+    if there.room == there.samples and all(said[name] == there.rows(name, there.samples) for name in said):
+        return None
+    return max(there.room, *(length for name, length in said.items() if name != "checksum"))
 
 
 def reject_strangers(folder: Path) -> None:
@@ -146,9 +191,9 @@ def reject_strangers(folder: Path) -> None:
     RuleError
         Saying which.
     """
-    said, known = _json(folder / "zarr.json"), recorded(folder)
-    if known is not None:
+    if is_store(folder) and recorded(folder) is not None:
         return
+    said = _json(folder / "zarr.json") if is_store(folder) else None
     if not (folder / "zarr.json").is_file():
         reject("store.folder", "a folder that holds a store", str(folder), "Make one with generate.")
     attributes = said.get("attributes") if isinstance(said, dict) else {}
@@ -165,8 +210,8 @@ def reject_strangers(folder: Path) -> None:
 def _json(file: Path) -> Any:
     """Content of a file; None where it is missing or no JSON."""
     try:
-        return json.loads(file.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        return json.loads(_bytes(file))
+    except (ValueError, RecursionError):
         return None
 
 

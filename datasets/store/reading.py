@@ -34,6 +34,7 @@ class SampleReader:
     def __init__(self, store: Store) -> None:
         self.store = store
         self._valid = np.zeros(store.samples, bool)
+        self._looked: set[int] = set()
         self._tables: OrderedDict[int, dict[str, np.ndarray]] = OrderedDict()
 
     def read(self, index: int) -> Stored:
@@ -71,7 +72,9 @@ class SampleReader:
             return
         self._forget(shard)
         span = self.store.span(shard)
-        self._valid[span.start : span.stop] = self.store.valid_in(shard)
+        # The first time only: who goes through a store that is not full would wait for every sample.
+        self._valid[span.start : span.stop] = self.store.valid_in(shard, expected=shard not in self._looked)
+        self._looked.add(shard)
         if not self._valid[index]:
             raise MissingSample(
                 f"sample {index} of {self.store.folder} has not been generated yet: run generate again, it goes on"
@@ -83,8 +86,10 @@ class SampleReader:
             files.close()
 
     def _table(self, shard: int) -> dict[str, np.ndarray]:
-        if shard not in self._tables:
-            self._tables[shard] = {name: self.store.table(name, shard) for name in COLUMNS}
+        found = self._tables.get(shard)
+        if found is None:
+            found = {name: self.store.table(name, shard) for name in COLUMNS}
+            self._tables[shard] = found
             if len(self._tables) > _TABLES:
                 self._tables.popitem(last=False)
-        return self._tables[shard]
+        return found

@@ -12,6 +12,8 @@ from pathlib import Path
 import google_crc32c
 import numpy as np
 
+from specklegen.core.whole_files import patiently
+
 
 def seal(fingerprint: str, index: int, seed: int, parameters: np.ndarray, arrays: Iterable[np.ndarray]) -> np.uint64:
     """Return 64 bits of the SHA-256 of all that a sample is.
@@ -39,6 +41,9 @@ def shard_digest(fingerprint: str, seed: int, shard: int, shard_samples: int, fi
     """Return the SHA-256 of a shard's files as they are now, and of what the shard is; a missing file counts too."""
     digest = hashlib.sha256(f"{fingerprint} {seed} {shard} {shard_samples} ".encode())
     for file in files:
-        data = file.read_bytes() if file.exists() else b"absent"
+        try:
+            data = patiently(file.read_bytes)
+        except FileNotFoundError:
+            data = b"absent"
         digest.update(len(data).to_bytes(8, "little") + data)
     return digest.digest()

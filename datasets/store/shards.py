@@ -6,14 +6,19 @@ index of (offset, length) pairs, one for each sample, and a CRC32C; each chunk i
 [bytes little-endian, blosc (or nothing), crc32c]. tests/test_store.py holds it equal to zarr's own reader.
 """
 
+import contextlib
 from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 
 import google_crc32c
 import numpy as np
 from numcodecs import Blosc
 
 from specklegen.core.errors import ToldError
+from specklegen.core.whole_files import patiently
 from specklegen.datasets.store.places import File, opened
 
 _ABSENT = 2**64 - 1
@@ -41,8 +46,8 @@ def _checked(data: bytes, file: Path) -> bytes:
     return data[:-4]
 
 
-def read_table(file: Path, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
-    """Read a chunk that stands in its own file.
+def read_table(file: Path, dtype: np.dtype, shape: tuple[int, ...], expected: bool = True) -> np.ndarray:
+    """Read a chunk that stands in its own file; one that is expected to be there is waited for, if but shortly.
 
     Raises
     ------
@@ -50,7 +55,7 @@ def read_table(file: Path, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarra
         If the file is not there, or its bytes are not those that were written.
     """
     try:
-        data = file.read_bytes()
+        data = patiently(file.read_bytes) if expected else file.read_bytes()
     except FileNotFoundError:
         raise MissingSample(f"{file} is not there") from None
     content = _checked(data, file)
@@ -59,8 +64,25 @@ def read_table(file: Path, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarra
     return np.frombuffer(content, dtype.newbyteorder("<")).reshape(shape)
 
 
+def _unpacked_length(data: bytes) -> int:
+    """Bytes that a chunk of blosc unpacks to, as its header of 16 bytes says; -1 where it is none of this length."""
+    unpacked, _, packed = (int.from_bytes(data[place : place + 4], "little") for place in (4, 8, 12))
+    return unpacked if len(data) >= 16 and packed == len(data) else -1
+
+
+@dataclass(eq=False)
+class _OpenShard:
+    """A shard's file and its index, and how many threads read it now; closed when it is given up and none does."""
+
+    handle: File
+    index: np.ndarray
+    path: Path
+    readers: int = 0
+    given_up: bool = False
+
+
 class ShardFiles:
-    """The shard files of one array, read one sample at a time; keeps a few of them open.
+    """The shard files of one array, read one sample at a time by any number of threads; keeps a few of them open.
 
     Parameters
     ----------
@@ -89,7 +111,8 @@ class ShardFiles:
             compressed,
         )
         self._bytes = int(np.prod(sample_shape)) * dtype.itemsize
-        self._open: OrderedDict[int, tuple[File, np.ndarray, Path]] = OrderedDict()
+        self._open: OrderedDict[int, _OpenShard] = OrderedDict()
+        self._lock = Lock()  # guards those that are open, and their counts
 
     def file(self, shard: int) -> Path:
         """Return where a shard stands."""
@@ -103,45 +126,88 @@ class ShardFiles:
         MissingSample, DamagedShard
             If the sample was never written, or its bytes are not those that were written.
         """
-        shard, place = divmod(sample, self._shard_samples)
-        handle, index, file = self._shard(shard)
-        offset, length = int(index[place, 0]), int(index[place, 1])
-        if offset == _ABSENT:
-            raise MissingSample(f"{file} does not hold sample {sample}")
-        data = _checked(handle.part(offset, length), file)
-        if self._compressed:
-            data = _BLOSC.decode(data)
-        if len(data) != self._bytes:
+        file = self.file(sample // self._shard_samples)
+        data = _checked(patiently(lambda: self._chunk(sample)), file)
+        # What it says that it unpacks to: a kilobyte of a stranger's would otherwise be let grow to gigabytes.
+        if (_unpacked_length(data) if self._compressed else len(data)) != self._bytes:
             raise ForeignShard(f"{file} holds samples of another size; mend the store with verify --repair")
+        if self._compressed:
+            try:
+                data = _BLOSC.decode(data)
+            except RuntimeError as error:
+                raise DamagedShard(f"{file} cannot be unpacked; mend the store with verify --repair") from error
         return np.frombuffer(data, self._dtype).reshape(self._shape)
 
-    def _shard(self, shard: int) -> tuple[File, np.ndarray, Path]:
-        if shard in self._open:
-            self._open.move_to_end(shard)
-            return self._open[shard]
+    def _chunk(self, sample: int) -> bytes:
+        """Bytes of a sample; a file that a server no longer knows, since it was replaced, is given up."""
+        shard, place = divmod(sample, self._shard_samples)
+        with self._reading(shard) as there:
+            offset, length = int(there.index[place, 0]), int(there.index[place, 1])
+            if offset == _ABSENT:
+                raise MissingSample(f"{there.path} does not hold sample {sample}")
+            try:
+                return there.handle.part(offset, length)
+            except OSError:
+                with self._lock:
+                    self._give_up(self._open.pop(shard, None))
+                raise
+
+    @contextlib.contextmanager
+    def _reading(self, shard: int) -> Iterator[_OpenShard]:
+        """A shard's file, which nobody closes meanwhile."""
+        with self._lock:
+            there = self._open.get(shard)
+            if there is not None:
+                self._open.move_to_end(shard)
+                there.readers += 1
+        if there is None:
+            there = self._opened(shard)  # two threads may open it at once: the later one is kept
+            with self._lock:
+                there.readers += 1
+                self._give_up(self._open.pop(shard, None))
+                self._open[shard] = there
+                if len(self._open) > _OPEN_FILES:
+                    self._give_up(self._open.popitem(last=False)[1])
+        try:
+            yield there
+        finally:
+            with self._lock:
+                there.readers -= 1
+                if there.given_up and not there.readers:
+                    there.handle.close()
+
+    def _opened(self, shard: int) -> _OpenShard:
         file, length = self.file(shard), 16 * self._shard_samples + 4
         try:
-            handle = opened(file)
+            handle = patiently(lambda: opened(file))
         except FileNotFoundError:
             raise MissingSample(f"{file} is not there") from None
         try:
             tail = handle.part(max(0, handle.size - length), length)
-            index = np.frombuffer(_checked(tail, file), "<u8").reshape(-1, 2)
+            return _OpenShard(handle, np.frombuffer(_checked(tail, file), "<u8").reshape(-1, 2), file)
         except BaseException:
             handle.close()
             raise
-        self._open[shard] = handle, index, file
-        if len(self._open) > _OPEN_FILES:
-            self._open.popitem(last=False)[1][0].close()
-        return handle, index, file
+
+    @staticmethod
+    def _give_up(there: _OpenShard | None) -> None:
+        """Close a file, or leave that to the last of its readers; under the lock."""
+        if there is not None:
+            there.given_up = True
+            if not there.readers:
+                there.handle.close()
 
     def close(self) -> None:
-        """Close every file; the next read opens its own again."""
-        while self._open:
-            self._open.popitem()[1][0].close()
+        """Close every file, those that are being read when they have been; the next read opens its own again."""
+        with self._lock:
+            while self._open:
+                self._give_up(self._open.popitem()[1])
 
     def __getstate__(self) -> dict:
-        return self.__dict__ | {"_open": OrderedDict()}
+        return {name: value for name, value in self.__dict__.items() if name != "_lock"} | {"_open": OrderedDict()}
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state, _lock=Lock())
 
     def __del__(self) -> None:
         self.close()

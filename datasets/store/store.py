@@ -26,12 +26,12 @@ import zarr
 import zarr.storage
 
 from specklegen.core.errors import reject
+from specklegen.core.whole_files import patiently
 from specklegen.datasets.store import metadata
-from specklegen.datasets.store.files import is_temporary
 from specklegen.datasets.store.locks import LockState, claim
 from specklegen.datasets.store.places import is_remote, place_of
 from specklegen.datasets.store.seals import seal, shard_digest
-from specklegen.datasets.store.shards import MissingSample, ShardFiles, read_table
+from specklegen.datasets.store.shards import ForeignShard, MissingSample, ShardFiles, read_table
 
 METADATA = 0
 """The byte of the file of locks that stands for the metadata; shard s is byte s + 1."""
@@ -58,15 +58,32 @@ class Store:
         if writable and is_remote(self.folder):
             reject("store.folder", "a folder of this machine, to write", str(folder), "Copy the finished store there.")
         self.metadata = metadata.read(self.folder)
+        # From what was read and compared, not read again: a file may be away while another process replaces it.
         with zarr.config.set({"array.write_empty_chunks": True}):
-            group = zarr.open_group(_as_zarr(self.folder), mode="r+" if writable else "r", zarr_format=3)
-            self._arrays: dict[str, zarr.Array] = {name: group[name] for name in self.metadata.arrays}  # type: ignore[misc]
+            self._arrays = {
+                name: zarr.Array.from_dict(_as_zarr(self.folder, name, writable), self.metadata.said(name))
+                for name in self.metadata.arrays
+            }
         self.attributes: dict[str, Any] = self.metadata.attributes
         self.shard_samples: int = self.attributes["shard_samples"]
         self.parameter_names: list[str] = list(self._arrays["parameters"].attrs["names"])  # type: ignore[arg-type]
         self.keys: list[str] = list(self.attributes["arrays"])
         self.fingerprint: str = self.attributes["fingerprint"]
         self.seed: int = self.attributes["identity"]["seed"]
+
+    def require(self, fingerprint: str) -> None:
+        """Refuse a data set other than that of a fingerprint: a path may lead elsewhere by now, as a moved link does.
+
+        Raises
+        ------
+        ForeignShard
+            Naming both.
+        """
+        if fingerprint != self.fingerprint:
+            raise ForeignShard(
+                f"{self.folder} now holds another data set, {self.fingerprint[:12]}, than the one that was opened "
+                f"there, {fingerprint[:12]}: a link or a folder was exchanged; open it anew"
+            )
 
     @property
     def samples(self) -> int:
@@ -86,10 +103,10 @@ class Store:
         """Read the ledger, now: bool[samples]."""
         return np.concatenate([self.valid_in(shard) for shard in range(self.shard_count)])
 
-    def valid_in(self, shard: int) -> np.ndarray:
-        """Read the ledger of one shard, now: bool[samples in the shard]."""
+    def valid_in(self, shard: int, expected: bool = False) -> np.ndarray:
+        """Read the ledger of one shard, now, waiting shortly if it is expected: bool[samples in the shard]."""
         try:
-            return self.table("valid", shard)[: len(self.span(shard))]
+            return self.table("valid", shard, expected)[: len(self.span(shard))]
         except MissingSample:
             return np.zeros(len(self.span(shard)), bool)
 
@@ -108,11 +125,9 @@ class Store:
 
     def files(self, shard: int) -> list[Path]:
         """Return the files that hold a shard's contents, the ledger excepted, in a fixed order."""
-        return [self.shard_files[key].file(shard) for key in self.keys] + [
-            self._table_file(name, shard) for name in metadata.COLUMNS
-        ]
+        return [self._file(name, shard) for name in [*self.keys, *metadata.COLUMNS]]
 
-    def _table_file(self, name: str, shard: int) -> Path:
+    def _file(self, name: str, shard: int) -> Path:
         return self.folder.joinpath(name, "c", str(shard), *["0"] * (self._arrays[name].ndim - 1))
 
     def digest(self, shard: int) -> bytes:
@@ -127,7 +142,7 @@ class Store:
         MissingSample, DamagedShard
             If there is none, or it is not as it was written.
         """
-        return read_table(self._table_file("checksum", shard), np.dtype(np.uint8), (32,)).tobytes()
+        return read_table(self._file("checksum", shard), np.dtype(np.uint8), (32,)).tobytes()
 
     def seal(self, index: int, seed: int, parameters: np.ndarray, arrays: Mapping[str, np.ndarray]) -> np.uint64:
         """Return the seal of a sample of this store, of its arrays as they are stored."""
@@ -141,20 +156,29 @@ class Store:
             for row, index in enumerate(columns["index"])
         ]
         for name, column in {**columns, "seal": np.array(seals, np.uint64)}.items():
-            self._arrays[name][place] = column
+            self._write(name, shard, place, column)
         checksum = self.digest(shard)
-        self._arrays["checksum"][shard] = np.frombuffer(checksum, np.uint8)
-        self._arrays["valid"][place] = True
+        self._write("checksum", shard, shard, np.frombuffer(checksum, np.uint8))
+        self._write("valid", shard, place, True)
         return checksum
 
+    def _write(self, name: str, shard: int, place: slice | int, column: np.ndarray | bool) -> None:
+        """Write all that a shard has of an array; again if the temporary file was swept while this process slept."""
+
+        def write() -> None:
+            self._arrays[name][place] = column
+
+        try:
+            patiently(write)
+        except OSError:
+            raise
+        except Exception:  # zarr reads a file that it may fill but in part, and this one is damaged
+            self._file(name, shard).unlink(missing_ok=True)
+            patiently(write)
+
     def forget_shard(self, shard: int) -> None:
-        """Take a shard off the ledger, then delete its files."""
-        for file in [
-            self._table_file("valid", shard),
-            *self.files(shard),
-            self._table_file("checksum", shard),
-        ]:
-            file.unlink(missing_ok=True)
+        """Take a shard off the ledger; its files stay, to be replaced: another process may be writing them now."""
+        self._file("valid", shard).unlink(missing_ok=True)
 
     @cached_property
     def shard_files(self) -> dict[str, ShardFiles]:
@@ -195,37 +219,29 @@ class Store:
             for key in self.keys
         }
 
-    def table(self, name: str, shard: int) -> np.ndarray:
+    def table(self, name: str, shard: int, expected: bool = True) -> np.ndarray:
         """Read a column of a shard, checked: "parameters", "index", "seed", "seal" or "valid"."""
         array = self._arrays[name]
         shape = (self.shard_samples, *array.shape[1:])
-        return read_table(self._table_file(name, shard), np.dtype(array.dtype), shape)
+        return read_table(self._file(name, shard), np.dtype(array.dtype), shape, expected)
 
-    def temporaries(self) -> Iterator[tuple[int, Path]]:
-        """Find files that are not yet whole, with the byte of the file of locks that their writers hold."""
+    def temporaries(self) -> Iterator[Path]:
+        """Find files that are not yet whole, of the living and of the dead; others belong to the user."""
         for name in ["", *self.metadata.arrays]:
             for file in (self.folder / name).glob("*.partial"):
-                if is_temporary(file) and file.name.split(".")[0] in ("zarr", "record"):
-                    yield METADATA, file
+                if file.name.split(".")[0] in ("zarr", "record"):
+                    yield file
         for name in self.metadata.arrays:
             for file in (self.folder / name / "c").rglob("*.partial"):
-                number = file.relative_to(self.folder / name / "c").parts[0].split(".")[0]
-                if is_temporary(file) and number.isdigit():
-                    yield int(number) + 1, file
-
-    def sweep(self) -> list[Path]:
-        """Delete the temporary files that killed processes left; those of living ones are claimed."""
-        swept = []
-        for number, file in sorted(self.temporaries()):
-            with claim(self.locks, number) as claimed:
-                if claimed == "held":
-                    file.unlink(missing_ok=True)
-                    swept.append(file)
-        return swept
+                if file.relative_to(self.folder / name / "c").parts[0].split(".")[0].isdigit():
+                    yield file
 
 
-def _as_zarr(folder: Any) -> Any:
-    """What zarr opens: a folder itself, or the file system and the path of an address."""
-    if not is_remote(folder):
-        return folder
-    return zarr.storage.FsspecStore.from_url(str(folder), storage_options=dict(folder.storage_options), read_only=True)
+def _as_zarr(folder: Any, name: str, writable: bool) -> zarr.storage.StorePath:
+    """Where zarr finds an array: in a folder, or by the file system and the path of an address."""
+    if is_remote(folder):
+        options = dict(folder.storage_options)
+        store = zarr.storage.FsspecStore.from_url(str(folder), storage_options=options, read_only=True)
+    else:
+        store = zarr.storage.LocalStore(folder, read_only=not writable)
+    return zarr.storage.StorePath(store, name)

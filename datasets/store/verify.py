@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from specklegen.core.whole_files import dead, sweep
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store.creation import mend_metadata, require_same
 from specklegen.datasets.store.generate import GenerationError, fill_shard
@@ -71,9 +72,9 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
             damaged.append(shard)
         elif state == "unfinished":
             unfinished.append(shard)
-    orphans = len(list(store.temporaries()))
+    orphans = len(dead(store.temporaries()))
     if repair is not None:
-        store.sweep()
+        sweep(store.temporaries())
         for shard in damaged:
             with store.claimed(shard, wait=True):
                 if _state(store, shard) == "damaged":  # still: another call may have mended it

@@ -2,12 +2,14 @@
 Motion
 ======
 
-Fog drifts while a camera films: eight frames of one character, whose speckle decorrelates from frame to frame.
+A slab changes while a camera films: eight frames of one character, whose speckle decorrelates from frame to frame by an
+assumed law, an autoregression. No medium obeys it: scatterers in motion change long paths first (docs/recipes.md,
+Films).
 """
 
 import numpy as np
 from matplotlib import pyplot as plt
-from specklegen.core.picturing import draw_images
+from specklegen.core.display.plot import draw_images
 from specklegen.datasets import load_recipe
 
 sample = load_recipe("dynamic-slab").sample(0, "train", 3)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from specklegen.core.escaping import csv_cell
+from specklegen.core.display.escape import csv_cell
 from specklegen.datasets.objects.outlines import CHARACTERS
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.targets import MATERIAL, TARGETS, in_units

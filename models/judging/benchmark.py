@@ -8,22 +8,26 @@ parameters tell of it is left out. The score is the Pearson correlation to the s
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from specklegen.core.arguments import whole_number
+from specklegen.core.content import content_digest
+from specklegen.core.display.escape import cell, csv_cell
+from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import counted, reject
-from specklegen.core.escaping import cell, csv_cell
-from specklegen.core.picturing import Pictured
 from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject
 from specklegen.models.judging import baselines
 from specklegen.models.judging.baselines import FRAME, Batch
 from specklegen.models.judging.evaluation import Evaluation, evaluate
+from specklegen.models.judging.isolation import Failed, Isolated, Limits, arrays_of, copy_of
+from specklegen.models.judging.recheck import write_answers
 from specklegen.models.judging.tasks import SAMPLES, SEED, TASKS, VERSION, task
 from specklegen.models.learning.examples import batches_of
 from specklegen.models.learning.reconstructor import load_pretrained
@@ -83,6 +87,27 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
     }  # fmt: skip
 
 
+class Failure(NamedTuple):
+    """A batch of a task that a function had no answer to.
+
+    Attributes
+    ----------
+    task, function : str
+    first, images : int
+        First sample of the batch, and how many.
+    reason : str
+    """
+
+    task: str
+    function: str
+    first: int
+    images: int
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.function} on {self.task}, images {self.first} to {self.first + self.images - 1}: {self.reason}"
+
+
 @dataclass(frozen=True)
 class Results(Pictured):
     """Scores of functions on tasks.
@@ -93,10 +118,16 @@ class Results(Pictured):
         By task; each holds every function's score of every image.
     samples : int
         Images of a task.
+    failures : tuple of Failure
+        Batches that functions had no answer to, which count as images of nothing.
+    answers : dict[(str, str), list of float32[B, n, n]]
+        By task and function: what was answered, batch by batch.
     """
 
     evaluations: dict[str, Evaluation]
     samples: int
+    failures: tuple["Failure", ...] = ()
+    answers: Mapping[tuple[str, str], list[np.ndarray]] = field(default_factory=dict)
 
     def _facts(self) -> Mapping[str, object]:
         run = "complete" if self.complete else "not complete: not to be compared with one that is"
@@ -151,13 +182,21 @@ class Results(Pictured):
             cells = ["{:.3f} [{:.3f}, {:.3f}]".format(*self.interval(function, name)) for function in self.functions]
             lines.append(f"| {cell(name)} | {' | '.join(cells)} |")
         means = " | ".join(f"**{self.score(function):.3f}**" for function in self.functions)
-        return "\n".join([*lines, f"| **mean** | {means} |"]) + "\n"
+        lines.append(f"| **mean** | {means} |")
+        if self.failures:
+            lines += ["", "No answer, which counts as an image of nothing:", ""]
+            lines += [f"- {each}" for each in self.failures]
+        return "\n".join(lines) + "\n"
 
     def write(self, folder: Path) -> None:
-        """Write results.md, results.csv and the data card of the tasks, card.md."""
+        """Write results.md, results.csv, answers.npz and the data card of the tasks, card.md.
+
+        ``answers.npz`` is what others check: :func:`specklegen.models.judging.recheck.recheck` scores it anew.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "results.md").write_text(self.markdown())
         (folder / "card.md").write_text(card())
+        write_answers(folder / "answers.npz", self)
         rows = self.rows()
         with (folder / "results.csv").open("w", newline="") as file:
             table = csv.DictWriter(file, list(rows[0]))
@@ -172,6 +211,7 @@ def benchmark(
     tasks: Iterable[str] | None = None,
     samples: int = SAMPLES,
     progress: Callable[[int, int], None] | None = None,
+    limits: Limits | None = Limits(),  # noqa: B008
 ) -> Results:
     """Score reconstruction functions on the frozen tasks.
 
@@ -189,12 +229,17 @@ def benchmark(
         Images of each task, the first of its test split. Only runs of all :data:`SAMPLES` are to be compared.
     progress
         Called with (images done, images in all).
+    limits
+        Time and memory of each function, which runs in a process of its own, on one thread. None runs all of them in
+        this process, without limits, as a network on a CUDA device needs. Either way each gets copies of its own; one
+        that does not answer (an error, something else than an image, too long, too large) is scored as an image of
+        nothing, and named in ``failures``.
 
     Raises
     ------
     RuleError
         If there is nothing to score, a name is unknown, there are too few samples for two media, this build renders
-        other images than those of the benchmark's version, or a function returns something else.
+        other images than those of the benchmark's version, or images are changed while functions run.
 
     Examples
     --------
@@ -218,12 +263,20 @@ def benchmark(
     recipes = {each.name: each.recipe() for each in chosen}
     tell = progress or (lambda done, total: None)
     evaluations, total = {}, len(recipes) * samples
+    failures: list[Failure] = []
+    answers: dict[tuple[str, str], list[np.ndarray]] = {}
     for number, (name, recipe) in enumerate(recipes.items()):
         made = own | {each: BASELINES[each](recipe) for each in beside}
-        asked = {each: _asked(each, function, recipe) for each, function in made.items()}
-        batches = _told(recipe, samples, lambda done, before=number * samples: tell(before + done, total))
-        evaluations[name], _ = evaluate(asked, batches, recipe.profile)
-    return Results(evaluations, samples)
+        with ExitStack() as stack:
+            asked = {}
+            for each, function in made.items():
+                run = _here(function) if limits is None else Isolated(function, _checked, limits)
+                if isinstance(run, Isolated):
+                    stack.callback(run.close)
+                asked[each] = _asked(name, each, run, recipe, failures, answers.setdefault((name, each), []))
+            batches = _told(recipe, samples, lambda done, before=number * samples: tell(before + done, total))
+            evaluations[name], _ = evaluate(asked, batches, recipe.profile)
+    return Results(evaluations, samples, tuple(failures), answers)
 
 
 def _told(recipe: HiddenObject, samples: int, tell: Callable[[int], None]) -> Iterable[Batch]:
@@ -234,20 +287,54 @@ def _told(recipe: HiddenObject, samples: int, tell: Callable[[int], None]) -> It
         tell(last)
 
 
-def _asked(name: str, function: Function, recipe: HiddenObject) -> baselines.Method:
-    """Ask a function about a blinded batch, and check what it says."""
+def _asked(
+    task: str, name: str, run: Function, recipe: HiddenObject, failures: list[Failure], answers: list[np.ndarray]
+) -> baselines.Method:
+    """Ask a function about a blinded batch, keep what it says, and see that nothing else has changed."""
 
     def method(batch: Batch) -> Tensor:
-        made = torch.as_tensor(function(blinded(batch, recipe)))
-        count = len(batch["object"])
-        if made.ndim != 3 or len(made) != count or not 0 < max(made.shape[1:]) <= FRAME or made.is_complex():
-            reject(f"benchmark function {name!r}", f"one that returns real[{count}, n, n], n at most {FRAME}",
-                   f"{made.dtype}{list(made.shape)}")  # fmt: skip
-        if not torch.isfinite(made).all():
-            reject(f"benchmark function {name!r}", "one that returns finite numbers", "inf or nan")
-        return made.detach().cpu().float()
+        told = blinded(batch, recipe)
+        before = content_digest(arrays_of(batch), arrays_of(told))
+        try:
+            made = run(told)
+        except Failed as why:
+            first = int(batch["index"][0])
+            failures.append(Failure(task, name, first, len(batch["object"]), str(why)))
+            made = torch.zeros_like(told["object"])
+        if content_digest(arrays_of(batch), arrays_of(told)) != before:
+            reject(f"benchmark function {name!r}", "one that leaves the images of others alone", f"changed in {task!r}")
+        answers.append(made.numpy())
+        return made
 
     return method
+
+
+def _here(function: Function) -> Function:
+    """A function that is called in this process, on copies."""
+
+    def run(batch: Batch) -> Tensor:
+        try:
+            return _checked(function(copy_of(batch)), len(batch["object"]))
+        except Exception as error:
+            raise Failed(f"{type(error).__name__}: {error}") from error
+
+    return run
+
+
+def _checked(made: Any, count: int) -> Tensor:
+    """What a function answers to so many images.
+
+    Raises
+    ------
+    RuleError
+        If it is no answer.
+    """
+    made = torch.as_tensor(made)
+    if made.ndim != 3 or len(made) != count or not 0 < max(made.shape[1:]) <= FRAME or made.is_complex():
+        reject("the answer", f"real[{count}, n, n], n at most {FRAME}", f"{made.dtype}{list(made.shape)}")
+    if not torch.isfinite(made).all():
+        reject("the answer", "finite numbers", "inf or nan")
+    return made.detach().cpu().float()
 
 
 def card() -> str:
@@ -267,7 +354,7 @@ def card() -> str:
         "its C_I. A method that does without C_I should say so beside its score.", "",
         "**Not in it**: measured images. All are simulated, with the assumptions that docs/trust.md lists.", "",
         "**Licence**: recipes, tasks and what is rendered from them: MIT, as the package. Characters are outlines of "
-        "fonts that matplotlib carries (DejaVu, STIX, Computer Modern), under the licences beside them there; "
+        "fonts (DejaVu, STIX, Computer Modern) that this package carries, with their licences; "
         "silhouettes are of photographs that scikit-image carries, under the licences that it states.", "",
         "## Recipes", "",
     ]  # fmt: skip

@@ -19,11 +19,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from specklegen.core.display.escape import cell, csv_cell
+from specklegen.core.display.plot import Pictured
+from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
-from specklegen.core.escaping import cell, csv_cell
-from specklegen.core.picturing import Pictured
-from specklegen.core.showing import summary
 from specklegen.models.judging.baselines import FRAME, Batch, Method, grain_pixels
+from specklegen.models.judging.isolation import copy_of
 from specklegen.models.metrics import SCORES, Interval, align, bootstrap
 from specklegen.models.retrieval.apodisation import diffraction_limited, framed, transfer_function
 from specklegen.scene.window import Profile
@@ -253,7 +254,7 @@ def evaluate(
         shape = (batch["object"].shape[-2], batch["object"].shape[-1])
         shown: dict[str, Tensor] = {}
         for name, method in methods.items():
-            made = method(batch)
+            made = method(copy_of(batch))  # what one does in place is not the next one's
             answers[name].append(framed(_darkened(made), FRAME))
             aligned = {target: aligned_to(made, truth, shape) for target, truth in truths.items()}
             shown[name] = aligned["sharp"]

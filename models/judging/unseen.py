@@ -1,11 +1,10 @@
 """What a network has seen: characters that it was trained on, in any font, upright or upside down."""
 
-import warnings
 from collections.abc import Iterable, Mapping
 from itertools import islice
 from typing import Any
 
-from specklegen.core.errors import DoubtWarning
+from specklegen.core.errors import warn_user
 from specklegen.datasets.objects import Families, Glyphs, ObjectFamily
 from specklegen.datasets.objects.family import Source
 from specklegen.datasets.split import Split
@@ -49,8 +48,8 @@ def unseen(objects: ObjectFamily, seed: int, split: Split, samples: int, seen: s
     found = list(islice(fresh, samples))
     if len(found) == samples:
         return found
-    warnings.warn(
+    warn_user(
         "the networks were trained on the characters that they are judged on, in other fonts: hold characters out "
-        '(objects.disjoint = "character") to judge on what none has seen', DoubtWarning, stacklevel=2,
+        '(objects.disjoint = "character") to judge on what none has seen',
     )  # fmt: skip
     return list(range(samples))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from specklegen.core.showing import short
+from specklegen.core.display.repr import short
 from specklegen.models.learning.networks.unrolled import Candidates
 from specklegen.models.likelihood.constellation import bright_pixels, constellation
 from specklegen.models.likelihood.likelihood import SpeckleLikelihood

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from specklegen.core.errors import RuleError, reject
-from specklegen.datasets.store.files import write_whole
+from specklegen.core.whole_files import write_whole
 
 LARGEST_FILE = 2 * 2**30
 LARGEST_HEADER = 2**20
@@ -113,9 +113,13 @@ def restored(kept: Mapping[str, Tensor]) -> dict[str, Tensor]:
     Raises
     ------
     RuleError
-        If rows and scales do not belong together.
+        If rows and scales do not belong together, or a weight is not finite.
     """
-    return {key: _restored(key, kept) for key in kept if not key.endswith(_SCALE)}
+    weights = {key: _restored(key, kept) for key in kept if not key.endswith(_SCALE)}
+    for key, weight in weights.items():
+        if not weight.isfinite().all():
+            reject("model", "a file of finite weights", key, "Its training diverged, or somebody else made it.")
+    return weights
 
 
 def _restored(key: str, kept: Mapping[str, Tensor]) -> Tensor:

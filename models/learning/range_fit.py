@@ -2,7 +2,11 @@
 
 Of the slab only the *shape* of C_I is taken from elsewhere. For each image a network
 (:mod:`specklegen.models.learning.networks.range_net`) tells how likely its lags are for objects of any extent over the
-range; the images are independent, so that their logarithms add.
+range; the images are independent, so that their logarithms add. What they do not know together is the shape: the sum is
+taken as the likelihood of a range that differs from the true one by a factor of spread ``SHAPE``. An interval holds all
+ranges whose likelihood is within exp(-q / 2) of the highest, q the quantile of chi squared with one degree of freedom
+(Wilks, *Ann. Math. Statist.* 9, 60 (1938)). Images of objects far within their range do not tell how far: such an
+interval has no upper end.
 """
 
 from collections.abc import Sequence
@@ -10,17 +14,19 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from scipy.special import logsumexp, ndtr
+from scipy.stats import chi2
 
 from specklegen.core.errors import reject
-from specklegen.models.learning.networks.range_net import extents
+from specklegen.models.learning.networks.range_net import extents, likelihoods
 from specklegen.models.learning.solver import EXTENT, MemoryEffect, Solver, described, lags_of
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import Periodogram
 
 FACTORS = tuple(float(x) for x in np.geomspace(0.2, 5.0, 129))
 """Ranges tried, over that of the memory effect that is given."""
-RESAMPLES = 400
-"""Of the images, for the interval."""
+SHAPE = 0.1
+"""Spread of the logarithm of a range that is read off C_I of another shape; see scripts/range_coverage.py."""
 _REACH = np.geomspace(1e-2, 1e4, 2001)  # distances in object pixels among which C_I falls to one half
 
 
@@ -32,7 +38,8 @@ class RangeFit(NamedTuple):
     factor : float
         Range over that of the memory effect that was given.
     low, high : float
-        Ends of the 95 % interval, by resampling images.
+        Ends of the 95 % interval; 0 and infinity where it is open: where no range tried is short, or long, enough to be
+        excluded.
     tried : dict[float, float]
         Log-likelihood of all images for each factor tried, less the best one's.
     """
@@ -41,6 +48,10 @@ class RangeFit(NamedTuple):
     low: float
     high: float
     tried: dict[float, float]
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Ends of the interval of a level between 0 and 1, as ``low`` and ``high``."""
+        return _within(np.array(list(self.tried)), np.array(list(self.tried.values())), level)
 
 
 def scaled(c_i: MemoryEffect, factor: float) -> MemoryEffect:
@@ -92,15 +103,37 @@ def fit_range(
     lags, variance, grain = lags_of(likelihood)
     with torch.no_grad():
         numbers = described(variance, grain, seen.looks)
-        told = solver.ranges(torch.fft.fftshift(lags, dim=(-2, -1)), numbers).double().numpy()
+        told = likelihoods(solver.ranges(torch.fft.fftshift(lags, dim=(-2, -1)), numbers).double()).numpy()
     tried = np.sort(np.asarray(factors, np.float64))
     at = [np.log(EXTENT / range_of(c)) - np.log(tried) for c in memory]
     each = np.stack([np.interp(x, np.log(extents()), row) for x, row in zip(at, told, strict=True)], axis=1)
-    drawn = np.random.default_rng(0).multinomial(each.shape[1], np.full(each.shape[1], 1 / each.shape[1]), RESAMPLES)
-    low, high = np.quantile([_peak(tried, each @ counts) for counts in drawn], [0.025, 0.975])
-    total = each.sum(1)
+    total = _blurred(tried, each.sum(1))
     likely = dict(zip(tried.tolist(), (total - total.max()).tolist(), strict=True))
-    return RangeFit(_peak(tried, total), float(low), float(high), likely)
+    return RangeFit(_peak(tried, total), *_within(tried, total, 0.95), likely)
+
+
+def _blurred(factors: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Log-likelihoods where the logarithm of the factor has an error of spread SHAPE; the ends go on as they are."""
+    steps = np.log(factors)
+    edges = np.concatenate([[-np.inf], (steps[1:] + steps[:-1]) / 2, [np.inf]])
+    weights = np.diff(ndtr((edges - steps[:, None]) / SHAPE), axis=1)
+    return np.asarray(logsumexp(np.broadcast_to(values, weights.shape), axis=1, b=weights))
+
+
+def _within(factors: np.ndarray, values: np.ndarray, level: float) -> tuple[float, float]:
+    """Shortest and longest factor whose log-likelihood is near enough to the highest; 0 and inf at the ends."""
+    near = values - values.max() + chi2.ppf(level, 1) / 2
+    inside = np.flatnonzero(near >= 0)
+    steps = np.log(factors)
+
+    def crossing(inner: int, outer: int) -> float:
+        share = near[inner] / (near[inner] - near[outer])
+        return float(np.exp(steps[inner] + share * (steps[outer] - steps[inner])))
+
+    first, last = int(inside[0]), int(inside[-1])
+    low = 0.0 if first == 0 else crossing(first, first - 1)
+    high = float("inf") if last == len(factors) - 1 else crossing(last, last + 1)
+    return low, high
 
 
 def _peak(factors: np.ndarray, values: np.ndarray) -> float:

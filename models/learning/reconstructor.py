@@ -11,11 +11,11 @@ from torch import Tensor, nn
 
 from specklegen.core.arguments import whole_number
 from specklegen.core.devices import checked_device
+from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
-from specklegen.core.showing import summary
 from specklegen.models.learning.inputs import FEATURES, INPUTS, network_input
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
-from specklegen.models.learning.networks import build
+from specklegen.models.learning.networks import NETWORKS, build, network_content
 from specklegen.models.learning.targets import TARGETS, in_units
 
 PRETRAINED = "unknown-slab"
@@ -104,6 +104,7 @@ class Reconstructor:
         """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter."""
         stated = {name: getattr(self, name) for name in ("name", "input", "width", "side")}
         stated |= {"shape": list(self.shape), "trained_on": self.trained_on, "target": self.target}
+        stated |= network_content(self.name) if self.name in NETWORKS else {}
         kept: dict[str, Tensor] = {}
         for key, weight in self.network.state_dict().items():
             kept |= rounded(key, weight) if compact else {key: weight}
@@ -132,9 +133,14 @@ class Reconstructor:
 def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: str) -> nn.Module:
     """Build the network that a file states, and give it the file's weights.
 
+    A network of a user's own must be known already: a model imports nothing.
+
     First it is built without memory ("meta"), since a file may state any width: only a network whose weights are those
     that lie in the file is built.
     """
+    named = stated.get("name")
+    if isinstance(named, str):
+        _require_known(named, stated.get("network_sha256"))
     try:
         for name in ("width", "side"):
             whole_number(f"model {name}", stated[name], 1, 2**16)
@@ -150,6 +156,16 @@ def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: 
     network = build(stated["name"], stated["side"], (rows, columns), stated["width"], seed=0)
     network.load_state_dict(dict(weights))
     return network
+
+
+def _require_known(name: str, digest: object) -> None:
+    """Refuse a network that is not known here, or whose source has changed since the model was trained."""
+    if name not in NETWORKS:
+        reject("model network", f"one of {', '.join(NETWORKS)}", name,
+               "One of your own is known once its module is imported, or by --network module:Name.")  # fmt: skip
+    here = network_content(name).get("network_sha256")
+    if digest != here:
+        reject("model network", f"{name} of the source {here}", digest, "It has changed since: restore it.")
 
 
 def centred(images: Tensor) -> Tensor:

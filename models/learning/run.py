@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from specklegen.core.errors import reject
-from specklegen.datasets.store.files import write_whole
+from specklegen.core.whole_files import write_whole
 from specklegen.models.learning.examples import Examples, mirrored
 from specklegen.models.learning.losses import Loss
 from specklegen.models.learning.networks import build

@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from specklegen.core.errors import reject
+from specklegen.core.whole_files import write_whole
 from specklegen.datasets import SpeckleCache
-from specklegen.datasets.store.files import json_bytes, write_whole
+from specklegen.datasets.store.files import json_bytes
 from specklegen.datasets.store.identity import differences
 from specklegen.datasets.store.locks import claim
 from specklegen.models.learning.examples import Examples
+from specklegen.models.learning.networks import network_content
 
 
 def digest_of(examples: Examples) -> str:
@@ -56,7 +58,7 @@ def record(training: Any, data: Any, validation: Examples, about: Mapping[str, A
     return json.loads(
         json.dumps(
             {
-                "training": json.loads(training.canonical_json()),
+                "training": json.loads(training.canonical_json()) | network_content(training.network),
                 "data": shown | dict(told.get("data", {})),
                 "validation": held_out | dict(told.get("validation", {})),
             }

@@ -16,9 +16,9 @@ import torch
 from torch import Tensor
 
 from specklegen.core.arguments import whole_number
+from specklegen.core.display.repr import short, summary
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
-from specklegen.core.showing import short, summary
 from specklegen.models.learning.few_points import few_points
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks.range_net import RangeNet

@@ -15,7 +15,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import torch
@@ -24,10 +24,13 @@ from torch import Tensor
 
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
+from specklegen.core.registry import one_of
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.models.learning.examples import Examples
+from specklegen.models.learning.inputs import FEATURES, INPUTS
 from specklegen.models.learning.interrupts import Interrupt, deferred
 from specklegen.models.learning.losses import loss_named
+from specklegen.models.learning.networks import NETWORKS, NetworkName
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.run import Run
 from specklegen.models.learning.run_record import alone, record
@@ -49,7 +52,8 @@ class Training(Value):
         decorrelates, or "registered+power", with the transmitted power.
     network
         "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample), "dense", or
-        "perceptron" (for registered stacks).
+        "perceptron" (for registered stacks); or one of your own (:class:`specklegen.models.Network`), by its name or
+        by its import path, as in "my_module:Linear".
     width
         Channels at the top of the U-Net, or a sixteenth of the units of the other two.
     loss
@@ -77,9 +81,9 @@ class Training(Value):
     'pearson-invariant'
     """
 
-    target: Literal["object", "label", "material"] = "object"
-    input: Literal["autocorrelation", "camera", "registered", "registered+power"] = "autocorrelation"
-    network: Literal["residual", "unet", "stack-unet", "dense", "perceptron"] = "unet"
+    target: Annotated[str, one_of(TARGETS)] = "object"
+    input: Annotated[str, one_of([*INPUTS, *FEATURES])] = "autocorrelation"
+    network: NetworkName = "unet"
     width: PositiveInt = 16
     loss: str = "pearson-invariant"
     learning_rate: Positive = 3e-3
@@ -92,17 +96,21 @@ class Training(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.network == "residual" and self.input != "autocorrelation":
-            reject("Training.input", '"autocorrelation" for the residual net', self.input, "Or train another.")
-        if (self.network == "perceptron") != self.input.startswith("registered"):
-            reject("Training.network", '"perceptron" for registered stacks, and for nothing else', self.network)
-        if self.target == "label" and self.network not in ("residual", "dense"):
-            reject("Training.network", '"residual" or "dense" for labels', self.network)
-        if self.target == "material" and self.network != "perceptron":
-            reject("Training.input", '"registered" or "registered+power" for materials', self.input)
+        network = NETWORKS[self.network]
+        if self.input not in network.inputs:
+            reject("Training.input", f"one of {', '.join(network.inputs)} for the network {self.network!r}", self.input,
+                   f"Networks for this input: {_able('inputs', self.input)}.")  # fmt: skip
+        if self.target not in network.targets:
+            reject("Training.target", f"one of {', '.join(network.targets)} for the network {self.network!r}",
+                   self.target, f"Networks for this target: {_able('targets', self.target)}.")  # fmt: skip
         if self.target != "object" and self.mirror:
             reject("Training.mirror", "false where the target is no object", self.mirror)
         return self
+
+
+def _able(what: str, name: str) -> str:
+    """Names of the networks that can see or tell something."""
+    return ", ".join(each for each in NETWORKS if name in getattr(NETWORKS[each], what)) or "none"
 
 
 Batches = Callable[[int, int], Iterator[tuple[Tensor, Tensor]]]

@@ -21,7 +21,7 @@ import torch
 from scipy.ndimage import maximum_filter
 from torch import Tensor
 
-from specklegen.core.showing import short
+from specklegen.core.display.repr import short
 
 MOST = 14
 """Points that are looked for at most."""

@@ -21,13 +21,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
-from specklegen.core.showing import short
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.likelihood.spectrum import Transforms, autocorrelation_of, transforms, waves
 from specklegen.models.retrieval.autocorrelation import at_distances, memory_effect_of
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 from specklegen.scene.window import Profile, Window
 
 BAND = 0.92

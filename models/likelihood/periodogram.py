@@ -14,8 +14,9 @@ from typing import NamedTuple, Self
 import torch
 from torch import Tensor
 
+from specklegen.core.arguments import positive_number, real_number, real_tensor, whole_number
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
-from specklegen.core.showing import short
 from specklegen.models.retrieval.autocorrelation import envelope
 
 _LEFT = 0.05
@@ -99,12 +100,20 @@ def periodogram(
     >>> periodogram(torch.rand(2, 1, 64, 64), tile=32).shape  # four tiles of each image, of 32 x 32 pixels
     (32, 32)
     """
+    real_tensor("periodogram images", images)
+    if tile is not None:
+        tile = whole_number("periodogram tile", tile, 8)
+    background, electrons, read_noise = (
+        real_number(f"periodogram {name}", value)
+        for name, value in (("background", background), ("electrons", electrons), ("read_noise", read_noise))
+    )
+    sigma = None if sigma is None else positive_number("periodogram sigma", sigma)
     if images.ndim != 4 or not images.numel():
         reject("periodogram images", "of shape [objects, frames, rows, columns]", tuple(images.shape))
     if min(images.shape[-2:]) < 8:
         reject("periodogram images", "at least 8 pixels a side", tuple(images.shape[-2:]))
-    if tile is not None and tile < 8:
-        reject("periodogram tile", "at least 8 pixels", tile)
+    if 0 < electrons < 1e-30 or read_noise > 1e30:
+        reject("periodogram electrons, read_noise", "at least 1e-30, and at most 1e30", (electrons, read_noise))
     if not electrons > 0 or not read_noise >= 0:
         reject("periodogram electrons, read_noise", "above 0, and at least 0", (electrons, read_noise))
     if read_noise and electrons == float("inf"):

@@ -10,9 +10,9 @@ area its grains above half of the peak. x, a standard Gaussian number that belon
 decides and is not among these: the probability is the mean over x, and the interval that is stated is from its 5th to
 its 95th percentile. Noise starts from W / (2N), W the autocorrelation's window, N the camera's side;
 distortion weighs more, since it is the same at neighbouring frequencies and no constraint averages it out. The
-coefficients and s are fitted by scripts/fit_recoverability.py to half the cells of two tables of simulated scenes,
-tests/data/recoverability.csv and recoverability_large.csv; a test derives them again. docs/recoverability.md has the
-judgement on the other half.
+coefficients and s are fitted by scripts/build/fit_recoverability.py to half the cells of two tables of simulated
+scenes, tests/data/recoverability.csv and recoverability_large.csv; a test derives them again. docs/recoverability.md
+has the judgement on the other half.
 
 A scene that fails is repaired in thought, each time by what helps most, until it works: those repairs are the reasons.
 """
@@ -212,7 +212,7 @@ def recoverable(
         reject("recoverable recipe", "one with hidden objects", loaded.name)
     if media < 1:
         reject("recoverable media", "at least 1", media)
-    count = media if loaded.material.varies or loaded.field_varies else 1
+    count = 1 if loaded.media_alike else media
     each = [
         judge(conditions_of(loaded, seed=seed, medium=n, compensation=compensation, beam=beam, removal=removal))
         for n in range(count)

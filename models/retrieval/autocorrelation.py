@@ -20,7 +20,7 @@ from scipy.fft import next_fast_len
 from torch import Tensor
 
 from specklegen.core.errors import reject
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 
 MemoryEffect = Callable[[np.ndarray], np.ndarray]
 """C_I of a slab at distances in object pixels, any shape."""

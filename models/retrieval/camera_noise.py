@@ -60,6 +60,6 @@ def camera_noise(images: Tensor, grain: Tensor | float, camera: Stated = "unknow
         return read
     if camera == "unknown":
         reject("camera_noise grain", f"above {2 * BEYOND:.3g} pixels, on a camera of many", grain,
-               "State the camera ([exposure] of a recipe or a bench), or open the aperture less.")  # fmt: skip
+               "State the camera ([exposure] of a recipe or a setup), or open the aperture less.")  # fmt: skip
     stated = torch.zeros_like(read) if camera == "none" else camera.noise(images.double().mean((-2, -1)))
     return torch.where(readable, read, stated)

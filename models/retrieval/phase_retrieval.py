@@ -17,10 +17,10 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, one_torch_thread
 from specklegen.core.random_streams import Seed
-from specklegen.core.showing import short
 from specklegen.core.values import Positive, PositiveInt, UnitInterval, Value
 from specklegen.models.retrieval.autocorrelation import FLOOR, taper
 from specklegen.models.retrieval.projections import (

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 import specklegen as sg
-from specklegen.benchmarking import SAMPLERS, Sampler
+from specklegen.error_time import SAMPLERS, Sampler
 from specklegen.theory.correlation_transfer import field_correlation
 
 from .references import load

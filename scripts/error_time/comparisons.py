@@ -11,8 +11,8 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 import specklegen as sg
-from specklegen.benchmarking import Estimate, Probes, Sampler
 from specklegen.core.statistics import BATCHES
+from specklegen.error_time import Estimate, Probes, Sampler
 from specklegen.oracles import box_algorithms
 from specklegen.oracles.electric_field import electric_field
 from specklegen.oracles.naive_numba import naive_field

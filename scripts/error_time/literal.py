@@ -3,7 +3,7 @@
 import numpy as np
 
 import specklegen as sg
-from specklegen.benchmarking import Probes
+from specklegen.error_time import Probes
 from specklegen.oracles import box_algorithms, box_media
 
 from .scenes import CYLINDER

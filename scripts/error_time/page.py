@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from specklegen.benchmarking import SAMPLERS, Trend, crossover, fit_trend
-from specklegen.benchmarking.figure import Panel, error_figure
 from specklegen.core.errors import reject
+from specklegen.error_time import SAMPLERS, Trend, crossover, fit_trend
+from specklegen.error_time.figure import Panel, error_figure
 
 from . import machine, words
 from .calibration import LIMITS, Calibrated
@@ -99,7 +99,7 @@ python scripts/error_vs_time.py                                          # 15 mi
 python scripts/error_vs_time.py --scenes transmission-g0-od10 --longest 8    # a wide fit of the slope: 15 more
 python scripts/benchmark.py --json docs/performance/benchmark.json
 python scripts/error_vs_time.py --tables-only
-specklegen bench RECIPE                                                  # the same for your own scene
+specklegen compare RECIPE                                                  # the same for your own scene
 ```{notes}"""
 
 

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 import specklegen as sg
-from specklegen.benchmarking import Estimate, Probes
-from specklegen.benchmarking.probes import only
 from specklegen.core.statistics import BATCHES
+from specklegen.error_time import Estimate, Probes
+from specklegen.error_time.probes import only
 from specklegen.oracles import box_algorithms
 from specklegen.oracles.naive_covariance import naive_covariance
 from specklegen.theory.correlation_transfer import quadruple

@@ -6,14 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from specklegen.benchmarking import FACTOR, Estimate, Probes, Sampler, measured, serving
+from specklegen.error_time import FACTOR, Estimate, Probes, Sampler, measured, serving
 
 from .comparisons import COMPARISONS
 from .references import Reference, load
 from .scenes import Case
 
 BUDGETS = 5
-"""At least so many, as far apart as those of ``bench``."""
+"""At least so many, as far apart as those of ``compare``."""
 _REPEATS = 16
 _FIRST_SEED = 1000
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import specklegen as sg
-from specklegen.benchmarking import Probes
+from specklegen.error_time import Probes
 from specklegen.oracles.cylinder import Cylinder
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.theory.correlation_transfer import field_correlation

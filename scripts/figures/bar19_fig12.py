@@ -21,16 +21,16 @@ from scipy.stats import binomtest
 
 from specklegen.core.statistics import wilson
 from specklegen.datasets.objects import Points
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.models.metrics import align, pearson
 from specklegen.models.retrieval.apodisation import diffraction_limited, transfer_function
 from specklegen.models.retrieval.autocorrelation import autocorrelation, memory_effect_at_lags
 from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
 from specklegen.models.retrieval.restarts import lowest_error
-from specklegen.samplers.stationary.correlation import estimate_correlation
-from specklegen.samplers.stationary.objects import object_sampler
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein
 from specklegen.scene.sensors import FarFieldGrid
+from specklegen.synthesis.objects import object_imaging, object_media
 
 OUT = Path("docs/images")
 WAVELENGTH, STEP = 0.5, float(np.sin(np.deg2rad(0.0025)))
@@ -63,12 +63,15 @@ def contrast(lags: torch.Tensor, sources: torch.Tensor) -> torch.Tensor:
 def seen(g: float, sources: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Autocorrelations float64[B, n, n] of the images behind one material, and its C_I at the lags, of another run."""
     slab = Slab(thickness=1000.0, mean_free_path=100.0, scatterer=HenyeyGreenstein(g=g))
-    sampler = object_sampler(
+    imaging = object_imaging(
         estimate_correlation(slab, 100_000, 0), wavelength=WAVELENGTH, object_shape=tuple(sources.shape[1:]),
         object_pitch=PITCH, width=WAVELENGTH / (PER_GRAIN * PITCH), grid=CAMERA,
     )  # fmt: skip
-    images = [sampler.image(sampler.medium(12, n), each.numpy(), form="points") for n, each in enumerate(sources)]
-    lags = torch.cat([autocorrelation(image[None, None], FRAME) for image in images])
+    images = [
+        imaging.images_by_points(object_media(imaging, 12, n).drawn, each[None].to(torch.float32))  # type: ignore[arg-type]
+        for n, each in enumerate(sources)
+    ]
+    lags = torch.cat([autocorrelation(image, FRAME) for image in images])
     return lags, memory_effect_at_lags(estimate_correlation(slab, 100_000, 1), WAVELENGTH, PITCH, FRAME)
 
 

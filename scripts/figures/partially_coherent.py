@@ -23,8 +23,8 @@ from specklegen.coherence.partially_coherent import (
     render_partially_coherent,
 )
 from specklegen.core.statistics import jackknife
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.samplers.sampler import Sampler
-from specklegen.samplers.stationary.correlation import estimate_correlation
 
 OUT = Path("docs/coherence")
 WAVELENGTH, PIXELS = 0.5, 48

@@ -34,10 +34,10 @@ from specklegen.wavetracing import (
     PlaneWave,
     PointEmitter,
     bilinear_intensity,
+    coherent_rays,
     expected_trials,
     field_on_plane,
     perforated_screen,
-    phase_rays,
     sample_pattern,
     sample_slits,
     trace,
@@ -155,9 +155,9 @@ def two_stages(out, quick):
         exact = np.abs(strip_solver([*SCREEN, reflector]).field(points[:, [0, 2]])) ** 2
         scene, field = strips([*SCREEN, reflector]), {}
         for diffractions in (1, 2):
-            field[diffractions] = phase_rays(scene, source, points, 1, diffractions) * FAR
+            field[diffractions] = coherent_rays(scene, source, points, 1, diffractions) * FAR
         # What the reflector changes, its shadow among it, as a wave of its own.
-        alone = phase_rays(strips(SCREEN), source, points, 1, 2) * FAR
+        alone = coherent_rays(strips(SCREEN), source, points, 1, 2) * FAR
         added = np.abs(alone) ** 2 + np.abs(field[2] - alone) ** 2
         wide = np.ones(max(1, round(5 / (x[1] - x[0]))))
         smooth = [np.convolve(v, wide / wide.size, "valid") for v in (added, exact)]

@@ -26,6 +26,11 @@ def benchmark(
     samples: Annotated[int | None, typer.Option(min=2, help="Images of each task (default: all).")] = None,
     baselines: Annotated[bool, typer.Option(help="Run the baselines beside.")] = True,
     out: Annotated[Path, typer.Option(help="Folder for results and data card.")] = Path("benchmark"),
+    seconds: Annotated[float, typer.Option(min=1e-3, help="Time that a function may take for 16 images.")] = 600.0,
+    gibibytes: Annotated[float, typer.Option(min=1e-3, help="Memory that a function may take.")] = 8.0,
+    check: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Score the answers.npz of a run anew, and exit.")
+    ] = None,
     listed: Annotated[bool, typer.Option("--list", help="List the tasks and exit.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -40,6 +45,12 @@ def benchmark(
             for row in rows:
                 typer.echo(f"{row['task']:26s} {row['asks']}")
         return
+    if check is not None:
+        from specklegen.models.judging.recheck import recheck
+
+        for (name, function), score in recheck(check).items():
+            typer.echo(f"{name:26s} {function:26s} {score:.3f}")
+        return
     names = [task(name).name for name in tasks] if tasks else [each.name for each in TASKS]
     own = {text: _function(text) for text in functions or []}
     if not own and not baselines:
@@ -47,17 +58,19 @@ def benchmark(
     writable(out)
     from specklegen.models.judging.benchmark import BASELINES
     from specklegen.models.judging.benchmark import benchmark as score
+    from specklegen.models.judging.isolation import Limits
 
     count = samples or SAMPLES
     with Progress(count * len(names)) as progress:
         beside = tuple(BASELINES) if baselines else ()
-        found = score(own, baselines=beside, tasks=names, samples=count, progress=progress)
+        limits = Limits(seconds=seconds, gibibytes=gibibytes)
+        found = score(own, baselines=beside, tasks=names, samples=count, progress=progress, limits=limits)
     found.write(out)
     if as_json:
         echo_json(found.rows())
         return
     typer.echo(found.markdown())
-    typer.echo(f"{out / 'results.md'}, {out / 'results.csv'}, {out / 'card.md'}")
+    typer.echo(", ".join(str(out / name) for name in ("results.md", "results.csv", "answers.npz", "card.md")))
 
 
 def _function(text: str) -> Callable[[Any], Any]:

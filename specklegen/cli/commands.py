@@ -8,7 +8,18 @@ from typing import Annotated
 import typer
 
 from specklegen import __version__
-from specklegen.cli import bench, benchmark, explore, learning, recipes, reconstruct, recoverable, scenes, stores
+from specklegen.cli import (
+    benchmark,
+    compare,
+    explore,
+    fit_camera,
+    learning,
+    recipes,
+    reconstruct,
+    recoverable,
+    scenes,
+    stores,
+)
 from specklegen.cli.failures import failures_told
 
 app = typer.Typer(
@@ -39,6 +50,7 @@ app.add_typer(recipes.recipes, name="recipes")
 app.command()(recipes.plan)
 app.command()(scenes.render)
 app.command("memory-effect")(scenes.memory_effect_command)
+app.command()(scenes.reflectance)
 app.command()(stores.generate)
 app.command()(stores.preview)
 app.command()(stores.info)
@@ -48,7 +60,8 @@ app.command()(learning.train)
 app.command()(learning.evaluate)
 app.command()(recoverable.recoverable)
 app.command()(reconstruct.reconstruct)
-app.command("bench")(bench.bench_command)
+app.command("fit-camera", cls=fit_camera.ManyFiles)(fit_camera.fit_camera)
+app.command("compare")(compare.compare_command)
 app.command()(benchmark.benchmark)
 app.command()(explore.explore)
 

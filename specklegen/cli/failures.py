@@ -23,7 +23,7 @@ _EXTRAS = {
     "sklearn": "digits", "miepython": "mie", "distributed": "dask", "dask": "dask", "dask_jobqueue": "dask",
     "cloudpickle": "dask", "trimesh": "mesh", "mapbox_earcut": "mesh", "shapely": "mesh", "pyarrow": "parquet",
     "upath": "remote", "lightning": "lightning", "deepinv": "deepinv", "embreex": "validate", "treams": "validate",
-    "marimo": "explore",
+    "marimo": "explore", "uvicorn": "explore", "h5py": "hdf5",
 }  # fmt: skip
 """Packages that come with an extra of this one."""
 

@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 
 MOST_KEPT = 10**6
 """Images that are looked at together; all are kept in memory."""
-Target = Literal["object", "label", "material"]
-Input = Literal["autocorrelation", "camera", "registered", "registered+power"]
-Network = Literal["residual", "unet", "stack-unet", "dense", "perceptron"]
+Network = Annotated[
+    str | None,
+    typer.Option(metavar="MODULE:NAME", help="Import a network of your own, which a model names; runs its module."),
+]
 
 
 def train(
@@ -43,11 +44,20 @@ def train(
     validation_samples: Annotated[
         int, typer.Option(min=1, max=MOST_KEPT, help="Of a recipe's validation split.")
     ] = 256,
-    target: Annotated[Target, typer.Option(help="What the network is to tell.")] = "object",
+    target: Annotated[str, typer.Option(help="What the network is to tell: object, label or material.")] = "object",
     input: Annotated[
-        Input, typer.Option(help="What the network sees; of stacks of tilts one of the last two.")
+        str,
+        typer.Option(
+            help="What the network sees: camera or autocorrelation; of stacks of tilts registered or registered+power."
+        ),
     ] = "autocorrelation",
-    network: Annotated[Network, typer.Option(help="Kind of network.")] = "unet",
+    network: Annotated[
+        str,
+        typer.Option(
+            help="Kind of network: dense, perceptron, residual, stack-unet or unet; or one of your own, as "
+            "my_module:Name, whose module is run."
+        ),
+    ] = "unet",
     width: Annotated[
         int, typer.Option(min=1, max=4096, help="Channels at the top; of the dense nets, units over 16.")
     ] = 16,
@@ -118,7 +128,7 @@ def train(
 
     def show(row: dict[str, float]) -> None:
         rows.append(row)
-        training_curves({network: read_log(out)}, out / "curves.png")
+        training_curves({settings.network: read_log(out)}, out / "curves.png")
         tqdm.write(
             f"epoch {row['epoch']}: {row['seconds']:.0f} s, loss {row['train_loss']:.4f}, "
             f"validation {next(value for name, value in row.items() if name.startswith('validation_')):.4f}"
@@ -160,6 +170,7 @@ def evaluate(
     restarts: Annotated[int, typer.Option(min=1, max=1000, help="Of phase retrieval.")] = 10,
     solver: Annotated[bool, typer.Option(help="The solver for any object beside.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for tables and contact sheet.")] = Path("evaluation"),
+    network: Network = None,
     seed: Seed = 0,
     changes: Set = None,
     images: Images = None,
@@ -180,10 +191,13 @@ def evaluate(
     from specklegen.models.judging.points import localisation
     from specklegen.models.judging.unseen import seen_by, unseen
     from specklegen.models.learning.examples import batches_of
+    from specklegen.models.learning.networks import NETWORKS
     from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
     from specklegen.models.learning.solver import ANY_OBJECT, EXTENT, load_solver
     from specklegen.models.retrieval.phase_retrieval import Retrieval
 
+    if network is not None:
+        NETWORKS.find("--network", network)
     named = {_name(path, models): Reconstructor.load(path) for path in models or []}
     named = named or {"packaged network": load_pretrained()}
     asked = {model.target for model in named.values()}

@@ -1,6 +1,7 @@
 """What commands show: JSON, a bar with the remaining time, folders that can be written."""
 
 import json
+import tempfile
 from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
@@ -13,9 +14,14 @@ from specklegen.core.errors import reject
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of words.")]
 
 
+def json_text(value: Any) -> str:
+    """Write a value as JSON; numbers that are not finite, which JSON has no word for, become null."""
+    return json.dumps(_plain(value), indent=2, allow_nan=False)
+
+
 def echo_json(value: Any) -> None:
-    """Print a value as JSON; numbers that are not finite, which JSON has no word for, become null."""
-    typer.echo(json.dumps(_plain(value), indent=2))
+    """Print a value as JSON; see :func:`json_text`."""
+    typer.echo(json_text(value))
 
 
 def _plain(value: Any) -> Any:
@@ -72,9 +78,8 @@ def writable(folder: Path, field: str = "--out") -> None:
     """Make a folder before the work starts, so that an unwritable one is found at once."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".specklegen-probe"
-        probe.touch()
-        probe.unlink()
+        with tempfile.TemporaryFile(dir=folder):
+            pass
     except OSError as error:
         rule = "a writable folder" if field == "--out" else "in a writable folder"
         reject(field, rule, str(folder), str(error.strerror))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from specklegen.core.errors import reject
+from specklegen.core.registry import import_paths
 
 if TYPE_CHECKING:
     from specklegen.datasets import Recipe
@@ -39,7 +40,10 @@ Set = Annotated[
 Images = Annotated[Path | None, typer.Option(help="Folder of your own images to hide (PNG, JPEG, TIFF, NPY).")]
 Objects = Annotated[
     str | None,
-    typer.Option(metavar="FAMILY", help="Hide objects of another family: Glyphs, Points, Bars, Strokes, Digits, ..."),
+    typer.Option(
+        metavar="FAMILY",
+        help="Hide objects of another family: Glyphs, Points, Bars, ..., or my_module:Name, whose module is run.",
+    ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Whole number that the result is a function of.")]
 Split = Annotated[
@@ -54,8 +58,11 @@ def load(
     from specklegen.datasets import load_recipe
     from specklegen.datasets.recipes.hidden_object import HiddenObject
     from specklegen.datasets.recipes.overrides import changes_of
+    from specklegen.datasets.recipes.recipe_files import merged, recipe_table
 
     table = changes_of(changes or [])
+    for path in import_paths(merged(recipe_table(recipe), table)):
+        typer.echo(f"{recipe} runs code: it imports {path}", err=True)
     if images is None and objects is None:
         return load_recipe(recipe, table)
     if images is not None and objects is not None:

@@ -5,26 +5,31 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from specklegen.cli.output import AsJson, echo_json, writable
+from specklegen.cli.output import AsJson, echo_json, json_text, writable
 from specklegen.cli.recipe_options import Seed, Set, load_hidden, names_starting_with
-from specklegen.core.errors import reject
+from specklegen.core.errors import RuleError, reject
 
 if TYPE_CHECKING:
-    from specklegen.models.recoverability.after_image import Findings
+    import numpy as np
+
+    from specklegen.models.recoverability.assessment import Findings
 
 
 def reconstruct(
-    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Camera images: TIFF, PNG or NPY.")],
-    bench: Annotated[
+    images: Annotated[
+        list[Path], typer.Argument(metavar="IMAGE...", help="Camera images: TIFF, PNG, BMP, NPY, HDF5, MATLAB.")
+    ],
+    setup: Annotated[
         str,
         typer.Option(
-            help="Your bench: a recipe with hidden objects, packaged or as TOML (window, camera, slab, object pitch).",
+            help="Your setup: a recipe with hidden objects, packaged or as TOML (window, camera, slab, object pitch).",
             autocompletion=names_starting_with,
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for pictures and report.")] = Path("reconstruction"),
     frames: Annotated[
-        bool, typer.Option("--frames", help="The images are frames of one object through other states of the medium.")
+        bool,
+        typer.Option("--frames", help="All images, and all their pages, show one object through states of the medium."),
     ] = False,
     background: Annotated[float, typer.Option(help="Image value without light, taken off first.")] = 0.0,
     fit: Annotated[
@@ -39,65 +44,121 @@ def reconstruct(
     import numpy as np
     import torch
 
-    from specklegen.datasets.objects.pictures import SUFFIXES, read_grey
-    from specklegen.models.recoverability.after_image import see_through
+    from specklegen.models.recoverability.assessment import reconstruct_and_assess
 
-    recipe = load_hidden(bench, changes)
-    pictures = []
+    recipe = load_hidden(setup, changes)
+    pictures, notes = [], []
     for path in images:
-        if path.suffix.lower() not in SUFFIXES:
-            reject("reconstruct IMAGE", f"a file that ends in {', '.join(SUFFIXES)}", str(path))
-        try:
-            pictures.append(read_grey(path) - background)
-        except (OSError, ValueError) as error:
-            reject("reconstruct IMAGE", "a picture that can be read", str(path), f"It cannot: {error}.")
+        found = _light(path, background, notes)
+        if len(found) > 1 and not frames:
+            found = _one(path, found, notes)
+        pictures.extend(found)
     shapes = {picture.shape for picture in pictures}
     if len(shapes) > 1:
         reject("reconstruct IMAGE", "of one size", sorted(shapes), "Give images of one camera.")
     writable(out)
     stack = torch.from_numpy(np.stack(pictures))
-    found = see_through(stack[None] if frames else stack[:, None], recipe, fit=fit, seed=seed)
+    found = reconstruct_and_assess(stack[None] if frames else stack[:, None], recipe, fit=fit, seed=seed)
     names = [out.name] if frames else [path.stem for path in images]
-    _write(found, names, out)
+    _write(found, names, notes, out)
     if as_json:
-        echo_json(_table(found, names))
+        echo_json(_table(found, names, notes))
         return
+    for note in notes:
+        typer.echo(note)
     for name, each in zip(names, found.each, strict=True):
-        typer.echo(
-            f"{name}: right (correlation above 0.8) with probability {each.probability:.2f}; "
-            f"deviance {each.deviance:.3f}, of the true object {each.expected:.3f}"
-        )
+        certificate = (
+            "no certificate" if each.probability is None
+            else f"right (correlation above 0.8) with probability {each.probability:.2f}"
+        )  # fmt: skip
+        typer.echo(f"{name}: {certificate}; deviance {each.deviance:.3f}, of the true object {each.expected:.3f}")
         for reason in each.reasons:
             typer.echo(f"  {reason.name}: {reason.numbers}\n    remedy: {reason.remedy}")
     said = f"memory-effect range, direction sine: {found.range_sine:.4g}"
     if found.fit is not None:
-        ratio = found.range_sine / found.fit.factor
-        said += f" (fitted; 95 %: {ratio * found.fit.low:.4g} to {ratio * found.fit.high:.4g})"
+        said += f" (fitted; 95 %: {_between(found.range_sine / found.fit.factor, found.fit.low, found.fit.high)})"
     typer.echo(said)
     typer.echo(f"{out / 'report.json'}, {out / 'reconstructions.png'}")
 
 
-def _table(found: "Findings", names: list[str]) -> dict:
+def _light(path: Path, background: float, notes: list[str]) -> "np.ndarray":
+    """Light[n, h, w] of a file; pictures in colours become grey."""
+    from specklegen.datasets.objects.pictures import SUFFIXES, read_grey
+    from specklegen.measured import read_measurement
+    from specklegen.measured.files import FRAME_FILES
+
+    suffix = path.suffix.lower()
+    if suffix not in (*FRAME_FILES, *SUFFIXES):
+        known = ", ".join(sorted({*FRAME_FILES, *SUFFIXES}))
+        reject("reconstruct IMAGE", f"a file that ends in {known}", str(path))
+    try:
+        if suffix in FRAME_FILES:
+            read = read_measurement(path, dark=background, hot_pixels=False)
+            notes.extend(f"{path.name}: {doubt}" for doubt in read.doubts)
+            return read.light
+    except RuleError as error:
+        if suffix not in SUFFIXES:
+            reject("reconstruct IMAGE", "frames that can be read", str(path), str(error))
+    try:
+        picture = read_grey(path)[None] - background  # of colours, perhaps
+        if picture.mean() > 0:
+            return picture
+        reject("reconstruct --background", "below the mean of the image", background)
+    except RuleError:
+        raise
+    except (OSError, ValueError) as error:
+        reject("reconstruct IMAGE", "a picture that can be read", str(path), f"It cannot: {error}.")
+
+
+def _one(path: Path, frames: "np.ndarray", notes: list[str]) -> "np.ndarray":
+    """Mean of frames of one pattern, light[1, h, w]; of frames of many it would be no pattern at all."""
+    import numpy as np
+
+    first, *rest = frames.reshape(len(frames), -1)
+    alike = float(np.mean([np.corrcoef(first, other)[0, 1] for other in rest]))
+    if not alike >= _ONE_PATTERN:
+        reject(
+            "reconstruct IMAGE", "one frame, or frames of one pattern", f"{len(frames)} that correlate by {alike:.2f}",
+            "Give --frames if one object was seen through other states of the medium.",
+        )  # fmt: skip
+    notes.append(
+        f"{path.name}: the mean of {len(frames)} frames was taken, which correlate with the first by {alike:.2f}"
+    )
+    return frames.mean(axis=0, keepdims=True)
+
+
+_ONE_PATTERN = 0.5  # correlation of frames from which on their mean still shows the pattern of each
+
+
+def _between(unit: float, low: float, high: float) -> str:
+    """Interval in words: open where it has no end."""
+    if low > 0 and high < float("inf"):
+        return f"{unit * low:.4g} to {unit * high:.4g}"
+    return f"above {unit * low:.4g}" if low > 0 else f"below {unit * high:.4g}" if high < float("inf") else "any"
+
+
+def _table(found: "Findings", names: list[str], notes: list[str]) -> dict:
     fit = found.fit
     return {
         "range_sine": found.range_sine,
-        "fit": None if fit is None else {"factor": fit.factor, "low": fit.low, "high": fit.high},
+        "notes": notes,
+        "fit": None if fit is None else {
+            "factor": fit.factor, "low": fit.low or None, "high": None if fit.high == float("inf") else fit.high,
+        },
         "images": [
             {"name": name, "probability": each.probability, "deviance": each.deviance, "expected": each.expected,
-             "reasons": [reason._asdict() for reason in each.reasons]}
+             "speckle": each.speckle._asdict(), "reasons": [reason._asdict() for reason in each.reasons]}
             for name, each in zip(names, found.each, strict=True)
         ],
     }  # fmt: skip
 
 
-def _write(found: "Findings", names: list[str], out: Path) -> None:
+def _write(found: "Findings", names: list[str], notes: list[str], out: Path) -> None:
     """Write report.json, one NPY an image, and all of them in one picture."""
-    import json
-
     import numpy as np
     from PIL import Image
 
-    (out / "report.json").write_text(json.dumps(_table(found, names), indent=2))
+    (out / "report.json").write_text(json_text(_table(found, names, notes)))
     for name, each in zip(names, found.each, strict=True):
         np.save(out / f"{name}.npy", each.image)
     row = np.clip(255 * np.hstack([each.image for each in found.each]), 0, 255).astype(np.uint8)

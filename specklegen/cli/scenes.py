@@ -1,6 +1,7 @@
-"""The commands about one scene: ``specklegen render`` and ``specklegen memory-effect``."""
+"""The commands about one scene or slab: ``specklegen render``, ``memory-effect`` and ``reflectance``."""
 
 import csv
+import dataclasses
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,13 +11,14 @@ import typer
 from specklegen.cli.output import AsJson, echo_json, writable
 from specklegen.cli.recipe_options import Seed
 from specklegen.core.errors import reject
-from specklegen.core.tables import read_text
+from specklegen.core.registry import anchored
+from specklegen.core.tables import json_table, read_text, toml_table
 
 if TYPE_CHECKING:
+    from specklegen.memory_effects.temporal import TemporalCorrelation
     from specklegen.scene.media import Slab
     from specklegen.scene.scene import Scene
 
-Sampler = Literal["auto", "paths", "stationary", "covariance"]
 Wavelength = Annotated[float, typer.Option(help="Inside the medium; fixes the unit of every length.")]
 Thickness = Annotated[float, typer.Option(help="Thickness of the slab.")]
 OpticalDepth = Annotated[float, typer.Option(help="Thickness over mean free path.")]
@@ -44,7 +46,13 @@ def render(
     ] = None,
     paths: Annotated[int | None, typer.Option(min=1, help="Random paths to trace (default 100000).")] = None,
     rel_error: Annotated[float | None, typer.Option(help="Instead of --paths: relative error to reach.")] = None,
-    sampler: Annotated[Sampler, typer.Option(help="How fields are drawn.")] = "auto",
+    sampler: Annotated[
+        str,
+        typer.Option(
+            help="How fields are drawn: auto, stationary, paths, covariance, screens of thin media; or my_module:Name, "
+            "a sampler of your own, whose module is run."
+        ),
+    ] = "auto",
     scene: Annotated[Path | None, typer.Option(help="A scene as TOML or JSON, instead of the options above.")] = None,
     seed: Seed = 0,
     mean: Annotated[bool, typer.Option(help="Add the mean (ballistic) field.")] = False,
@@ -101,7 +109,8 @@ def scene_in(file: Path) -> "Scene":
     import specklegen as sg
 
     text = read_text(file, "--scene")
-    return sg.Scene.from_json(text) if file.suffix == ".json" else sg.Scene.from_toml(text)
+    read = json_table if file.suffix == ".json" else toml_table
+    return sg.Scene(**anchored(read(text, f"scene {file}"), file.parent))
 
 
 def memory_effect_command(
@@ -112,6 +121,10 @@ def memory_effect_command(
     albedo: Albedo = 1.0,
     largest: Annotated[float, typer.Option(help="Largest tilt, degrees.")] = 0.04,
     points: Annotated[int, typer.Option(min=2, max=100_000, help="Tilts from 0 to the largest, both of them.")] = 33,
+    lags: Annotated[float | None, typer.Option(help="Instead of tilts: largest lag of a slab that moves.")] = None,
+    diffusion: Annotated[
+        float | None, typer.Option(help="Of its particles, length^2 / time (default: lags are in units of 1/(D k^2)).")
+    ] = None,
     mode: Annotated[Literal["transmission", "reflection"], typer.Option(help="Side of the views.")] = "transmission",
     paths: Annotated[int, typer.Option(min=1, help="Random paths to trace.")] = 200_000,
     seed: Seed = 0,
@@ -120,15 +133,30 @@ def memory_effect_command(
     ),
     as_json: AsJson = False,
 ) -> None:
-    """How fast speckle decorrelates under tilt: a table and a figure, with error bars."""
+    """How fast speckle decorrelates under tilt, or in time: a table and a figure, with error bars."""
     import numpy as np
 
     import specklegen as sg
-    from specklegen.pictures import memory_effect_figure
+    from specklegen.pictures import memory_effect_figure, temporal_figure
 
+    if lags is None and diffusion is not None:
+        reject("--diffusion", "left out without --lags", diffusion)
     if not 0 < largest < 90:
         reject("--largest", "above 0 and below 90 degrees", largest)
     writable(out)
+    if lags is not None:
+        unit = (wavelength / (2 * np.pi)) ** 2
+        fluid = sg.Brownian(diffusion=unit if diffusion is None else diffusion)
+        moving = {
+            f"g = {value:g}, OD {optical_depth:g}": sg.temporal_correlation(
+                slab(thickness, optical_depth, value, albedo).replace(motion=fluid), wavelength=wavelength,
+                lags=np.linspace(0, lags, points), mode=mode, paths=paths, seed=seed,
+            )
+            for value in (g or [0.9])
+        }  # fmt: skip
+        _tell_lags(moving, out, as_json)
+        temporal_figure(moving, out / "memory-effect.png")
+        return
     tilts = np.deg2rad(np.linspace(0, largest, points))
     curves = {
         f"g = {value:g}, OD {optical_depth:g}": sg.memory_effect(
@@ -163,6 +191,70 @@ def memory_effect_command(
         worst = f"{errors.max():.2g}" if len(errors) else "unknown from so few paths"
         typer.echo(f"{label}: C_I falls below 1/2 at {half}; largest standard error {worst}")
     typer.echo(f"{out / 'memory-effect.csv'}, {out / 'memory-effect.png'}")
+
+
+def _tell_lags(curves: "dict[str, TemporalCorrelation]", out: Path, as_json: bool) -> None:
+    """Write the table of curves in time, and say where they fall to 1/e."""
+    import numpy as np
+
+    with (out / "memory-effect.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["curve", "lag", "x", "intensity_correlation", "standard_error"])
+        for label, c in curves.items():
+            for row in zip(c.lags, c.x, c.intensity, c.standard_error, strict=True):
+                table.writerow([label, *(f"{value:.6g}" for value in row)])
+    if as_json:
+        echo_json([
+            {
+                "curve": label, "lag": c.lags, "x": c.x, "intensity_correlation": c.intensity,
+                "standard_error": c.standard_error, "static_share": c.static_share, "paths": c.paths,
+            }
+            for label, c in curves.items()
+        ])  # fmt: skip
+        return
+    for label, c in curves.items():
+        below = np.flatnonzero(c.intensity < np.exp(-1))
+        fallen = f"at a lag of {c.lags[below[0]]:.4g}" if len(below) else f"above {c.lags.max():.4g}"
+        typer.echo(f"{label}: |g1|^2 falls below 1/e {fallen}; static share {c.static_share:.3g}")
+    typer.echo(f"{out / 'memory-effect.csv'}, {out / 'memory-effect.png'}")
+
+
+def reflectance(
+    optical_depth: OpticalDepth = 10.0,
+    g: Annotated[float, typer.Option("--g", help="Anisotropy of scattering, -1 < g < 1.")] = 0.9,
+    albedo: Albedo = 1.0,
+    index: Annotated[float, typer.Option(help="Refractive index of the slab, in air; 1 for matched faces.")] = 1.0,
+    angle: Annotated[float, typer.Option(help="Of the light from the normal, in air, degrees.")] = 0.0,
+    paths: Annotated[int | None, typer.Option(min=1, help="Random paths to walk (default 100000).")] = None,
+    rel_error: Annotated[float | None, typer.Option(help="Instead of --paths: largest error of a share.")] = None,
+    seed: Seed = 0,
+    out: Annotated[Path | None, typer.Option(help="A CSV for the light over the angle.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """How much light a slab reflects, transmits and absorbs, with errors."""
+    import numpy as np
+
+    import specklegen as sg
+
+    if not 0 <= angle < 90:
+        reject("--angle", "from 0 to below 90 degrees", angle)
+    medium = slab(1.0, optical_depth, g, albedo).replace(faces=sg.Faces(inside=index))
+    found = sg.reflectance_transmittance(
+        medium, angle=np.deg2rad(angle), paths=paths, rel_error=rel_error, seed=seed
+    )  # fmt: skip
+    if out is not None:
+        writable(out.parent)
+        with out.open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file)
+            table.writerow(["from_deg", "to_deg", "reflected", "error", "transmitted", "error"])
+            columns = found.reflected, found.reflected_error, found.transmitted, found.transmitted_error
+            steps = np.rad2deg(found.angles[:-1]), np.rad2deg(found.angles[1:])
+            table.writerows([f"{value:.6g}" for value in row] for row in zip(*steps, *columns, strict=True))
+    if as_json:
+        echo_json(dataclasses.asdict(found))
+        return
+    for name, value in found._facts().items():
+        typer.echo(f"{name}: {value:.4g}" if isinstance(value, float) else f"{name}: {value}")
 
 
 def slab(thickness: float, optical_depth: float, g: float, albedo: float) -> "Slab":

@@ -34,13 +34,21 @@ def generate(
     cluster: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Render on a Dask cluster, by its scheduler's address.")
     ] = None,
+    anyway: Annotated[bool, typer.Option(help="Begin without room for all on the disk, or for months.")] = False,
 ) -> None:
     """Fill a zarr store with samples of a recipe; run it again to go on where it stopped."""
+    from specklegen.datasets.store.estimate import foreseen
     from specklegen.datasets.store.generate import generate as fill
+    from specklegen.datasets.store.info import info as describe
 
     loaded = load(recipe, changes, images, objects)
     count = samples if samples is not None else loaded.length(split)
     part = _part(shard_range)
+    missing = count - (min(describe(out)["done"], count) if is_store(str(out)) else 0)
+    if missing > 0 and part[1] > 0 and cluster is None:
+        said = foreseen(loaded, -(-missing // part[1]), out, seed, split, processes=processes, anyway=anyway)
+        if said:
+            typer.echo(said, err=True)
     begin = time.perf_counter()
     with Progress(count) as progress:
         try:

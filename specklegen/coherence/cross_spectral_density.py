@@ -21,8 +21,9 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtri
 
-from specklegen.core.arguments import finite_numbers, real_array, real_number, whole_number
+from specklegen.core.arguments import choice, finite_numbers, real_array, real_number, whole_number
 from specklegen.core.errors import reject
+from specklegen.core.memory import require_memory
 
 _ROUNDING = 1e-10  # of the trace: what an estimated or rounded W may have of negative eigenvalues
 _COPULA_TOLERANCE = 0.02  # |mu| of the copula against W0; 0.0023 at phase_turns=1 for a Gaussian Schell model
@@ -175,11 +176,11 @@ def separable_coherent_modes(
 
 
 def _eigenvalues_falling(field: str, W0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    W0 = np.asarray(W0)
+    W0 = finite_numbers(field, W0)
     if W0.ndim != 2 or W0.shape[0] != W0.shape[1] or not W0.size:
         reject(field, "a square matrix", W0.shape)
     if not np.abs(W0 - W0.conj().T).max() <= _ROUNDING * np.abs(W0).max():
-        reject(field, "Hermitian and finite", W0)
+        reject(field, "Hermitian", W0)
     eigenvalues, modes = np.linalg.eigh(W0)
     if eigenvalues[0] < -_ROUNDING * max(eigenvalues.sum(), 0):
         remedy = "A cross-spectral density has no negative power in any mode."
@@ -199,7 +200,8 @@ def _kept(owner: str, eigenvalues: np.ndarray, n_modes: int | None, energy: floa
 
 
 def _check_energy(owner: str, energy: float) -> None:
-    if not 0 < real_number(f"{owner} energy", energy) <= 1:
+    energy = real_number(f"{owner} energy", energy)
+    if not 0 < energy <= 1:
         reject(f"{owner} energy", "greater than 0 and at most 1", energy)
 
 
@@ -224,9 +226,11 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
     >>> number_of_modes(5.0), number_of_modes(50.0)
     (10, 83)
     """
-    if not 0 <= real_number("number_of_modes a_over_sigma", a_over_sigma) < math.inf:
+    a_over_sigma = real_number("number_of_modes a_over_sigma", a_over_sigma)
+    if not 0 <= a_over_sigma < math.inf:
         reject("number_of_modes a_over_sigma", "at least 0 and finite", a_over_sigma)
     _check_energy("number_of_modes", energy)
+    energy = real_number("number_of_modes energy", energy)
     if energy == 1:
         reject("number_of_modes energy", "less than 1", energy, "A finite share needs finitely many modes.")
     if a_over_sigma == 0:
@@ -332,13 +336,15 @@ def sample_fields(
     (100, 9)
     """
     whole_number("sample_fields n", n, 1)
-    random = np.random.default_rng(np.random.SeedSequence([seed]))
+    require_memory(
+        "sample_fields n", "held", 48.0 * n * np.size(W0) ** 0.5, f"{n} fields", "Draw fewer at a time.", share=0.9
+    )  # fmt: skip
+    choice("sample_fields method", method, ("kl", "copula"))
+    random = np.random.default_rng(np.random.SeedSequence([whole_number("sample_fields seed", seed)]))
     if method == "kl":
         eigenvalues, modes = coherent_modes(W0, energy=1)
         weights = random.normal(size=(n, eigenvalues.size, 2)) @ np.array([1, 1j]) / math.sqrt(2)
         return (weights * np.sqrt(eigenvalues)) @ modes.T
-    if method != "copula":
-        reject("sample_fields method", "'kl' or 'copula'", method)
     return _copula_fields(_copula_angles(W0, phase_turns), n, phase_turns, random) * np.sqrt(spectral_density(W0))
 
 
@@ -510,7 +516,10 @@ def spectral_degree_of_coherence(W: np.ndarray, reference: int | None = None) ->
     >>> spectral_degree_of_coherence(W0, reference=0).real.round(3)
     array([1.   , 0.882, 0.607])
     """
+    W = finite_numbers("spectral_degree_of_coherence W", W)
     S = spectral_density(W)
+    if reference is not None:
+        reference = whole_number("spectral_degree_of_coherence reference", reference, -len(S), len(S) - 1)
     bright = 1e-15 * S.max() < S
     scale = np.where(bright, 1, 0) / np.sqrt(np.where(bright, S, 1))
     rows = slice(None) if reference is None else reference

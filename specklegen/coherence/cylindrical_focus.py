@@ -30,11 +30,11 @@ import numpy as np
 from pydantic import model_validator
 from scipy.special import hankel1e
 
-from specklegen.core.arguments import finite_numbers, real_number
+from specklegen.core.arguments import choice, finite_numbers, flag, real_number, whole_number
+from specklegen.core.display.plot import Pictured, draw_map
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks
-from specklegen.core.picturing import Pictured, draw_map
-from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, PositiveInt, Value
 from specklegen.kernels import rays
 
@@ -274,20 +274,22 @@ class CylindricalFocus(Value):
         """
         pixels, elements = self.detector.x.size, self.n_source
         self._check_rays(n_rays, sampling)
+        seed = whole_number("CylindricalFocus.monte_carlo seed", seed)
+        flag("CylindricalFocus.monte_carlo calibrated", calibrated)
         key0, key1 = np.random.SeedSequence([seed]).generate_state(2).astype(np.uint64)
         half, width = self.detector.pixel_width / 2, self.source_width
         lower, upper = self.detector.x - half, self.detector.x + half
         f, k, z = self.focal_length, self.wavenumber, self.detector.z
 
         def column(j: int) -> tuple[np.ndarray, np.ndarray]:
-            start = self.source_x[j] - width / 2
+            element = rays.Element(j, self.source_x[j] - width / 2, width)
             total, square = np.zeros(pixels, complex), np.zeros(pixels)
             if sampling == "uniform":
                 count = _dealt(n_rays, elements)[j]
-                rays.uniform_rays(key0, key1, j, start, width, count, lower, upper, f, k, total, square)
+                rays.uniform_rays(key0, key1, element, count, lower, upper, f, k, total, square)
             else:
                 count = _dealt(n_rays, elements * pixels).reshape(pixels, elements)[:, j]
-                rays.stratified_rays(key0, key1, j, start, width, count, lower, upper, z, f, k, total, square)
+                rays.stratified_rays(key0, key1, element, count, lower, upper, z, f, k, total, square)
             return _mean_and_error(total, square, count)
 
         columns = map_blocks(column, range(elements), threads)
@@ -299,13 +301,11 @@ class CylindricalFocus(Value):
         return GreensMatrix(np.exp(-0.25j * np.pi) * scale * value, scale * error)
 
     def _check_rays(self, n_rays: int, sampling: str) -> None:
-        if sampling not in ("stratified", "uniform"):
-            reject("CylindricalFocus.monte_carlo sampling", "'stratified' or 'uniform'", sampling)
+        choice("CylindricalFocus.monte_carlo sampling", sampling, ("stratified", "uniform"))
         if sampling == "uniform" and isinstance(self.detector, AxialDetector):
             rule = "'stratified' for an AxialDetector, whose pixels lie in different planes"
             reject("CylindricalFocus.monte_carlo sampling", rule, sampling)
-        if n_rays < 1:
-            reject("CylindricalFocus.monte_carlo n_rays", "at least 1", n_rays)
+        whole_number("CylindricalFocus.monte_carlo n_rays", n_rays, 1, 2**62)
         pairs = self.detector.x.size * self.n_source
         if n_rays < pairs:
             warnings.warn(

@@ -27,24 +27,28 @@ With K of `MemoryEffectCorrelation` and A(s) the autocorrelation of p over (sum 
 """
 
 import math
+from typing import get_args
 
 import numpy as np
 
+from specklegen.core.arguments import choice, instance, positive_number, real_number, whole_number
+from specklegen.core.budgets import Budget, Reverse
 from specklegen.core.errors import reject
+from specklegen.core.memory import require_memory
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
+from specklegen.core.shielded import shielded
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.reversal import Reverse
 from specklegen.paths.tracer import slab_tracer
-from specklegen.rendering import SpeckleStack, render
-from specklegen.samplers.sampler import SamplerName
+from specklegen.rendering import SpeckleStack, rendered
+from specklegen.samplers.sampler import AnySampler
 from specklegen.scene.illumination import (
     CollimatedBeams,
     IncoherentObject,
     directions_of_sines,
     object_sines,
 )
-from specklegen.scene.scene import Scene
+from specklegen.scene.scene import Scene, require_no_film
 from specklegen.scene.window import Profile, Window
 
 REACH = 4.0
@@ -85,6 +89,9 @@ def source_lattice(
     >>> count
     33
     """
+    wavelength, width = positive_number("wavelength", wavelength), positive_number("width", width)
+    choice("profile", profile, get_args(Profile))
+    shortest, longest = (real_number("coherence_length", each) for each in (shortest, longest))
     least = max(wavelength, width / _FINEST)
     if not shortest >= least:
         remedy = "Shorter ones are incoherent light: the contrast is below 0.002, or the beams reach 90 degrees."
@@ -105,6 +112,10 @@ def gaussian_brightness(count: int, pitch: float, wavelength: float, coherence_l
     >>> gaussian_brightness(9, pitch=1e-3, wavelength=0.5, coherence_length=40.0).shape
     (9, 9)
     """
+    count = whole_number("gaussian_brightness count", count, 1)
+    pitch = positive_number("gaussian_brightness pitch", pitch)
+    wavelength = positive_number("gaussian_brightness wavelength", wavelength)
+    coherence_length = positive_number("gaussian_brightness coherence_length", coherence_length)
     steps = (np.arange(count) - (count - 1) / 2) * pitch / _angular_spread(wavelength, coherence_length)
     square = steps[:, None] ** 2 + steps**2
     brightness = np.where(square <= REACH**2, np.exp(-square / 2), 0.0)
@@ -147,6 +158,7 @@ def gaussian_schell_object(
     >>> light.brightness.shape
     (13, 13)
     """
+    coherence_length = real_number("coherence_length", coherence_length)
     count, pitch = source_lattice(wavelength, width, profile, coherence_length, coherence_length)
     brightness = gaussian_brightness(count, pitch, wavelength, min(coherence_length, COHERENT * width))
     return IncoherentObject(brightness=brightness, pitch=pitch, width=width, profile=profile)
@@ -174,7 +186,9 @@ def effective_source_modes(
     >>> round(effective_source_modes(source.brightness, source.pitch, 0.5, source.width), 1)
     10.1
     """
-    brightness = np.asarray(brightness, dtype=np.float64)
+    source = IncoherentObject(brightness=brightness, pitch=pitch, width=width, profile=profile)
+    brightness, pitch, width = source.brightness, source.pitch, source.width
+    wavelength = positive_number("effective_source_modes wavelength", wavelength)
     from scipy.signal import correlate  # half a second, which a plan does not need
 
     lags = np.maximum(correlate(brightness, brightness, method="fft"), 0)
@@ -190,15 +204,17 @@ def shared_speckle(
     return np.square(Window(profile, width).coherence(*np.meshgrid(x, y)))
 
 
+@shielded()
 def render_partially_coherent(
     scene: Scene,
     coherence_length: float,
     *,
     paths: int | None = None,
     rel_error: float | None = None,
+    seconds: float | None = None,
     seed: Seed = 0,
     realizations: int | None = None,
-    sampler: SamplerName = "auto",
+    sampler: AnySampler = "auto",
     reverse: Reverse = "auto",
     field_tolerance: float = 1e-3,
     threads: int | None = None,
@@ -212,7 +228,7 @@ def render_partially_coherent(
         irradiance.
     coherence_length
         As in `gaussian_schell_object`.
-    paths, rel_error, seed, realizations, sampler, reverse, field_tolerance, threads
+    paths, rel_error, seconds, seed, realizations, sampler, reverse, field_tolerance, threads
         As in `specklegen.render`. A finite number of paths raises contrast^2 by `finite_path_excess`, however
         small the contrast is.
 
@@ -237,16 +253,16 @@ def render_partially_coherent(
     >>> stack.intensity.shape
     (1, 16, 16)
     """
-    beams = scene.illumination
-    if not isinstance(beams, CollimatedBeams):
-        reject("render_partially_coherent scene.illumination", "CollimatedBeams", type(beams).__name__)
+    light = instance("render_partially_coherent scene", scene, Scene).illumination
+    if not (light.limited and light.coherent):
+        reject("render_partially_coherent scene.illumination", "CollimatedBeams", light.type)
+    require_no_film("render_partially_coherent", scene)
+    beams = scene.beams
     source = gaussian_schell_object(scene.wavelength, coherence_length, beams.width, beams.profile)
     on_axis = len(beams.directions) == 1 and not beams.directions[0, :2].any()
     lit = scene.replace(illumination=source if on_axis else _spread(beams, source))
-    stack = render(
-        lit, paths=paths, rel_error=rel_error, seed=seed, realizations=realizations, sampler=sampler,
-        reverse=reverse, field_tolerance=field_tolerance, threads=threads,
-    )  # fmt: skip
+    budget = Budget("render_partially_coherent", paths, rel_error, seconds, seed, threads, reverse)
+    stack = rendered(lit, budget, realizations=realizations, sampler=sampler, field_tolerance=field_tolerance)
     tilt_axis = 0 if realizations is None else 1
     if on_axis:
         return SpeckleStack(None, np.expand_dims(stack.intensity, tilt_axis), stack.report)
@@ -286,8 +302,13 @@ def finite_path_excess(
     >>> 0 < finite_path_excess(scene, paths=1000, samples=2000) < 0.1
     True
     """
-    if paths < 1:
-        reject("finite_path_excess paths", "at least 1", paths)
+    instance("finite_path_excess scene", scene, Scene)
+    paths = whole_number("finite_path_excess paths", paths, 1)
+    samples = whole_number("finite_path_excess samples", samples, 1)
+    shift = real_number("finite_path_excess shift", shift)
+    if not math.isfinite(shift):
+        reject("finite_path_excess shift", "finite", shift)
+    require_memory("finite_path_excess samples", "held", 500 * samples, f"{samples} paths", "Ask for fewer.", share=0.9)
     tracer = slab_tracer(scene, False)
     seed = pilot_seed(scene.unitless_fingerprint())
     bank = tracer.trace(seed, samples, stream=Stream.PILOT, threads=threads)

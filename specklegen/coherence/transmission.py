@@ -15,25 +15,29 @@ import numpy as np
 
 from specklegen.coherence.cross_spectral_density import coherent_modes
 from specklegen.coherence.cylindrical_focus import GreensMatrix
+from specklegen.core.arguments import finite_numbers, instance, positive_number, whole_number
+from specklegen.core.budgets import Budget, Reverse
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
-from specklegen.paths.reversal import Reverse
-from specklegen.rendering import render
-from specklegen.samplers.sampler import SamplerName
+from specklegen.core.shielded import shielded
+from specklegen.rendering import rendered
+from specklegen.samplers.sampler import AnySampler
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, directions_of_sines
-from specklegen.scene.scene import Scene
+from specklegen.scene.scene import Scene, require_no_film
 
 _NULL = 1e-12  # of the trace: power below which a mode is rounding
 
 
+@shielded()
 def transmission_matrix(
     scene: Scene,
     modes: np.ndarray | None = None,
     *,
     paths: int | None = None,
     rel_error: float | None = None,
+    seconds: float | None = None,
     seed: Seed = 0,
-    sampler: SamplerName = "paths",
+    sampler: AnySampler = "paths",
     reverse: Reverse = "auto",
     mean: bool = False,
     threads: int | None = None,
@@ -47,7 +51,7 @@ def transmission_matrix(
         `IncoherentObject` (in C order, at unit irradiance).
     modes : complex128[beams, K], optional
         Amplitudes over the beams; then the columns are these superpositions.
-    paths, rel_error, seed, sampler, reverse, mean, threads
+    paths, rel_error, seconds, seed, sampler, reverse, mean, threads
         As in `specklegen.render`. Two calls with the same seed see the same medium where the scenes are the
         same; otherwise only about, since each scene has its own pilot.
 
@@ -74,15 +78,14 @@ def transmission_matrix(
     >>> sg.transmission_matrix(scene, paths=1000, seed=0).value.shape  # pixels, beams
     (16, 2)
     """
+    require_no_film("transmission_matrix", instance("transmission_matrix scene", scene, Scene))
     beams = scene.beams
     count = len(beams.directions)
-    modes = None if modes is None else np.asarray(modes)
+    modes = None if modes is None else finite_numbers("transmission_matrix modes", modes)
     if modes is not None and (modes.ndim != 2 or modes.shape[0] != count):
         reject("transmission_matrix modes", f"of shape ({count}, K), one row a beam", modes.shape)
-    stack = render(
-        scene.replace(illumination=beams), paths=paths, rel_error=rel_error, seed=seed, sampler=sampler,
-        reverse=reverse, mean=mean, threads=threads,
-    )  # fmt: skip
+    budget = Budget("transmission_matrix", paths, rel_error, seconds, seed, threads, reverse)
+    stack = rendered(scene.replace(illumination=beams), budget, sampler=sampler, mean=mean)
     value = stack.field.reshape(count, -1).T.astype(np.complex128)
     if modes is not None:
         value = value @ modes
@@ -128,6 +131,8 @@ def source_modes(
     >>> modes.shape  # amplitudes over the beams
     (45, 8)
     """
+    instance("source_modes source", source, IncoherentObject)
+    wavelength = positive_number("source_modes wavelength", wavelength)
     power = source.brightness[source.brightness > 0]
     x, y = source.beams.directions[:, :2].T / wavelength
     overlap = source.window.coherence(x[:, None] - x, y[:, None] - y)
@@ -150,6 +155,8 @@ def face_beams(wavelength: float, width: float, count: int) -> CollimatedBeams:
     >>> face_beams(0.5, width=20.0, count=8).directions.shape
     (64, 3)
     """
+    wavelength, width = positive_number("face_beams wavelength", wavelength), positive_number("face_beams width", width)
+    count = whole_number("face_beams count", count, 1, int(min(2 * width / wavelength, 2**12)) + 1)
     along = np.fft.fftfreq(count, 1 / count) * wavelength / width
     sines = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)  # y outside, x fastest
     return CollimatedBeams(directions=directions_of_sines("face_beams count", sines), width=width)
@@ -182,8 +189,8 @@ def face_modes(amplitudes: np.ndarray) -> np.ndarray:
     >>> int((abs(face_modes(uniform)) > 1e-12).sum())
     1
     """
-    amplitudes = np.asarray(amplitudes)
-    count = round(len(amplitudes) ** 0.5)
+    amplitudes = finite_numbers("face_modes amplitudes", amplitudes)
+    count = round(amplitudes.shape[0] ** 0.5) if amplitudes.ndim else 0
     if amplitudes.ndim != 2 or count**2 != len(amplitudes) or not count:
         reject("face_modes amplitudes", "of shape (n * n, K), a square of pixels", amplitudes.shape)
     series = np.fft.fft2(amplitudes.reshape(count, count, -1), axes=(0, 1), norm="forward")

@@ -4,14 +4,20 @@ A field of a value is checked by its type; what a function takes beside it is ch
 reads like any other broken rule.
 """
 
-from typing import TypeVar
+from collections.abc import Collection
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.errors import reject
 
+if TYPE_CHECKING:
+    from torch import Tensor
+
 T = TypeVar("T")
+
+_MOST = 2**512  # of a whole number without a bound of its own: its float is finite
 
 
 def instance(field: str, value: object, kind: type[T]) -> T:
@@ -37,9 +43,54 @@ def whole_number(field: str, value: object, least: int = 0, most: int | None = N
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         reject(field, "a whole number", value, remedy)
+    if most is None and value > _MOST:
+        reject(field, "a whole number of fewer digits", value, remedy)
     if value < least or (most is not None and value > most):
         reject(field, f"at least {least}" + ("" if most is None else f" and at most {most}"), value, remedy)
     return int(value)
+
+
+def several(field: str, value: object, kind: type[T]) -> tuple[T, ...]:
+    """Return one value of a type, or a sequence of them, as a tuple of at least one.
+
+    Raises
+    ------
+    RuleError
+        If it holds something else, or nothing.
+    """
+    try:
+        found = (value,) if isinstance(value, kind) else tuple(value)  # type: ignore[arg-type]
+    except TypeError:
+        found = ()
+    if not found or not all(isinstance(each, kind) for each in found):
+        reject(field, f"a {kind.__name__}, or a sequence of them", value)
+    return found  # type: ignore[return-value]
+
+
+def flag(field: str, value: object) -> bool:
+    """Return True or False, which has to be given as such.
+
+    Raises
+    ------
+    RuleError
+        If it is something else: "no" and arrays have no truth here.
+    """
+    if not isinstance(value, bool | np.bool_):
+        reject(field, "True or False", value)
+    return bool(value)
+
+
+def choice(field: str, value: object, choices: Collection[str]) -> str:
+    """Return a name, which has to be one of some.
+
+    Raises
+    ------
+    RuleError
+        If it is none of them; the message lists them.
+    """
+    if not isinstance(value, str) or value not in choices:
+        reject(field, "one of " + ", ".join(f'"{name}"' for name in choices), value)
+    return str(value)
 
 
 def real_number(field: str, value: object) -> float:
@@ -48,14 +99,29 @@ def real_number(field: str, value: object) -> float:
     Raises
     ------
     RuleError
-        If it is none: "1" and True are not numbers here.
+        If it is none: "1", True and 1j are not numbers here.
     """
+    if isinstance(value, str | bytes | bool | np.bool_ | np.complexfloating) or getattr(value, "shape", ()) != ():
+        reject(field, "a number", value)
     try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
+        if isinstance(value, complex):
+            raise TypeError
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # the last of torch, of what has gradients
         reject(field, "a number", value)
-    if isinstance(value, str | bool):
-        reject(field, "a number", value)
+
+
+def positive_number(field: str, value: object) -> float:
+    """Return a finite number greater than 0 as a float.
+
+    Raises
+    ------
+    RuleError
+        If it is none.
+    """
+    number = real_number(field, value)
+    if not 0 < number < np.inf:
+        reject(field, "finite and greater than 0", value)
     return number
 
 
@@ -67,10 +133,44 @@ def real_array(field: str, value: ArrayLike) -> np.ndarray:
     RuleError
         If it holds something else.
     """
+    return _array(field, value, np.float64)
+
+
+def complex_array(field: str, value: ArrayLike) -> np.ndarray:
+    """Return an array of real or complex numbers as complex128.
+
+    Raises
+    ------
+    RuleError
+        If it holds something else.
+    """
+    return _array(field, value, np.complex128)
+
+
+def _array(field: str, value: ArrayLike, kind: type[np.inexact]) -> np.ndarray:
     try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
+        array = np.asarray(value)
+        lost = array.dtype.kind == "c" and kind is np.float64  # imaginary parts
+        if not lost and array.dtype.kind not in "SUmMV":
+            return array.astype(kind, copy=False)
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # the last of torch, of what has gradients
         reject(field, "an array of numbers", value)
+    reject(field, "an array of real numbers" if lost else "an array of numbers", value)
+
+
+def real_tensor(field: str, value: object) -> "Tensor":
+    """Return a torch tensor of real numbers.
+
+    Raises
+    ------
+    RuleError
+        If it is something else, or has no numbers because it lies on "meta".
+    """
+    from torch import Tensor
+
+    if not isinstance(value, Tensor) or value.is_complex() or value.is_meta:
+        reject(field, "a torch tensor of real numbers", value)
+    return value
 
 
 def finite_numbers(field: str, value: ArrayLike, dimensions: int | None = None) -> np.ndarray:
@@ -83,7 +183,7 @@ def finite_numbers(field: str, value: ArrayLike, dimensions: int | None = None) 
     """
     try:
         array = np.asarray(value)
-    except ValueError:
+    except (TypeError, ValueError, RuntimeError):
         reject(field, "an array of numbers", value)
     if array.dtype.kind not in "iufc":
         reject(field, "an array of numbers", value)
@@ -91,4 +191,4 @@ def finite_numbers(field: str, value: ArrayLike, dimensions: int | None = None) 
         reject(field, f"an array of {dimensions} dimensions", array.shape)
     if not np.isfinite(array).all():
         reject(field, "finite everywhere", array)
-    return array
+    return array.astype(np.float64) if array.dtype == np.float16 else array  # which linear algebra does not know

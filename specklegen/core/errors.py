@@ -3,9 +3,14 @@
 An error reads ``Owner.field must be RULE; got VALUE.`` and then the remedy, if there is one.
 """
 
+import sys
+import warnings
 from typing import NoReturn
 
 import numpy as np
+
+_INNER = ("specklegen", "contextlib", "pydantic")
+"""Packages between a user's line and where a warning arises: this one, decorators (the shield), checked values."""
 
 
 class ToldError(Exception):
@@ -63,3 +68,12 @@ class DoubtWarning(UserWarning):
     ...     warnings.simplefilter("error", sg.DoubtWarning)  # stop where there is doubt
     ...     slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
     """
+
+
+def warn_user(text: str) -> None:
+    """Issue a :class:`DoubtWarning` that points at the line outside this package from which all was called."""
+    # Counted, not written down: decorators and helpers add frames.
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in _INNER:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, DoubtWarning, stacklevel=level)

@@ -1,10 +1,13 @@
-"""How much memory this process holds, and this machine has."""
+"""How much memory this process holds, and may hold: the machine's, a cgroup's, Slurm's and ``ulimit``'s bounds."""
 
+import contextlib
 import os
+from functools import cache
 from pathlib import Path
 
 from specklegen.core.errors import reject
 
+_SMALL = 2**24  # bytes: fewer are on any machine, and asking the system takes as long as small media do
 _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
@@ -17,19 +20,82 @@ def resident_memory() -> tuple[int, int]:
         Where the system does not tell; Linux does.
     """
     # Not getrusage: its maximum cannot be reset, and survives exec, so that a child would report its parent's.
-    lines = dict(line.split(":", 1) for line in _STATUS.read_text().splitlines())
+    lines = _lines(_STATUS)
     _RESET.write_text("5")
-    now, most = (int(lines[key].split()[0]) * 1024 for key in ("VmRSS", "VmHWM"))
-    return now, most
+    return lines["VmRSS"], lines["VmHWM"]
+
+
+@cache
+def memory_limit() -> int:
+    """Bytes that this process may ever hold: the least of the machine's memory, its cgroups' limits and Slurm's."""
+    return min([os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), *_cgroup_limits(), *_slurm_limits()])
 
 
 def available_memory() -> int:
-    """Bytes of memory of this machine."""
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    """Bytes that this process may hold now: the least of its limit, what is free, and what ``ulimit -v`` leaves.
+
+    Other programs change it while one looks: refusals alone may depend on it, never a result.
+    """
+    return max(0, min([memory_limit(), *_free(), *_under_ulimit()]))
+
+
+def _cgroup_limits(root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")) -> list[int]:
+    """Limits of the process's control groups, of version 1 and 2, and of all groups that hold them."""
+    found = []
+    try:
+        lines = [line.split(":", 2) for line in groups.read_text().splitlines()]
+    except OSError:
+        return []
+    for _, controllers, path in (line for line in lines if len(line) == 3):
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        base, name = (root / "memory", "memory.limit_in_bytes") if controllers else (root, "memory.max")
+        here = base / path.strip("/")
+        # In a container the group's path may not be visible: its limit then stands at the root.
+        for folder in [here, *(above for above in here.parents if above.is_relative_to(base))]:
+            with contextlib.suppress(OSError, ValueError):  # "max" where there is no limit
+                found.append(int((folder / name).read_text()))
+    return found
+
+
+def _slurm_limits() -> list[int]:
+    """What a job of Slurm asked for on this machine, MiB in the environment; 0 there means all of it."""
+    asked = [os.environ.get("SLURM_MEM_PER_NODE", "")]
+    per_core, cores = (os.environ.get(f"SLURM_{name}", "") for name in ("MEM_PER_CPU", "CPUS_ON_NODE"))
+    if per_core.isdecimal() and cores.isdecimal():
+        asked.append(str(int(per_core) * int(cores)))
+    return [int(one) * 2**20 for one in asked if one.isdecimal() and int(one) > 0]
+
+
+def _free() -> list[int]:
+    """What the system could give without swapping."""
+    with contextlib.suppress(OSError, KeyError):
+        return [_lines(Path("/proc/meminfo"))["MemAvailable"]]
+    return []
+
+
+def _under_ulimit() -> list[int]:
+    """Addresses that ``ulimit -v`` leaves to this process."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return []
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return []
+    with contextlib.suppress(OSError, KeyError):
+        return [limit - _lines(_STATUS)["VmSize"]]
+    return [limit]
+
+
+def _lines(file: Path) -> dict[str, int]:
+    """Bytes by name, from a file of the system that states them in kB."""
+    lines = (line.split(":", 1) for line in file.read_text().splitlines())
+    return {name: int(said.split()[0]) * 1024 for name, said in lines if said.rstrip().endswith("kB")}
 
 
 def require_memory(owner: str, rule: str, needed: float, what: str, remedy: str, *, share: float = 0.5) -> None:
-    """Refuse what would not fit into a share of this machine's memory, before any of it is allocated.
+    """Refuse what would not fit into a share of the memory there is, before any of it is allocated.
 
     Parameters
     ----------
@@ -42,13 +108,15 @@ def require_memory(owner: str, rule: str, needed: float, what: str, remedy: str,
     remedy
         What to do instead.
     share
-        Of the machine's memory that may be taken.
+        Of :func:`available_memory` that may be taken.
 
     Raises
     ------
     RuleError
         With the bytes there are and the bytes it takes.
     """
+    if needed <= _SMALL:
+        return
     allowed = share * available_memory()
     if not needed <= allowed:
         reject(owner, f"{rule} within {_gibibytes(allowed)}", f"{_gibibytes(needed)} for {what}", remedy)

@@ -6,11 +6,11 @@ back in the order of the blocks, so that every sum over them is the same for any
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from threading import Condition, Thread
+from threading import Condition, Lock, Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 _IN_WORKER = False
+_MOST_THREADS = 4096
 
 
 def run_serial_in_this_process() -> None:
@@ -34,7 +35,7 @@ def thread_count(threads: int | None = None) -> int:
     Raises
     ------
     RuleError
-        If ``threads`` is no whole number of at least 1.
+        If ``threads`` is no whole number from 1 to 4096.
     """
     if threads is None:
         if _IN_WORKER:
@@ -42,7 +43,7 @@ def thread_count(threads: int | None = None) -> int:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     from specklegen.core.arguments import whole_number
 
-    return whole_number("threads", threads, 1, remedy="Leave it out to use every core.")
+    return whole_number("threads", threads, 1, _MOST_THREADS, remedy="Leave it out to use every core.")
 
 
 def slices(count: int, size: int) -> list[slice]:
@@ -206,13 +207,40 @@ Threads = int | Crew | None
 """How many threads, or whose: None are all cores, a crew those of it that have no job."""
 
 
-def one_blas_thread() -> AbstractContextManager[object]:
+_BLAS = Lock()  # guards what follows
+_ONE_BLAS_THREAD = 0  # contexts that are open, in whatever threads
+_blas_before: Any = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
     """Context in which NumPy's and SciPy's linear algebra runs on one thread.
 
     More would change its last bits, and cost more than they bring where matrices are small or blocks around them are
-    parallel.
+    parallel. The number belongs to the process: the first context that opens sets it, the last that closes restores it.
     """
-    return _linear_algebra().limit(limits=1, user_api="blas")
+    global _ONE_BLAS_THREAD, _blas_before
+    with _BLAS:
+        if not _ONE_BLAS_THREAD:
+            _blas_before = _linear_algebra().limit(limits=1, user_api="blas")
+        _ONE_BLAS_THREAD += 1
+    try:
+        yield
+    finally:
+        with _BLAS:
+            _ONE_BLAS_THREAD -= 1
+            if not _ONE_BLAS_THREAD:
+                _blas_before.restore_original_limits()
+
+
+def _forget_other_threads() -> None:
+    """In a forked process only the thread that forked lives on: a lock that another one held is never given back."""
+    global _BLAS
+    _BLAS = Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_other_threads)
 
 
 @lru_cache(1)

@@ -26,6 +26,7 @@ class Stream(IntEnum):
     EIGEN = 5
     CAMERA = 6
     TYPES = 7
+    MOTION = 8
     DIFFRACTION = 21
     BEAMS = 22
     MATERIALS = 31

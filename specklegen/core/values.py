@@ -16,8 +16,9 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
 
+from specklegen.core.display.signature import Legible, positional
 from specklegen.core.errors import RuleError, reject, shown
-from specklegen.core.legible import Legible, positional
+from specklegen.core.shielded import FLOAT_ERRORS
 from specklegen.core.tables import json_table, toml_table
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -91,6 +92,19 @@ def _bare(message: str) -> str:
     return message.removeprefix("Value error, ").removeprefix("Input should be ")
 
 
+CONTENT, CONTENT_KEY = "content", "content_sha256"
+"""What asks for the content of parts of a user's own when a value is written, and the key that it is written under."""
+WITH_CONTENT = {CONTENT: True}
+"""Context in which values are written to be hashed; see :mod:`specklegen.core.content`."""
+
+
+def _one_zero(value: Any) -> Any:
+    """The same with 0.0 for -0.0, which equals it and is written otherwise: equal values have one fingerprint."""
+    if type(value) in (list, tuple):  # of numbers; deeper ones are arrays, or tables that come here by themselves
+        return type(value)(item or 0.0 if isinstance(item, float) else item for item in value)
+    return value or 0.0 if isinstance(value, float) else value
+
+
 class Value(BaseModel, metaclass=Legible):
     """A frozen, validated, serialisable value; equal to another when their canonical JSON is equal.
 
@@ -106,7 +120,9 @@ class Value(BaseModel, metaclass=Legible):
             names = ", ".join(field.alias or name for name, field in type(self).model_fields.items())
             reject(owner, f"given by the names of its fields ({names})", unnamed, "Write name=value.")
         try:
-            super().__init__(**dict(zip(first, unnamed, strict=False)), **fields)
+            with np.errstate(**FLOAT_ERRORS):  # a value is the same in a program that hunts for errors of its own
+                given = dict(zip(first, unnamed, strict=False)) | fields
+                super().__init__(**{name: _one_zero(value) for name, value in given.items()})
         except ValidationError as error:
             raise RuleError(_house_message(owner, error)) from None
 
@@ -125,7 +141,8 @@ class Value(BaseModel, metaclass=Legible):
 
     @cached_property
     def _canonical_json(self) -> str:
-        return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True, separators=(",", ":"))
+        written = self.model_dump(mode="json", by_alias=True, context=WITH_CONTENT)
+        return json.dumps(written, sort_keys=True, separators=(",", ":"))
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of the canonical JSON, in hexadecimal."""
@@ -184,9 +201,12 @@ def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 def _frozen_array(value: Any) -> np.ndarray:
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
+        real = not np.iscomplexobj(value)
+        array = np.asarray(np.array(value if real else 0, dtype=np.float64) + 0.0)  # one zero
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # the last of torch, of what has gradients
         raise ValueError("an array of numbers") from None
+    if not real:  # an imaginary part is not thrown away
+        raise ValueError("an array of real numbers")
     if not np.isfinite(array).all():
         raise ValueError("finite everywhere")
     array.flags.writeable = False
@@ -207,8 +227,8 @@ def _complex_array(value: Any) -> np.ndarray:
         array = np.asarray(real + 1j * imag)
     else:
         try:
-            array = np.array(value, dtype=np.complex128)
-        except (TypeError, ValueError, OverflowError):
+            array = np.asarray(np.array(value, dtype=np.complex128) + 0.0)
+        except (TypeError, ValueError, OverflowError, RuntimeError):
             raise ValueError("an array of numbers") from None
     if not np.isfinite(array).all():
         raise ValueError("finite everywhere")

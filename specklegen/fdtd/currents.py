@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
-from specklegen.core.showing import short
 from specklegen.fdtd.layers import Moments
 
 _HALVINGS = 11  # a 32nd of a period to 1e-4 rad, where the fit is flat to 1e-8

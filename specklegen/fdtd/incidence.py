@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
-from specklegen.core.showing import short
 from specklegen.core.values import Positive, Value
 from specklegen.fdtd.layers import RandomLayer
 

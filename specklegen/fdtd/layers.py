@@ -20,8 +20,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.arguments import finite_numbers
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
-from specklegen.core.showing import short
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.kernels.fdtd import correlated_normals
 

@@ -6,8 +6,8 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from specklegen.core.picturing import SHOWN, Pictured
-from specklegen.core.showing import short
+from specklegen.core.display.plot import SHOWN, Pictured
+from specklegen.core.display.repr import short
 
 
 class Validity(TypedDict):

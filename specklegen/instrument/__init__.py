@@ -1,1 +1,8 @@
-"""The laboratory: distances and pixels to directions, and the camera that counts photons."""
+"""The laboratory: distances and pixels to directions, and the camera that counts photons.
+
+Public names stand in ``__init__.pyi``.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -18,16 +18,21 @@ lucky, since a quantile rises with its mean. Light that does not interfere is ad
 exposure, by :func:`incoherent_sum`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
+from specklegen.core.arguments import instance, real_array, real_number
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Stream, stream_key
-from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
+from specklegen.core.registered import Registered, member_of
+from specklegen.core.registry import Registry
+from specklegen.core.values import NonNegative, Positive, PositiveInt
 from specklegen.instrument.poisson import add_poisson_field
 from specklegen.kernels import quantiles
 
@@ -38,7 +43,14 @@ MOST_ELECTRONS = 1e15
 
 
 class NoiseStreams(NamedTuple):
-    """Seeds of the noises: whole numbers of at least 0, each a sequence for `numpy.random.SeedSequence`."""
+    """Seeds of the noises: whole numbers of at least 0, each a sequence for `numpy.random.SeedSequence`.
+
+    Examples
+    --------
+    >>> from specklegen.instrument import NoiseStreams
+    >>> NoiseStreams.of(7).shot, NoiseStreams.of(7).read
+    ([1, 1, 7], [4, 1, 7])
+    """
 
     shot: Words
     background: Words
@@ -61,8 +73,15 @@ class NoiseStreams(NamedTuple):
         return cls(*([noise, len(words), *words] for noise in range(1, len(cls._fields) + 1)))
 
 
-class Camera(Value):
-    """A camera and its exposure.
+def _is_camera(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Camera)
+
+
+class Camera(Registered):
+    """A camera and its exposure. Subclass it for an effect of your own.
+
+    A subclass has fields of its own and says what it does to light, in :meth:`detected`, or what it records, in
+    :meth:`recorded`. In a file it is ``exposure = {type = "Vignetted", photons = 200, strength = 0.3}``.
 
     Parameters
     ----------
@@ -89,7 +108,16 @@ class Camera(Value):
     ------
     RuleError
         If a field breaks its rule, or the offset is not below the largest count.
+
+    Examples
+    --------
+    >>> from specklegen.instrument import Camera
+    >>> camera = Camera(photons=1000.0, read_noise=2.0, gain=4.0, bit_depth=8)
+    >>> camera.largest_count, camera.saturation  # counts, electrons
+    (255.0, 1020.0)
     """
+
+    registry: ClassVar = Registry("camera", _is_camera)
 
     photons: Annotated[float, Field(gt=0, le=MOST_ELECTRONS)]
     oversampling: PositiveInt = 1
@@ -109,6 +137,14 @@ class Camera(Value):
         if not self.dark_current * self.exposure <= MOST_ELECTRONS:
             reject("Camera.dark_current", f"at most {MOST_ELECTRONS:g} electrons over the exposure", self.dark_current)
         return self
+
+    def detected(self, image: np.ndarray) -> np.ndarray:
+        """Return mean detected photons float64[..., H, W] of intensities float[..., H m, W m], m the oversampling."""
+        return self.photons * pixel_means(image, self.oversampling)
+
+    def recorded(self, light: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
+        """Return counts of mean detected photons float64[..., H, W], at least 0, by the keys of the four noises."""
+        return counted(self, light, keys)
 
     @property
     def largest_count(self) -> float:
@@ -145,6 +181,10 @@ class Camera(Value):
         return min(well, (self.largest_count - self.offset) * self.gain)
 
 
+AnyCamera = Annotated[Camera, *member_of(Camera)]
+"""A camera of any class, written with its type unless that is the plain one."""
+
+
 def expose(camera: Camera, image: ArrayLike, streams: NoiseStreams) -> np.ndarray:
     """Expose a camera to an expected intensity; a pure function.
 
@@ -167,11 +207,27 @@ def expose(camera: Camera, image: ArrayLike, streams: NoiseStreams) -> np.ndarra
     ------
     RuleError
         If the image is negative or not finite somewhere, or its sides are no multiples of m.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.instrument import Camera, NoiseStreams, expose
+    >>> counts = expose(Camera(photons=1000.0), np.ones((64, 64)), NoiseStreams.of(7))
+    >>> counts.dtype, round(float(counts.mean()), -1), round(float(counts.std()))  # the root of 1000
+    (dtype('uint16'), 1000.0, 32)
     """
-    light = camera.photons * pixel_means(image, camera.oversampling)
+    instance("expose camera", camera, Camera)
+    if not isinstance(instance("expose streams", streams, tuple), NoiseStreams):
+        reject("expose streams", "NoiseStreams", streams, "Make them by NoiseStreams.of(seed).")
+    return exposed(camera, real_array("expose image", image), [stream_key(words, Stream.CAMERA) for words in streams])
+
+
+def exposed(camera: Camera, image: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Counts of an expected intensity by the keys of the four noises; see :func:`expose`."""
+    light = camera.detected(image)
     if not np.isfinite(light).all() or (light < 0).any():
-        reject("expose image", "finite and at least 0 everywhere", np.asarray(image))
-    return counted(camera, light, [stream_key(words, Stream.CAMERA) for words in streams])
+        reject("expose image", "finite and at least 0 everywhere", image)
+    return camera.recorded(light, keys)
 
 
 def counted(camera: Camera, light: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
@@ -245,11 +301,18 @@ def incoherent_sum(images: ArrayLike, weights: ArrayLike | None = None) -> np.nd
     ------
     RuleError
         If there is no image, or the weights do not fit them, are negative or all 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.instrument import incoherent_sum
+    >>> incoherent_sum(np.arange(8.0).reshape(2, 2, 2), weights=[3, 1]).tolist()
+    [[1.0, 2.0], [3.0, 4.0]]
     """
-    images = np.asarray(images, dtype=np.float64)
+    images = real_array("incoherent_sum images", images)
     if images.ndim < 3 or len(images) == 0:
         reject("incoherent_sum images", "of shape (n, ..., rows, columns) with n at least 1", images.shape)
-    shares = np.ones(len(images)) if weights is None else np.asarray(weights, dtype=np.float64)
+    shares = np.ones(len(images)) if weights is None else real_array("incoherent_sum weights", weights)
     if shares.shape != images.shape[:1]:
         reject("incoherent_sum weights", f"of shape {images.shape[:1]}, one an image", shares.shape)
     if not np.isfinite(shares).all() or (shares < 0).any() or not shares.any():
@@ -280,10 +343,19 @@ def depolarised(image: ArrayLike, independent: ArrayLike, degree: float = 0.0) -
     ------
     RuleError
         If the degree is outside 0 to 1, or the images differ in shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.instrument import depolarised
+    >>> one, other = np.random.default_rng(0).exponential(size=(2, 100, 100))
+    >>> bool(abs(depolarised(one, other).std() - 0.5**0.5) < 0.02)  # over a mean of 1: the contrast
+    True
     """
+    degree = real_number("depolarised degree", degree)
     if not 0 <= degree <= 1:
         reject("depolarised degree", "from 0 to 1", degree)
-    one, other = np.asarray(image), np.asarray(independent)
+    one, other = real_array("depolarised image", image), real_array("depolarised independent", independent)
     if one.shape != other.shape:
         reject("depolarised images", "of one shape", (one.shape, other.shape))
     return incoherent_sum(np.stack([one, other]), [0.5 * (1 + degree), 0.5 * (1 - degree)])

@@ -24,15 +24,17 @@ Each must be at most 0.3 rad, which keeps the intensity correlation of the two p
 the image of the object fills the camera (h = s), phi_4 is 3/4 k_0 x_o**2 (D/2)**2 (1/u**3 + 1/(u**2 v)).
 """
 
+from __future__ import annotations
+
 import math
-import warnings
 from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.arguments import instance, real_array
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.scene.faces import Faces
 from specklegen.scene.illumination import IncoherentObject
@@ -68,7 +70,7 @@ class LabSetup(Value):
     pixels
         (rows, columns) of the camera.
     oversampling
-        Views along each side of a pixel, which the camera averages (`specklegen.Camera.oversampling`);
+        Views along each side of a pixel, which the camera averages (`Camera.oversampling`);
         more than 1 where a pixel is larger than half a speckle.
     bandwidth
         Full width of the spectrum in vacuum wavelength, as a length.
@@ -86,6 +88,14 @@ class LabSetup(Value):
         If the speckle is undersampled, the image of the object is larger than the camera, the aperture too
         large for the far-field mapping, the band so wide that it smears the pattern, or not exactly one of
         camera_distance and focal_length is given.
+
+    Examples
+    --------
+    >>> from specklegen.instrument import LabSetup
+    >>> lab = LabSetup(wavelength=532e-6, object_distance=500.0, object_extent=1.0, aperture=5.0,
+    ...                camera_distance=200.0, pixel_pitch=0.0065, pixels=(512, 512))  # millimetres
+    >>> round(lab.speckle_size, 4), round(lab.magnification, 2)
+    (0.0213, -0.4)
     """
 
     wavelength: Positive
@@ -285,14 +295,15 @@ class LabSetup(Value):
         DoubtWarning
             For another medium between indices that differ: it has no faces that reflect.
         """
+        instance("LabSetup.scene medium", medium, Value)
         if isinstance(medium, Slab):
             medium = medium.replace(faces=self.layer_faces) if medium.faces.matched else medium
         elif not self.layer_faces.matched:
-            warnings.warn(
+            warn_user(
                 f"LabSetup.scene: the step to the refractive index {self.refractive_index:g} bends light but does not "
-                f'reflect it at a {medium.type}. Use a Slab, or faces="matched".', DoubtWarning, stacklevel=2,
+                f'reflect it at a {medium.type}. Use a Slab, or faces="matched".',
             )  # fmt: skip
-        cells = np.asarray(brightness, dtype=np.float64)
+        cells = real_array("LabSetup.scene brightness", brightness)
         if cells.ndim != 2:
             reject("LabSetup.scene brightness", "of shape (h, w)", cells.shape)
         return Scene(

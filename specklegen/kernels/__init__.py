@@ -10,6 +10,7 @@ kernels compile anew in each process, with a warning.
 """
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -22,9 +23,9 @@ ROOM = 128
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a kernel: serial, no interpreter lock, cached under the digest of all kernels."""
+    """Compile a kernel: serial, no interpreter lock, cached under the digest of all that its file imports."""
     compiled = njit(nogil=True, error_model="numpy", fastmath={"contract"})(function)
-    folder = cache_folder()
+    folder = cache_folder(Path(function.__code__.co_filename))
     if folder is None:
         return compiled
     before = numba.config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]

@@ -4,14 +4,16 @@ Compiled code is run as it is found, so a folder that others can write is left a
 of the rest of it: one that was written by half, or damaged since, is compiled anew. What cannot be used is said once in
 a process, and costs a compilation and nothing else.
 
-The folder is ``kernels/<digest>`` under SPECKLEGEN_CACHE, by default the user's cache directory. The digest is that of
-*all* kernel sources: Numba notices a change in the file of a function, but not in the files of the functions that it
-calls. A folder that can be read and not written is used through a temporary folder of links to its files.
+A file's kernels lie in ``kernels/<digest>`` under SPECKLEGEN_CACHE, by default the user's cache directory. The digest
+is that of the file and of all that it imports from this package, and so on: Numba notices a change in the file of a
+function, but not in the files of the functions that it calls. A folder that can be read and not written is used through
+a temporary folder of links to its files.
 """
 
 import hashlib
 import os
 import pickle
+import re
 import tempfile
 import warnings
 from functools import lru_cache
@@ -22,6 +24,7 @@ import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 _DIGEST = 32  # bytes of SHA-256
+_IMPORT = re.compile(r"^[ \t]*(?:from|import) (specklegen[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 _KEPT: list[tempfile.TemporaryDirectory] = []  # until the process ends
 
 
@@ -39,30 +42,54 @@ def cache_root() -> Path:
     return Path(platformdirs.user_cache_dir("specklegen"))
 
 
-def source_digest() -> str:
-    """Digest of all kernel sources, of their compiler and of the layout of these files."""
+@lru_cache
+def imported_files(file: Path) -> frozenset[Path]:
+    """Return the files of this package that a file imports by itself, anywhere in it."""
+    package = Path(__file__).parent.parent
+    found = set()
+    for module, names in _IMPORT.findall(file.read_text(encoding="utf-8")):
+        base = package.joinpath(*module.split(".")[1:])
+        tried = [base, base / "__init__", *(base / name for name in re.findall(r"\w+", names))]
+        found.update(path for path in (name.with_suffix(".py") for name in tried) if path.is_file())
+    return frozenset(found)
+
+
+@lru_cache
+def sources_of(file: Path) -> frozenset[Path]:
+    """Return the files that decide a file's compiled kernels: it, all that it imports, how kernels are compiled."""
+    found, new = set(), {file, Path(__file__), Path(__file__).with_name("__init__.py")}
+    while new:
+        found |= new
+        new = {path for source in new for path in imported_files(source)} - found
+    return frozenset(found)
+
+
+def source_digest(file: Path) -> str:
+    """Digest of the sources of a file's kernels and of their compiler."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.name.encode() + path.read_bytes())
+    for source in sorted(sources_of(file)):
+        content = source.read_bytes()
+        digest.update(f"{source.name} {len(content)} ".encode() + content)
     return digest.hexdigest()[:16]
 
 
-@lru_cache(1)
-def cache_folder() -> str | None:
-    """Folder for this process's kernels; None where there is none to use, which is said."""
-    folder = cache_root() / "kernels" / source_digest()
+@lru_cache
+def cache_folder(file: Path) -> str | None:
+    """Folder for this process's kernels of a file; None where there is none to use, which is said."""
+    root = cache_root() / "kernels"
+    folder = root / source_digest(file)
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
-        return _without(f"{folder} cannot be made ({error.strerror})")
+        return _without(f"no folder can be made in {root} ({error.strerror})")
     reason = distrust(folder)
     if reason:
-        return _without(f"{folder} {reason}")
+        return _without(f"a folder in {root} {reason}")
     if can_write(folder):
         return str(folder)
     if any(folder.rglob("*.nbi")):
         return _linked(folder)
-    return _without(f"{folder} is not writable")
+    return _without(f"a folder in {root} is not writable")
 
 
 def distrust(folder: Path) -> str | None:

@@ -5,11 +5,13 @@ vector instructions. What does not, the way through voxels and tabulated or mixe
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from specklegen.kernels import ROOM, inlined, kernel
 from specklegen.kernels.arithmetic import exponential, fma
+from specklegen.kernels.footprints import profile
 from specklegen.kernels.phase_table import (
     FISHER_2D,
     FISHER_3D,
@@ -23,28 +25,40 @@ from specklegen.kernels.phase_table import (
 from specklegen.kernels.sums import gather
 from specklegen.kernels.trigonometry import sincos_turns
 from specklegen.kernels.volume import EXTRA, VOXELS, exit_distance, optical_depth
-from specklegen.kernels.walk import profile
 
 # Where each quantity starts, ROOM values each: vertex, direction beside it; towards one light or view: unit vector,
 # distance, optical depth, modulus, phase in turns, and the value found.
 X, Y, Z, WX, WY, WZ, DX, DY, DZ, AWAY, DEPTH, MODULUS, TURNS, REAL, IMAGINARY = (ROOM * n for n in range(15))
 
 
+class Targets(NamedTuple):
+    """What connections end at.
+
+    Attributes
+    ----------
+    near : int
+        1 where ``vectors`` are points, 0 where they are directions away from the medium (of light: reversed).
+    vectors, turns : float64[V, 3]
+        And the phase of a direction, e^(-2 pi i turns . x) per unit length; not read of points.
+    """
+
+    near: int
+    vectors: np.ndarray
+    turns: np.ndarray
+
+
 @kernel
-def endpoint_factors(
-    volume, table, records, column, sign, types, side, near_field, views, turns, wavelength, footprint, radius, out
-):
+def endpoint_factors(volume, table, records, column, sign, types, side, targets, wavelength, footprint, radius, out):
     """Fill ``out`` complex128[V, M] with xi tau s b of one end of every connection at every light or view.
 
     column, sign : position's column in the records; +1 where the direction that follows it arrives, -1 where it leaves
     types, side : int32[M, 2] and the column of the end's particle
-    near_field : 1 where ``views`` float64[V, 3] are points, 0 where they are directions away from the medium
-                 (for a light: the reversed direction of travel)
-    turns : float64[V, 3]     phase of a direction, e^(-2 pi i turns . x); not read of points
+    targets : Targets
     footprint, radius : beam profile on the entrance plane (radius 0: none)
 
     Connections of single scattering have no direction: they get no s.
     """
+    near_field, views, turns = targets
     bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
     kind = table.kinds[0] if table.kinds.shape[0] == 1 else -1
     state = np.empty(15 * ROOM)

@@ -23,16 +23,19 @@ LANES = 128  # the state of all lanes stays in the first-level cache
 X, Y, Z, WX, WY, WZ, FLOWN = (LANES * n for n in range(7))
 # The first vertex, the direction leaving it; the path's weight W, its power there, the density it was drawn with.
 X1, Y1, Z1, OX, OY, OZ, AMOUNT, POWER, DENSITY = (LANES * n for n in range(7, 16))
-# The coin of absorption; uniforms of the present step, and whether its connection may be kept.
-COIN, KEEP, POLAR, AZIMUTH, FLIGHT, CANDIDATE = (LANES * n for n in range(16, 22))
-# What a table is looked up for, and what stands there.
-DROP, SHAPE = (LANES * n for n in range(22, 24))
-STATE = 24 * LANES
+# The sum of 1 - cos theta over the vertices behind the first one, where it is asked for; the coin of absorption.
+TURNED, COIN = (LANES * n for n in range(16, 18))
+# Uniforms of the present step, and whether its connection may be kept.
+KEEP, POLAR, AZIMUTH, FLIGHT, CANDIDATE = (LANES * n for n in range(18, 23))
+# 1 - cos theta of the last scattering, or what a table is looked up for, and what stands there.
+DROP, SHAPE = (LANES * n for n in range(23, 25))
+STATE = 25 * LANES
 
 # uint64[ADDRESS]: number of the path, and vertices so far.
 PATH, ORDER = 0, LANES
 ADDRESS = 2 * LANES
 
+ASIDE = np.uint64(0x80000000)  # dimensions of what not every walk draws lie apart
 _ONE = np.uint64(1)
 
 
@@ -104,7 +107,7 @@ def scatter(g, state, count):
     """Turn every lane's direction by a Henyey-Greenstein angle."""
     for i in range(count):
         sine, cosine = sincos_turns(state[AZIMUTH + i])
-        one_minus_cos = sample_henyey_greenstein(g, state[POLAR + i])
+        state[DROP + i] = one_minus_cos = sample_henyey_greenstein(g, state[POLAR + i])
         x, y, z = deflect(state[WX + i], state[WY + i], state[WZ + i], one_minus_cos, cosine, sine)
         state[WX + i], state[WY + i], state[WZ + i] = x, y, z
 
@@ -118,6 +121,13 @@ def scatter_by_table(rows, guide, state, count):
         sine, cosine = sincos_turns(state[AZIMUTH + i])
         x, y, z = deflect(state[WX + i], state[WY + i], state[WZ + i], state[DROP + i], cosine, sine)
         state[WX + i], state[WY + i], state[WZ + i] = x, y, z
+
+
+@inlined
+def add_turns(state, count):
+    """Add 1 - cos theta of the scattering that every lane has just had to what it collects."""
+    for i in range(count):
+        state[TURNED + i] += state[DROP + i]
 
 
 @inlined

@@ -11,11 +11,20 @@ that it does not depend on the order of the work.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
 from specklegen.kernels.rng import uniforms
+
+
+class Element(NamedTuple):
+    """Element [start, start + width] of a line source, and its number."""
+
+    number: int
+    start: float
+    width: float
 
 
 @inlined
@@ -42,10 +51,10 @@ def path_difference(x, xs, focal_length, z):
 
 
 @kernel
-def uniform_rays(key0, key1, element, start, width, n_rays, lower, upper, focal_length, k, total, square):
+def uniform_rays(key0, key1, element, n_rays, lower, upper, focal_length, k, total, square):
     """Trace ``n_rays`` over the whole line [lower[0], upper[-1]] of the focal plane and bin them.
 
-    start, width : the element is [start, start + width]
+    element      : Element
     lower, upper : float64[N]      edges of adjoining pixels of one width
     total        : complex128[N]   sum of the phasors of the rays in each pixel, added to
     square       : float64[N]      sum of their squared moduli, added to
@@ -54,8 +63,8 @@ def uniform_rays(key0, key1, element, start, width, n_rays, lower, upper, focal_
     first, last = lower[0], upper[pixels - 1]
     per_length = pixels / (last - first)
     for ray in range(n_rays):
-        u, v, _, _ = uniforms(key0, key1, np.uint64(element), np.uint64(ray), np.uint64(0))
-        xs = start + width * u
+        u, v, _, _ = uniforms(key0, key1, np.uint64(element.number), np.uint64(ray), np.uint64(0))
+        xs = element.start + element.width * u
         x, span = landing(xs, first, last, focal_length, v)
         # Half-open pixels, the last one closed: no ray on an edge is lost.
         pixel = min(int((x - first) * per_length), pixels - 1)
@@ -65,16 +74,16 @@ def uniform_rays(key0, key1, element, start, width, n_rays, lower, upper, focal_
 
 
 @kernel
-def stratified_rays(key0, key1, element, start, width, n_rays, lower, upper, z, focal_length, k, total, square):
+def stratified_rays(key0, key1, element, n_rays, lower, upper, z, focal_length, k, total, square):
     """Trace ``n_rays[i]`` to each pixel [lower[i], upper[i]] of the plane ``focal_length + z[i]``.
 
     Other arguments as in `uniform_rays`; here the range of angles is that of the pixel.
     """
     for pixel in range(lower.size):
-        distance = focal_length + z[pixel]
+        distance, number = focal_length + z[pixel], np.uint64(pixel) + np.uint64(1)
         for ray in range(n_rays[pixel]):
-            u, v, _, _ = uniforms(key0, key1, np.uint64(element), np.uint64(ray), np.uint64(pixel) + np.uint64(1))
-            xs = start + width * u
+            u, v, _, _ = uniforms(key0, key1, np.uint64(element.number), np.uint64(ray), number)
+            xs = element.start + element.width * u
             x, span = landing(xs, lower[pixel], upper[pixel], distance, v)
             phase = k * path_difference(x, xs, focal_length, z[pixel])
             total[pixel] += complex(span * math.cos(phase), span * math.sin(phase))

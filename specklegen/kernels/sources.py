@@ -19,6 +19,7 @@ import numpy as np
 
 from specklegen.kernels import inlined, spliced
 from specklegen.kernels.arithmetic import exponential
+from specklegen.kernels.footprints import GAUSSIAN, footprint_density, sample_footprint
 from specklegen.kernels.frames import deflect
 from specklegen.kernels.lanes import LANES
 from specklegen.kernels.phase_functions import (
@@ -30,7 +31,6 @@ from specklegen.kernels.phase_functions import (
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
 from specklegen.kernels.volume import EXTRA, chord, corners, escape_distance, march, optical_depth
-from specklegen.kernels.walk import GAUSSIAN, footprint_density, sample_footprint
 
 UNIFORM, PLANE, BEAM, POINT = 0, 1, 2, 3
 _ISOTROPIC_SHARE = 0.1  # of a lobe: bounds the weights where the medium's lobe has broader tails

@@ -14,7 +14,7 @@ import numpy as np
 from specklegen.kernels import inlined
 from specklegen.kernels.arithmetic import minus_log
 from specklegen.kernels.frames import deflect
-from specklegen.kernels.lanes import AMOUNT, FLIGHT, FLOWN, ORDER, PATH, SHAPE, WX, WY, WZ, X, Y, Z
+from specklegen.kernels.lanes import AMOUNT, ASIDE, DROP, FLIGHT, FLOWN, ORDER, PATH, SHAPE, WX, WY, WZ, X, Y, Z
 from specklegen.kernels.lobes import sample_density
 from specklegen.kernels.phase_functions import henyey_greenstein, sample_henyey_greenstein
 from specklegen.kernels.rng import uniforms
@@ -48,6 +48,14 @@ class Stretch(NamedTuple):
     rows: np.ndarray
 
 
+class Pull(NamedTuple):
+    """The numbers of a :class:`Stretch` that a walk's steps need."""
+
+    rate: float
+    most: float
+    aimed: float
+
+
 @inlined
 def scattered_importance(rows, z):
     """H at w_z, by the cubic of values and slopes."""
@@ -61,17 +69,17 @@ def scattered_importance(rows, z):
 
 
 @inlined
-def steer(key0, key1, sample, dimension, g, rows, guide, rate, most, importance, state, address, count):
+def steer(where, g, rows, guide, pull, importance, state, address, count):
     """Turn every lane's direction by an angle of a lobe, drawn towards the far face, and change its weight by H.
 
     The density of the lobe's 1 - cos is left in ``SHAPE``. Every try has a key of its own, for tries have no bound.
     """
     for i in range(count):
         x, y, z = state[WX + i], state[WY + i], state[WZ + i]
-        key = key1
+        key = where.key1
         while True:
             key += _ONE
-            a, b, c, _ = uniforms(key0, key, sample, address[PATH + i], address[ORDER + i] + dimension)
+            a, b, c, _ = uniforms(where.key0, key, where.sample, address[PATH + i], address[ORDER + i] + ASIDE)
             if rows.shape[0] == 0:
                 drop = sample_henyey_greenstein(g, a)
                 shape = _TAU * henyey_greenstein(g, 1.0 - drop)
@@ -80,9 +88,10 @@ def steer(key0, key1, sample, dimension, g, rows, guide, rate, most, importance,
             sine, cosine = sincos_turns(b)
             nx, ny, nz = deflect(x, y, z, drop, cosine, sine)
             after = scattered_importance(importance, nz)
-            if c * most * (1.0 - rate * nz) < after:
+            if c * pull.most * (1.0 - pull.rate * nz) < after:
                 break
         state[WX + i], state[WY + i], state[WZ + i], state[SHAPE + i] = nx, ny, nz, shape
+        state[DROP + i] = drop
         state[AMOUNT + i] *= scattered_importance(importance, z) / after
 
 

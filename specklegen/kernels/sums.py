@@ -15,6 +15,7 @@ from specklegen.kernels import ROOM, inlined, kernel
 from specklegen.kernels.arithmetic import exponential, fma
 from specklegen.kernels.phase_functions import amplitude
 from specklegen.kernels.rng import uniforms
+from specklegen.kernels.slab_steps import Leg
 from specklegen.kernels.trigonometry import TAU, sincos_turns
 from specklegen.kernels.walk import EXIT, EXIT_DIRECTION
 
@@ -68,12 +69,12 @@ def way_out(vz, thickness, sigma_t):
 
 
 @inlined
-def sensor_end(single, g, x, y, z, wx, wy, wz, vx, vy, vz, ax, ay, az, face, decay):
+def sensor_end(single, g, leg, vx, vy, vz, ax, ay, az, face, decay):
     """B_v of one connection, real and imaginary part: attenuation, scattering into v, phase."""
-    modulus = exponential((face - z) * decay)
+    modulus = exponential((face - leg.z) * decay)
     if not single:
-        modulus *= amplitude(g, fma(wx, vx, fma(wy, vy, wz * vz)))
-    sine, cosine = sincos_turns(fma(ax, x, fma(ay, y, az * z)))
+        modulus *= amplitude(g, fma(leg.wx, vx, fma(leg.wy, vy, leg.wz * vz)))
+    sine, cosine = sincos_turns(fma(ax, leg.x, fma(ay, leg.y, az * leg.z)))
     return modulus * cosine, -modulus * sine
 
 
@@ -119,9 +120,10 @@ def ends_of_views(record, single, g, views, out, count):
     """Fill ``out`` with B_v of one connection at the views of :func:`direct_sum`, real parts before imaginary ones."""
     x, y, z = record[EXIT], record[EXIT + 1], record[EXIT + 2]
     wx, wy, wz = record[EXIT_DIRECTION], record[EXIT_DIRECTION + 1], record[EXIT_DIRECTION + 2]
+    leg = Leg(x, y, z, wx, wy, wz)
     for v in range(count):
         out[v], out[ROOM + v] = sensor_end(
-            single, g, x, y, z, wx, wy, wz, views[v], views[ROOM + v], views[2 * ROOM + v],
+            single, g, leg, views[v], views[ROOM + v], views[2 * ROOM + v],
             views[3 * ROOM + v], views[4 * ROOM + v], views[5 * ROOM + v], views[6 * ROOM + v], views[7 * ROOM + v],
         )  # fmt: skip
 

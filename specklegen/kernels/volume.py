@@ -5,7 +5,8 @@ here, and in flatland every y is 0. The box is homogeneous, or divided into equa
 
 Optical depths are exact (voxel traversal after Amanatides and Woo, *A fast voxel traversal algorithm*,
 Eurographics 1987); free flights through voxels are delta tracking under the majorants of blocks of voxels
-(Woodcock et al. 1965), so that a dense corner slows nobody elsewhere.
+(Woodcock et al. 1965), so that a dense corner slows nobody elsewhere. Layers are voxels without sides, as thick as
+they please; flights through them are exact.
 """
 
 import math
@@ -31,8 +32,9 @@ class Volume(NamedTuple):
 
     Attributes
     ----------
-    bounds : float64[2, 3]
-        Lower and upper corner; infinite where the medium has no side, and in y in flatland.
+    bounds : float64[2, 3], or float64[n + 1, 3] of n layers
+        Lower and upper corner; infinite where the medium has no side, and in y in flatland. Then, of layers, the depths
+        between them in the last column, going up.
     cells : int64[3, 3]
         VOXELS: number along x, y, z, where (1, 1, 1) is homogeneous; BLOCKS: number of blocks of one majorant along
         x, y, z; EXTRA: dimension (2 or 3), voxels along the side of a block, 0.
@@ -42,6 +44,8 @@ class Volume(NamedTuple):
         Largest extinction in each block.
     per_length : float64[3]
         Voxels per length along x, y, z; 0 where there is one.
+    mobility : float64[n], or float64[0] at rest
+        How fast the particles of each voxel move beside the fastest.
     """
 
     bounds: np.ndarray
@@ -51,6 +55,7 @@ class Volume(NamedTuple):
     material: np.ndarray
     majorant: np.ndarray
     per_length: np.ndarray
+    mobility: np.ndarray
 
     @property
     def dimension(self) -> int:
@@ -136,9 +141,39 @@ def voxel(bounds, cells, per_length, x, y, z):
     nx, ny, nz = cells[VOXELS, 0], cells[VOXELS, 1], cells[VOXELS, 2]
     if nx * ny * nz == 1:
         return 0
+    if bounds.shape[0] > 2:
+        return _layer(bounds, z)
     i = _place(bounds, cells, per_length, 0, x)
     j = _place(bounds, cells, per_length, 1, y)
     return (_place(bounds, cells, per_length, 2, z) * ny + j) * nx + i
+
+
+@inlined
+def _layer(bounds, z):
+    """Number of the layer at a depth, the lower one's at a face between two."""
+    k = 0
+    while k < bounds.shape[0] - 2 and z >= bounds[k + 2, 2]:
+        k += 1
+    return k
+
+
+@inlined
+def _march_layers(bounds, extinction, z, dz, near, far, target):
+    """:func:`march` through layers."""
+    last = bounds.shape[0] - 2
+    k = _layer(bounds, z + near * dz)
+    depth, t = 0.0, near
+    while True:
+        face = (bounds[1, 2] if k == last else bounds[k + 2, 2]) if dz > 0.0 else bounds[0 if k == 0 else k + 1, 2]
+        end = min((face - z) / dz, far) if dz != 0.0 else far
+        step = extinction[k] * max(end - t, 0.0)
+        if depth + step >= target:
+            return target, t + (target - depth) / extinction[k]
+        depth += step
+        t = max(end, t)
+        k += 1 if dz > 0.0 else -1
+        if t >= far or k < 0 or k > last:
+            return depth, far
 
 
 @inlined
@@ -164,6 +199,8 @@ def march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, target):
         sigma = extinction[0]
         depth = sigma * (far - near)
         return (depth, far) if depth < target else (target, near + target / sigma)
+    if bounds.shape[0] > 2:
+        return _march_layers(bounds, extinction, z, dz, near, far, target)
     i, wx = _cell(bounds, 0, x + near * dx, nx)
     j, wy = _cell(bounds, 1, y + near * dy, ny)
     k, wz = _cell(bounds, 2, z + near * dz, nz)
@@ -207,16 +244,21 @@ def optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far):
 
 
 @inlined
-def free_flight(
-    bounds, cells, extinction, majorants, per_length, x, y, z, dx, dy, dz, first, second,
-    k0, k1, sample, path, dimension,
-):  # fmt: skip
+def free_flight(bounds, cells, extinction, majorants, per_length, ray, first, second, key, path, dimension):
     """Distance through voxels to the next collision (infinite where the path leaves), and the next unused dimension.
 
     The uniforms ``first`` and ``second`` serve the first tentative collision; each block of four that is drawn, the
     next two. What is left of an optical depth at the border of two majorants serves behind it.
+
+    ray, key : x, y, z and direction; two words of the key and the number of the realization
     """
+    x, y, z, dx, dy, dz = ray
+    k0, k1, sample = key
     far = exit_distance(bounds, x, y, z, dx, dy, dz)
+    if bounds.shape[0] > 2:
+        target = minus_log(first)
+        reached, t = _march_layers(bounds, extinction, z, dz, 0.0, far, target)
+        return (t if reached >= target else math.inf), dimension
     nx, ny, nz = cells[BLOCKS, 0], cells[BLOCKS, 1], cells[BLOCKS, 2]
     i = j = k = ax = ay = az = 0
     tx = ty = tz = sx = sy = sz = math.inf

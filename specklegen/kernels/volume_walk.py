@@ -15,6 +15,7 @@ intensities (without it). Since p may start at sensor points as well, this is al
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from specklegen.kernels.lanes import (
     POWER,
     SHAPE,
     STATE,
+    TURNED,
     WX,
     WY,
     WZ,
@@ -60,9 +62,10 @@ from specklegen.kernels.lobes import density_of, judged, judged_phase_function
 from specklegen.kernels.phase_functions import amplitude
 from specklegen.kernels.phase_table import choose_type, power, sample
 from specklegen.kernels.rng import uniforms
+from specklegen.kernels.slab_steps import Leg, survivor_weight
 from specklegen.kernels.sources import KEPT, TYPE, WORDS, draw_starts, sample_start, start_densities, turn
 from specklegen.kernels.volume import EXTRA, VOXELS, corners, escape_distance, free_flight, inside, optical_depth, voxel
-from specklegen.kernels.walk import survivor_weight, write_record
+from specklegen.kernels.walk import TRANSFER, write_record
 
 FAR, NEAR = 0, 1
 _ISOTROPIC = 0.25 / math.pi
@@ -81,6 +84,21 @@ _EVENT, _MORE, _FLIGHT = np.uint64(16), np.uint64(0x80000000), np.uint64(0xC0000
 _ONE = np.uint64(1)
 
 
+class Probes(NamedTuple):
+    """Lights and views by which connections are thinned.
+
+    Attributes
+    ----------
+    light_kinds, lights, view_kinds, views : int64[n], float64[n, 3]
+        FAR directions (of lights reversed, as seen from the medium) or NEAR points.
+    """
+
+    light_kinds: np.ndarray
+    lights: np.ndarray
+    view_kinds: np.ndarray
+    views: np.ndarray
+
+
 @spliced
 def _judged_power(by_lobe, g, rows, places, table, kind, even, cos):
     """Phase function by which roulette judges: that of the medium, or of the particle of type ``kind``."""
@@ -90,11 +108,10 @@ def _judged_power(by_lobe, g, rows, places, table, kind, even, cos):
 
 
 @spliced
-def _probe_power(
-    bounds, cells, extinction, by_lobe, g, rows, places, table, even, kinds, points, x, y, z, wx, wy, wz, kind,
-    scatters, enough,
-):  # fmt: skip
+def _probe_power(volume, by_lobe, lobe, table, even, kinds, points, leg, kind, scatters, enough):
     """Largest |end|^2 over a few probes, by which connections are thinned; where not above ``enough``, any below it."""
+    bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
+    x, y, z, wx, wy, wz = leg
     box = corners(bounds)
     best = 0.0
     for n in range(kinds.shape[0]):
@@ -108,7 +125,8 @@ def _probe_power(
             dx, dy, dz = dx / reach, dy / reach, dz / reach
             decay = 1.0 / reach if cells[EXTRA, 0] == 2 else 1.0 / (reach * reach)
         if scatters:
-            decay *= _judged_power(by_lobe, g, rows, places, table, kind, even, wx * dx + wy * dy + wz * dz)
+            cos = wx * dx + wy * dy + wz * dz
+            decay *= _judged_power(by_lobe, lobe.g, lobe.rows, lobe.places, table, kind, even, cos)
         if decay <= max(best, enough):
             continue  # what is lost on the way out only lowers it
         reach = min(reach, escape_distance(box, x, y, z, dx, dy, dz))
@@ -198,27 +216,22 @@ def drop_ended(box, state, address, count, last_order):
 
 
 @kernel
-def trace_volume(
-    key0, key1, sample_index, first, count, volume, table, by_lobe, lobe, sources, bidirectional,
-    light_kinds, lights, view_kinds, views, threshold, max_order, records, orders, paths, types, ranks,
-):  # fmt: skip
+def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, probes, rules, found, types):
     """Trace paths and write their connections as the walk finds them.
 
-    volume, table, sources : Volume, PhaseTable, Sources
+    where, rules, found : Address, Rules, Found of :mod:`specklegen.kernels.walk`
+    volume, table, sources, probes : Volume, PhaseTable, Sources, Probes
     by_lobe, lobe : whether all the medium scatters by one phase function of three dimensions, and that Lobe
-    bidirectional : whether weights are those of the path and its reverse together
-    light_kinds, lights, view_kinds, views : int64[n], float64[n, 3]   probes for thinning: FAR directions (of lights
-                               reversed, as seen from the medium) or NEAR points
-    threshold : contribution from which a connection is always kept; 0 keeps all
-    max_order : vertices after which a path is ended
-    records, orders, paths, types : float64[cap, RECORD], int32[cap], int64[cap], int32[cap, 2]   output
-    ranks : int64[cap]         output: where the first, second, ... connection in path order was written
+    types : int32[cap, 2]      output, of the first and of the last particle
 
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written.
     """
+    bidirectional, threshold = rules.reverse, rules.threshold
+    light_kinds, lights, view_kinds, views = probes.light_kinds, probes.lights, probes.view_kinds, probes.views
     bounds, cells, extinction, per_length = volume.bounds, volume.cells, volume.extinction, volume.per_length
     albedos, materials, majorants = volume.albedo, volume.material, volume.majorant
+    mobility = volume.mobility
     source_kinds, source_rows = sources.kinds, sources.rows
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
     box, dimension = corners(bounds), cells[EXTRA, 0]
@@ -229,11 +242,12 @@ def trace_volume(
     mean_free_path = 1.0 / extinction[0]
     thinnest = extinction.min()
     near = (light_kinds == NEAR).any() or (view_kinds == NEAR).any()
-    capacity = records.shape[0]
-    found = events = unfinished = 0
+    records, orders, paths = found.records, found.orders, found.paths
+    capacity, transfers = records.shape[0], records.shape[1] > TRANSFER
+    kept_count = events = unfinished = 0
     unfinished_weight = 0.0
-    sample64, k0, k1 = np.uint64(sample_index), np.uint64(key0), np.uint64(key1)
-    last_order = np.uint64(max_order)
+    k0, k1, sample64 = np.uint64(where.key0), np.uint64(where.key1), np.uint64(where.sample)
+    last_order = np.uint64(rules.max_order)
     state, address = np.zeros(_STATE), np.zeros(_ADDRESS, np.uint64)
     words = np.empty(WORDS * LANES)
     flying = started = drawn = 0
@@ -266,22 +280,20 @@ def trace_volume(
             # s(i . v) of single scattering is the same for all and not known here: judged as isotropic.
             kept = weight = scattering / vertex
             u = words[LANES * KEPT + n]
+            leg = Leg(x, y, z, 0.0, 0.0, 0.0)
             if threshold > 0.0:
                 w = weight * even
                 for kinds, ends in ((light_kinds, lights), (view_kinds, views)):
                     # What is lost on the way out only lowers it, but for points, which may be close.
                     if near or survivor_weight(weight, w, threshold, u) > 0.0:
-                        w *= _probe_power(
-                            bounds, cells, extinction, by_lobe, g, rows, places, table, even, kinds, ends,
-                            x, y, z, 0.0, 0.0, 0.0, kind, False, 0.0,
-                        )  # fmt: skip
+                        w *= _probe_power(volume, by_lobe, lobe, table, even, kinds, ends, leg, kind, False, 0.0)
                 kept = survivor_weight(weight, w, threshold, u)
             if kept > 0.0:
-                if found < capacity:
-                    write_record(records[found], x, y, z, 0.0, 0.0, 0.0, x, y, z, 0.0, 0.0, 0.0, kept, 0.0)
-                    orders[found], paths[found] = 1, p
-                    types[found, 0] = types[found, 1] = kind
-                found += 1
+                if kept_count < capacity:
+                    write_record(records[kept_count], leg, leg, kept, 0.0, 0.0)
+                    orders[kept_count], paths[kept_count] = 1, p
+                    types[kept_count, 0] = types[kept_count, 1] = kind
+                kept_count += 1
             i = flying
             flying += 1
             state[X + i], state[Y + i], state[Z + i] = x, y, z
@@ -290,20 +302,19 @@ def trace_volume(
             state[OX + i], state[OY + i], state[OZ + i] = ox, oy, oz
             state[FIRST_ALBEDO + i] = state[ALBEDO + i] = albedos[here]
             state[DENSITY + i], state[AMOUNT + i] = joint / scattering, scattering / joint
-            state[COIN + i] = state[FLOWN + i] = 0.0
+            state[COIN + i] = state[FLOWN + i] = state[TURNED + i] = 0.0
             state[POWER + i] = state[BACKWARD + i] = 1.0
             address[PATH + i], address[ORDER + i] = np.uint64(p), _ONE
             address[FIRST_TYPE + i], address[FLIGHTS + i], address[VOXEL + i] = kind, _FLIGHT, here
             if threshold > 0.0:
+                leg = Leg(x, y, z, -ox, -oy, -oz)
                 state[POWER + i] = _probe_power(
-                    bounds, cells, extinction, by_lobe, g, rows, places, table, even, light_kinds, lights,
-                    x, y, z, -ox, -oy, -oz, kind, True, 0.0,
-                )  # fmt: skip
+                    volume, by_lobe, lobe, table, even, light_kinds, lights, leg, kind, True, 0.0
+                )
                 if bidirectional:
                     state[BACKWARD + i] = _probe_power(
-                        bounds, cells, extinction, by_lobe, g, rows, places, table, even, view_kinds, views,
-                        x, y, z, -ox, -oy, -oz, kind, True, 0.0,
-                    )  # fmt: skip
+                        volume, by_lobe, lobe, table, even, view_kinds, views, leg, kind, True, 0.0
+                    )
         if flying == 0:
             break
 
@@ -338,17 +349,18 @@ def trace_volume(
             u = state[KEEP + i]
             kind = choose_type(table, materials[here], state[CHOICE + i]) if typed else 0
             kept = weight = state[AMOUNT + i]
+            leg = Leg(x, y, z, wx, wy, wz)
             best = 0.0
             if threshold > 0.0:
                 lost = u * threshold  # a contribution that is dropped
                 best = state[POWER + i] * _probe_power(
-                    bounds, cells, extinction, by_lobe, g, rows, places, table, even, view_kinds, views,
-                    x, y, z, wx, wy, wz, kind, True, _below(lost, state[POWER + i] * weight),
+                    volume, by_lobe, lobe, table, even, view_kinds, views, leg, kind, True,
+                    _below(lost, state[POWER + i] * weight),
                 )  # fmt: skip
                 if bidirectional:
                     back = _probe_power(
-                        bounds, cells, extinction, by_lobe, g, rows, places, table, even, light_kinds, lights,
-                        x, y, z, wx, wy, wz, kind, True, _below(lost, state[BACKWARD + i] * weight),
+                        volume, by_lobe, lobe, table, even, light_kinds, lights, leg, kind, True,
+                        _below(lost, state[BACKWARD + i] * weight),
                     )  # fmt: skip
                     best = max(best, state[BACKWARD + i] * back)
                 kept = survivor_weight(weight, best * weight, threshold, u)
@@ -362,20 +374,20 @@ def trace_volume(
                 if threshold > 0.0:
                     kept = survivor_weight(weight, best * weight, threshold, u)
             if kept > 0.0:
-                if found < capacity:
-                    write_record(
-                        records[found], state[X1 + i], state[Y1 + i], state[Z1 + i],
-                        state[OX + i], state[OY + i], state[OZ + i], x, y, z, wx, wy, wz, kept, state[FLOWN + i],
-                    )  # fmt: skip
-                    orders[found], paths[found] = address[ORDER + i], address[PATH + i]
-                    types[found, 0], types[found, 1] = address[FIRST_TYPE + i], kind
-                found += 1
+                if kept_count < capacity:
+                    entry = Leg(
+                        state[X1 + i], state[Y1 + i], state[Z1 + i], state[OX + i], state[OY + i], state[OZ + i]
+                    )
+                    write_record(records[kept_count], entry, leg, kept, state[FLOWN + i], state[TURNED + i])
+                    orders[kept_count], paths[kept_count] = address[ORDER + i], address[PATH + i]
+                    types[kept_count, 0], types[kept_count, 1] = address[FIRST_TYPE + i], kind
+                kept_count += 1
         if not by_lobe:
             for i in range(fresh):
                 # Below the albedo, the coin is a uniform again: it chooses the type that scatters.
                 u = state[COIN + i] / state[ALBEDO + i]
                 chosen = choose_type(table, materials[address[VOXEL + i]], u)
-                one_minus_cos = sample(table, chosen, state[POLAR + i], state[SECOND + i])
+                state[DROP + i] = one_minus_cos = sample(table, chosen, state[POLAR + i], state[SECOND + i])
                 state[WX + i], state[WY + i], state[WZ + i] = turn(
                     dimension, state[WX + i], state[WY + i], state[WZ + i], one_minus_cos, state[AZIMUTH + i]
                 )
@@ -383,15 +395,18 @@ def trace_volume(
             scatter(g, state, fresh)
         else:
             scatter_by_table(rows, guide, state, fresh)
+        if transfers:
+            for i in range(fresh):
+                state[TURNED + i] += state[DROP + i] * mobility[address[VOXEL + i]]
         if homogeneous:
             for i in range(flying):
                 state[FLIGHT + i] = minus_log(state[FLIGHT + i]) * mean_free_path
         else:
             for i in range(flying):
                 state[FLIGHT + i], address[FLIGHTS + i] = free_flight(
-                    bounds, cells, extinction, majorants, per_length, state[X + i], state[Y + i], state[Z + i],
-                    state[WX + i], state[WY + i], state[WZ + i], state[FLIGHT + i], state[ACCEPT + i],
-                    k0, k1, sample64, address[PATH + i], address[FLIGHTS + i],
+                    bounds, cells, extinction, majorants, per_length,
+                    (state[X + i], state[Y + i], state[Z + i], state[WX + i], state[WY + i], state[WZ + i]),
+                    state[FLIGHT + i], state[ACCEPT + i], (k0, k1, sample64), address[PATH + i], address[FLIGHTS + i],
                 )  # fmt: skip
         for i in range(flying):
             flight = state[FLIGHT + i]
@@ -399,5 +414,5 @@ def trace_volume(
             state[Y + i] = fma(state[WY + i], flight, state[Y + i])
             state[Z + i] = fma(state[WZ + i], flight, state[Z + i])
             state[FLOWN + i] += flight
-    sort_by_path(paths, first, count, min(found, capacity), ranks)
-    return found, events, unfinished, unfinished_weight
+    sort_by_path(paths, first, count, min(kept_count, capacity), found.ranks)
+    return kept_count, events, unfinished, unfinished_weight

@@ -10,23 +10,21 @@ the far face where few would reach it (`specklegen.kernels.stretching`). At ever
 connection to the sensor is found, and the connection is kept with probability min(1, w / threshold); its amplitude
 weight grows by the inverse probability.
 
-A record is one kept connection, a row of float64[RECORD]:
+A record is one kept connection, a row of float64[RECORD], one number longer where the momentum transfer is asked for:
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
-from specklegen.kernels.arithmetic import minus_log1m
 from specklegen.kernels.lanes import (
     ADDRESS,
     AMOUNT,
-    AZIMUTH,
+    ASIDE,
     CANDIDATE,
     COIN,
-    DENSITY,
-    FLIGHT,
     FLOWN,
     KEEP,
     LANES,
@@ -35,10 +33,9 @@ from specklegen.kernels.lanes import (
     OY,
     OZ,
     PATH,
-    POLAR,
     POWER,
-    SHAPE,
     STATE,
+    TURNED,
     WX,
     WY,
     WZ,
@@ -48,6 +45,7 @@ from specklegen.kernels.lanes import (
     X,
     Y,
     Z,
+    add_turns,
     adopt,
     draw,
     draw_coin,
@@ -58,11 +56,18 @@ from specklegen.kernels.lanes import (
     scatter_by_table,
     sort_by_path,
 )
-from specklegen.kernels.lobes import judged_phase_function, phase_function
-from specklegen.kernels.phase_functions import henyey_greenstein, sample_henyey_greenstein
+from specklegen.kernels.reflections import Mirror, mirror_of, reflect, reflect_first, turn_over, unfolded
 from specklegen.kernels.rng import uniforms
-from specklegen.kernels.stretching import fly_stretched, steer
-from specklegen.kernels.trigonometry import sincos_turns
+from specklegen.kernels.slab_steps import (
+    Address,
+    Leg,
+    contribution,
+    leave,
+    start,
+    survivor_weight,
+    weigh_both_ways,
+)
+from specklegen.kernels.stretching import Pull, fly_stretched, steer
 
 ENTRY = 0  # x1, first vertex
 ENTRY_DIRECTION = 3  # omega_1, unit vector leaving x1 (zero for single scattering)
@@ -71,231 +76,103 @@ EXIT_DIRECTION = 9  # omega_(B-1), unit vector arriving at x_B (zero for single 
 WEIGHT = 12  # W over the probability of keeping
 LENGTH = 13  # sum of the free flights from x1 to x_B
 RECORD = 14
-
-# UNLIMITED is a plane wave on an infinite slab: all entry points are alike, so the walk starts at the
-# origin and every quantity is per unit area.
-SQUARE, DISC, GAUSSIAN, UNLIMITED = 0, 1, 2, 3
+TRANSFER = 14  # sum of 1 - cos theta over x2 ... x_(B-1), each times the mobility there: a column only where asked for
 
 _ONE = np.uint64(1)
-_ASIDE = np.uint64(0x80000000)  # dimensions of what not every walk draws lie apart
 
 
-@inlined
-def sample_footprint(footprint, extent, u, v):
-    """Draw a point of the illuminated face and return it with the inverse of its density (an area).
+class Rules(NamedTuple):
+    """Which connections are kept, and how long paths are.
 
-    ``extent``: half side of the square, radius of the disc, or standard deviation of the Gaussian density.
+    Attributes
+    ----------
+    reverse : int
+        1 to weigh each path together with its reversal (balance heuristic), else 0.
+    threshold : float
+        Contribution from which a connection is always kept; 0 keeps all.
+    max_order : int
+        Vertices after which a path is ended.
     """
-    if footprint == SQUARE:
-        return extent * (2.0 * u - 1.0), extent * (2.0 * v - 1.0), 4.0 * extent * extent
-    if footprint == UNLIMITED:
-        return 0.0, 0.0, 1.0
-    sine, cosine = sincos_turns(v)
-    if footprint == DISC:
-        radius = extent * math.sqrt(u)
-        return radius * cosine, radius * sine, math.pi * extent * extent
-    r2 = -2.0 * math.log(u)
-    radius = extent * math.sqrt(r2)
-    return radius * cosine, radius * sine, 2.0 * math.pi * extent * extent * math.exp(0.5 * r2)
+
+    reverse: int
+    threshold: float
+    max_order: int
 
 
-@inlined
-def footprint_density(footprint, extent, x, y):
-    """Density per area with which :func:`sample_footprint` draws the point (x, y)."""
-    if footprint == SQUARE:
-        return 1.0 / (4.0 * extent * extent) if abs(x) <= extent and abs(y) <= extent else 0.0
-    if footprint == UNLIMITED:
-        return 1.0
-    r2 = x * x + y * y
-    if footprint == DISC:
-        return 1.0 / (math.pi * extent * extent) if r2 <= extent * extent else 0.0
-    s2 = extent * extent
-    return math.exp(-0.5 * r2 / s2) / (2.0 * math.pi * s2)
+class Found(NamedTuple):
+    """What a walk writes, as it finds it.
 
-
-@inlined
-def profile(footprint, radius, x, y):
-    """Amplitude profile b at a point of the entrance face, 1 at its peak.
-
-    ``radius``: half side, radius, or the 1/e^2 intensity radius.
+    Attributes
+    ----------
+    records, orders, paths : float64[cap, RECORD or TRANSFER + 1], int32[cap], int64[cap]
+    bounces : int8[cap, 2]
+        Reflections of the first and of the last leg; left as it is without faces.
+    ranks : int64[cap]
+        Where the first, second, ... connection in path order was written.
     """
-    if footprint == SQUARE:
-        return 1.0 if abs(x) <= radius and abs(y) <= radius else 0.0
-    if footprint == UNLIMITED:
-        return 1.0
-    r2 = x * x + y * y
-    if footprint == DISC:
-        return 1.0 if r2 <= radius * radius else 0.0
-    return math.exp(-r2 / (radius * radius))
+
+    records: np.ndarray
+    orders: np.ndarray
+    paths: np.ndarray
+    bounces: np.ndarray
+    ranks: np.ndarray
 
 
 @inlined
-def write_record(row, x1, y1, z1, ox, oy, oz, x, y, z, wx, wy, wz, weight, length):
-    """Fill one record: entrance and direction leaving it, direction arriving and exit, weight, path length."""
-    row[ENTRY], row[ENTRY + 1], row[ENTRY + 2] = x1, y1, z1
-    row[ENTRY_DIRECTION], row[ENTRY_DIRECTION + 1], row[ENTRY_DIRECTION + 2] = ox, oy, oz
-    row[EXIT], row[EXIT + 1], row[EXIT + 2] = x, y, z
-    row[EXIT_DIRECTION], row[EXIT_DIRECTION + 1], row[EXIT_DIRECTION + 2] = wx, wy, wz
+def write_record(row, entry, last, weight, length, turned):
+    """Fill one record: entrance and direction leaving it, exit and direction arriving there, weight, path length.
+
+    And the sum of 1 - cos theta between, where the row has room for it.
+    """
+    row[ENTRY], row[ENTRY + 1], row[ENTRY + 2] = entry.x, entry.y, entry.z
+    row[ENTRY_DIRECTION], row[ENTRY_DIRECTION + 1], row[ENTRY_DIRECTION + 2] = entry.wx, entry.wy, entry.wz
+    row[EXIT], row[EXIT + 1], row[EXIT + 2] = last.x, last.y, last.z
+    row[EXIT_DIRECTION], row[EXIT_DIRECTION + 1], row[EXIT_DIRECTION + 2] = last.wx, last.wy, last.wz
     row[WEIGHT] = weight
     row[LENGTH] = length
-
-
-@inlined
-def forward_contribution(power, g, rows, places, z, wx, wy, wz, probes):
-    """Largest contribution over the views of a vertex that light of ``power`` reaches."""
-    best = 0.0
-    for n in range(probes.shape[0]):
-        t = probes[n, 3] + probes[n, 4] * z
-        if t < 700.0:
-            cos = wx * probes[n, 0] + wy * probes[n, 1] + wz * probes[n, 2]
-            best = max(best, power * judged_phase_function(g, rows, places, cos) * math.exp(-t))
-    return best
-
-
-@inlined
-def start(
-    key0, key1, sample, first, count, thickness, sigma_t, albedo, rate, ix, iy, iz,
-    footprint, extent, radius, state, address,
-):  # fmt: skip
-    """Put the first vertices of paths ``first`` ... into the lanes, light arriving along the reference direction."""
-    spared = 1.0 - rate * iz
-    chance = -math.expm1(-sigma_t * spared * thickness / iz)  # to collide at all
-    for i in range(count):
-        address[PATH + i], address[ORDER + i] = np.uint64(first + i), np.uint64(0)
-    draw(key0, key1, sample, np.uint64(0), address, state, count)
-    for i in range(count):
-        # Two words a coordinate: 32 bits alone would put wide beams on a lattice.
-        u = state[KEEP + i] + (state[POLAR + i] - 0.5) * 2.0**-32
-        v = state[AZIMUTH + i] + (state[FLIGHT + i] - 0.5) * 2.0**-32
-        fx, fy, area = sample_footprint(footprint, extent, u, v)
-        # Points that only other tilts light are judged as if this one did, else they would never be kept.
-        beam = profile(footprint, radius, fx, fy) if footprint == GAUSSIAN else 1.0
-        state[X1 + i], state[Y1 + i] = fx, fy
-        state[AMOUNT + i], state[POWER + i] = albedo * area * iz * chance / spared, beam * beam / iz
-    draw(key0, key1, sample, _ONE, address, state, count)
-    for i in range(count):
-        collided = state[KEEP + i] * chance
-        depth = minus_log1m(collided) / (sigma_t * spared)
-        state[X1 + i] += depth * ix
-        state[Y1 + i] += depth * iy
-        state[Z1 + i] = min(depth * iz, thickness)
-        # sigma_s / p1, where p1 = (1/area) sigma_t e^(-sigma_t depth) / chance / iz per volume; sigma_t is spared both.
-        state[AMOUNT + i] /= 1.0 - collided
-        state[POWER + i] *= 1.0 - collided
-        state[X + i], state[Y + i], state[Z + i] = state[X1 + i], state[Y1 + i], state[Z1 + i]
-        state[WX + i], state[WY + i], state[WZ + i] = ix, iy, iz
-        state[KEEP + i] = state[FLIGHT + i]
-        state[FLOWN + i] = state[COIN + i] = 0.0
-        address[ORDER + i] = _ONE
-    if rate > 0.0:
-        for i in range(count):
-            state[POWER + i] *= math.exp(-rate * sigma_t * state[Z + i])
-
-
-@inlined
-def leave(
-    key0, key1, sample, g, rows, places, aim_rows, guide, mean_free_path, rate, most, aimed, importance,
-    state, address, count,
-):  # fmt: skip
-    """Send the paths of :func:`start` off, their first directions drawn from the lobe that they aim with."""
-    if rate > 0.0:
-        for i in range(count):
-            state[OX + i], state[OY + i], state[OZ + i] = state[WX + i], state[WY + i], state[WZ + i]
-        steer(key0, key1, sample, _ASIDE, g, aim_rows, guide, rate, most, importance, state, address, count)
-        for i in range(count):
-            cos = state[OX + i] * state[WX + i] + state[OY + i] * state[WY + i] + state[OZ + i] * state[WZ + i]
-            state[POLAR + i] = state[SHAPE + i] * (0.5 / math.pi) / aimed
-            state[POWER + i] *= judged_phase_function(g, rows, places, cos)
-    elif aim_rows.shape[0] == 0:
-        scatter(g, state, count)
-        for i in range(count):
-            state[POLAR + i] = henyey_greenstein(g, 1.0 - sample_henyey_greenstein(g, state[POLAR + i]))
-            state[POWER + i] *= state[POLAR + i]
-    else:
-        for i in range(count):
-            state[OX + i], state[OY + i], state[OZ + i] = state[WX + i], state[WY + i], state[WZ + i]
-        scatter_by_table(aim_rows, guide, state, count)
-        for i in range(count):
-            cos = state[OX + i] * state[WX + i] + state[OY + i] * state[WY + i] + state[OZ + i] * state[WZ + i]
-            state[POLAR + i] = state[SHAPE + i] * (0.5 / math.pi)
-            state[POWER + i] *= judged_phase_function(g, rows, places, cos)
-    for i in range(count):
-        density = state[POLAR + i]
-        state[OX + i], state[OY + i], state[OZ + i] = state[WX + i], state[WY + i], state[WZ + i]
-        state[DENSITY + i] = density / state[AMOUNT + i]  # p1 p_omega / sigma_s
-        state[AMOUNT + i] /= density
-    draw(key0, key1, sample, _ONE, address, state, count)
-    if rate > 0.0:
-        fly_stretched(mean_free_path, rate, state, count)
-    else:
-        fly(mean_free_path, state, count)
-
-
-@inlined
-def survivor_weight(weight, w, threshold, u):
-    """``weight`` over the probability min(1, w / threshold) that a connection of contribution w survives; else 0."""
-    if w <= 0.0 or (w < threshold and u * threshold >= w):
-        return 0.0
-    return weight if w >= threshold else weight * threshold / w
-
-
-@inlined
-def weigh_both_ways(
-    state, i, sigma_t, albedo, chance, g, rows, places, aim_rows, aim_places, ix, iy, iz,
-    footprint, extent, radius, probes,
-):  # fmt: skip
-    """W of the path in lane i drawn either way (balance heuristic), and its largest contribution of both directions."""
-    x, y, z, wx, wy, wz = state[X + i], state[Y + i], state[Z + i], state[WX + i], state[WY + i], state[WZ + i]
-    depth = z / iz
-    fx, fy = x - depth * ix, y - depth * iy
-    back = -(wx * ix + wy * iy + wz * iz)
-    passed = math.exp(-sigma_t * depth) / iz
-    # p1 p_omega / sigma_s of the path walked backwards: the balance heuristic adds both densities.
-    density = footprint_density(footprint, extent, fx, fy) * passed / (albedo * chance)
-    weight = 1.0 / (state[DENSITY + i] + density * phase_function(g, aim_rows, aim_places, back))
-    beam = profile(footprint, radius, fx, fy)
-    power = weight * beam * beam * passed * judged_phase_function(g, rows, places, back)
-    ox, oy, oz, z1 = state[OX + i], state[OY + i], state[OZ + i], state[Z1 + i]
-    forward = forward_contribution(weight * state[POWER + i], g, rows, places, z, wx, wy, wz, probes)
-    reversed_ = forward_contribution(power, g, rows, places, z1, -ox, -oy, -oz, probes)
-    return weight, max(forward, reversed_)
+    if row.shape[0] > TRANSFER:
+        row[TRANSFER] = turned
 
 
 @kernel
-def trace_slab(
-    key0, key1, sample, first, count, thickness, sigma_t, albedo, lobe, aim, stretch, ix, iy, iz,
-    footprint, extent, radius, probes, reverse, threshold, max_order, records, orders, paths, ranks,
-):  # fmt: skip
+def trace_slab(where, first, count, layer, lobe, aim, stretch, faces, light, probes, rules, found):
     """Trace paths and write the kept connections.
 
-    thickness, sigma_t, albedo : the slab (length, 1/length, -)
-    lobe, aim : Lobe           its phase function, and the lobe of first directions about (ix, iy, iz), iz > 0; either
-                               both are closed, of one g, or both are tables
-    stretch : Stretch          how paths are drawn towards the far face; of a rate above 0 not with ``reverse``
-    footprint, extent, radius : kind of beam, size of the sampled footprint and of the profile
+    where, layer, light, rules, found : Address, Layer, Light (z > 0), Rules, Found
+    lobe, aim : Lobe           the phase function, and the lobe of first directions about the light; either both are
+                               closed, of one g, or both are tables
+    stretch : Stretch          how paths are drawn towards the far face; of a rate above 0 not with ``reverse``, and not
+                               between faces
+    faces : Faces or None      what reflects; None leaves all that belongs to it out of the compiled walk
     probes : float64[n, 5]     views at which the contribution is judged, and the optical depth to the outside
-                               along each as (at z = 0, per length of z)
-    reverse : 1 to weigh each path together with its reversal (balance heuristic), else 0
-    threshold : contribution from which a connection is always kept; 0 keeps all
-    max_order : vertices after which a path is ended
-    records, orders, paths : float64[cap, RECORD], int32[cap], int64[cap]   output, as the walk finds them
-    ranks : int64[cap]         output: where the first, second, ... connection in path order was written
+                               along each as (at z = 0, per length of z); with faces the views as they look at a vertex
+                               after no reflection, then after one, ..., and depths hold -ln of what faces leave
 
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written: call again with more room.
     """
+    thickness, sigma_t = layer.thickness, layer.sigma_t
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
     aim_rows, aim_guide, aim_places = aim.rows, aim.guide, aim.places
-    rate, survival, most, aimed, importance = stretch.rate, stretch.survival, stretch.most, stretch.aimed, stretch.rows
-    capacity = records.shape[0]
-    found = events = unfinished = 0
+    survival, importance = stretch.survival, stretch.rows
+    pull = Pull(stretch.rate, stretch.most, stretch.aimed)
+    reverse, threshold = rules.reverse, rules.threshold
+    records, orders, paths, bounces = found.records, found.orders, found.paths, found.bounces
+    capacity, transfers = records.shape[0], records.shape[1] > TRANSFER
+    kept_count = events = unfinished = 0
     unfinished_weight = 0.0
-    chance = -math.expm1(-sigma_t * thickness / iz)
+    chance = -math.expm1(-sigma_t * thickness / light.z)
     mean_free_path = 1.0 / sigma_t
-    k0, k1, sample64 = np.uint64(key0), np.uint64(key1), np.uint64(sample)
-    last_order = np.uint64(max_order)
+    where = Address(np.uint64(where.key0), np.uint64(where.key1), np.uint64(where.sample))
+    last_order = np.uint64(rules.max_order)
     state, address = np.empty(STATE), np.empty(ADDRESS, np.uint64)
     fresh, fresh_address = np.empty(STATE), np.empty(ADDRESS, np.uint64)
+    images, up = 0, False
+    mirror = Mirror(0, probes.shape[0], 0.0, 1.0, chance)
+    if faces is not None:
+        images, up = faces.images, faces.up == 1
+        mirror = mirror_of(faces, layer, light, probes.shape[0])
+    views = mirror.views
     flying = waiting = started = 0
     while True:
         flying, cut, cut_weight = drop_ended(state, address, flying, thickness, survival, last_order)
@@ -308,10 +185,9 @@ def trace_slab(
                 flying += 1
                 continue
             waiting = min(LANES, count - started)
-            start(
-                k0, k1, sample64, first + started, waiting, thickness, sigma_t, albedo, rate, ix, iy, iz,
-                footprint, extent, radius, fresh, fresh_address,
-            )  # fmt: skip
+            start(where, first + started, waiting, layer, pull.rate, light, fresh, fresh_address)
+            if faces is not None:
+                reflect_first(where, layer, light, mirror, fresh, fresh_address, waiting)
             started += waiting
             events += waiting
             mark_candidates(g, rows, places, threshold, probes, fresh, waiting)
@@ -320,17 +196,27 @@ def trace_slab(
                     continue
                 # Single scattering is its own reverse and is never doubled.
                 x, y, z, weight = fresh[X + i], fresh[Y + i], fresh[Z + i], fresh[AMOUNT + i]
-                w = forward_contribution(weight * fresh[POWER + i], g, rows, places, z, ix, iy, iz, probes)
-                kept = survivor_weight(weight, w, threshold, fresh[KEEP + i])
-                if kept > 0.0:
-                    if found < capacity:
-                        write_record(records[found], x, y, z, 0.0, 0.0, 0.0, x, y, z, 0.0, 0.0, 0.0, kept, 0.0)
-                        orders[found], paths[found] = 1, fresh_address[PATH + i]
-                    found += 1
+                leg = Leg(x, y, z, light.x, light.y, fresh[WZ + i])
+                for m in range(images + 1):
+                    power = weight * fresh[POWER + i]
+                    w = contribution(power, g, rows, places, leg, probes, m * views, (m + 1) * views)
+                    kept = survivor_weight(weight, w, threshold, fresh[KEEP + i])
+                    if kept > 0.0:
+                        if kept_count < capacity:
+                            entry = Leg(x, y, fresh[Z1 + i], 0.0, 0.0, 0.0)
+                            last = Leg(x, y, unfolded(z, thickness, m, up), 0.0, 0.0, 0.0)
+                            write_record(records[kept_count], entry, last, kept, 0.0, 0.0)
+                            orders[kept_count], paths[kept_count] = 1, fresh_address[PATH + i]
+                            if faces is not None:
+                                bounces[kept_count, 0], bounces[kept_count, 1] = int(fresh[Z1 + i] / thickness), m
+                        kept_count += 1
             leave(
-                k0, k1, sample64, g, rows, places, aim_rows, aim_guide, mean_free_path, rate, most, aimed, importance,
-                fresh, fresh_address, waiting,
+                where, g, rows, places, aim_rows, aim_guide, mean_free_path, pull, importance, fresh, fresh_address,
+                waiting,
             )  # fmt: skip
+            if faces is not None:
+                turn_over(thickness, fresh, waiting)
+                reflect(where, thickness, faces, fresh, fresh_address, waiting)
             waiting, cut, cut_weight = drop_ended(fresh, fresh_address, waiting, thickness, survival, last_order)
             unfinished += cut
             unfinished_weight += cut_weight
@@ -340,44 +226,54 @@ def trace_slab(
         for i in range(flying):
             address[ORDER + i] += _ONE
         events += flying
-        draw(k0, k1, sample64, _ONE, address, state, flying)
+        draw(where.key0, where.key1, where.sample, _ONE, address, state, flying)
         if survival < 1.0:
             # Absorption as a coin: the weight stays, the work goes.
-            draw_coin(k0, k1, sample64, _ASIDE, address, state, flying)
+            draw_coin(where.key0, where.key1, where.sample, ASIDE, address, state, flying)
         mark_candidates(g, rows, places, 0.0 if reverse else threshold, probes, state, flying)
         for i in range(flying):
             if state[CANDIDATE + i] == 0.0 or state[COIN + i] >= survival:
                 continue
             x, y, z = state[X + i], state[Y + i], state[Z + i]
             wx, wy, wz = state[WX + i], state[WY + i], state[WZ + i]
-            if reverse:
-                weight, w = weigh_both_ways(
-                    state, i, sigma_t, albedo, chance, g, rows, places, aim_rows, aim_places,
-                    ix, iy, iz, footprint, extent, radius, probes,
-                )  # fmt: skip
-            else:
-                weight = state[AMOUNT + i]
-                w = forward_contribution(weight * state[POWER + i], g, rows, places, z, wx, wy, wz, probes)
-            kept = survivor_weight(weight, w, threshold, state[KEEP + i])
-            if kept > 0.0:
-                if found < capacity:
-                    write_record(
-                        records[found], state[X1 + i], state[Y1 + i], state[Z1 + i],
-                        state[OX + i], state[OY + i], state[OZ + i], x, y, z, wx, wy, wz, kept, state[FLOWN + i],
-                    )  # fmt: skip
-                    orders[found], paths[found] = address[ORDER + i], address[PATH + i]
-                found += 1
-        if rate > 0.0:
-            steer(k0, k1, sample64, _ASIDE, g, rows, guide, rate, most, importance, state, address, flying)
-            fly_stretched(mean_free_path, rate, state, flying)
+            for m in range(images + 1):
+                if reverse:
+                    weight, w = weigh_both_ways(
+                        state, i, m, layer, light, mirror, g, rows, places, aim_rows, aim_places, probes
+                    )
+                else:
+                    weight = state[AMOUNT + i]
+                    power, leg = weight * state[POWER + i], Leg(x, y, z, wx, wy, wz)
+                    w = contribution(power, g, rows, places, leg, probes, m * views, (m + 1) * views)
+                kept = survivor_weight(weight, w, threshold, state[KEEP + i])
+                if kept > 0.0:
+                    if kept_count < capacity:
+                        entry = Leg(
+                            state[X1 + i], state[Y1 + i], state[Z1 + i], state[OX + i], state[OY + i], state[OZ + i]
+                        )
+                        last = Leg(x, y, unfolded(z, thickness, m, up), wx, wy, -wz if m % 2 else wz)
+                        write_record(records[kept_count], entry, last, kept, state[FLOWN + i], state[TURNED + i])
+                        orders[kept_count], paths[kept_count] = address[ORDER + i], address[PATH + i]
+                        if faces is not None:
+                            bounces[kept_count, 0], bounces[kept_count, 1] = int(state[Z1 + i] / thickness), m
+                    kept_count += 1
+        if pull.rate > 0.0:
+            steer(where, g, rows, guide, pull, importance, state, address, flying)
+            if transfers:
+                add_turns(state, flying)
+            fly_stretched(mean_free_path, pull.rate, state, flying)
             continue
         if rows.shape[0] == 0:
             scatter(g, state, flying)
         else:
             scatter_by_table(rows, guide, state, flying)
+        if transfers:
+            add_turns(state, flying)
         fly(mean_free_path, state, flying)
-    sort_by_path(paths, first, count, min(found, capacity), ranks)
-    return found, events, unfinished, unfinished_weight
+        if faces is not None:
+            reflect(where, thickness, faces, state, address, flying)
+    sort_by_path(paths, first, count, min(kept_count, capacity), found.ranks)
+    return kept_count, events, unfinished, unfinished_weight
 
 
 @kernel

@@ -8,6 +8,8 @@ import math
 
 WATER = (0.182, 1.129)
 """Where :func:`water` holds, micrometres; so below."""
+CLEAR_WATER = 0.9
+"""Up to where the absorption of water may be left out of a suspension, micrometres: below .007 / mm."""
 POLYSTYRENE = (0.4368, 1.052)
 SILICA = (0.21, 3.71)
 RUTILE = (0.43, 1.53)

@@ -1,5 +1,6 @@
 """What a preset holds, and what it makes."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -8,6 +9,7 @@ import numpy as np
 
 from specklegen.core.values import Positive, UnitInterval, Value
 from specklegen.scene.faces import Faces
+from specklegen.scene.layers import Layer
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import AnyScatterer, Scatterer
 from specklegen.scene.screens import GroundGlass
@@ -34,6 +36,9 @@ class Number:
     checked : Checked
     choices : tuple of float
         Of a number that takes a few values alone, from which one is drawn.
+    band : (float, float)
+        Vacuum wavelengths, micrometres, at which it was measured: elsewhere it has neither default nor range, and must
+        be given.
     """
 
     default: float
@@ -44,6 +49,11 @@ class Number:
     source: str
     checked: Checked
     choices: tuple[float, ...] = ()
+    band: tuple[float, float] = (0.0, math.inf)
+
+    def holds(self, wavelength: float) -> bool:
+        """Whether it was measured at a vacuum wavelength, micrometres."""
+        return self.band[0] <= wavelength <= self.band[1]
 
     def drawn(self, rng: np.random.Generator) -> float:
         """One of the choices, or a number evenly from the range."""
@@ -52,7 +62,9 @@ class Number:
     def __str__(self) -> str:
         spread = f" ({self.low:g} to {self.high:g})" if self.low < self.high else ""
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.default:g}{spread}{unit}: {self.meaning}. {self.source}; {self.checked}."
+        low, high = self.band
+        where = f", {low:g} to {high:g} micrometres alone" if math.isfinite(high) else ""
+        return f"{self.default:g}{spread}{unit}{where}: {self.meaning}. {self.source}; {self.checked}."
 
 
 @dataclass(frozen=True)
@@ -135,6 +147,12 @@ class BulkMaterial(Value):
     def transport_length(self) -> float:
         """l* = mean_free_path / (1 - g)."""
         return self.mean_free_path / (1 - self.scatterer.mean_cosine())
+
+    def layer(self, thickness: float) -> Layer:
+        """One of the layers of :class:`specklegen.Layers`, of a thickness in the unit of the mean free path."""
+        return Layer(
+            thickness=thickness, mean_free_path=self.mean_free_path, albedo=self.albedo, scatterer=self.scatterer
+        )  # fmt: skip
 
     def slab(self, thickness: float, outside: float | None = 1.0, wall: float | None = None) -> Slab:
         """A layer of it.

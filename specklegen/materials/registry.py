@@ -1,10 +1,10 @@
 """Presets by name."""
 
-import warnings
+from collections.abc import Iterable
 
 import numpy as np
 
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.materials.fog import FOG
 from specklegen.materials.ground_glass import GROUND_GLASS
@@ -13,13 +13,14 @@ from specklegen.materials.milk import MILK
 from specklegen.materials.paint import PAINT
 from specklegen.materials.preset import BulkMaterial, Preset
 from specklegen.materials.spheres import POLYSTYRENE, SILICA
-from specklegen.materials.tissue import BONE, BRAIN, MUSCLE, SKIN
+from specklegen.materials.tissue import BONE, BRAIN, DERMIS, EPIDERMIS, FAT, MUSCLE, SKIN
 from specklegen.scene.screens import GroundGlass
 
 PRESETS: dict[str, Preset] = {
     preset.name: preset
     for preset in (
-        POLYSTYRENE, SILICA, INTRALIPID, MILK, SKIN, BRAIN, BONE, MUSCLE, FOG, PAINT, GROUND_GLASS,
+        POLYSTYRENE, SILICA, INTRALIPID, MILK, SKIN, EPIDERMIS, DERMIS, FAT,
+        BRAIN, BONE, MUSCLE, FOG, PAINT, GROUND_GLASS,
     )
 }  # fmt: skip
 
@@ -64,7 +65,8 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
     Raises
     ------
     RuleError
-        If there is no such preset or number, or the wavelength is beyond its formulas.
+        If there is no such preset or number, the wavelength is beyond its formulas, or a number that was measured at
+        other wavelengths alone is left out.
 
     Warns
     -----
@@ -83,11 +85,12 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
         known = preset.numbers[field]
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
             reject(f"materials.get({name!r}) {field}", "a finite number of at least 0", value)
-        if not known.low <= value <= known.high:
-            warnings.warn(
+        if known.holds(wavelength) and not known.low <= value <= known.high:
+            warn_user(
                 f"materials.get({name!r}) {field} = {value:g} lies outside {known.low:g} to {known.high:g}: "
-                f"{known.source}.", DoubtWarning, stacklevel=2,
+                f"{known.source}.",
             )  # fmt: skip
+    require_measured(name, wavelength, numbers)
     given = {field: number.default for field, number in preset.numbers.items()} | numbers
     micrometre = 1e-6 / unit
     made = preset.make(float(wavelength), micrometre, **given)
@@ -103,10 +106,29 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
     )  # fmt: skip
 
 
+def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None:
+    """Refuse to take a number of a preset, or its range, from other wavelengths than those of its measurement.
+
+    Raises
+    ------
+    RuleError
+        With the band, and what to do.
+    """
+    for field, number in about(name).numbers.items():
+        if field not in given and not number.holds(wavelength):
+            low, high = number.band
+            reject(
+                f"materials.get({name!r}) {field}", f"given outside {low:g} to {high:g} micrometres", None,
+                f"Its default is {number.meaning}: another one holds at {wavelength:g} micrometres. Give {field}= "
+                f"({number.unit}) as it was measured there.",
+            )  # fmt: skip
+
+
 def draw(
     name: str, wavelength: float, *, seed: Seed, unit: float = 1e-6, **numbers: float
 ) -> BulkMaterial | GroundGlass:
     """A material by its name, what is not given drawn evenly from the ranges of the literature; see :func:`get`."""
+    require_measured(name, wavelength, numbers)
     rng = np.random.default_rng(stream_key(seed, Stream.MATERIALS))
     spread = {field: number.drawn(rng) for field, number in about(name).numbers.items()}
     return get(name, wavelength, unit=unit, **(spread | numbers))

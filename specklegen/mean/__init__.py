@@ -1,1 +1,1 @@
-"""The mean (ballistic) field of every geometry."""
+"""What an average over media leaves: the mean (ballistic) field; the light that is reflected and transmitted."""

@@ -12,21 +12,26 @@ lights and far views it depends on the medium:
   it (that of a plane wave is a delta at v = i): see :mod:`specklegen.mean.finite`.
 """
 
+import math
+
 import numpy as np
 
 from specklegen.core.arguments import instance
+from specklegen.core.budgets import require_time
 from specklegen.core.errors import reject
+from specklegen.core.memory import require_memory
+from specklegen.core.shielded import shielded
 from specklegen.kernels import mean_integrals
 from specklegen.mean.finite import scattered_mean
 from specklegen.paths.endpoints import light_endpoints, view_endpoints
 from specklegen.paths.faces import reflectance
 from specklegen.paths.volumes import volume_of
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources
+from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import NearField
 
 
+@shielded()
 def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
     """Mean field of a scene, complex128[T, *sensor.shape], in the unit of u; dark in a slab's reflection.
 
@@ -57,16 +62,28 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
     (1, 1, 3)
     """
     lights = instance("mean_field scene", scene, Scene).illumination
-    if isinstance(lights, IncoherentObject):
-        reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", type(lights).__name__)
-    if isinstance(scene.sensor, NearField) or isinstance(lights, PointSources):
+    if not lights.coherent:
+        reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", lights.type)
+    counts = len(scene.lights), math.prod(scene.sensor.shape)
+    require_memory(
+        "mean_field scene", "of a field that is held", 32.0 * math.prod(counts) + _VIEW_BYTES * counts[1],
+        f"{counts[0]} lights, {counts[1]} views", "Take fewer views at a time.", share=0.9,
+    )  # fmt: skip
+    took = 1e-9 * _NANOSECONDS * math.prod(counts)
+    require_time("mean_field scene", took, f"{counts[0]} lights, {counts[1]} views", "Take fewer views.")
+    if scene.sensor.near or lights.near:
         field = _rays(scene)
-    elif isinstance(scene.medium, Slab) or scene.thin is not None:
-        assert isinstance(lights, CollimatedBeams)  # a scene of plane waves has no far field behind a slab
-        field = _layer(scene, lights)
+    elif not scene.medium.has_sides:  # of plane waves it would have no far field
+        field = _layer(scene, scene.beams)
     else:
         field = scattered_mean(scene, most_nodes)
     return field.reshape(len(scene.lights), *scene.sensor.shape)
+
+
+_VIEW_BYTES = 80
+"""Of one view, beside its fields: directions, differences, the pattern of the window; as measured."""
+_NANOSECONDS = 700
+"""Of one light at one view, as measured; a box's nodes have a bound of their own."""
 
 
 def _rays(scene: Scene) -> np.ndarray:
@@ -130,5 +147,4 @@ def straight_through(slab: Slab) -> float:
 
 def _crossing(scene: Scene, cosines: np.ndarray) -> np.ndarray:
     """1 - R float64[n] of a slab's faces at cosines inside; 1 of what has none."""
-    medium = scene.medium
-    return 1 - reflectance(medium.faces, cosines) if isinstance(medium, Slab) else np.ones(np.shape(cosines))
+    return 1 - reflectance(scene.medium.faces, cosines)

@@ -19,8 +19,6 @@ from specklegen.core.parallel import map_blocks
 from specklegen.kernels import mean_integrals
 from specklegen.mean.quadrature import Nodes, beam_nodes
 from specklegen.paths.volumes import materials, spatial, volume_of
-from specklegen.scene.illumination import CollimatedBeams
-from specklegen.scene.media import Box
 from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
 
@@ -42,8 +40,8 @@ def scattered_mean(scene: Scene, most_nodes: float) -> np.ndarray:
     turned = 1j if scene.dimension == 3 else np.exp(0.75j * np.pi)
     scale = turned / scene.wavelength ** ((scene.dimension - 1) / 2)
     shapes = np.stack([forward_ratio(s, lights @ views.T, scene.dimension) for s in materials(scene.volume)])
-    if isinstance(scene.medium, Box) and not isinstance(scene.illumination, CollimatedBeams):
-        return scale * shapes[0] * _box(scene, scene.medium, most_nodes)
+    if scene.medium.homogeneous and not scene.illumination.limited:
+        return scale * shapes[0] * _box(scene, most_nodes)
     rows = []
     for t, light in enumerate(lights):
         row = _integral(scene, light, shapes[:, t], most_nodes / len(lights))
@@ -74,8 +72,9 @@ def forward_ratio(scatterer: Scatterer, cosines: np.ndarray, dimension: int) -> 
     return ratio
 
 
-def _box(scene: Scene, box: Box, most_nodes: float) -> np.ndarray:
+def _box(scene: Scene, most_nodes: float) -> np.ndarray:
     """complex128[T, V], the integral over a homogeneous box of a plane wave."""
+    box = scene.volume
     sides, center = box.upper - box.lower, (box.upper + box.lower) / 2
     geometry = (sides, scene.lights, scene.views, scene.wavelength, box.extinction / 2)
     nodes = mean_integrals.overlap_panels(*geometry) * mean_integrals.NODES

@@ -12,7 +12,7 @@ import numpy as np
 from specklegen.core.quadrature import gauss_legendre
 from specklegen.paths.volumes import spatial
 from specklegen.scene.illumination import CollimatedBeams
-from specklegen.scene.media import Box, Slab, VoxelGrid
+from specklegen.scene.media import Box, VoxelGrid
 from specklegen.scene.scene import Scene
 from specklegen.scene.window import Window
 
@@ -53,9 +53,9 @@ class _Axis(NamedTuple):
 def beam_nodes(scene: Scene, light: np.ndarray, level: int, most: float) -> Nodes | None:
     """Nodes for one light, panels doubled ``level`` times along each axis; None where there are more than ``most``."""
     medium = scene.volume
-    assert not isinstance(medium, Slab)
+    assert isinstance(medium, Box | VoxelGrid)
     fineness = 2.0**level / _RADIANS
-    beams = scene.illumination if isinstance(scene.illumination, CollimatedBeams) else None
+    beams = scene.beams if scene.illumination.limited else None
     main = len(light) - 1 if beams else int(np.abs(light).argmax())
     across = [a for a in range(len(light)) if a != main]
     edges = _edges(medium)
@@ -86,8 +86,8 @@ def beam_nodes(scene: Scene, light: np.ndarray, level: int, most: float) -> Node
 
 def _edges(medium: Box | VoxelGrid) -> list[np.ndarray]:
     """Faces of the medium and of its voxels along each axis."""
-    counts = medium.extinction.shape[::-1] if isinstance(medium, VoxelGrid) else (1,) * len(medium.lower)
-    return [np.linspace(low, high, n + 1) for low, high, n in zip(medium.lower, medium.upper, counts, strict=True)]
+    sides = zip(medium.lower, medium.upper, medium.voxel_counts, strict=True)
+    return [np.linspace(low, high, n + 1) for low, high, n in sides]
 
 
 def _window(
@@ -177,13 +177,13 @@ def _crossings(edges: list[np.ndarray], origins: np.ndarray, light: np.ndarray) 
 
 def _lit(medium: Box | VoxelGrid, points: np.ndarray, weights: np.ndarray) -> Nodes:
     """Weigh points by sigma_t / 2 and drop those in empty voxels."""
-    if isinstance(medium, Box):
+    if medium.homogeneous:
         sigma, kinds = np.full(len(points), medium.extinction), np.zeros(len(points), np.int64)
     else:
         shape = np.array(medium.extinction.shape[::-1])
         cell = ((points - medium.lower) / (medium.upper - medium.lower) * shape).astype(np.int64)
         cell = tuple(np.clip(cell, 0, shape - 1).T[::-1])
-        sigma = medium.extinction[cell]
+        sigma = np.asarray(medium.extinction)[cell]
         kinds = np.broadcast_to(medium.material, medium.extinction.shape)[cell].astype(np.int64)
     lit = (sigma > 0) & (weights > 0)
     return Nodes(spatial(points[lit]), 0.5 * sigma[lit] * weights[lit], kinds[lit])

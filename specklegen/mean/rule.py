@@ -10,9 +10,9 @@ from specklegen.core.values import remembered
 from specklegen.mean.field import mean_field
 from specklegen.paths.pilot import scene_pilot
 from specklegen.paths.tracer import lock_step_obstacle
-from specklegen.scene.illumination import IncoherentObject, PointSources, directions_of_sines
+from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarField, FarFieldGrid, Sensor
+from specklegen.scene.sensors import FarField, Sensor
 from specklegen.theory.phase_screens import scattered_intensity
 
 _BLOCK = 64  # nearest rows and columns in which the rings of a disc are looked for
@@ -36,7 +36,7 @@ def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = Fa
         return _volume_mean_decision(scene, tolerance, reverse)
     ratio = _strongest_mean(scene) / max(scene_pilot(scene, False).intensity, 1e-300)
     decision = _mean_left_out(ratio, tolerance)
-    if ratio > tolerance and isinstance(scene.illumination, IncoherentObject):
+    if ratio > tolerance and not scene.illumination.coherent:
         return replace(decision, reason=_NO_BALLISTIC_IMAGE.format(ratio))
     return decision
 
@@ -56,7 +56,7 @@ def _strongest_mean(scene: Scene) -> float:
         return np.square(np.abs(mean_field(scene.replace(illumination=beam, sensor=sensor))[0]))
 
     grid = scene.sensor
-    if not isinstance(grid, FarFieldGrid):
+    if grid.regular_grid is None:
         return float(intensity(grid).max(initial=0.0))
 
     def over(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -71,7 +71,7 @@ def _strongest_mean(scene: Scene) -> float:
 
 def _volume_mean_decision(scene: Scene, tolerance: float, reverse: bool) -> Decision:
     """The same in any geometry, judged at every view for at most eight of the lights, where that is cheap."""
-    if isinstance(scene.illumination, IncoherentObject):
+    if not scene.illumination.coherent:
         return Decision(_MEAN, False, "not asked for")
     try:
         strongest = float(np.square(np.abs(mean_field(few_lights(scene, 8), most_nodes=_CHEAP))).max(initial=0.0))
@@ -95,18 +95,14 @@ def _mean_left_out(ratio: float, tolerance: float) -> Decision:
 
 def few_lights(scene: Scene, count: int) -> Scene:
     """The scene with at most ``count`` of its lights, spread over all."""
-    light = scene.illumination
     chosen = np.unique(np.linspace(0, len(scene.lights) - 1, count).astype(int))
-    if isinstance(light, PointSources):
-        return scene.replace(illumination=light.replace(points=light.points[chosen]))
-    assert not isinstance(light, IncoherentObject)
-    return scene.replace(illumination=light.replace(directions=light.directions[chosen]))
+    return scene.replace(illumination=scene.illumination.of(chosen))
 
 
 def _nearest_tilt(scene: Scene) -> np.ndarray:
     """float64[3], the tilt that comes nearest to any view, where its mean field is strongest; ties to the axis."""
     directions, sensor = scene.beams.directions, scene.sensor
-    if isinstance(sensor, FarFieldGrid):
+    if sensor.regular_grid is not None:
         x, y = sensor.sines
         inside = np.clip(directions[:, :2], [x[0], y[0]], [x[-1], y[-1]])
         gap = np.linalg.norm(directions[:, :2] - inside, axis=1)

@@ -9,8 +9,13 @@ correlation is read off. docs/physics.md 10.
 
 Light is never scattered backwards and loses nothing by its slant (no 1 / cos theta), so this judges slabs of
 L / l* <= 0.2 only: there its |K| agrees with random walks within 0.013 (L / l* <= 0.1) and 0.02.
+
+Brownian scatterers that have moved for a lag tau leave e^(-D q^2 tau) = e^(-x (q/k)^2) of the amplitude of a screen's
+component at the transverse wavevector q, x = D k^2 tau; what is lost comes back as another screen's. Over all views of
+one beam, tilted by nothing, that is exp{-OD [1 - <e^(-x sin^2 theta)>]}, the mean over the lobe.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +51,7 @@ class MultiSlice:
 
 def multi_slice(
     slab: Slab, *, wavelength: float, pitch: float, size: int, bins: list[int], realizations: int = 1, seed: int = 0,
-    reach: float = 0.1,
+    reach: float = 0.1, motion: float = 0.0,
 ) -> MultiSlice:  # fmt: skip
     """Correlate the fields of tilted plane waves behind random phase screens.
 
@@ -64,6 +69,9 @@ def multi_slice(
         Number of slabs, and the seed of the first.
     reach
         Radius, in sines, of the views about the axis that ``on_axis`` joins.
+    motion
+        x = D k^2 tau >= 0: the tilted beams come a lag tau after the other, which they then need not differ from (a
+        tilt of 0 bins is the correlation in time alone). The screens at lag 0 are the same for all motions.
 
     Raises
     ------
@@ -71,6 +79,8 @@ def multi_slice(
         For a slab outside the domain of this method, or a grid that does not hold the scattered light.
     """
     _check(slab, wavelength, pitch)
+    if not 0 <= motion < np.inf:
+        reject("multi_slice motion", "finite and at least 0", motion)
     count = int(np.ceil(slab.optical_depth / MOST_SCATTERED))
     step = slab.thickness / count
     sines = np.fft.fftfreq(size, pitch / wavelength)
@@ -80,8 +90,11 @@ def multi_slice(
     amplitude = np.sqrt(_spectrum(slab, sines) * (step / slab.mean_free_path)).astype(np.float32)
     unit = np.exp(2j * np.pi * np.arange(size) / size).astype(np.complex64)
     views = (power < reach**2) & (power > 0)  # without what was not scattered
+    kept = np.exp(-motion * power).astype(np.float32)
     found = [
-        _realization(np.random.default_rng([seed, n]), amplitude, half, unit, count, [0, *bins], views, sines)
+        _realization(
+            _screens([seed, n], amplitude, kept, count, moving=motion > 0), half, unit, [0, *bins], views, sines
+        )
         for n in range(realizations)
     ]
     tilts = np.array(bins) * wavelength / (pitch * size)
@@ -122,18 +135,33 @@ def _spectrum(slab: Slab, sines: np.ndarray) -> np.ndarray:
     return share * width**2
 
 
-def _realization(rng, amplitude, half, unit, count, bins, views, sines):
+def _screens(
+    seed: list[int], amplitude: np.ndarray, kept: np.ndarray, count: int, *, moving: bool
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Factors e^(i phi) of every screen, before it moved and after: complex64[n, n] each."""
+    at_rest, moved = np.random.default_rng(seed), np.random.default_rng([*seed, 1])
+
+    def noise(rng: np.random.Generator) -> np.ndarray:
+        real, imaginary = rng.standard_normal((2, *amplitude.shape), dtype=np.float32)
+        return (real + 1j * imaginary) * amplitude
+
+    for n in range(0, count, 2):  # the real and the imaginary part of one transform are two screens
+        first = noise(at_rest)
+        later = first * kept + noise(moved) * np.sqrt(1 - kept**2) if moving else first
+        before = np.asarray(fft2(first))
+        after = np.asarray(fft2(later)) if moving else before
+        yield np.exp(1j * before.real), np.exp(1j * after.real)
+        if n + 1 < count:
+            yield np.exp(1j * before.imag), np.exp(1j * after.imag)
+
+
+def _realization(screens, half, unit, bins, views, sines):
     """|K| over all views, and C_I about the axis, of each tilt but the first: float64[T] each."""
-    size = len(amplitude)
+    size = len(unit)
     fields = [np.broadcast_to(unit[np.arange(size) * tilt % size], (size, size)).copy() for tilt in bins]
-    two = np.zeros((size, size), np.complex64)
-    for n in range(count):
-        if n % 2 == 0:  # the real and the imaginary part of one transform are two screens
-            noise = rng.standard_normal((2, size, size), dtype=np.float32)
-            two = np.asarray(fft2((noise[0] + 1j * noise[1]) * amplitude))
-        screen = np.exp(1j * (two.real if n % 2 == 0 else two.imag))
-        for field in fields:
-            field[...] = _propagated(_propagated(field, half) * screen, half)
+    for before, after in screens:
+        for number, field in enumerate(fields):
+            field[...] = _propagated(_propagated(field, half) * (after if number else before), half)
     spectra = [np.roll(np.asarray(fft2(field)), -tilt, axis=1) for field, tilt in zip(fields, bins, strict=True)]
     every = np.array([_joined(spectra[0], other) for other in spectra[1:]])
     where = np.broadcast_to(sines, views.shape)[views]

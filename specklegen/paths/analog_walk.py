@@ -1,92 +1,137 @@
-"""Light walked through a slab as it goes, collision after collision, to where it leaves by the far face.
+"""Light walked through a medium as it goes, collision after collision, to where it leaves.
 
-The flights are exponential, the angles those of the lobe, and absorption is a weight: nothing is aimed at a view, so
-that sums over all views come without the variance of connections to narrow ones. A flight that meets a face which
-reflects is turned back with Fresnel's probability and keeps its remaining length. All light here has entered the slab.
+Nothing is aimed at a view, so that sums over all views come without the variance of connections to narrow ones
+(:mod:`specklegen.kernels.analog_walk`). All light here has entered the medium, through its face at the lower end of z.
 """
+
+from typing import NamedTuple, Self
 
 import numpy as np
 
+from specklegen.core.budgets import require_time
+from specklegen.core.memory import require_memory
+from specklegen.core.nanoseconds import NANOSECONDS
+from specklegen.core.parallel import Threads, map_blocks, slices
+from specklegen.core.random_streams import Seed, Stream, stream_key
+from specklegen.kernels import analog_walk
+from specklegen.paths.endpoints import AXIS
 from specklegen.paths.faces import reflectance
-from specklegen.scene.media import Slab
+from specklegen.paths.phase_tables import phase_table
+from specklegen.paths.slab_tracer import events_per_path, require_traceable
+from specklegen.paths.volumes import materials, volume_of
+from specklegen.scene.faces import Faces
+from specklegen.scene.media import Medium, PlaneMedium
 
-_NODES = 20001  # of the scattering angle, dense towards the forward lobe
-_MOST_COLLISIONS = 100_000
+_BLOCK = 4096  # paths
+_BYTES = 300  # a path, with what is made of it
 
 
-def transmittance(slab: Slab, paths: int, seed: int) -> tuple[float, float]:
+class Exits(NamedTuple):
+    """Where paths end.
+
+    Attributes
+    ----------
+    position, direction : float64[P, 3]
+        On the medium's surface; of travel, inside.
+    weight : float64[P]
+        Share of the light of each path that absorption has left; 0 of those that roulette ended.
+    collisions, face : int64[P]
+        Scattering events; ENTRANCE, FAR, SIDE or ENDED of :mod:`specklegen.kernels.analog_walk`.
+    transfer : float64[P]
+        Momentum transfer Y (:mod:`specklegen.paths.momentum`); 0 of a medium at rest.
+    """
+
+    position: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+    collisions: np.ndarray
+    face: np.ndarray
+    transfer: np.ndarray
+
+    def scattered(self, face: int) -> np.ndarray:
+        """Weights float64[P] of the light that was scattered and left by a face, 0 of all other."""
+        return np.where((self.face == face) & (self.collisions > 0), self.weight, 0.0)
+
+    def straight(self, face: int) -> np.ndarray:
+        """Whether a path left by a face without a collision, bool[P]."""
+        return (self.face == face) & (self.collisions == 0)
+
+    def select(self, chosen: np.ndarray) -> Self:
+        """The same of the paths bool[P]."""
+        return type(self)(*(each[chosen] for each in self))
+
+
+def require_walkable(owner: str, medium: Medium, paths: int, beside: float = 0.0) -> None:
+    """Refuse media whose light takes too many collisions to leave, and more paths than fit or than anybody waits for.
+
+    Parameters
+    ----------
+    owner
+        The verb that is asked, for messages.
+    beside
+        Seconds that the verb takes with what the paths find.
+
+    Raises
+    ------
+    RuleError
+        With the remedy.
+    """
+    events = events_per_path(medium)
+    require_traceable(medium, events)
+    took = 1e-9 * NANOSECONDS["volume event"] * events * paths + beside
+    require_memory(f"{owner} paths", "held", _BYTES * paths, f"{paths} paths", "Ask for fewer paths.")
+    require_time(f"{owner} paths", took, f"{paths} paths", "Ask for fewer paths.")
+
+
+def walk(
+    medium: Medium, faces: Faces, light: np.ndarray, paths: int, seed: Seed, *, stream: Stream = Stream.PATHS,
+    threads: Threads = None,
+) -> Exits:  # fmt: skip
+    """Walk paths through a medium of three dimensions, from the direction float64[3] of the light inside."""
+    volume, table = volume_of(medium, 3), phase_table(materials(medium), 3)
+    key = stream_key(seed, stream)
+    exits = np.empty((paths, analog_walk.COLUMNS))
+    collisions, face = np.empty((2, paths), np.int64)
+    turned = np.zeros(paths if len(volume.mobility) else 0)
+
+    def block(part: slice) -> None:
+        analog_walk.walk_analog(
+            *key,
+            part.start,
+            volume,
+            table,
+            faces.indices,
+            light,
+            exits[part],
+            collisions[part],
+            face[part],
+            turned[part],
+        )
+
+    map_blocks(block, slices(paths, _BLOCK), threads)
+    return Exits(exits[:, : analog_walk.DX], exits[:, analog_walk.DX : analog_walk.WEIGHT],
+                 exits[:, analog_walk.WEIGHT], collisions, face,
+                 turned if len(turned) else np.zeros(paths))  # fmt: skip
+
+
+def transmittance(slab: PlaneMedium, paths: int, seed: Seed) -> tuple[float, float]:
     """Share of a beam along the axis that leaves by the far face, unscattered light included; its standard error.
 
     Of a slab with faces, the share of the light that has entered it. The error is at least one path's, since none that
     was lost does not mean that none can be.
     """
-    weights = walked(slab, paths, seed)[2]
+    weights = walk(slab, slab.faces, AXIS, paths, seed).scattered(analog_walk.FAR)
     error = max(float(weights.std() / np.sqrt(paths)), 1 / paths)
     straight, back = np.exp(-slab.optical_depth), float(reflectance(slab.faces, np.ones(1))[0])
     return float((1 - back) * straight / (1 - (back * straight) ** 2) + weights.mean()), error
 
 
-def walked(slab: Slab, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lateral walks float64[P, 2], directions float64[P, 2] and weights float64[P], 0 of light that is not seen."""
-    rng = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed)))
-    tables = [_angles(scatterer) for scatterer, _ in slab.scatterer.components]
-    shares = np.cumsum([share for _, share in slab.scatterer.components])
-    position, direction = np.zeros((paths, 3)), np.tile([0.0, 0.0, 1.0], (paths, 1))
-    weights, collided, alive = np.zeros(paths), np.zeros(paths), np.arange(paths)
-    for _ in range(_MOST_COLLISIONS):
-        flight = rng.exponential(slab.mean_free_path, len(alive))[:, None]
-        ahead = position[alive] + flight * direction[alive]
-        if not slab.faces.matched:
-            _turned_back(slab, alive, position, direction, ahead, rng)
-        inside = (ahead[:, 2] >= 0) & (ahead[:, 2] <= slab.thickness)
-        out = alive[(ahead[:, 2] > slab.thickness) & (collided[alive] > 0)]
-        left = (slab.thickness - position[out, 2:]) / direction[out, 2:]
-        position[out] += left * direction[out]
-        weights[out] = slab.albedo ** collided[out]
-        alive, ahead = alive[inside], ahead[inside]
-        if not len(alive):
-            break
-        position[alive] = ahead
-        collided[alive] += 1
-        kind = np.searchsorted(shares[:-1], rng.random(len(alive)) * shares[-1])
-        drawn = rng.random(len(alive))
-        theta = np.select([kind == n for n in range(len(tables))], [np.interp(drawn, *table) for table in tables])
-        direction[alive] = _turned(direction[alive], theta, 2 * np.pi * rng.random(len(alive)))
-    return position[:, :2], direction[:, :2], weights
+def walked(
+    slab: PlaneMedium, paths: int, seed: Seed, threads: Threads = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Lateral walks float64[P, 2], directions float64[P, 2], weights float64[P], 0 of light that is not seen, and Y.
 
-
-def _turned_back(slab: Slab, alive: np.ndarray, position, direction, ahead: np.ndarray, rng) -> None:
-    """Reflect flights to points ``ahead`` float64[n, 3], as often as faces do; legs are unfolded.
-
-    Depths of ``position``, ``direction`` and ``ahead`` are mirrored about the face that a flight met.
+    Of scattered light behind a slab, from a beam along the axis.
     """
-    there = np.arange(len(alive))
-    while True:
-        there = there[(ahead[there, 2] < 0) | (ahead[there, 2] > slab.thickness)]
-        if not len(there):
-            return
-        slant = direction[alive[there], 2]
-        there = there[rng.random(len(there)) < reflectance(slab.faces, slant)]
-        who = alive[there]
-        face = np.where(direction[who, 2] > 0, slab.thickness, 0.0)
-        position[who, 2], ahead[there, 2] = 2 * face - position[who, 2], 2 * face - ahead[there, 2]
-        direction[who, 2] *= -1
-
-
-def _angles(scatterer) -> tuple[np.ndarray, np.ndarray]:
-    """Shares of the light below an angle, and the angles, both float64[n]."""
-    theta = np.pi * np.square(np.linspace(0, 1, _NODES))
-    density = np.square(np.abs(scatterer.amplitude(np.cos(theta)))) * np.sin(theta)
-    shares = np.append(0.0, np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(theta)))
-    return shares / shares[-1], theta
-
-
-def _turned(direction: np.ndarray, theta: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    """Unit vectors turned by theta about azimuths; the frame of Duff et al., JCGT 6, 1 (2017)."""
-    x, y, z = direction.T
-    sign = np.copysign(1.0, z)
-    a = -1 / (sign + z)
-    first = np.stack([1 + sign * x * x * a, sign * x * y * a, -sign * x], axis=1)
-    second = np.stack([x * y * a, sign + y * y * a, -y], axis=1)
-    across = np.sin(theta)[:, None] * (np.cos(azimuth)[:, None] * first + np.sin(azimuth)[:, None] * second)
-    return across + np.cos(theta)[:, None] * direction
+    exits = walk(slab, slab.faces, AXIS, paths, seed, threads=threads)
+    return exits.position[:, :2], exits.direction[:, :2], exits.scattered(analog_walk.FAR), exits.transfer

@@ -8,6 +8,9 @@ import numpy as np
 from specklegen.core.parallel import Threads, map_blocks
 from specklegen.kernels import walk
 
+BLOCK = 4096
+"""Paths per block: the unit of parallel work, and of every fixed-order sum."""
+
 
 @dataclass(frozen=True)
 class PathBank:
@@ -15,8 +18,9 @@ class PathBank:
 
     Attributes
     ----------
-    records : float64[M, walk.RECORD]
-        Vertices, directions, weights and path lengths; the properties below name the columns.
+    records : float64[M, walk.RECORD], or of a column more
+        Vertices, directions, weights and path lengths, and the momentum transfer where it was asked for; the properties
+        below name the columns.
     orders : int32[M]
         Number of vertices, B.
     paths : int64[M]
@@ -80,6 +84,11 @@ class PathBank:
         return self.records[:, walk.LENGTH]
 
     @property
+    def transfer(self) -> np.ndarray:
+        """float64[M], sum of 1 - cos theta over x2 ... x_(B-1), each times the mobility of its particle."""
+        return self.records[:, walk.TRANSFER]
+
+    @property
     def single(self) -> Self:
         """The connections of single scattering."""
         return self.select(self.orders == 1)
@@ -109,7 +118,8 @@ def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
     """Join banks in the order given."""
     ends = np.cumsum([0, *map(len, banks)])
     total = ends[-1]
-    records, orders, paths = np.empty((total, walk.RECORD)), np.empty(total, np.int32), np.empty(total, np.int64)
+    columns = banks[0].records.shape[1] if banks else walk.RECORD
+    records, orders, paths = np.empty((total, columns)), np.empty(total, np.int32), np.empty(total, np.int64)
     types, bounces = np.empty((total, 2), np.int32), np.empty((total, 2), np.int8)
 
     def copy(n: int) -> None:
@@ -131,6 +141,11 @@ def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
     )
 
 
-def empty_bank(count: int) -> PathBank:
+def columns_of(transfer: bool) -> int:
+    """Columns of a record, with or without the momentum transfer."""
+    return walk.TRANSFER + 1 if transfer else walk.RECORD
+
+
+def empty_bank(count: int, transfer: bool = False) -> PathBank:
     """A bank of ``count`` paths without connections."""
-    return replace(concatenate([]), count=count)
+    return replace(concatenate([]), count=count, records=np.empty((0, columns_of(transfer))))

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from specklegen.core.errors import reject
-from specklegen.core.values import remembered
 from specklegen.kernels import walk
 from specklegen.kernels.volume import Volume
 from specklegen.paths.bank import PathBank
@@ -19,7 +18,7 @@ from specklegen.paths.endpoints import Endpoints
 from specklegen.paths.layout import Layout, scene_layout
 from specklegen.paths.stretching import crossing_variance, decay, flat_decay
 from specklegen.paths.volumes import materials
-from specklegen.scene.media import Box, Medium, Slab, VoxelGrid
+from specklegen.scene.media import Medium, Slab
 from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
 
@@ -35,26 +34,21 @@ _MOST_RATES = 64  # of the albedos of a material
 _SLIVER = 1e-3  # of a side, or a tenth of a mean free path: thinner ones are not looked at
 
 
-def unseen_variance(scene: Scene) -> float:
-    """Var w / (E w)^2 of paths, at the best of a few lights and views, where pilots cannot know it; else 0."""
-    return min(_variances(scene), default=0.0)
-
-
-def dark_views(scene: Scene, drawn: bool, powers: np.ndarray) -> str | None:
+def dark_views(variances: tuple[float, ...], powers: np.ndarray) -> str | None:
     """Why a scene's dark views are not to be trusted beside its bright ones; None where all are lit alike.
 
     Parameters
     ----------
-    drawn
-        Whether paths are drawn across the medium.
+    variances
+        Of :func:`crossing_variances`; none where paths are drawn across the medium.
     powers
         float64[n], intensities that paths found at lights and views, or at a few of them.
     """
-    lit, unseen = float(np.max(powers, initial=0.0)), () if drawn else _variances(scene)
+    lit = float(np.max(powers, initial=0.0))
     dark = float(np.min(powers, initial=lit))
     if lit > 0 and dark < DARK * lit:
         told = f"some are found at {dark / lit:.1g} of the brightest"
-    elif unseen and min(unseen) == 0 < max(unseen):
+    elif variances and min(variances) == 0 < max(variances):
         told = "next to no path crosses the absorbing medium to some"
     else:
         return None
@@ -72,7 +66,7 @@ def require_reach(owner: str, variance: float, paths: int) -> None:
     owner
         Function that is asked, for the message.
     variance
-        Of :func:`unseen_variance`.
+        Least of :func:`crossing_variances`.
     paths
         Paths of the run.
 
@@ -118,19 +112,17 @@ def _nu(scatterer: Scatterer, albedo: float, dimension: int) -> float:
     return decay(Slab(thickness=1.0, mean_free_path=1.0, albedo=albedo, scatterer=scatterer))
 
 
-@remembered(64)
-def _variances(scene: Scene) -> tuple[float, ...]:
-    """Relative variances, pilots unknowing, at pairs of a few lights and views.
+def crossing_variances(scene: Scene) -> tuple[float, ...]:
+    """Var w / (E w)^2 of paths, where pilots cannot know it, else 0: at pairs of a few lights and views.
 
     Light that reaches a view has to cross, by scattering, what no straight way in and straight way out spare it. It
     falls by the decay of each material that it crosses.
     """
     if not len(scene.lights) or not np.prod(scene.sensor.shape) or not np.any(scene.medium.albedo):
         return ()
-    assert isinstance(scene.medium, Slab | Box | VoxelGrid), "screens have no paths"
     layout = scene_layout(scene).probed()
     layout = replace(layout, lights=layout.lights.probed(), views=layout.views.probed())
-    rates = _rates(scene.medium, layout.volume, scene.dimension)
+    rates = _rates(scene.volume, layout.volume, scene.dimension)
     if not rates.any():
         return ()
     depths = _depths(scene, layout)
@@ -156,7 +148,7 @@ def _depths(scene: Scene, layout: Layout) -> np.ndarray:
     out = _lost(layout, clear, bank, layout.views, "exit")
     depths = (into[:, None] + out).min(axis=-1).ravel()
     # Straight ways may lead aslant through a slab; what has to be crossed is no deeper than it.
-    return np.minimum(depths, scene.medium.optical_depth) if isinstance(scene.medium, Slab) else depths
+    return depths if scene.medium.has_sides else np.minimum(depths, scene.optical_depth)
 
 
 def _lost(layout: Layout, clear: Layout, bank: PathBank, endpoints: Endpoints, end: End) -> np.ndarray:
@@ -169,7 +161,7 @@ def _lost(layout: Layout, clear: Layout, bank: PathBank, endpoints: Endpoints, e
 def _points(layout: Layout, mean_free_path: float) -> np.ndarray:
     """Points float64[M, 3] all over a medium, and just within its faces; beside the lights where it has no sides."""
     axes = []
-    for axis, (low, high) in enumerate(layout.volume.bounds.T):
+    for axis, (low, high) in enumerate(layout.volume.bounds[:2].T):
         if np.isfinite([low, high]).all():
             inset = min(_SLIVER, 0.1 * mean_free_path / (high - low)) if high > low else _SLIVER
             axes.append(low + (high - low) * np.clip(_INSETS, inset, 1 - inset))

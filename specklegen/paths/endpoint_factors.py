@@ -53,9 +53,9 @@ def endpoint_factors(
     def part(start: int) -> None:
         stop = start + _VIEWS_AT_ONCE
         kernels.endpoint_factors(
-            layout.volume, layout.table, bank.records, column, sign, bank.types, side, endpoints.near,
-            vectors[start:stop], turns[start:stop], endpoints.wavelength, endpoints.footprint, endpoints.radius,
-            out[start:stop],
+            layout.volume, layout.table, bank.records, column, sign, bank.types, side,
+            kernels.Targets(endpoints.near, vectors[start:stop], turns[start:stop]), endpoints.wavelength,
+            endpoints.footprint, endpoints.radius, out[start:stop],
         )  # fmt: skip
         if not layout.faces.matched:
             out[start:stop] *= crossing_factors(layout.faces, vectors[start:stop], bank.bounces[:, side])

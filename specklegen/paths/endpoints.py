@@ -13,12 +13,11 @@ from typing import Self
 import numpy as np
 
 from specklegen.kernels import volume_walk
-from specklegen.kernels.walk import UNLIMITED
+from specklegen.kernels.footprints import UNLIMITED
 from specklegen.paths.volumes import footprint_code, spatial
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PointSources, directions_of_sines
-from specklegen.scene.media import Slab
+from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid, NearField
+from specklegen.scene.sensors import FarFieldGrid
 
 _PROBES = 5
 AXIS = np.array([0.0, 0.0, 1.0])
@@ -107,10 +106,10 @@ def offsets(directions: np.ndarray, reference: np.ndarray, wavelength: float) ->
 def light_endpoints(scene: Scene) -> Endpoints:
     """The lights of a scene."""
     lights = spatial(scene.lights)
-    if isinstance(scene.illumination, PointSources):
+    if scene.illumination.near:
         return Endpoints(True, lights, scene.wavelength)
-    reference = -AXIS if isinstance(scene.medium, Slab) else np.zeros(3)
-    if isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
+    reference = np.zeros(3) if scene.medium.has_sides else -AXIS
+    if scene.illumination.limited:
         beams = scene.beams
         footprint = footprint_code(beams.profile)
         return Endpoints(False, -lights, scene.wavelength, footprint, beams.width / 2, reference)
@@ -119,10 +118,11 @@ def light_endpoints(scene: Scene) -> Endpoints:
 
 def view_endpoints(scene: Scene) -> Endpoints:
     """The views of a scene, in C order."""
-    if isinstance(scene.sensor, NearField):
+    if scene.sensor.near:
         return Endpoints(True, spatial(scene.views), scene.wavelength)
-    reference = scene.side * AXIS if isinstance(scene.medium, Slab) else np.zeros(3)
-    given = scene.sensor if isinstance(scene.sensor, FarFieldGrid) else spatial(scene.views)
+    reference = np.zeros(3) if scene.medium.has_sides else scene.side * AXIS
+    grid = scene.sensor.regular_grid
+    given = spatial(scene.views) if grid is None else grid
     return Endpoints(False, given, scene.wavelength, reference=reference)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from specklegen.core.errors import reject
 from specklegen.kernels.fresnel import reflectances
 from specklegen.scene.faces import Faces
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
 
 MOST_IMAGES = 7
 _LEFT_OUT = 1e-4  # of the light of an end, in reflections that are not followed
@@ -30,7 +30,7 @@ def reflectance(faces: Faces, cosines: np.ndarray) -> np.ndarray:
     return out.reshape(np.shape(cosines))
 
 
-def images(medium: Slab, directions: np.ndarray) -> int:
+def images(medium: PlaneMedium, directions: np.ndarray) -> int:
     """Reflections of a leg that are followed for lights and views float64[n, 3]: all but 1e-4 of the light."""
     if medium.faces.matched or not len(directions):
         return 0
@@ -41,7 +41,7 @@ def images(medium: Slab, directions: np.ndarray) -> int:
     return min(MOST_IMAGES, max(0, math.ceil(math.log(_LEFT_OUT * (1 - share)) / math.log(share)) - 1))
 
 
-def seen_through(medium: Slab, views: np.ndarray, most: int) -> np.ndarray:
+def seen_through(medium: PlaneMedium, views: np.ndarray, most: int) -> np.ndarray:
     """Views float64[n, 3] as roulette judges by them: float64[(most + 1) n, 5].
 
     One block for every number of reflections of the last leg. A row holds the direction in which the leg leaves its
@@ -52,7 +52,7 @@ def seen_through(medium: Slab, views: np.ndarray, most: int) -> np.ndarray:
     return np.ascontiguousarray(np.concatenate(rows))
 
 
-def _reached(medium: Slab, views: np.ndarray, m: int) -> np.ndarray:
+def _reached(medium: PlaneMedium, views: np.ndarray, m: int) -> np.ndarray:
     up, slant = views[:, 2] > 0, np.abs(views[:, 2])
     from_below = up == (m % 2 == 0)  # whether the leg leaves its vertex upwards
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -75,7 +75,7 @@ def crossing_factors(faces: Faces, vectors: np.ndarray, bounces: np.ndarray) -> 
     return table[:, bounces]
 
 
-def require_reflection(medium: Slab, views: np.ndarray) -> None:
+def require_reflection(medium: PlaneMedium, views: np.ndarray) -> None:
     """Refuse reversed paths through a slab with faces: both ways then end behind different ones.
 
     Raises

@@ -21,7 +21,7 @@ import numpy as np
 from specklegen.core.decision import Decision
 from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import remembered
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
 from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
 
@@ -59,7 +59,7 @@ class LobeLoss(NamedTuple):
         return not self.negligible and self.far_field < FAR
 
 
-def lobe_loss(medium: Slab, wavelength: float, tilt: float) -> LobeLoss:
+def lobe_loss(medium: PlaneMedium, wavelength: float, tilt: float) -> LobeLoss:
     """What endpoint factors lose between two lights a ``tilt`` (radians) apart."""
     loss = 1 - overlap(medium.scatterer, float(f"{abs(tilt):.9g}")) ** 4
     turns = 2 * np.pi * medium.mean_free_path / wavelength
@@ -76,7 +76,7 @@ def overlap(scatterer: Scatterer, tilt: float) -> float:
 
 def _overlap(particle: Scatterer, tilt: float) -> complex:
     """A(t) by nodes about one lobe, shared with those about the other by their distances squared: two equal halves."""
-    theta, weights = _quadrature(particle)
+    theta, weights = _quadrature()
     angle = (np.arange(_AROUND) + 0.5) * np.pi / _AROUND
     own = np.sin(theta / 2)[:, None] ** 2  # (1 - cos) / 2 from either axis, without cancellation
     other = np.sin((theta - tilt) / 2)[:, None] ** 2 + np.outer(np.sin(theta), np.sin(tilt) * np.sin(angle / 2) ** 2)
@@ -85,8 +85,7 @@ def _overlap(particle: Scatterer, tilt: float) -> complex:
     return complex((weights[:, None] * product).sum() * 2 * np.pi / _AROUND)
 
 
-@remembered(32)
-def _quadrature(particle: Scatterer) -> tuple[np.ndarray, np.ndarray]:
+def _quadrature() -> tuple[np.ndarray, np.ndarray]:
     """Angles float64[n] dense towards the axis, and weights for sin(theta) d theta."""
     t, weights = gauss_legendre(_ALONG)
     low, high = np.log(1e-9), np.log(np.pi)
@@ -111,9 +110,9 @@ def far_field_decision(scene: Scene) -> Decision | None:
 
     Views of one tilt do not matter: their grains are far finer than any lobe.
     """
-    medium = scene.medium
-    if not isinstance(medium, Slab) or scene.dimension == 2 or len(scene.lights) < 2 or medium.albedo == 0:
+    if scene.medium.has_sides or scene.dimension == 2 or len(scene.lights) < 2 or scene.slab.albedo == 0:
         return None
+    medium = scene.slab
     reach = float(np.linalg.norm(np.ptp(scene.lights[:, :2], axis=0)))
     found = lobe_loss(medium, scene.wavelength, reach)
     if not found.spurious:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.core.statistics import carriers
+from specklegen.core.statistics import effective_count
 from specklegen.paths.rare_paths import ENOUGH
 
 TOLERANCE = 0.02
@@ -62,13 +62,13 @@ class PathMoments:
         Var w / (E w)^2 of the whole path.
     concentration : float
         E sum_B w_B^2 / (E w)^2.
-    carriers : float
+    effective_paths : float
         How many of the paths carry the variance.
     """
 
     relative_variance: float
     concentration: float
-    carriers: float = np.inf
+    effective_paths: float = np.inf
 
     @classmethod
     def of(cls, weights: np.ndarray, paths: np.ndarray, count: int) -> "PathMoments":
@@ -79,7 +79,7 @@ class PathMoments:
             return cls(0.0, 0.0)
         # Over the mean before they are squared: the square of faint light underflows.
         seen = whole / mean
-        return cls(float(seen.var()), float(np.square(weights / mean).sum() / count), float(carriers(seen - 1)))
+        return cls(float(seen.var()), float(np.square(weights / mean).sum() / count), float(effective_count(seen - 1)))
 
     def stated(self) -> "PathMoments":
         """The same, one standard error of the variance higher where fewer than ``ENOUGH`` paths carry it.
@@ -87,10 +87,10 @@ class PathMoments:
         Most samples have too few of rare paths, so that half of all variances would be understated, and by more than
         others are overstated.
         """
-        if self.carriers >= ENOUGH:
+        if self.effective_paths >= ENOUGH:
             return self
-        more = 1 + self.carriers**-0.5
-        return PathMoments(self.relative_variance * more, self.concentration * more, self.carriers)
+        more = 1 + self.effective_paths**-0.5
+        return PathMoments(self.relative_variance * more, self.concentration * more, self.effective_paths)
 
     @property
     def image_variance(self) -> float:

@@ -11,7 +11,7 @@ from specklegen.paths.endpoints import Endpoints, light_endpoints, plane_endpoin
 from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.volumes import materials, volume_of
 from specklegen.scene.faces import Faces
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
 from specklegen.scene.scene import Scene
 
 
@@ -78,15 +78,11 @@ def scene_layout(scene: Scene) -> Layout:
         lights=light_endpoints(scene),
         views=view_endpoints(scene),
         wavelength=scene.wavelength,
-        faces=_faces(scene.volume),
+        faces=scene.medium.faces,
     )
 
 
-def _faces(medium: object) -> Faces:
-    return medium.faces if isinstance(medium, Slab) else Faces()
-
-
-def plane_layout(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray) -> Layout:
+def plane_layout(medium: PlaneMedium, wavelength: float, lights: np.ndarray, views: np.ndarray) -> Layout:
     """Lay out a slab under unlimited plane waves float64[T, 3], seen from float64[V, 3], unit vectors of travel.
 
     Intensities are per unit area of the face.

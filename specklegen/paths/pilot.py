@@ -12,12 +12,12 @@ from specklegen.core.decision import Decision
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
-from specklegen.paths.deep_absorption import dark_views, unseen_variance
+from specklegen.paths.deep_absorption import crossing_variances, dark_views
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.rare_paths import ENOUGH, rare_paths_decision
 from specklegen.paths.slab_tracer import SlabTracer
-from specklegen.paths.tracer import Tracer, scene_tracer, volume_tracer
+from specklegen.paths.tracer import Tracer, lock_step_obstacle, slab_tracer, volume_tracer
 from specklegen.scene.scene import Scene
 
 PILOT_PATHS = 6000
@@ -45,7 +45,7 @@ class Pilot:
         Largest mean intensity among these.
     multiple_share : float
         Largest share of multiple scattering in the intensity among these, three standard errors included.
-    unseen : float
+    missed_variance : float
         What absorption makes of the relative variance where too few paths cross the medium for a pilot to know; else 0.
     decisions : tuple of Decision
         What the rules of pilots say: rare paths, dark views.
@@ -56,7 +56,7 @@ class Pilot:
     moments: PathMoments
     intensity: float
     multiple_share: float
-    unseen: float
+    missed_variance: float
     decisions: tuple[Decision, ...]
 
     @property
@@ -70,19 +70,22 @@ class Pilot:
         return len(self.bank) / max(self.bank.count, 1)
 
 
-@remembered(64)
 def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
     """Pilot of a scene, with or without reversed paths, by the tracer that serves it."""
-    return _pilot(scene, scene_tracer(scene, reverse), reverse)
+    return pilot_by_walk(scene, reverse, lock_step_obstacle(scene) is not None)
+
+
+def volume_pilot(scene: Scene, reverse: bool) -> Pilot:
+    """The same by the walk of any geometry."""
+    return pilot_by_walk(scene, reverse, True)
 
 
 @remembered(64)
-def volume_pilot(scene: Scene, reverse: bool) -> Pilot:
-    """The same by the walk of any geometry."""
-    return _pilot(scene, volume_tracer(scene, reverse), reverse)
-
-
-def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
+def pilot_by_walk(scene: Scene, reverse: bool, any_geometry: bool) -> Pilot:
+    """Pilot of a scene by the walk of any geometry, or by that of beams through a slab; of a film that of its rest."""
+    tracer: Tracer = volume_tracer(scene, reverse) if any_geometry else slab_tracer(scene, reverse)
+    if scene.film:
+        return replace(pilot_by_walk(scene.at_rest, reverse, any_geometry), tracer=tracer)
     seed = pilot_seed(scene.unitless_fingerprint())
     bank = tracer.trace(seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
     powers = _powers(tracer, reverse, bank)
@@ -94,13 +97,15 @@ def _pilot(scene: Scene, tracer: Tracer, reverse: bool) -> Pilot:
         if mean > 0:
             share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(PILOT_PATHS)) / mean)
     drawn = isinstance(tracer, SlabTracer) and tracer.across
-    unseen = 0.0 if drawn else unseen_variance(scene)
+    variances = () if drawn else crossing_variances(scene)
+    missed_variance = min(variances, default=0.0)
     moments = _sure(tracer, reverse, seed, bank, powers).stated()
-    moments = replace(moments, relative_variance=max(moments.relative_variance, unseen))
-    dark = dark_views(scene, drawn, np.array(means))
-    rules = rare_paths_decision(moments.carriers), Decision("dark views", True, dark, doubt=True) if dark else None
+    moments = replace(moments, relative_variance=max(moments.relative_variance, missed_variance))
+    dark = dark_views(variances, np.array(means))
+    shadow = Decision("dark views", True, dark, doubt=True) if dark else None
+    rules = rare_paths_decision(moments.effective_paths), shadow
     decisions = tuple(decision for decision in rules if decision)
-    return Pilot(tracer, bank, moments, float(max(means, default=0.0)), float(share), unseen, decisions)
+    return Pilot(tracer, bank, moments, float(max(means, default=0.0)), float(share), missed_variance, decisions)
 
 
 def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:
@@ -130,7 +135,7 @@ def _sure(tracer: Tracer, reverse: bool, seed: Seed, bank: PathBank, found: _Pow
     most = int(PILOT_PATHS / rate) if rate > 0 else PILOT_PATHS
     count = PILOT_PATHS
     moments = _worst(found, count)
-    while moments.carriers < ENOUGH and 2 * count <= most:
+    while moments.effective_paths < ENOUGH and 2 * count <= most:
         more = tracer.trace(seed, count, first=count, stream=Stream.PILOT, threads=1)
         found, count = found + _powers(tracer, reverse, more), 2 * count
         moments = _worst(found, count)

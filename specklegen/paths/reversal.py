@@ -1,20 +1,14 @@
 """Which parts of the physics a scene of any geometry needs."""
 
-from typing import Literal
-
 import numpy as np
 
+from specklegen.core.budgets import Reverse
 from specklegen.core.decision import Decision
-from specklegen.core.errors import reject
 from specklegen.paths.backscattering_wing import excess_bound
 from specklegen.paths.volumes import materials
-from specklegen.scene.illumination import PointSources
-from specklegen.scene.media import Medium, Slab, VoxelGrid
+from specklegen.scene.media import Medium
 from specklegen.scene.scatterers import Dimensions
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid, NearField
-
-Reverse = bool | Literal["auto"]
 
 
 def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision:
@@ -24,13 +18,10 @@ def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision
     """
     if scene.thin is not None:
         return Decision("reversed paths", False, "a thin screen sends no light back")
-    near = isinstance(scene.sensor, NearField) or isinstance(scene.illumination, PointSources)
-    if reverse == "auto" and near:
+    if reverse == "auto" and (scene.sensor.near or scene.illumination.near):
         return Decision("reversed paths", True, "kept: between points nothing bounds what they add")
     if np.isinf(scene.volume.mean_free_path):
         return Decision("reversed paths", False, "nothing scatters")
-    if reverse != "auto" and not isinstance(reverse, bool):
-        reject("reverse", 'True, False or "auto"', reverse)
     return reversal_decision(
         scene.volume, scene.wavelength, scene.lights, _nearest_backscattering(scene), reverse, tolerance
     )
@@ -38,8 +29,8 @@ def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision
 
 def _nearest_backscattering(scene: Scene) -> np.ndarray:
     """Views float64[n, d] that include, for every light, the nearest to exact backscattering."""
-    grid = scene.sensor
-    if not isinstance(grid, FarFieldGrid):
+    grid = scene.sensor.regular_grid
+    if grid is None:
         return scene.views
     if grid.side == "transmission" and scene.lights[:, -1].min(initial=1.0) > 0:
         return grid.corner_directions  # |i + v| >= i_z + v_z decides, and the corners are farthest from the axis
@@ -66,9 +57,7 @@ def reversal_decision(
     part = "reversed paths"
     if isinstance(reverse, bool):
         return Decision(part, reverse, "asked for" if reverse else "as asked")
-    if reverse != "auto":
-        reject("reverse", 'True, False or "auto"', reverse)
-    if isinstance(medium, Slab) and not medium.faces.matched and (views[..., -1] > 0).any():
+    if not medium.faces.matched and (views[..., -1] > 0).any():
         return Decision(part, False, "behind a slab between refracting faces no light comes back the way it went")
     dimension = views.shape[-1]
     nearest = _nearest_sum(light.reshape(-1, dimension), views.reshape(-1, dimension))
@@ -85,9 +74,7 @@ def _wing(medium: Medium, wavelength: float, dimensions: Dimensions, nearest: fl
     """Largest share of the intensity that reversed paths add at |i + v| = ``nearest``, over a medium's materials."""
     if np.isinf(medium.mean_free_path):
         return 0.0
-    way = medium.thickness if isinstance(medium, Slab) else float(np.min(medium.upper - medium.lower))
-    if isinstance(medium, VoxelGrid):
-        way /= max(medium.extinction.shape)  # no flight ends sooner than within one voxel
+    way = medium.narrowest / max(medium.voxel_counts)  # no flight ends sooner than within one voxel
     # To 9 digits, so that no unit of length sways it.
     turns, depth = (float(f"{x:.9g}") for x in (medium.mean_free_path / wavelength, way / medium.mean_free_path))
     albedo, distance = float(np.max(medium.albedo)), float(f"{min(nearest, 2.0):.9g}")

@@ -58,7 +58,7 @@ def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:
     return replace(tracer, threshold=ALWAYS_FROM * float((bank.weight * _judged_power(tracer, bank)).mean()))
 
 
-def capacious(tracer: VolumeTracer) -> VolumeTracer:
+def with_capacity(tracer: VolumeTracer) -> VolumeTracer:
     """Reserve twice what a pilot's paths connect; memory that is not written to costs nothing."""
     bank = tracer.trace(0, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
     return replace(tracer, capacity=2 * len(bank) / _FIRST_PATHS + 1)
@@ -73,7 +73,7 @@ def _judged_power(tracer: VolumeTracer, bank: PathBank) -> np.ndarray:
 
 def _events_between_faces(volume: Volume) -> float:
     """Scattering events of a path through a slab at most, on average: 2.5 OD, fewer where they absorb; 0 of a box."""
-    (low, high), lost = volume.bounds, 1 - float(volume.albedo.max())
+    (low, high), lost = volume.bounds[:2], 1 - float(volume.albedo.max())
     if np.isfinite(high[0]):
         return 0.0
     events = 2.5 * float(volume.extinction.max() * (high[2] - low[2]))

@@ -13,18 +13,20 @@ import numpy as np
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads, map_blocks
 from specklegen.core.random_streams import Seed, Stream, stream_key
-from specklegen.kernels import faced_walk, walk
+from specklegen.kernels import walk
+from specklegen.kernels.footprints import UNLIMITED
+from specklegen.kernels.reflections import Faces
+from specklegen.kernels.slab_steps import Address, Layer, Light
 from specklegen.paths import faces
-from specklegen.paths.bank import PathBank, concatenate, empty_bank
+from specklegen.paths.bank import BLOCK, PathBank, columns_of, concatenate, empty_bank
+from specklegen.paths.layered_tracer import trace_layers
 from specklegen.paths.layout import Layout
 from specklegen.paths.phase_tables import walk_lobes
-from specklegen.paths.stretching import events_per_depth, relative_variance, stretch_along, unstretched
+from specklegen.paths.stretching import draws_across, events_per_depth, stretch_along, unstretched
 from specklegen.paths.volumes import footprint_code
 from specklegen.scene.illumination import CollimatedBeams, reference_direction
-from specklegen.scene.media import Medium, Slab
+from specklegen.scene.media import Medium, PlaneMedium, as_slab
 
-BLOCK = 4096
-"""Paths per block: the unit of parallel work, and of every fixed-order sum."""
 MOST_EVENTS = 1e4
 """Of a path, on average: of a pilot of 6000 paths two or three then cross a slab that does not absorb."""
 
@@ -47,6 +49,8 @@ class Proposal:
         Contribution from which a connection is always kept; 0 keeps all.
     max_order : int
         Vertices after which a path is ended.
+    transfer : bool
+        Whether paths collect their momentum transfer.
     """
 
     reference: np.ndarray
@@ -57,6 +61,7 @@ class Proposal:
     bidirectional: bool = False
     threshold: float = 0.0
     max_order: int = 1000
+    transfer: bool = False
 
 
 def default_max_order(medium: Medium) -> int:
@@ -64,41 +69,47 @@ def default_max_order(medium: Medium) -> int:
     return int(min(max(1000.0, 10 * medium.optical_depth**2), 2e9))
 
 
-def stretches(medium: Slab, proposal: Proposal) -> bool:
-    """Whether paths are drawn towards the far face: where all views lie behind it, and next to none would get there."""
+def stretches(medium: PlaneMedium, proposal: Proposal) -> bool:
+    """Whether paths are drawn towards the far face: where all views lie behind it, and few would get there."""
     behind = len(proposal.probes) > 0 and bool((proposal.probes[:, 2] > 0).all())
-    return behind and medium.faces.matched and not proposal.bidirectional and relative_variance(medium) > 0
+    return behind and medium.faces.matched and not proposal.bidirectional and draws_across(medium)
 
 
-def events_per_path(medium: Slab, *, across: bool = False) -> float:
+def events_per_path(medium: Medium) -> float:
     """Scattering events of a path at most, on average: 2.5 OD, fewer where they absorb, more between reflecting faces.
 
-    Diffuse light in equilibrium is n^2 times as bright inside an index step of n, and scatters as often. Of paths drawn
-    ``across`` nearly all cross the slab.
+    Diffuse light in equilibrium is n^2 times as bright inside an index step of n, and scatters as often.
     """
-    if across:
-        return 1 + events_per_depth(medium) * medium.optical_depth
-    lost, step = 1 - medium.albedo, max(1.0, medium.faces.inside / medium.faces.outside)
+    albedos = medium.albedo if medium.has_sides else [layer.albedo for layer in medium.layers]
+    lost = 1 - float(np.max(albedos, initial=0.0))
+    step = max(1.0, medium.faces.inside / medium.faces.outside)
     return min(1 + 2.5 * medium.optical_depth * step**2, 1 / lost if lost > 0 else math.inf)
 
 
-def require_traceable(medium: Slab, *, across: bool = False) -> None:
-    """Refuse a slab so deep that even a pilot would not come to an end.
+def events_across(medium: PlaneMedium) -> float:
+    """The same of paths that are drawn across a slab: nearly all cross it."""
+    return 1 + events_per_depth(medium) * medium.optical_depth
+
+
+def require_traceable(medium: Medium, events: float) -> None:
+    """Refuse a medium so deep that even a pilot would not come to an end.
 
     Raises
     ------
     RuleError
         With the remedy.
     """
-    if events_per_path(medium, across=across) > MOST_EVENTS:
+    if events > MOST_EVENTS:
         reject(
-            "Slab.optical_depth", f"at most {MOST_EVENTS / 2.5:.0e} where little absorbs", medium.optical_depth,
-            "Paths scatter 2.5 times as often, some of them its square: use a thinner slab, or the closed forms of "
-            "specklegen.theory.slab, which are exact there.",
+            f"{medium.type}.optical_depth", f"at most {MOST_EVENTS / 2.5:.0e} where little absorbs",
+            medium.optical_depth, "Paths scatter 2.5 times as often, some of them its square: use a thinner medium, "
+            "or of a slab the closed forms of specklegen.theory.slab, which are exact there.",
         )  # fmt: skip
 
 
-def beam_proposal(medium: Slab, beams: CollimatedBeams, probes: np.ndarray, *, bidirectional: bool = False) -> Proposal:
+def beam_proposal(
+    medium: PlaneMedium, beams: CollimatedBeams, probes: np.ndarray, *, bidirectional: bool = False
+) -> Proposal:
     """Draw first vertices over the union of all tilts' footprints, first directions from the medium's lobe."""
     reference = reference_direction(beams.directions)
     drift = beams.directions[:, :2] / beams.directions[:, 2:] - reference[:2] / reference[2]
@@ -117,11 +128,13 @@ def beam_proposal(medium: Slab, beams: CollimatedBeams, probes: np.ndarray, *, b
     )
 
 
-def plane_proposal(medium: Slab, direction: np.ndarray, probes: np.ndarray, *, bidirectional: bool = False) -> Proposal:
+def plane_proposal(
+    medium: PlaneMedium, direction: np.ndarray, probes: np.ndarray, *, bidirectional: bool = False
+) -> Proposal:
     """Paths of an unlimited plane wave; weights are per unit area of the face."""
     return Proposal(
         reference=direction,
-        footprint=walk.UNLIMITED,
+        footprint=UNLIMITED,
         extent=1.0,
         radius=math.inf,
         probes=np.ascontiguousarray(np.atleast_2d(probes), dtype=np.float64),
@@ -131,7 +144,7 @@ def plane_proposal(medium: Slab, direction: np.ndarray, probes: np.ndarray, *, b
 
 
 def trace(
-    medium: Slab,
+    medium: PlaneMedium,
     proposal: Proposal,
     seed: Seed,
     count: int,
@@ -148,36 +161,37 @@ def trace(
 
     """
     if medium.albedo == 0 or medium.thickness == 0 or count == 0:
-        return empty_bank(count)
+        return empty_bank(count, proposal.transfer)
     across = stretches(medium, proposal)
-    require_traceable(medium, across=across)
+    foretold = events_across(medium) if across else events_per_path(medium)
+    require_traceable(medium, foretold)
+    slab = as_slab(medium)
+    if slab is None:
+        return trace_layers(medium, proposal, seed, count, first=first, sample=sample, stream=stream, threads=threads)
     key = stream_key(seed, stream)
-    images = faces.images(medium, np.concatenate([proposal.reference[None], proposal.probes]))
-    probes = faces.seen_through(medium, proposal.probes, images)
+    images = faces.images(slab, np.concatenate([proposal.reference[None], proposal.probes]))
+    probes = faces.seen_through(slab, proposal.probes, images)
     upwards = bool(len(proposal.probes) and proposal.probes[0, 2] > 0)
-    stretch = stretch_along(medium, float(proposal.reference[2])) if across else unstretched(medium)
-    shares = np.array([share for _, share in medium.scatterer.components])
+    stretch = stretch_along(slab, float(proposal.reference[2])) if across else unstretched(slab)
+    shares = np.array([share for _, share in slab.scatterer.components])
+
+    where, layer = Address(*key, sample), Layer(slab.thickness, slab.extinction, slab.albedo)
+    mirrors = None if slab.faces.matched else Faces(*slab.faces.indices, images, int(upwards))
+    ix, iy, iz = map(float, proposal.reference)
+    light = Light(ix, iy, iz, proposal.footprint, proposal.extent, proposal.radius)
+    rules = walk.Rules(int(proposal.bidirectional), proposal.threshold, proposal.max_order)
 
     def block(start: int) -> PathBank:
         size = min(BLOCK, first + count - start)
-        capacity = 2 * size if proposal.threshold else int(size * (4 + 2 * events_per_path(medium, across=across)))
+        capacity = 2 * size if proposal.threshold else int(size * (4 + 2 * foretold))
         while True:
-            records, bounces = np.empty((capacity, walk.RECORD)), np.zeros((capacity, 2), np.int8)
+            records, bounces = np.empty((capacity, columns_of(proposal.transfer))), np.zeros((capacity, 2), np.int8)
             orders = np.empty(capacity, np.int32)
             paths, ranks = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
-            slab = medium.thickness, medium.extinction, medium.albedo
-            light = *proposal.reference, proposal.footprint, proposal.extent, proposal.radius
-            rules = int(proposal.bidirectional), proposal.threshold, proposal.max_order
-            if medium.faces.matched:
-                found, events, unfinished, unfinished_weight = walk.trace_slab(
-                    *key, sample, start, size, *slab, *walk_lobes(medium.scatterer), stretch, *light, probes, *rules,
-                    records, orders, paths, ranks,
-                )  # fmt: skip
-            else:
-                found, events, unfinished, unfinished_weight = faced_walk.trace_faced_slab(
-                    *key, sample, start, size, *slab, *medium.faces.indices, images, *walk_lobes(medium.scatterer),
-                    *light, probes, int(upwards), *rules, records, bounces, orders, paths, ranks,
-                )  # fmt: skip
+            output = walk.Found(records, orders, paths, bounces, ranks)
+            found, events, unfinished, unfinished_weight = walk.trace_slab(
+                where, start, size, layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules, output
+            )
             if found <= capacity:
                 break
             capacity = found
@@ -203,12 +217,12 @@ class SlabTracer:
     Attributes
     ----------
     layout : Layout
-    medium : Slab
+    medium : Slab or Stratified
     proposal : Proposal
     """
 
     layout: Layout
-    medium: Slab
+    medium: PlaneMedium
     proposal: Proposal
 
     @property
@@ -224,7 +238,7 @@ class SlabTracer:
     @property
     def events_per_path(self) -> float:
         """Scattering events of a path at most, on average."""
-        return events_per_path(self.medium, across=self.across)
+        return events_across(self.medium) if self.across else events_per_path(self.medium)
 
     def trace(
         self,

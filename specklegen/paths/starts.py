@@ -5,15 +5,13 @@ import math
 import numpy as np
 
 from specklegen.kernels import sources as kernel
+from specklegen.kernels.footprints import GAUSSIAN, SQUARE
 from specklegen.kernels.sources import Sources
 from specklegen.kernels.volume import Volume
-from specklegen.kernels.walk import GAUSSIAN, SQUARE
 from specklegen.paths.volumes import footprint_code, materials, spatial, volume_of
-from specklegen.scene.illumination import PlaneWaves, PointSources
-from specklegen.scene.media import Medium, Slab
+from specklegen.scene.media import Medium
 from specklegen.scene.scatterers import Dimensions
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import NearField
 
 _REFERENCES = 8  # lights that paths start from at most; others are covered by their neighbours
 _MISSING = 4.0  # times the cross-section of a medium that a beam may have, and be drawn whole
@@ -39,6 +37,12 @@ def scene_sources(scene: Scene) -> Sources:
         rows = [(weight * (1 - evenly), row) for weight, row in rows]
         rows.append((evenly, {"kind": kernel.UNIFORM}))
     return _laid_out(rows, lobe)
+
+
+def beam_sources(medium: Medium, reference: np.ndarray, footprint: int, extent: float) -> Sources:
+    """Starts of one beam along a unit vector float64[3], which holds the footprints of all lights."""
+    row = {"kind": kernel.BEAM, "vector": reference, "footprint": footprint, "extent": extent}
+    return _laid_out([(1.0, row)], _mean_cosine(medium, 3))
 
 
 def _laid_out(rows: list[tuple[float, dict]], lobe: float) -> Sources:
@@ -68,10 +72,10 @@ def _light_rows(scene: Scene, volume: Volume) -> list[dict]:
     lights = spatial(scene.lights)
     if len(lights) == 0:
         return []
-    if isinstance(scene.illumination, PointSources):
+    if scene.illumination.near:
         return [_point_row(volume, point) for point in lights]
-    if isinstance(scene.illumination, PlaneWaves):
-        if isinstance(scene.medium, Slab):
+    if not scene.illumination.limited:
+        if not scene.medium.has_sides:
             return []  # infinitely wide: paths start from the sensor's side
         return [{"kind": kernel.PLANE, "vector": lights[i]} for i in _spread(lights)]
     references = lights[_spread(lights)]
@@ -91,7 +95,7 @@ def _beam_row(scene: Scene, reference: np.ndarray, covered: np.ndarray) -> dict:
     # The Gaussian density follows the intensity, whose standard deviation is a quarter of the width.
     extent = (beams.width / (4 if code == GAUSSIAN else 2)) + margin * (1 if code == SQUARE else math.sqrt(2))
     medium = scene.volume
-    if not isinstance(medium, Slab):
+    if medium.has_sides:
         sides = medium.upper - medium.lower
         cosines = np.abs(reference if len(sides) == 3 else reference[[0, 2]])
         met = float((cosines * sides.prod() / sides).sum())
@@ -129,7 +133,7 @@ def _point_row(volume: Volume, point: np.ndarray) -> dict:
 def _cone(volume: Volume, point: np.ndarray) -> tuple[np.ndarray, float]:
     """Axis and half angle of a cone at a point that holds the volume's bounding sphere, or a slab's half space."""
     axis = np.array([0.0, 0.0, 1.0])
-    lower, upper = volume.bounds.copy()
+    lower, upper = volume.bounds[:2].copy()
     if not np.isfinite(lower[0]):
         if point[2] <= lower[2]:
             return axis, np.pi / 2
@@ -149,10 +153,11 @@ def close_points(scene: Scene, volume: Volume) -> list[np.ndarray]:
 
     Those in the medium or within two mean free paths of it; all of them where no light can start paths.
     """
-    if not isinstance(scene.sensor, NearField):
+    if not scene.sensor.near:
         return []
     points = spatial(scene.views)
-    if isinstance(scene.illumination, PlaneWaves) and isinstance(scene.medium, Slab):
+    light = scene.illumination
+    if not light.limited and not light.near and not scene.medium.has_sides:
         return list(points)
     reach = 2 * scene.medium.mean_free_path
     gap = np.linalg.norm(np.maximum(np.maximum(volume.bounds[0] - points, points - volume.bounds[1]), 0), axis=1)

@@ -29,7 +29,8 @@ from specklegen.kernels import lobes
 from specklegen.kernels.lobes import Lobe
 from specklegen.kernels.stretching import Stretch
 from specklegen.paths.phase_tables import walk_lobes
-from specklegen.scene.media import Medium, Slab
+from specklegen.scene.layers import Layer
+from specklegen.scene.media import PlaneMedium, Slab, as_slab
 from specklegen.scene.scatterers import Scatterer
 
 _MOMENTS = 400
@@ -39,6 +40,7 @@ _NODES = 2048  # of H
 _LARGEST_RATE = 0.98  # beyond it nearly every direction drawn would be thrown away
 _LEAST_ACCEPTED = 1e-5  # chance of a direction to be taken, wherever it comes from
 _SEEN = 120.0  # relative variance up to which a pilot of 6000 paths sees what matters, 50 times
+_WORTH = 1.0  # relative variance of paths that are not drawn across from which others are better
 _HALVINGS = 40
 
 
@@ -59,7 +61,7 @@ class Mode:
 
 
 @remembered(64)
-def decay(medium: Slab) -> float:
+def decay(medium: Slab | Layer) -> float:
     """Return nu: the transmitted light falls as e^(-nu OD); 0 without absorption, at most 1."""
     return 0.0 if medium.albedo == 1 else _mode(medium.albedo, _moments(walk_lobes(medium.scatterer)[0])).decay
 
@@ -80,11 +82,20 @@ def flat_decay(scatterer: Scatterer, albedo: float) -> float:
     return min(1.0, 1 / _largest(beside)[0])
 
 
-def relative_variance(medium: Medium) -> float:
+def relative_variance(medium: PlaneMedium) -> float:
     """Var w / (E w)^2 of a path that is not drawn across a slab, where pilots cannot know it; 0 where they can."""
-    if not isinstance(medium, Slab) or medium.albedo == 0 or medium.optical_depth <= _SHALLOW:
+    if medium.albedo == 0 or medium.optical_depth <= _SHALLOW:
         return 0.0
-    return crossing_variance(decay(medium), medium.optical_depth)
+    return crossing_variance(_decay_across(medium), medium.optical_depth)
+
+
+def _decay_across(medium: PlaneMedium) -> float:
+    """Mean nu of the layers, by their optical depths."""
+    slab = as_slab(medium)
+    if slab is not None:
+        return decay(slab)
+    falls = [layer.optical_depth * (decay(layer) if layer.albedo else 1.0) for layer in medium.layers]
+    return min(math.fsum(falls) / medium.optical_depth, 1.0)
 
 
 def crossing_variance(nu: float, depth: float) -> float:
@@ -94,11 +105,28 @@ def crossing_variance(nu: float, depth: float) -> float:
     connection from there is worth e^(-(depth - t)). The contribution w of a path then has
     Var w / (E w)^2 ~ e^(nu depth) max(1 - nu, 1/depth)^2 / (2 - nu).
     """
+    found = _unaided_variance(nu, depth)
+    return found if found > _SEEN else 0.0
+
+
+def draws_across(medium: PlaneMedium) -> bool:
+    """Whether drawing paths across a slab is worth it: from a relative variance of one a path on.
+
+    The same error of C_I then takes less time: at g .9 as much as before at optical depth 5 and albedo .3, a third at
+    optical depth 20 and albedo .99, a tenth at .9; of isotropic particles a hundredth at 20 and .95. Above all its
+    error rests on many paths.
+    """
+    slab = as_slab(medium)
+    if slab is None:
+        return False
+    return slab.albedo > 0 and _unaided_variance(decay(slab), slab.optical_depth) > _WORTH
+
+
+def _unaided_variance(nu: float, depth: float) -> float:
     if depth <= _SHALLOW:
         return 0.0
     logarithm = nu * depth + 2 * math.log(max(1 - nu, 1 / depth)) - math.log(2 - nu)
-    found = math.exp(min(logarithm, 700.0))
-    return found if found > _SEEN else 0.0
+    return math.exp(min(logarithm, 700.0))
 
 
 def unstretched(medium: Slab) -> Stretch:
@@ -122,7 +150,7 @@ def stretch_along(medium: Slab, cosine: float) -> Stretch:
 
 
 @remembered(64)
-def events_per_depth(medium: Slab) -> float:
+def events_per_depth(medium: PlaneMedium) -> float:
     """Scatterings per optical depth of a path that is drawn across a slab: -a dnu/da, since a^B is the weight of B."""
     lobe = _moments(walk_lobes(medium.scatterer)[0])
     albedo, step = _walked_albedo(medium.albedo, lobe), 1e-4

@@ -1,6 +1,7 @@
 """Which paths serve a scene: those of beams through a homogeneous slab, or those through anything."""
 
-from typing import Protocol
+from dataclasses import replace
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -11,21 +12,21 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.faces import require_reflection
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
 from specklegen.paths.phase_tables import common_lobe
-from specklegen.paths.roulette import capacious, slab_roulette, volume_roulette
+from specklegen.paths.roulette import slab_roulette, volume_roulette, with_capacity
 from specklegen.paths.slab_tracer import (
     SlabTracer,
     beam_proposal,
     default_max_order,
+    events_per_path,
     plane_proposal,
     require_traceable,
 )
 from specklegen.paths.starts import close_points, scene_sources
 from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.paths.volumes import materials
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
-from specklegen.scene.media import Slab
+from specklegen.scene.layers import PlaneParallel
+from specklegen.scene.media import PlaneMedium
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid, NearField
 
 
 class Tracer(Protocol):
@@ -61,18 +62,17 @@ class Tracer(Protocol):
 
 def lock_step_obstacle(scene: Scene) -> str | None:
     """Why the slab's paths do not serve a scene; None where they do."""
-    if not isinstance(scene.medium, Slab):
+    if not isinstance(scene.medium, PlaneParallel):
         return f"the medium is a {type(scene.medium).__name__}"
     if scene.dimension == 2:
         return "the scene is in flatland"
-    if not isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
+    if not scene.illumination.limited:
         return f"the light is {type(scene.illumination).__name__}"
-    if isinstance(scene.sensor, NearField):
+    if scene.sensor.near:
         return "the sensor is in the near field"
     return None
 
 
-@remembered(64)
 def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
     """Tracer of a scene with or without reversed paths, its roulette set by a pilot."""
     return volume_tracer(scene, reverse) if lock_step_obstacle(scene) else slab_tracer(scene, reverse)
@@ -81,6 +81,8 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
 @remembered(64)
 def slab_tracer(scene: Scene, reverse: bool) -> SlabTracer:
     """Tracer of beams through a slab."""
+    if scene.film:
+        return _filming(slab_tracer(scene.at_rest, reverse), scene)
     views = probe_views(scene)
     if reverse:
         require_reflection(scene.slab, views)
@@ -98,10 +100,12 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
     Connections are not thinned where sensor points lie close: what is bright there is not known from a few
     of them.
     """
-    if isinstance(scene.medium, Slab):
-        if not scene.medium.faces.matched:
+    if scene.film:
+        return _filming(volume_tracer(scene.at_rest, reverse), scene)
+    if not scene.medium.has_sides:
+        if not scene.slab.faces.matched:
             return slab_tracer(scene, reverse)
-        require_traceable(scene.medium)
+        require_traceable(scene.slab, events_per_path(scene.slab))
     layout = scene_layout(scene)
     tracer = VolumeTracer(
         layout=layout,
@@ -112,26 +116,38 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
         max_order=default_max_order(scene.volume),
     )
     seed = pilot_seed(scene.unitless_fingerprint())
-    return capacious(tracer if layout.views.near else volume_roulette(tracer, seed))
+    return with_capacity(tracer if layout.views.near else volume_roulette(tracer, seed))
 
 
-def plane_tracer(medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool) -> SlabTracer:
+def _filming(tracer: Any, scene: Scene) -> Any:
+    """The same paths with their momentum transfer, for all frames of a film."""
+    layout = scene_layout(scene)
+    if isinstance(tracer, SlabTracer):
+        return replace(tracer, layout=layout, proposal=replace(tracer.proposal, transfer=True))
+    return replace(tracer, layout=layout, transfer=True)
+
+
+def plane_tracer(
+    medium: PlaneMedium, wavelength: float, lights: np.ndarray, views: np.ndarray, reverse: bool,
+    transfer: bool = False,
+) -> SlabTracer:  # fmt: skip
     """Tracer of unlimited plane waves float64[T, 3] on a slab, seen from float64[V, 3], paths starting along the axis.
 
     Weights are per unit area of the face. Roulette judges the first view, but not where paths serve both ways.
+    ``transfer`` collects what motion needs.
     """
     if reverse:
         require_reflection(medium, views)
     axis = np.array([0.0, 0.0, 1.0])
-    proposal = plane_proposal(medium, axis, views[:1], bidirectional=reverse)
+    proposal = replace(plane_proposal(medium, axis, views[:1], bidirectional=reverse), transfer=transfer)
     tracer = SlabTracer(plane_layout(medium, wavelength, lights, views), medium, proposal)
     return tracer if reverse else slab_roulette(tracer, axis, pilot_seed(medium.unitless_fingerprint()))
 
 
 def probe_views(scene: Scene) -> np.ndarray:
     """Views that stand for all in weights and errors: centre and corners of a grid, at most nine others."""
-    sensor = scene.sensor
-    if not isinstance(sensor, FarFieldGrid):
+    sensor = scene.sensor.regular_grid
+    if sensor is None:
         flat = scene.views
         if not len(flat):
             return flat

@@ -8,12 +8,15 @@ from specklegen.core.parallel import Threads, map_blocks
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import volume_walk, walk
 from specklegen.kernels.lobes import Lobe
+from specklegen.kernels.phase_table import PhaseTable
+from specklegen.kernels.slab_steps import Address
 from specklegen.kernels.sources import Sources
-from specklegen.paths.bank import PathBank, concatenate, empty_bank
+from specklegen.kernels.volume import Volume
+from specklegen.kernels.volume_walk import Probes
+from specklegen.paths.bank import BLOCK, PathBank, columns_of, concatenate, empty_bank
 from specklegen.paths.endpoints import probes
 from specklegen.paths.layout import Layout
 from specklegen.paths.phase_tables import closed_lobe
-from specklegen.paths.slab_tracer import BLOCK
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,8 @@ class VolumeTracer:
         Vertices after which a path is ended.
     capacity : float
         Connections a path for which a block reserves memory; a block that finds more is traced twice.
+    transfer : bool
+        Whether paths collect their momentum transfer.
     """
 
     layout: Layout
@@ -45,6 +50,7 @@ class VolumeTracer:
     threshold: float
     max_order: int
     capacity: float = 8.0
+    transfer: bool = False
 
     def trace(
         self,
@@ -57,31 +63,53 @@ class VolumeTracer:
         threads: Threads = None,
     ) -> PathBank:
         """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; a pure function of these."""
-        key = stream_key(seed, stream)
-        layout = self.layout
-        light_kinds, lights = probes(layout.lights)
-        view_kinds, views = probes(layout.views)
-        lobe = self.lobe or closed_lobe(0.0)
+        probed = Probes(*probes(self.layout.lights), *probes(self.layout.views))
+        return traced(
+            self.layout.volume, self.layout.table, self.lobe, self.sources, probed,
+            walk.Rules(int(self.bidirectional), self.threshold, self.max_order),
+            seed, count, first=first, sample=sample, stream=stream, threads=threads, capacity=self.capacity,
+            transfer=self.transfer,
+        )  # fmt: skip
 
-        def block(start: int) -> PathBank:
-            size = min(BLOCK, first + count - start)
-            capacity = int(self.capacity * size) + 1
-            while True:
-                records = np.empty((capacity, walk.RECORD))
-                orders = np.empty(capacity, np.int32)
-                paths, ranks = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
-                types = np.empty((capacity, 2), np.int32)
-                found, events, unfinished, unfinished_weight = volume_walk.trace_volume(
-                    *key, sample, start, size, layout.volume, layout.table, self.lobe is not None, lobe, self.sources,
-                    self.bidirectional, light_kinds, lights, view_kinds, views, self.threshold, self.max_order,
-                    records, orders, paths, types, ranks,
-                )  # fmt: skip
-                if found <= capacity:
-                    break
-                capacity = found
-            records, orders, paths, types = (a.take(ranks[:found], axis=0) for a in (records, orders, paths, types))
-            bounces = np.zeros((found, 2), np.int8)
-            return PathBank(records, orders, paths, types, bounces, size, events, unfinished, unfinished_weight)
 
-        banks = map_blocks(block, range(first, first + count, BLOCK), threads)
-        return concatenate(banks, threads) if banks else empty_bank(count)
+def traced(
+    volume: Volume,
+    table: PhaseTable,
+    lobe: Lobe | None,
+    sources: Sources,
+    probed: Probes,
+    rules: walk.Rules,
+    seed: Seed,
+    count: int,
+    *,
+    first: int,
+    sample: int,
+    stream: Stream,
+    threads: Threads,
+    capacity: float,
+    transfer: bool = False,
+) -> PathBank:
+    """Trace paths ``first`` ... ``first + count - 1``, block after block; a pure function of all but ``threads``."""
+    where = Address(*stream_key(seed, stream), sample)
+    if transfer and not len(volume.mobility):  # at rest
+        volume = volume._replace(mobility=np.zeros(len(volume.extinction)))
+
+    def block(start: int) -> PathBank:
+        size = min(BLOCK, first + count - start)
+        room = int(capacity * size) + 1
+        while True:
+            records, bounces = np.empty((room, columns_of(transfer))), np.zeros((room, 2), np.int8)
+            orders, types = np.empty(room, np.int32), np.empty((room, 2), np.int32)
+            paths, ranks = np.empty(room, np.int64), np.empty(room, np.int64)
+            found, events, unfinished, unfinished_weight = volume_walk.trace_volume(
+                where, start, size, volume, table, lobe is not None, lobe or closed_lobe(0.0), sources, probed, rules,
+                walk.Found(records, orders, paths, bounces, ranks), types,
+            )  # fmt: skip
+            if found <= room:
+                break
+            room = found
+        records, orders, paths, types = (a.take(ranks[:found], axis=0) for a in (records, orders, paths, types))
+        return PathBank(records, orders, paths, types, bounces[:found], size, events, unfinished, unfinished_weight)
+
+    banks = map_blocks(block, range(first, first + count, BLOCK), threads)
+    return concatenate(banks, threads) if banks else empty_bank(count, transfer)

@@ -1,15 +1,19 @@
 """A medium as the arrays that kernels read."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from specklegen.core.values import remembered
-from specklegen.kernels import walk
-from specklegen.kernels.volume import Volume
-from specklegen.scene.media import Medium, Slab, VoxelGrid
+from specklegen.kernels import footprints
+from specklegen.kernels.volume import VOXELS, Volume
+from specklegen.scene.layers import Layer, Stratified, merged
+from specklegen.scene.media import Medium
+from specklegen.scene.motion import fastest
 from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.window import Profile
 
-_FOOTPRINT = {"square": walk.SQUARE, "disc": walk.DISC, "gaussian": walk.GAUSSIAN}
+_FOOTPRINT = {"square": footprints.SQUARE, "disc": footprints.DISC, "gaussian": footprints.GAUSSIAN}
 
 
 def footprint_code(profile: Profile) -> int:
@@ -26,13 +30,15 @@ def spatial(vectors: np.ndarray) -> np.ndarray:
 
 def materials(medium: Medium) -> tuple[Scatterer, ...]:
     """The scatterers of a medium, in the order in which its voxels number them."""
-    return medium.scatterers if isinstance(medium, VoxelGrid) else (medium.scatterer,)
+    return medium.scatterers  # type: ignore[return-value]
 
 
 @remembered(16)
 def volume_of(medium: Medium, dimension: int) -> Volume:
     """Lay out a medium for the kernels."""
-    if isinstance(medium, Slab):
+    if isinstance(medium, Stratified):
+        return _layered(medium, dimension)
+    if not medium.has_sides:
         lower = np.array([-np.inf, -np.inf, 0.0])
         upper = np.array([np.inf, np.inf, medium.thickness])
     else:
@@ -40,11 +46,12 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
         if dimension == 2:
             lower[1], upper[1] = -np.inf, np.inf
     bounds = np.stack([lower, upper])
-    if not isinstance(medium, VoxelGrid):
+    if medium.homogeneous:
         cells = np.array([[1, 1, 1], [1, 1, 1], [dimension, 1, 0]])
         sigma = np.array([1 / medium.mean_free_path])
         albedo = np.array([float(medium.albedo)])
-        return Volume(bounds, cells, sigma, albedo, np.zeros(1, np.int64), sigma, np.zeros(3))
+        mobility = speeds(medium)
+        return Volume(bounds, cells, sigma, albedo, np.zeros(1, np.int64), sigma, np.zeros(3), mobility)
     extinction = np.array(medium.extinction)
     grid = extinction if dimension == 3 else extinction[:, None, :]
     block = _block_size(grid, medium.thickness)
@@ -55,6 +62,42 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
         np.broadcast_to(medium.albedo, extinction.shape).ravel().copy(),
         np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64), majorant.ravel(),
         np.where(counts > 1, counts / (bounds[1] - bounds[0]), 0.0),
+        speeds(medium)[np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64)]
+        if medium.moves else np.empty(0),
+    )  # fmt: skip
+
+
+def speeds(medium: Medium, layers: Sequence[Layer] | None = None) -> np.ndarray:
+    """Speed of each of a medium's motions (or of some layers') beside the fastest, float64[n]; float64[0] at rest."""
+    found = fastest(medium.motions if layers is None else [layer.motion for layer in layers])
+    return np.empty(0) if found is None else found[1]
+
+
+def mobility_at(volume: Volume, points: np.ndarray) -> np.ndarray:
+    """Speed of the particles at points float64[n, 3] of a volume beside the fastest, float64[n]."""
+    counts = volume.cells[VOXELS]
+    if len(volume.mobility) == 1:
+        return np.full(len(points), volume.mobility[0])
+    if len(volume.bounds) > 2:  # layers
+        return volume.mobility[np.searchsorted(volume.bounds[2:, 2], points[:, 2], side="right")]
+    finite = np.where(np.isfinite(volume.bounds[0]), volume.bounds[0], 0.0)
+    x, y, z = np.clip(((points - finite) * volume.per_length).astype(np.int64), 0, counts - 1).T
+    return volume.mobility[(z * counts[1] + y) * counts[0] + x]
+
+
+def _layered(medium: Stratified, dimension: int) -> Volume:
+    """Voxels without sides, one for each layer, the depths between them below the corners."""
+    layers, known = merged(medium.layers), [each.canonical_json() for each in materials(medium)]
+    inner = np.cumsum([layer.thickness for layer in layers])[:-1]
+    bounds = np.zeros((len(layers) + 1, 3))
+    bounds[0, :2], bounds[1, :2] = -np.inf, np.inf
+    bounds[1, 2], bounds[2:, 2] = medium.thickness, inner
+    extinction = np.array([1 / layer.mean_free_path for layer in layers])
+    return Volume(
+        bounds, np.array([[1, 1, len(layers)], [1, 1, 1], [dimension, 1, 0]]), extinction,
+        np.array([layer.albedo for layer in layers]),
+        np.array([known.index(layer.scatterer.canonical_json()) for layer in layers]), extinction.max(keepdims=True),
+        np.zeros(3), speeds(medium, layers),
     )  # fmt: skip
 
 

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from specklegen.core.decision import Decision
+from specklegen.core.display.plot import Pictured
+from specklegen.core.display.repr import summary
 from specklegen.core.errors import counted
-from specklegen.core.picturing import Pictured
-from specklegen.core.showing import summary
 from specklegen.mean.field import ballistic_fraction
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.samplers.sampler import Sampler
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
-from specklegen.scene.media import Slab, VoxelGrid
 from specklegen.scene.scene import Scene
 
 _LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel"}
@@ -82,7 +80,7 @@ class Plan(Pictured):
 
     @property
     def sampler(self) -> str:
-        """Name of the sampler: "paths", "covariance" or "stationary"."""
+        """Name of the sampler: "paths", "covariance", "stationary" or "screens", or that of one of a user's own."""
         return self.chosen.name
 
     @property
@@ -131,7 +129,7 @@ class Plan(Pictured):
         ]
         lines += _memory_note(self.scene)
         lines += [f"Instead, {way} would take about {cost:.2g} s." for way, cost in self.alternatives.items()]
-        if isinstance(self.scene.illumination, CollimatedBeams | IncoherentObject):
+        if self.scene.illumination.limited:
             lines.append(f"Ballistic fraction: {ballistic_fraction(self.scene):.2g}.")
         return "\n".join(lines)
 
@@ -140,7 +138,7 @@ def _lit(scene: Scene) -> str:
     """A few words about the lights."""
     light = scene.illumination
     words = counted(len(scene.lights), _LIGHTS.get(type(light).__name__, "tilt"))
-    if isinstance(light, CollimatedBeams | IncoherentObject):
+    if light.limited:
         words += f" through a window {light.width:.4g} wide"
     return words
 
@@ -150,8 +148,7 @@ def _memory_note(scene: Scene) -> list[str]:
     if scene.thin is not None:
         return []
     medium = scene.volume
-    scatterers = medium.scatterers if isinstance(medium, VoxelGrid) else (medium.scatterer,)
-    lobes = sorted({each.type for each in scatterers} - {"Isotropic"})
+    lobes = sorted({each.type for each in medium.scatterers} - {"Isotropic"})
     if not lobes:
         return []
     return [
@@ -171,13 +168,13 @@ def _described(scene: Scene) -> str:
             f"{stack.rms_angle(scene.wavelength):.3g}"
         )  # fmt: skip
     medium = scene.volume
-    if isinstance(medium, VoxelGrid):
+    if medium.has_sides and not medium.homogeneous:
         shape = "x".join(str(n) for n in medium.extinction.shape)
         return (
             f"Grid of {shape} voxels of {len(medium.scatterers)} materials, optical depth at most "
             f"{medium.optical_depth:.4g}"
         )  # fmt: skip
-    size = f" {medium.thickness:.4g} thick" if isinstance(medium, Slab) else ""
+    size = "" if medium.has_sides else f" {medium.thickness:.4g} thick"
     return (
         f"{type(medium).__name__}{size} of optical depth {medium.optical_depth:.4g}, "
         f"anisotropy {medium.scatterer.mean_cosine():.4g}, albedo {medium.albedo:g}"

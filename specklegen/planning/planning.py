@@ -9,39 +9,34 @@ from collections.abc import Callable
 
 import numpy as np
 
-from specklegen.core.arguments import instance, real_number
-from specklegen.core.budgets import checked_budget
+from specklegen.core.arguments import flag, instance, real_number
+from specklegen.core.budgets import Budget, Reverse
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
+from specklegen.core.shielded import shielded
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
-from specklegen.paths.reversal import Reverse, scene_reversal
+from specklegen.paths.reversal import scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
-from specklegen.samplers.covariance import sampler as covariance
-from specklegen.samplers.path_sums import sampler as path_sums
-from specklegen.samplers.sampler import SamplerName, Wish, require_float32
-from specklegen.samplers.screens import sampler as screens
-from specklegen.samplers.stationary import sampler as stationary
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
+from specklegen.samplers.covariance.sampler import Eigenfields
+from specklegen.samplers.path_sums.sampler import PathSums
+from specklegen.samplers.sampler import AnySampler, Request, Sampler, asked_sampler, require_float32
+from specklegen.samplers.screens.sampler import Screens
+from specklegen.samplers.stationary.sampler import Stationary
+from specklegen.scene.motion import fastest, reduced_time
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid, require_resolved
-from specklegen.scene.validity import validity_decisions
+from specklegen.scene.sensors import require_resolved
+from specklegen.scene.validity import idealisations, validity_decisions
 
-SAMPLERS = {
-    "stationary": stationary.consider,
-    "paths": path_sums.consider,
-    "covariance": covariance.consider,
-    "screens": screens.consider,
-}
-"""Every sampler by the name that one asks for it, and its rule."""
-
-PREFERRED: tuple[SamplerName, ...] = ("stationary", "paths")
+PACKAGED: tuple[type[Sampler], ...] = (Stationary, PathSums, Eigenfields, Screens)
+"""Samplers of this library; they are known, as those of users are, by being defined."""
+PREFERRED: tuple[type[Sampler], ...] = (Stationary, PathSums)
 """Those that "auto" asks of a volume of scatterers, the cheapest first."""
-THIN: tuple[SamplerName, ...] = ("screens",)
+THIN: tuple[type[Sampler], ...] = (Screens,)
 """And of thin screens."""
 
 STATIONARY_TOLERANCE = 0.02
@@ -51,20 +46,37 @@ def _simple_terms(scene: Scene) -> list[Decision]:
     """What beams through a slab of one kind of particle need not be asked for."""
     if scene.thin is not None or lock_step_obstacle(scene) or len(scene.slab.scatterer.components) > 1:
         return []
-    reason = "nothing is lost: the views are directions, the slab is homogeneous, and its particles are of one kind"
+    reason = "they would be 0: the views are directions, the slab is homogeneous, and its particles are of one kind"
     return [Decision("near-field terms, voxels and mixtures", False, reason)]
 
 
-SCENE_RULES: tuple[Callable[[Scene], list[Decision]], ...] = (validity_decisions, _simple_terms)
+def _motion(scene: Scene) -> list[Decision]:
+    """What the particles of a medium do meanwhile, where they have a motion."""
+    if scene.thin is not None or not scene.medium.moves:
+        return []
+    if not scene.film:
+        return [Decision("motion", False, "all beams are on at one time (CollimatedBeams.times)")]
+    law, _ = fastest(scene.volume.motions) or (None, None)
+    assert law is not None
+    x = float(reduced_time("CollimatedBeams.times", law, scene.wavelength, np.ptp(np.asarray(scene.beams.times))))
+    return [Decision(
+        "motion", True, f"a film of {len(scene.lights)} frames up to x = k^2 <Dr^2> / 6 = {x:.3g}, after which a path "
+        "of momentum transfer Y keeps e^(-2 x Y) of its amplitude (temporal_correlation)",
+    )]  # fmt: skip
+
+
+_SceneRule = Callable[[Scene], list[Decision]]
+SCENE_RULES: tuple[_SceneRule, ...] = (_motion, validity_decisions, _simple_terms, idealisations)
 """Rules that judge a scene alone, whatever renders it; those of a pilot are its ``decisions``."""
 
 
+@shielded()
 def plan(
     scene: Scene,
     *,
     paths: int | None = None,
     rel_error: float | None = None,
-    sampler: SamplerName = "auto",
+    sampler: AnySampler = "auto",
     reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
@@ -78,8 +90,8 @@ def plan(
     ----------
     scene
         What to simulate.
-    paths
-        Paths a realization; 100 000 unless ``rel_error`` sets it.
+    paths, reverse
+        A realization's; see :class:`specklegen.core.budgets.Budget`.
     rel_error
         Instead of ``paths``: the square root of the excess correlation between intensities that a finite number of
         paths leaves within an image, at the worst view: of (2 E w^2 - (E w)^2 - E sum_B w_B^2) / (N (E w)^2), w the
@@ -89,10 +101,10 @@ def plan(
         the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
         "auto", or one of "paths", "covariance", "stationary", and of thin media "screens". "covariance" (few lights
-        and views) estimates the covariance once and draws every realization from its eigenvectors. A sampler that is
+        and views) estimates the covariance once and draws every realization from its eigenvectors. Or one of your own:
+        its name, its import path "module:Name", which is run, or its class
+        (:class:`specklegen.samplers.sampler.Sampler`). A sampler that is
         asked for serves even where its rule is against it, if it can; the plan's ``doubts`` say so.
-    reverse
-        Coherent backscattering: True, False or "auto".
     mean
         Whether the mean field will be added.
     field_tolerance
@@ -123,36 +135,60 @@ def plan(
     >>> sg.plan(scene, sampler="paths", rel_error=0.1).paths
     388
     """
-    _check(scene, paths, rel_error, sampler, field_tolerance)
-    tolerance = rel_error if rel_error is not None else STATIONARY_TOLERANCE
-    grid = scene.sensor
-    if isinstance(grid, FarFieldGrid) and isinstance(scene.illumination, CollimatedBeams | IncoherentObject):
+    budget = Budget("plan", paths, rel_error, threads=threads, reverse=reverse)
+    return planned(
+        scene, budget, sampler=sampler, mean=mean, field_tolerance=field_tolerance, streamed=streamed, envelope=envelope
+    )
+
+
+def planned(
+    scene: Scene,
+    budget: Budget,
+    *,
+    sampler: AnySampler = "auto",
+    mean: bool = False,
+    field_tolerance: float = 1e-3,
+    streamed: bool = False,
+    envelope: bool = True,
+) -> Plan:
+    """Plan within a budget: what every verb that renders asks, and what refuses for it; see :func:`plan`."""
+    asked = _checked(scene, sampler)
+    field_tolerance = real_number("field_tolerance", field_tolerance)
+    if not 0 < field_tolerance < 1:
+        reject("field_tolerance", "between 0 and 1", field_tolerance)
+    mean, streamed, envelope = flag("mean", mean), flag("streamed", streamed), flag("envelope", envelope)
+    tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
+    grid = scene.sensor.regular_grid
+    if grid is not None and scene.illumination.limited:
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
     if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
         _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
 
-    reversal = scene_reversal(scene, reverse, tolerance)
-    wish = Wish(paths, rel_error, reversal.needed, tolerance, field_tolerance, sampler, streamed, envelope)
+    reversal = scene_reversal(scene, budget.reverse, tolerance)
+    request = Request(
+        budget.paths, budget.rel_error, reversal.needed, tolerance, field_tolerance,
+        "auto" if asked is None else asked.name, streamed, envelope,
+    )  # fmt: skip
     decisions = [decision for rule in SCENE_RULES for decision in rule(scene)]
     decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
-    chosen, told = None, []
-    preferred = PREFERRED if scene.thin is None else THIN
-    for name in preferred if sampler == "auto" else (sampler,):
-        chosen, told = SAMPLERS[name](scene, wish)
+    chosen, told, preferred = None, [], PREFERRED if scene.thin is None else THIN
+    for kind in preferred if asked is None else (asked,):
+        chosen, told = kind.propose(scene, request)
         decisions += told
         if chosen is not None:
             break
-    assert chosen is not None, "path sums serve every scene"
-    if sampler == "paths":
+    if chosen is None:  # one of a user's own: path sums serve every scene
+        reject("sampler", "one that serves the scene", request.asked, "; ".join(d.reason for d in told))
+    if asked is PathSums:
         decisions.append(Decision("stationary sampler", False, "as asked"))
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
     if pilot is not None:
-        require_reach("plan", pilot.unseen, chosen.paths)
+        require_reach(budget.owner, pilot.missed_variance, chosen.paths)
         decisions += pilot.decisions
     require_float32(chosen.intensity)
-    threads = thread_count(threads)
+    threads = thread_count(budget.threads)
     needed = chosen.memory(threads)
-    _require_memory(scene, needed)
+    _require_memory(scene, needed, chosen.paths)
     counted = dict(chosen.operations())
     return Plan(
         scene=scene,
@@ -167,33 +203,28 @@ def plan(
     )
 
 
-def _check(
-    scene: Scene, paths: int | None, rel_error: float | None, sampler: SamplerName, field_tolerance: float
-) -> None:
-    """Refuse what :func:`plan` cannot mean."""
+def _checked(scene: Scene, sampler: AnySampler) -> type[Sampler] | None:
+    """Refuse what :func:`plan` cannot mean; the sampler that is asked for, None of "auto"."""
     instance("plan scene", scene, Scene)
-    checked_budget("plan", paths, rel_error, None)
-    if not 0 < real_number("field_tolerance", field_tolerance) < 1:
-        reject("field_tolerance", "between 0 and 1", field_tolerance)
-    if sampler != "auto" and sampler not in SAMPLERS:
-        known = ", ".join(f'"{name}"' for name in ("auto", *SAMPLERS))
-        reject("sampler", f"one of {known}", sampler)
-    if scene.thin is not None and sampler not in ("auto", *THIN):
-        reject("sampler", '"auto" or "screens" for a thin medium', sampler)
-    if scene.thin is None and sampler in THIN:
-        reject("sampler", "another one for a medium of scatterers", sampler, "It draws thin screens alone.")
+    asked = asked_sampler("sampler", sampler)
+    if asked is not None and asked.thin is False and scene.thin is not None:
+        reject("sampler", '"auto" or "screens" for a thin medium', asked.name)
+    if asked is not None and asked.thin and scene.thin is None:
+        reject("sampler", "another one for a medium of scatterers", asked.name, "It draws thin screens alone.")
+    return asked
 
 
 def streaming_obstacle(scene: Scene) -> str | None:
     """Why :func:`specklegen.render_tiles` does not serve a scene; None where it does."""
-    if not isinstance(scene.sensor, FarFieldGrid) or not isinstance(scene.illumination, CollimatedBeams):
+    if scene.sensor.regular_grid is None or not (scene.illumination.limited and scene.illumination.coherent):
         return f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
     return lock_step_obstacle(scene)
 
 
-def _require_memory(scene: Scene, needed: int) -> None:
+def _require_memory(scene: Scene, needed: int, paths: int = 0) -> None:
     stream = ", or stream the stack by render_tiles." if streaming_obstacle(scene) is None else "."
+    traced = f", {paths} paths" if paths else ""
     require_memory(
-        "Scene", "renderable", needed, f"{len(scene.lights)} tilts of {scene.sensor.shape} views",
-        "Render fewer tilts or fewer views at a time" + stream, share=0.9,
+        "Scene", "renderable", needed, f"{len(scene.lights)} tilts of {scene.sensor.shape} views{traced}",
+        f"Render fewer tilts or fewer views{' or paths' if paths else ''} at a time{stream}", share=0.9,
     )  # fmt: skip

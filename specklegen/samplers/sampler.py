@@ -2,26 +2,40 @@
 
 Every sampler is a room of its own: it says whether it may serve a scene and why not (its rule), what it would cost, and
 how it draws. The planner asks each, folds the decisions, and obeys the cheapest that may; nothing else knows which
-sampler it is. A new one is a folder, and a line in :data:`specklegen.planning.planning.SAMPLERS`.
+sampler it is. A new one is a subclass of :class:`Sampler`, known by its name from its definition on.
+
+    Sampler.propose(scene, request) -> the sampler dimensioned for the scene
+        .prepare(seed, threads)     -> Renderer -- media   --> Realization of the scene's own light
+        .prepare_media(request)     -> Imager   -- media   --> Media -- images, superposed --> images of any light
 """
 
-from collections.abc import Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, Protocol, Self
 
 import numpy as np
 
+from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
-from specklegen.paths.gaussianity import Gaussianity
-from specklegen.scene.illumination import IncoherentObject
+from specklegen.core.registry import Registry
+from specklegen.paths.gaussianity import EXACT
 from specklegen.scene.scene import Scene
 
-SamplerName = Literal["auto", "paths", "covariance", "stationary", "screens"]
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.scene.media import Slab
+    from specklegen.scene.screens import ScreenStack
+    from specklegen.synthesis.correlations import Correlations, LightBatch, Places
+    from specklegen.synthesis.sight import Sight
+    from specklegen.synthesis.streams import Streams
 
 Where = tuple[slice, slice, slice]
 """Tilts, rows and columns of a piece in its stack."""
 
+TORCH_BYTES = 197 * 2**20  # what importing torch takes
 FIXED_BYTES = 58 * 2**20  # what compiled kernels, libraries and the plan itself take at the first render
 RECORD_BYTES = 14 * 8 + 28  # of a connection
 TILTS_STREAMED = 16  # whose fields on one tile are held at a time where a stack comes piece by piece
@@ -31,7 +45,7 @@ LEAST_FLOAT32, MOST_FLOAT32 = 1e-34, 1e35
 
 
 @dataclass(frozen=True)
-class Wish:
+class Request:
     """What is asked of the sampler of a scene.
 
     Attributes
@@ -59,84 +73,214 @@ class Wish:
     reverse: bool
     tolerance: float
     field_tolerance: float = 1e-3
-    asked: SamplerName = "auto"
+    asked: str = "auto"
     streamed: bool = False
     envelope: bool = True
 
 
-class Drawn(NamedTuple):
-    """One realization: complex64[T, *sensor], or the image float32[*sensor] of an incoherent object; its paths."""
+class Realization(NamedTuple):
+    """One medium: fields complex64[T, *sensor], or the image float32[*sensor] of an incoherent object; its paths."""
 
     image: np.ndarray
     connections: int = 0
     unfinished: int = 0
 
 
-class Draws(Protocol):
-    """A sampler made ready: what is found once is found."""
+class Renderer(Protocol):
+    """A sampler made ready under a seed: what is found once is found."""
 
-    def images(self, realizations: int) -> Iterator[Drawn]:
-        """Realizations 0, 1, ..., in their order."""
+    def media(self, count: int) -> Iterator[Realization]:
+        """Media 0, 1, ..., in their order, under the scene's own light."""
         ...
 
-    def pieces(self, realization: int) -> Iterator[tuple[Where, np.ndarray]]:
-        """One realization piece by piece, complex64[t, h, w]: together the stack of :meth:`images`."""
+    def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
+        """Fields of one medium piece by piece, complex64[t, h, w]: together the stack of :meth:`media`."""
         ...
 
 
-class Sampler(Protocol):
-    """A way to render a scene, chosen and dimensioned."""
+class Media(Protocol):
+    """B media as they were drawn, to be looked through by any light."""
 
-    @property
-    def name(self) -> str:
-        """As one asks for it."""
+    def __len__(self) -> int:
+        """Number of media, B."""
         ...
 
-    @property
-    def summation(self) -> str:
-        """How its fields come about, in a word or two."""
+    def images(self, light: "torch.Tensor") -> "torch.Tensor":
+        """Images over their expected value, real[B, T or F, H, W], of objects real[B, h, w]."""
         ...
 
-    @property
-    def paths(self) -> int:
-        """Paths that it traces, for each realization or once."""
+    def superposed(self, amplitudes: "torch.Tensor", step: float) -> "torch.Tensor":
+        """Images of beams complex[B, h, w] that interfere, over their mean over media, real[B, 1, H, W]."""
         ...
 
-    @property
-    def intensity(self) -> float:
-        """Largest mean intensity among a few lights and views."""
+
+class Imager(Protocol):
+    """Media made ready that share all that is found once; which of them is drawn, random streams say."""
+
+    def __len__(self) -> int:
+        """Number of media, or 1 where all are alike."""
         ...
 
-    @property
-    def expected_error(self) -> float:
-        """Relative error that so many paths leave."""
+    def at(self, places: "Places") -> "Imager":
+        """Those of some of the media."""
         ...
 
-    @property
-    def error_of(self) -> str:
-        """What that is an error of."""
+    def media(self, streams: "Streams") -> Media:
+        """Draw media."""
         ...
 
-    @property
-    def gaussianity(self) -> Gaussianity:
-        """Whether so many paths make Gaussian speckle."""
+    def contrast(self, light: "torch.Tensor", media: "Places" = ...) -> "torch.Tensor":
+        """Expected contrast float64[B] of images of objects real[B, h, w] under polarised light."""
         ...
+
+
+class Contrast(Protocol):
+    """What tells the contrast of images before they are made."""
+
+    def contrast(self, light: "torch.Tensor") -> "torch.Tensor":
+        """Expected contrast float64[B] of images of objects real[B, h, w] under polarised light."""
+        ...
+
+
+@dataclass(frozen=True)
+class MediaRequest:
+    """M media that objects are looked at through, all asked of a sampler at once.
+
+    Attributes
+    ----------
+    sight : Sight
+        Windows, beams and cameras.
+    correlations : Correlations
+        Memory effect of each.
+    light : LightBatch or None
+        Modes of the light; None of one.
+    tolerance : float
+        Share of the intensity that modes may leave out.
+    media : tuple of function
+        Each makes the medium of the engine.
+    moved : float64[M, T, S, 2] or None
+        How far each of S screens has moved at every base tilt.
+    units : float64[M]
+        Expected intensity of a beam of brightness 1, at one view.
+    shared : bool
+        Whether many objects look through each medium.
+    contrast : Contrast or None
+        What tells the contrast of images, where the memory effect does not.
+    """
+
+    sight: "Sight"
+    correlations: "Correlations"
+    light: "LightBatch | None"
+    tolerance: float
+    media: "tuple[Callable[[], Slab | ScreenStack], ...]"
+    units: "torch.Tensor"
+    moved: "torch.Tensor | None" = None
+    shared: bool = False
+    contrast: "Contrast | None" = None
+
+
+class Sampler(ABC):
+    """A way to render a scene, chosen and dimensioned. Subclass it for one of your own.
+
+    ``class Mine(Sampler, name="mine")`` is known as "mine" to :func:`specklegen.plan`, recipes and the command line.
+    It says when it serves (:meth:`propose`) and how it draws (:meth:`prepare`); to render recipes, it makes media ready
+    too (:meth:`prepare_media`). What it does not say is 0, or nothing.
+
+    Attributes
+    ----------
+    name : str
+        As one asks for it.
+    scene : Scene
+    paths : int
+        Paths that it traces, for each realization or once.
+    expected_error : float
+        Relative error that so many paths leave, ...
+    error_of : str
+        ... and of what.
+    summation : str
+        How its fields come about, in a word or two.
+    gaussianity : Gaussianity
+        Whether so many paths make Gaussian speckle.
+    intensity : float
+        Largest mean intensity among a few lights and views; 0 where it is not known.
+    thin : bool or None
+        Whether it draws thin screens alone; or volumes alone; None of one that draws either.
+    medium_by_medium : bool
+        Whether it is planned for the scene of each medium with every beam, not once for all media of a recipe.
+    """
+
+    name: ClassVar[str]
+    thin: ClassVar[bool | None] = None
+    medium_by_medium: ClassVar[bool] = False
+    scene: Scene
+    paths = 0
+    expected_error = 0.0
+    error_of = "intensity scale"
+    summation = "of its own"
+    gaussianity = EXACT
+    intensity = 0.0
+
+    def __init_subclass__(cls, name: str | None = None, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        cls.name = name or cls.__name__
+        SAMPLERS.add(cls.name, cls)
+
+    @classmethod
+    @abstractmethod
+    def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
+        """The sampler made for a scene, None where it may not serve, and what speaks for it or against."""
+
+    @abstractmethod
+    def prepare(self, seed: Seed, threads: int | None) -> Renderer:
+        """Do once what all realizations share."""
+
+    def prepare_media(self, request: MediaRequest) -> "Sequence[tuple[list[int], Imager]]":  # noqa: ARG002
+        """Make media of a recipe ready: those alike together, and which they are."""
+        reject("Recipe.sampler", "one that makes media ready", self.name, "Define prepare_media.")
+
+    @classmethod
+    def renders_recipes(cls) -> bool:
+        """Whether it makes media of recipes ready."""
+        return cls.prepare_media is not Sampler.prepare_media
 
     def operations(self) -> Mapping[str, float]:
         """Counted operations of the first realization, by the names of :mod:`specklegen.core.nanoseconds`."""
-        ...
+        return {}
 
     def alternatives(self) -> Mapping[str, Mapping[str, float]]:
         """Operations that other ways to the same would take, by what they are."""
-        ...
+        return {}
 
-    def memory(self, threads: int) -> int:
+    def memory(self, threads: int) -> int:  # noqa: ARG002
         """Bytes by which the process grows at most in its first plan and render, of one realization."""
-        ...
+        held = float(np.prod(self.scene.sensor.shape)) * len(self.scene.lights)
+        return int(8 * held * 4 + TORCH_BYTES + FIXED_BYTES)
 
-    def prepare(self, seed: Seed, threads: int | None) -> Draws:
-        """Do once what all realizations share."""
-        ...
+
+def _is_sampler(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Sampler) and found is not Sampler
+
+
+SAMPLERS: Registry[type[Sampler]] = Registry("sampler", _is_sampler)
+"""Every sampler by the name that one asks for it."""
+
+AnySampler = str | type[Sampler]
+"""A sampler that is asked for: its name, the import path of one of a user's own, its class; or "auto"."""
+
+
+def asked_sampler(field: str, asked: AnySampler) -> type[Sampler] | None:
+    """Class of the sampler that is asked for; None of "auto".
+
+    Raises
+    ------
+    RuleError
+        If there is none of that name; the error lists those that there are.
+    """
+    if not isinstance(asked, str) and not _is_sampler(asked):
+        reject(field, "the name of a sampler, or its class", asked)
+    if asked == "auto":
+        return None
+    return asked if _is_sampler(asked) else SAMPLERS.find(field, asked, beside=("auto",))  # type: ignore[return-value]
 
 
 def require_float32(intensity: float) -> None:
@@ -178,7 +322,7 @@ def _reject_range(intensity: float) -> NoReturn:
 def image_of(scene: Scene, field: np.ndarray) -> np.ndarray:
     """Field [T, ...] of one medium as complex64[T, *sensor], or the image float32[*sensor] of an incoherent object."""
     field = field.reshape(len(field), *scene.sensor.shape)
-    if not isinstance(scene.illumination, IncoherentObject):
+    if scene.illumination.coherent:
         return field.astype(np.complex64)
     brightness = scene.illumination.brightness
     power = np.square(field.real) + np.square(field.imag)

@@ -6,7 +6,7 @@ Directions are unit vectors of travel; the optical axis is the last one (z).
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
+from specklegen.core.memory import require_memory
 from specklegen.core.values import Array, Positive, Value, position_vectors, unit_vectors
 from specklegen.scene.window import Profile, Window
 
@@ -51,7 +52,29 @@ def directions_of_sines(field: str, sines: ArrayLike, sign: float = 1.0) -> np.n
     return np.concatenate([sines, sign * np.sqrt(1 - square)[..., None]], axis=-1)
 
 
-class PlaneWaves(Value):
+class _Light(Value):
+    """What every illumination answers, so that nobody has to ask for its type."""
+
+    limited: ClassVar[bool] = True
+    """Whether beams pass a window; otherwise light is unlimited sideways."""
+    near: ClassVar[bool] = False
+    """Whether lights are points, not directions."""
+    coherent: ClassVar[bool] = True
+    """Whether each light has a field; otherwise their intensities add up to one image."""
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """float64[n, d], directions of travel or points."""
+        return self.points if self.near else self.directions
+
+    def of(self, chosen: np.ndarray) -> Self:
+        """The same of only some lights, by their numbers int[n]."""
+        changes = {"points" if self.near else "directions": self.vectors[chosen]}
+        times = getattr(self, "times", None)  # beams alone have any
+        return self.replace(**changes | ({} if times is None else {"times": times[chosen]}))
+
+
+class PlaneWaves(_Light):
     """Plane waves of unit irradiance, unlimited sideways.
 
     Parameters
@@ -66,6 +89,7 @@ class PlaneWaves(Value):
     (2, 3)
     """
 
+    limited: ClassVar[bool] = False
     type: Literal["PlaneWaves"] = "PlaneWaves"
     directions: Array = Field(kw_only=False)
 
@@ -80,7 +104,7 @@ class PlaneWaves(Value):
         return cls(directions=_tilted("PlaneWaves.tilts", angles, dimensions))
 
 
-class CollimatedBeams(Value):
+class CollimatedBeams(_Light):
     """Coherent collimated beams, one per tilt, all through one window of the entrance face.
 
     Parameters
@@ -94,8 +118,8 @@ class CollimatedBeams(Value):
     profile
         Shape of the window; the peak irradiance is 1 per area *of the face*, at every tilt.
     times
-        float64[T], when each beam is on: before a medium that moves (``ScreenStack(velocities=)``), a film is beams of
-        one direction at many times. None: all at once.
+        float64[T], when each beam is on: before a medium that moves (``Slab(motion=)``, ``ScreenStack(velocities=)``),
+        a film is beams of one direction at many times. None: all at once.
 
     Examples
     --------
@@ -159,7 +183,7 @@ class CollimatedBeams(Value):
         return cls(directions=directions, width=width, profile=profile, times=times)
 
 
-class PointSources(Value):
+class PointSources(_Light):
     """Point sources of unit strength, e^(ikr) / r^((d-1)/2), inside or outside the medium.
 
     |u|^2 is then relative to the irradiance at unit distance from a source.
@@ -176,6 +200,8 @@ class PointSources(Value):
     (1, 3)
     """
 
+    limited: ClassVar[bool] = False
+    near: ClassVar[bool] = True
     type: Literal["PointSources"] = "PointSources"
     points: Array = Field(kw_only=False)
 
@@ -187,7 +213,7 @@ class PointSources(Value):
         return self
 
 
-class IncoherentObject(Value):
+class IncoherentObject(_Light):
     """A far object of mutually incoherent pixels: one collimated beam a pixel, intensities added.
 
     Pixel (row, column) sends its beam at direction sines -(index - centre) * pitch, so that the image
@@ -213,6 +239,7 @@ class IncoherentObject(Value):
     (784, 3)
     """
 
+    coherent: ClassVar[bool] = False
     type: Literal["IncoherentObject"] = "IncoherentObject"
     brightness: Array
     pitch: Positive
@@ -223,6 +250,10 @@ class IncoherentObject(Value):
     def _check(self) -> Self:
         if self.brightness.ndim != 2 or self.brightness.size == 0:
             reject("IncoherentObject.brightness", "an array of shape (h, w)", self.brightness.shape)
+        require_memory(
+            "IncoherentObject.brightness", "held", 100.0 * self.brightness.size, f"{self.brightness.shape} pixels",
+            "Each is a beam of its own: use fewer.",
+        )  # fmt: skip
         if (self.brightness < 0).any():
             reject("IncoherentObject.brightness", "at least 0 everywhere", float(self.brightness.min()))
         object_sines("IncoherentObject", self.brightness.shape, self.pitch)

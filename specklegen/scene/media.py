@@ -1,19 +1,72 @@
 """Media: where the scatterers are and how dense."""
 
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, NonNegative, Positive, UnitInterval, Value, position_vectors
 from specklegen.scene.faces import Faces
+from specklegen.scene.layers import AnyStratified, Layer, PlaneParallel, Stratified, is_stratified, left_out, merged
+from specklegen.scene.motion import AnyMotion, Motion, fastest
 from specklegen.scene.scatterers import AnyScatterer
 from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack
-from specklegen.scene.unitless import unitless_fingerprint
 
 
-class Slab(Value):
+class _Bounded(Value):
+    """A medium between two corners, its index that of what is around; it answers what a plane-parallel one does."""
+
+    stack: ClassVar[None] = None
+    homogeneous: ClassVar[bool] = True
+    has_sides: ClassVar[bool] = True
+
+    if TYPE_CHECKING:  # fields stand where they are written
+        lower: Array
+        upper: Array
+
+    @property
+    def motions(self) -> tuple[Motion | None, ...]:
+        """Motion of every material."""
+        return ()
+
+    @property
+    def moves(self) -> bool:
+        """Whether any of its particles does."""
+        return fastest(self.motions) is not None
+
+    @property
+    def faces(self) -> Faces:
+        """Faces that do nothing."""
+        return Faces()
+
+    @property
+    def dimension(self) -> int | None:
+        """2 in flatland, 3 in space."""
+        return len(self.lower)
+
+    @property
+    def voxel_counts(self) -> tuple[int, ...]:
+        """Voxels along each coordinate."""
+        return (1,) * len(self.lower)
+
+    @property
+    def thickness(self) -> float:
+        """Length along the optical axis."""
+        return float(self.upper[-1] - self.lower[-1])
+
+    @property
+    def narrowest(self) -> float:
+        """Shortest side."""
+        return float(np.min(self.upper - self.lower))
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Whether points float64[n, d] are inside, bool[n]."""
+        return np.asarray(((points >= self.lower) & (points <= self.upper)).all(axis=1))
+
+
+class Slab(PlaneParallel):
     """A plane-parallel scattering layer, 0 <= z <= thickness, infinite sideways.
 
     Parameters
@@ -29,6 +82,8 @@ class Slab(Value):
     faces
         The step of the refractive index at both faces; by default there is none. Wavelengths, wavenumbers and
         directions are always those inside.
+    motion
+        How the particles move (:class:`Brownian`, or a :class:`Motion` of one's own); by default they are at rest.
 
     Examples
     --------
@@ -44,6 +99,7 @@ class Slab(Value):
     albedo: UnitInterval = 1.0
     scatterer: AnyScatterer
     faces: Faces = Faces()
+    motion: AnyMotion | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -51,12 +107,8 @@ class Slab(Value):
         return self
 
     @model_serializer(mode="wrap")
-    def _without_matched_faces(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out faces that do nothing: the slab is then what it was before it could have any."""
-        content = write(self)
-        if self.faces.matched:
-            content.pop("faces", None)
-        return content
+    def _without_what_does_nothing(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return left_out(write(self), faces=self.faces.matched, motion=self.motion is None)
 
     @property
     def optical_depth(self) -> float:
@@ -64,13 +116,26 @@ class Slab(Value):
         return self.thickness / self.mean_free_path
 
     @property
-    def extinction(self) -> float:
-        """sigma_t = 1 / mean_free_path, per unit length."""
-        return 1 / self.mean_free_path
+    def layers(self) -> tuple[Layer, ...]:
+        """The slab as one layer; none without a thickness."""
+        if self.thickness == 0:
+            return ()
+        return (
+            Layer(
+                thickness=self.thickness, mean_free_path=self.mean_free_path, albedo=self.albedo,
+                scatterer=self.scatterer, motion=self.motion,
+            ),
+        )  # fmt: skip
 
-    def unitless_fingerprint(self) -> str:
-        """SHA-256 of the slab in units of its thickness (or, without any, of its mean free path)."""
-        return unitless_fingerprint(self, self.thickness or self.mean_free_path)
+    @property
+    def scatterers(self) -> tuple[AnyScatterer, ...]:
+        """The one scatterer, as a medium of several lists its own."""
+        return (self.scatterer,)
+
+    @property
+    def motions(self) -> tuple[Motion | None, ...]:
+        """The one motion."""
+        return (self.motion,)
 
     @property
     def transport_length(self) -> float:
@@ -78,14 +143,32 @@ class Slab(Value):
         return self.mean_free_path / (1 - self.scatterer.mean_cosine())
 
 
-class Box(Value):
+PlaneMedium = Slab | Stratified
+"""Whatever lies between two planes: what functions take that serve a slab and layers alike."""
+
+
+def as_slab(medium: PlaneMedium) -> Slab | None:
+    """Return the slab that a plane-parallel medium is, where all its layers are alike; None where they are not."""
+    if isinstance(medium, Slab):
+        return medium
+    layers = merged(medium.layers)
+    if len(layers) > 1:
+        return None
+    (one,) = layers
+    return Slab(
+        thickness=one.thickness, mean_free_path=one.mean_free_path, albedo=one.albedo, scatterer=one.scatterer,
+        faces=medium.faces, motion=one.motion,
+    )  # fmt: skip
+
+
+class Box(_Bounded):
     """A homogeneous, index-matched, axis-parallel box, in space or in flatland.
 
     Parameters
     ----------
     lower, upper
         float64[3] or float64[2], opposite corners; the last axis is the optical axis.
-    mean_free_path, albedo, scatterer
+    mean_free_path, albedo, scatterer, motion
         As for :class:`Slab`.
 
     Examples
@@ -102,6 +185,7 @@ class Box(Value):
     mean_free_path: Positive
     albedo: UnitInterval = 1.0
     scatterer: AnyScatterer
+    motion: AnyMotion | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -109,10 +193,19 @@ class Box(Value):
         _require_density("Box", self.mean_free_path)
         return self
 
+    @model_serializer(mode="wrap")
+    def _without_rest(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return left_out(write(self), motion=self.motion is None)
+
     @property
-    def thickness(self) -> float:
-        """Length along the optical axis."""
-        return float(self.upper[-1] - self.lower[-1])
+    def motions(self) -> tuple[Motion | None, ...]:
+        """The one motion."""
+        return (self.motion,)
+
+    @property
+    def scatterers(self) -> tuple[AnyScatterer, ...]:
+        """The one scatterer, as a medium of several lists its own."""
+        return (self.scatterer,)
 
     @property
     def optical_depth(self) -> float:
@@ -125,7 +218,7 @@ class Box(Value):
         return 1 / self.mean_free_path
 
 
-class VoxelGrid(Value):
+class VoxelGrid(_Bounded):
     """A box of voxels, each with its own density and material; index-matched, in space or in flatland.
 
     Parameters
@@ -141,6 +234,8 @@ class VoxelGrid(Value):
         Number of each voxel's scatterer, from 0; by default all are the first.
     scatterers
         The materials.
+    motion
+        How all particles move, or a motion for each material, None of one at rest; by default all are.
 
     Examples
     --------
@@ -154,6 +249,7 @@ class VoxelGrid(Value):
     2.0
     """
 
+    homogeneous: ClassVar[bool] = False
     type: Literal["VoxelGrid"] = "VoxelGrid"
     lower: Array
     upper: Array
@@ -161,6 +257,7 @@ class VoxelGrid(Value):
     albedo: Array = Field(default_factory=lambda: np.ones(()), validate_default=True)
     material: Array = Field(default_factory=lambda: np.zeros(()), validate_default=True)
     scatterers: tuple[AnyScatterer, ...]
+    motion: AnyMotion | tuple[AnyMotion | None, ...] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -184,17 +281,30 @@ class VoxelGrid(Value):
                 f"whole numbers from 0 to {len(self.scatterers) - 1}, one for each scatterer",
                 float(np.atleast_1d(self.material)[~np.atleast_1d(known)][0]),
             )
+        if isinstance(self.motion, tuple) and len(self.motion) != len(self.scatterers):
+            reject("VoxelGrid.motion", f"one for all, or one for each of {len(self.scatterers)} scatterers",
+                   len(self.motion))  # fmt: skip
+        fastest(self.motions)  # laws that are no factor apart are refused
         return self
 
+    @model_serializer(mode="wrap")
+    def _without_rest(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return left_out(write(self), motion=self.motion is None)
+
     @property
-    def thickness(self) -> float:
-        """Length along the optical axis."""
-        return float(self.upper[-1] - self.lower[-1])
+    def motions(self) -> tuple[Motion | None, ...]:
+        """Motion of every material."""
+        return self.motion if isinstance(self.motion, tuple) else (self.motion,) * len(self.scatterers)
 
     @property
     def optical_depth(self) -> float:
         """OD of the densest straight line along the optical axis."""
         return float(self.extinction.sum(axis=0).max() * self.thickness / self.extinction.shape[0])
+
+    @property
+    def voxel_counts(self) -> tuple[int, ...]:
+        """Voxels along each coordinate."""
+        return self.extinction.shape[::-1]
 
     @property
     def mean_free_path(self) -> float:
@@ -218,10 +328,44 @@ def _require_corners(owner: str, lower: np.ndarray, upper: np.ndarray) -> None:
         reject(f"{owner}.upper", f"above lower = {lower} along every axis", upper)
 
 
-Medium = Annotated[Slab | Box | VoxelGrid, Field(discriminator="type")]
+def _tag(value: Any) -> Any:
+    """Type by which a medium is read, one for all of layers."""
+    if is_stratified(value):
+        return "Layers"
+    return value.get("type") if isinstance(value, Mapping) else getattr(value, "type", None)
+
+
+Medium = Annotated[
+    Annotated[Slab, Tag("Slab")]
+    | Annotated[Box, Tag("Box")]
+    | Annotated[VoxelGrid, Tag("VoxelGrid")]
+    | Annotated[AnyStratified, Tag("Layers")],
+    Discriminator(_tag),
+]
 """Scatterers in a volume."""
 
+
+def require_medium(field: str, medium: object, remedy: str) -> Medium:
+    """Return a medium of scatterers in a volume.
+
+    Raises
+    ------
+    RuleError
+        If it is something else, with what to do then.
+    """
+    if not isinstance(medium, PlaneParallel | Box | VoxelGrid):
+        reject(field, "a Slab, Layers, a Box or a VoxelGrid", medium, remedy)
+    return medium  # type: ignore[return-value]
+
+
 AnyMedium = Annotated[
-    Slab | Box | VoxelGrid | PhaseScreen | GroundGlass | ScreenStack, Field(discriminator="type")
+    Annotated[Slab, Tag("Slab")]
+    | Annotated[Box, Tag("Box")]
+    | Annotated[VoxelGrid, Tag("VoxelGrid")]
+    | Annotated[AnyStratified, Tag("Layers")]
+    | Annotated[PhaseScreen, Tag("PhaseScreen")]
+    | Annotated[GroundGlass, Tag("GroundGlass")]
+    | Annotated[ScreenStack, Tag("ScreenStack")],
+    Discriminator(_tag),
 ]
 """What a scene may hold: a volume, or thin screens."""

@@ -6,15 +6,17 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
+from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
-from specklegen.core.picturing import Pictured
 from specklegen.core.values import Positive, Value
-from specklegen.scene.illumination import CollimatedBeams, Illumination, IncoherentObject, PlaneWaves, PointSources
-from specklegen.scene.media import AnyMedium, Medium, Slab, VoxelGrid
+from specklegen.scene.illumination import CollimatedBeams, Illumination
+from specklegen.scene.layers import PlaneParallel
+from specklegen.scene.media import AnyMedium, Medium, Slab, require_medium
+from specklegen.scene.motion import fastest, reduced_time
 from specklegen.scene.scatterers.mie import Mie
 from specklegen.scene.schematic import draw_scene
-from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack, require_thin
-from specklegen.scene.sensors import FarFieldGrid, NearField, Sensor
+from specklegen.scene.screens import ScreenStack, require_thin
+from specklegen.scene.sensors import AnySensor, FarFieldGrid
 from specklegen.scene.unitless import unitless_fingerprint
 
 NEAREST = 0.01
@@ -31,11 +33,11 @@ class Scene(Value, Pictured):
     wavelength
         Inside the medium.
     medium, illumination, sensor
-        See :class:`Slab`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`, :class:`CollimatedBeams`,
-        :class:`PointSources`, :class:`IncoherentObject`; :class:`FarField`, :class:`NearField`. All of them in space,
-        or all in flatland: the length of their vectors says which. Thin media (:class:`PhaseScreen`,
-        :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an object, and seen by a far-field grid in
-        transmission.
+        See :class:`Slab`, :class:`Layers`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`,
+        :class:`CollimatedBeams`, :class:`PointSources`, :class:`IncoherentObject`; :class:`FarField`,
+        :class:`NearField`. All of them in space, or all in flatland: the length of their vectors says which. Thin media
+        (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an object, and seen by a
+        far-field grid in transmission.
 
     Examples
     --------
@@ -52,13 +54,13 @@ class Scene(Value, Pictured):
     wavelength: Positive
     medium: AnyMedium
     illumination: Illumination
-    sensor: Sensor
+    sensor: AnySensor
 
     @model_validator(mode="after")
     def _finite_power(self) -> Self:
         dimensions = {
-            "medium": _dimension(self.medium),
-            "illumination": _light_vectors(self.illumination).shape[-1],
+            "medium": self.medium.dimension,
+            "illumination": self.illumination.vectors.shape[-1],
             "sensor": self.sensor.dimension,
         }
         known = {name: d for name, d in dimensions.items() if d is not None}
@@ -70,54 +72,72 @@ class Scene(Value, Pictured):
                 "Flatland vectors are (x, z), those of space (x, y, z).",
             )
         if isinstance(self.illumination, CollimatedBeams) and self.illumination.times is not None:
-            if self.thin is None or self.thin.velocities is None:
+            moves = self.medium.moves if self.thin is None else self.thin.velocities is not None
+            if not moves:
                 reject("CollimatedBeams.times", "left out before a medium that does not move", "times",
-                       "Only a ScreenStack with velocities moves.")  # fmt: skip
+                       "Only a ScreenStack with velocities moves, and a medium with a motion.")  # fmt: skip
+            if self.thin is None:
+                self._require_film(self.illumination.times)
         if self.thin is not None:
             self._require_thin()
             return self
-        unlimited = isinstance(self.illumination, PlaneWaves) and isinstance(self.medium, Slab)
-        if unlimited and not isinstance(self.sensor, NearField):
+        light = self.illumination
+        if not light.limited and not light.near and not self.medium.has_sides and not self.sensor.near:
             reject(
                 "Scene.illumination",
                 "limited sideways, for a slab seen from the far field",
                 "PlaneWaves",
                 "An unlimited wave on an infinite slab scatters infinite power: use CollimatedBeams with a width.",
             )
-        if isinstance(self.illumination, PointSources) and isinstance(self.sensor, NearField):
-            self._require_apart(self.illumination.points, self.views)
+        if light.near and self.sensor.near:
+            self._require_apart(self.lights, self.views)
         self._require_wavelength()
         self._require_lengths()
         self._require_crossing()
         return self
 
+    def _require_film(self, times: np.ndarray) -> None:
+        """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""
+        if (times[1:] < times[:-1]).any():
+            reject("CollimatedBeams.times", "in their order before a medium that moves", times)
+        if self.sensor.near:
+            reject("Scene.sensor", "in the far field, for films of a medium that moves", self.sensor.type)
+        law, _ = fastest(self.volume.motions) or (None, None)
+        if law is not None:
+            with np.errstate(over="ignore"):
+                since = times - times[:1]
+            reduced_time("CollimatedBeams.times", law, self.wavelength, since)
+
     def _require_crossing(self) -> None:
         """Refuse what a slab with refracting faces does not serve, and directions that do not cross them."""
-        if not isinstance(self.medium, Slab) or self.medium.faces.matched:
+        if self.medium.faces.matched:
             return
-        beams = isinstance(self.illumination, CollimatedBeams | IncoherentObject)
-        if not beams or isinstance(self.sensor, NearField) or self.dimension == 2:
+        if not self.medium.homogeneous:
+            reject(
+                f"{self.medium.type}.faces", "matched in a scene", self.medium.faces,
+                "Leave them out; reflectance_transmittance and joint_correlation know the faces of layers.",
+            )  # fmt: skip
+        if not self.illumination.limited or self.sensor.near or self.dimension == 2:
             reject(
                 "Slab.faces", "matched, unless beams in space are seen from afar", self.medium.faces,
                 "Points beyond a refracting face and flatland are not modelled: leave faces out, or use "
                 "CollimatedBeams or an IncoherentObject with a far-field sensor.",
             )  # fmt: skip
         self.medium.faces.require_crossing(f"{self.illumination.type}.directions", self.lights)
-        grid = self.sensor
-        seen = grid.corner_directions if isinstance(grid, FarFieldGrid) else self.views
+        seen = self.sensor.corners
         if seen[..., 2].min(initial=0.0) < 0 < seen[..., 2].max(initial=0.0):
             reject(
-                f"{grid.type}.directions", "all on one side of a slab with refracting faces", "views on both",
+                f"{self.sensor.type}.directions", "all on one side of a slab with refracting faces", "views on both",
                 "Make a scene of either side: light of the same seed is the same.",
             )  # fmt: skip
-        self.medium.faces.require_crossing(f"{grid.type}.directions", seen)
+        self.medium.faces.require_crossing(f"{self.sensor.type}.directions", seen)
 
     def _require_thin(self) -> None:
         """Refuse a thin medium where its model does not hold, and lights and sensors that it does not serve."""
         medium, light = self.medium, self.illumination
-        if not isinstance(light, CollimatedBeams | IncoherentObject):
+        if not light.limited:
             reject("Scene.illumination", f"CollimatedBeams or an object in front of a {medium.type}", light.type)
-        if isinstance(self.sensor, NearField) or self.side < 0:
+        if self.sensor.near or self.side < 0:
             reject("Scene.sensor", f"in the far field, in transmission, behind a {medium.type}", self.sensor.type,
                    "Use FarField.grid(...): a thin screen sends no light back.")  # fmt: skip
         stack = require_thin(medium, self.wavelength)  # type: ignore[arg-type]
@@ -129,14 +149,14 @@ class Scene(Value, Pictured):
         """Refuse lengths whose fourth powers leave the range of floats: results would be 0, NaN or without error."""
         medium, light = self.volume, self.illumination
         lengths: dict[str, float] = {"Scene.wavelength": self.wavelength}
-        if isinstance(medium, Slab):
-            lengths["Slab.thickness"] = medium.thickness
+        if isinstance(medium, PlaneParallel):
+            lengths[f"{medium.type}.thickness"] = medium.thickness
         else:
             # A corner may lie as near to 0 as it likes; a side may not be as short.
             lengths[f"{medium.type}.upper - lower"] = float((medium.upper - medium.lower).min())
             lengths[f"{medium.type}.lower"] = max(float(np.abs(medium.lower).max()), 1 / LARGEST)
             lengths[f"{medium.type}.upper"] = max(float(np.abs(medium.upper).max()), 1 / LARGEST)
-        if isinstance(light, CollimatedBeams | IncoherentObject):
+        if light.limited:
             lengths[f"{light.type}.width"] = light.width
         if np.isfinite(medium.mean_free_path):
             lengths[f"{medium.type}.mean_free_path"] = medium.mean_free_path
@@ -145,11 +165,7 @@ class Scene(Value, Pictured):
     def _require_apart(self, sources: np.ndarray, sensors: np.ndarray) -> None:
         """Refuse a sensor point beside a source inside the medium: single scattering there diverges with 1/distance."""
         gaps = np.linalg.norm(sources[:, None] - sensors, axis=-1).min(axis=1, initial=np.inf)
-        if isinstance(self.volume, Slab):
-            within = (sources[:, -1] >= 0) & (sources[:, -1] <= self.volume.thickness)
-        else:
-            within = ((sources >= self.volume.lower) & (sources <= self.volume.upper)).all(axis=1)
-        close = within & (gaps < NEAREST * self.wavelength)
+        close = self.volume.contains(sources) & (gaps < NEAREST * self.wavelength)
         if close.any():
             reject(
                 "Scene.sensor",
@@ -160,9 +176,7 @@ class Scene(Value, Pictured):
 
     def _require_wavelength(self) -> None:
         """Refuse Mie spheres made for another wavelength."""
-        medium = self.volume
-        scatterers = medium.scatterers if isinstance(medium, VoxelGrid) else (medium.scatterer,)
-        for particle in (p for scatterer in scatterers for p, _ in scatterer.components):
+        for particle in (p for scatterer in self.volume.scatterers for p, _ in scatterer.components):
             if isinstance(particle, Mie) and abs(particle.wavelength / self.wavelength - 1) > 1e-9:
                 reject(
                     "Mie.wavelength", f"that of the scene, {self.wavelength:g}", particle.wavelength,
@@ -170,18 +184,20 @@ class Scene(Value, Pictured):
                 )  # fmt: skip
 
     def _facts(self) -> Mapping[str, object]:
-        medium = self.medium
         about = {
             "wavelength": self.wavelength,
-            "medium": f"{medium.type}, {medium.thickness:.4g} thick, mean free path {medium.mean_free_path:.4g}",
-            "optical depth": medium.optical_depth,
+            "medium": f"{self.medium.type}, {self.thickness:.4g} thick",
+            "optical depth": self.optical_depth,
         }
-        if not isinstance(medium, VoxelGrid):
-            g = medium.scatterer.mean_cosine(2 if self.dimension == 2 else 3)
-            about |= {"scatterer": f"{medium.scatterer.type}, g = {g:.4g}"}
+        if self.thin is None:
+            about["medium"] += f", mean free path {self.volume.mean_free_path:.4g}"
+            if len(self.volume.scatterers) == 1:
+                (scatterer,) = self.volume.scatterers
+                g = scatterer.mean_cosine(2 if self.dimension == 2 else 3)
+                about |= {"scatterer": f"{scatterer.type}, g = {g:.4g}"}
         light, sensor = self.illumination, self.sensor
-        about |= {"illumination": f"{light.type}, {len(_light_vectors(light))} in all"}
-        if isinstance(light, CollimatedBeams | IncoherentObject):
+        about |= {"illumination": f"{light.type}, {len(light.vectors)} in all"}
+        if light.limited:
             about |= {"window": f"{light.profile}, {light.width:.4g}"}
             about |= {"speckle size (sine)": self.wavelength / light.width}
         return about | {"sensor": f"{sensor.type}, {'x'.join(map(str, sensor.shape))}"}
@@ -191,8 +207,31 @@ class Scene(Value, Pictured):
         axes.set_title(label or "")
 
     def unitless_fingerprint(self) -> str:
-        """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit of length."""
-        return unitless_fingerprint(self, self.wavelength)
+        """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit of length.
+
+        Of scatterers that move it is that of the scene at rest: their paths are the same.
+        """
+        return unitless_fingerprint(self.at_rest, self.wavelength)
+
+    @property
+    def film(self) -> bool:
+        """Whether the beams see scatterers move between their times."""
+        times = getattr(self.illumination, "times", None)  # beams alone have any
+        return self.thin is None and times is not None and bool(np.ptp(times) if len(times) else 0)
+
+    @property
+    def at_rest(self) -> Self:
+        """The scene that decides how a film's paths are drawn: every direction of its beams, once and at no time.
+
+        The motion of its medium is then nobody's business. A film with more frames has the same.
+        """
+        if self.thin is not None or getattr(self.illumination, "times", None) is None:
+            return self
+        directions = self.lights
+        if self.film:
+            first = np.unique(directions, axis=0, return_index=True)[1]
+            directions = directions[np.sort(first)]
+        return self.replace(illumination=self.beams.replace(directions=directions, times=None))
 
     @property
     def dimension(self) -> int:
@@ -207,7 +246,7 @@ class Scene(Value, Pictured):
     @property
     def beams(self) -> CollimatedBeams:
         """The coherent beams that carry light: the illumination's own, or those of an object's lit pixels."""
-        if isinstance(self.illumination, IncoherentObject):
+        if not self.illumination.coherent:
             return self.illumination.beams
         if not isinstance(self.illumination, CollimatedBeams):
             kind = type(self.illumination).__name__
@@ -217,16 +256,12 @@ class Scene(Value, Pictured):
     @property
     def thin(self) -> ScreenStack | None:
         """A thin medium as a stack of screens; None where the medium is a volume."""
-        medium = self.medium
-        return medium.stack if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack) else None
+        return self.medium.stack
 
     @property
     def volume(self) -> Medium:
         """The medium of a scene whose medium is a volume of scatterers."""
-        medium = self.medium
-        if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
-            reject("Scene.medium", "a Slab, a Box or a VoxelGrid here", medium.type)
-        return medium
+        return require_medium("Scene.medium", self.medium, "Thin screens have no volume.")
 
     @property
     def optical_depth(self) -> float:
@@ -240,31 +275,34 @@ class Scene(Value, Pictured):
 
     @property
     def slab(self) -> Slab:
-        """The medium of a scene whose medium is a slab."""
-        if not isinstance(self.medium, Slab):
-            reject("Scene.medium", "a Slab here", type(self.medium).__name__)
-        return self.medium
+        """The medium of a scene whose medium is a slab, or layers, which have all that a slab has."""
+        if not isinstance(self.medium, PlaneParallel):
+            reject("Scene.medium", "a Slab or Layers here", type(self.medium).__name__)
+        return self.medium  # type: ignore[return-value]
+
+    @property
+    def grid(self) -> FarFieldGrid:
+        """The sensor of a scene that is seen by a regular far-field grid."""
+        if self.sensor.regular_grid is None:
+            reject("Scene.sensor", "a FarFieldGrid here", self.sensor.type)
+        return self.sensor.regular_grid
 
     @property
     def lights(self) -> np.ndarray:
         """float64[T, d]: directions of travel of the coherent lights, or the points of point sources."""
-        if isinstance(self.illumination, PointSources):
-            return self.illumination.points
-        if isinstance(self.illumination, PlaneWaves):
-            return self.illumination.directions
-        return self.beams.directions
+        return self.illumination.vectors if self.illumination.coherent else self.beams.directions
 
     @property
     def views(self) -> np.ndarray:
         """float64[V, d]: the sensor's directions or points, flattened in C order."""
-        vectors = self.sensor.points if isinstance(self.sensor, NearField) else self.sensor.directions
+        vectors = self.sensor.vectors
         return vectors.reshape(-1, vectors.shape[-1])
 
     @property
     def side(self) -> float:
         """Sign of z on the side that most of a far-field sensor's views look from; a grid's has one."""
-        if isinstance(self.sensor, FarFieldGrid):
-            return self.sensor.sign
+        if self.sensor.regular_grid is not None:
+            return self.sensor.regular_grid.sign
         return 1.0 if np.sum(self.views[:, -1]) >= 0 else -1.0
 
     @property
@@ -273,15 +311,11 @@ class Scene(Value, Pictured):
         return self.wavelength / self.beams.width
 
 
-def _light_vectors(illumination: Illumination) -> np.ndarray:
-    return illumination.points if isinstance(illumination, PointSources) else illumination.directions
-
-
-def _dimension(medium: AnyMedium) -> int | None:
-    """3 or 2, where the medium says; None for a slab, which may lie in either."""
-    if isinstance(medium, Slab):
-        return None
-    return 3 if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack) else len(medium.lower)
+def require_no_film(owner: str, scene: Scene) -> None:
+    """Refuse films of media that move where nothing of time is known."""
+    if scene.film:
+        reject(f"{owner} scene", "one without times of its beams", "CollimatedBeams.times",
+               "Render its film, or ask temporal_correlation for what is left of the field after a time.")  # fmt: skip
 
 
 def require_range(lengths: dict[str, float]) -> None:

@@ -8,10 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from specklegen.core.errors import counted
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
-from specklegen.scene.media import Slab, VoxelGrid
 from specklegen.scene.screens import ScreenStack
-from specklegen.scene.sensors import FarFieldGrid, NearField
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +36,7 @@ def _draw_medium(axes: "Axes", scene: "Scene") -> None:
         _draw_screens(axes, scene, scene.thin)
         return
     medium = scene.volume
-    if isinstance(medium, VoxelGrid):
+    if medium.has_sides and not medium.homogeneous:
         density = medium.extinction if scene.dimension == 2 else medium.extinction.mean(axis=1)
         axes.imshow(density.T, extent=(0, 1, -1, 1), origin="lower", cmap="Greys", vmin=0, aspect="auto")
     else:
@@ -48,8 +45,10 @@ def _draw_medium(axes: "Axes", scene: "Scene") -> None:
         across, along = rng.uniform(-0.97, 0.97, 400), rng.uniform(0.02, 0.98, 400)
         dots = int(np.clip(20 * medium.optical_depth, 10, 400))
         axes.plot(along[:dots], across[:dots], ".", color="0.45", ms=2.5)
-    if not isinstance(medium, Slab):
+    if medium.has_sides:
         axes.plot([0, 1, 1, 0, 0], [-1, -1, 1, 1, -1], color="0.3", lw=1)
+    elif not medium.homogeneous:
+        axes.vlines(medium.edges[1:-1] / medium.thickness, -1, 1, color="0.3", lw=1)
     words = f"{type(medium).__name__}, {medium.thickness:.4g} thick\noptical depth {medium.optical_depth:.3g}"
     axes.text(0.5, 1.08, words, ha="center", va="bottom", fontsize=8)
 
@@ -66,11 +65,11 @@ def _draw_screens(axes: "Axes", scene: "Scene", stack: ScreenStack) -> None:
 
 def _draw_light(axes: "Axes", scene: "Scene") -> None:
     light = scene.illumination
-    if isinstance(light, PointSources):
+    if light.near:
         axes.plot(*_placed(scene, light.points), "*", color="C3", ms=8)
         axes.text(-1.65, -1.3, counted(len(light.points), "point source"), fontsize=8)
         return
-    if isinstance(light, IncoherentObject):
+    if not light.coherent:
         axes.imshow(light.brightness, extent=(-1.65, -1.05, -0.3, 0.3), cmap="gray", vmin=0, aspect="auto")
         axes.text(-1.65, -1.3, "{}x{} mutually incoherent beams".format(*light.brightness.shape), fontsize=8)
     else:
@@ -83,21 +82,21 @@ def _draw_light(axes: "Axes", scene: "Scene") -> None:
         chosen = chosen * (_STEEPEST / largest if largest else 1.0)
     for slope in np.clip(chosen, -2, 2):
         axes.annotate("", (-0.02, 0.0), (-0.9, -0.9 * slope), arrowprops={"arrowstyle": "->", "color": "C3", "lw": 1})
-    if isinstance(light, CollimatedBeams | IncoherentObject):
+    if light.limited:
         axes.plot([0, 0], [-0.8, 0.8], color="C3", lw=3, alpha=0.5)
         axes.text(-0.06, -0.95, f"{light.profile} window\n{light.width:.4g}", ha="right", fontsize=8)
-    elif isinstance(light, PlaneWaves):
+    else:
         axes.plot([-0.04, -0.04], [-1.2, 1.2], color="C3", lw=1, ls=":")
 
 
 def _draw_sensor(axes: "Axes", scene: "Scene") -> None:
     sensor = scene.sensor
     shape = "x".join(map(str, sensor.shape))
-    if isinstance(sensor, NearField):
+    if sensor.near:
         axes.plot(*_placed(scene, scene.views), "s", color="C0", ms=4)
         axes.text(1.2, -1.3, f"{shape} near-field points", fontsize=8)
         return
-    kind = "grid of views" if isinstance(sensor, FarFieldGrid) else "views"
+    kind = "views" if sensor.regular_grid is None else "grid of views"
     sides = (scene.views[:, -1] >= 0, (2.3, 1.05)), (scene.views[:, -1] < 0, (-1.35, -0.08))
     for place, face in (drawn for some, drawn in sides if some.any()):
         axes.plot([place, place], [-0.55, 0.55], color="C0", lw=4)
@@ -109,7 +108,7 @@ def _draw_sensor(axes: "Axes", scene: "Scene") -> None:
 def _placed(scene: "Scene", points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where points (x, ..., z) lie in the sketch, those far away at its rim."""
     medium = scene.volume
-    if isinstance(medium, Slab):
+    if not medium.has_sides:
         along = points[:, -1] / (medium.thickness or 1.0)
         across = points[:, 0] / max(float(np.abs(points[:, 0]).max(initial=0.0)), 1e-300)
     else:

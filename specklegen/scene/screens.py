@@ -12,13 +12,14 @@ times the rms angle is far below xi.
 
 import math
 from functools import cached_property
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Finite, NonNegative, Positive, Value
+from specklegen.scene.faces import Faces
 
 STEEPEST = 1 / 3
 """Rms angle along one axis behind a thin medium, at most: of a wider Gaussian lobe more than 1 % is evanescent."""
@@ -27,7 +28,16 @@ _GLASS = 1.5  # index of the glass in air for which grits are tabulated
 _FWHM = 2 * math.sqrt(2 * math.log(2))  # of a Gaussian, over its standard deviation
 
 
-class PhaseScreen(Value):
+class _Thin(Value):
+    """What every thin medium answers as a volume of scatterers does."""
+
+    has_sides: ClassVar[bool] = False
+    homogeneous: ClassVar[bool] = True
+    dimension: ClassVar[int | None] = 3
+    faces: ClassVar[Faces] = Faces()
+
+
+class PhaseScreen(_Thin):
     """A thin, lossless screen with a Gaussian phase: a medium, or one of the screens of a :class:`ScreenStack`.
 
     Parameters
@@ -105,7 +115,7 @@ GRITS = {
 height: no maker prints a roughness. Measure the lobe of your own glass and give ``angle`` where that matters."""
 
 
-class GroundGlass(Value):
+class GroundGlass(_Thin):
     """A ground face of glass: a :class:`PhaseScreen` by the grit that ground it, or by how wide it scatters.
 
     Either is one number, and a screen has two. What is assumed besides stands in :attr:`screen`: of a grit both are
@@ -175,7 +185,7 @@ class GroundGlass(Value):
 Screen = Annotated[PhaseScreen | GroundGlass, Field(discriminator="type")]
 
 
-class ScreenStack(Value):
+class ScreenStack(_Thin):
     """Screens one behind the other with clear space between them, infinite sideways.
 
     Parameters

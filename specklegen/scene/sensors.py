@@ -3,22 +3,118 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from specklegen.core.arguments import real_array
+from specklegen.core.content import is_own
 from specklegen.core.errors import reject
-from specklegen.core.memory import available_memory
-from specklegen.core.values import Array, Finite, Positive, PositiveInt, Value, position_vectors, unit_vectors
+from specklegen.core.memory import memory_limit
+from specklegen.core.registered import Registered, member_of
+from specklegen.core.registry import Registry
+from specklegen.core.values import Array, Finite, Positive, PositiveInt, position_vectors, unit_vectors
 from specklegen.scene.illumination import directions_of_sines
 
 Side = Literal["transmission", "reflection"]
 
+_GRID = {
+    "sines", "sign", "directions", "vectors", "center_direction", "corner_directions", "corners", "nearest",
+    "regular_grid", "dimension",
+}  # fmt: skip
+"""What samplers know of a grid by its fields; a subclass leaves them as they are."""
 
-class FarField(Value):
+
+def _says(cls: type[Sensor], name: str) -> bool:
+    return name in cls.model_fields or hasattr(cls, name)
+
+
+def _is_sensor(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Sensor)
+
+
+class Sensor(Registered):
+    """Views of a scene. Subclass it for a sensor of your own.
+
+    A subclass is a frozen value with fields of its own, and with ``directions`` (unit vectors of travel,
+    float64[..., 3], or float64[..., 2] in flatland) or ``points`` (float64[..., 3] or [..., 2]). The name of the class
+    is its ``type``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import specklegen as sg
+    >>> class Ring(sg.Sensor):
+    ...     sine: float
+    ...     count: int = 16
+    ...     @property
+    ...     def directions(self):
+    ...         turn = 2 * np.pi * np.arange(self.count) / self.count
+    ...         x, y = self.sine * np.cos(turn), self.sine * np.sin(turn)
+    ...         return np.stack([x, y, np.sqrt(1 - self.sine**2) * np.ones_like(x)], -1)
+    >>> Ring(sine=0.01).shape
+    (16,)
+    """
+
+    registry: ClassVar = Registry("sensor", _is_sensor)
+    near: ClassVar[bool] = False
+    """Whether views are points, not directions."""
+    type: Any = None
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        super().__pydantic_init_subclass__(**kwargs)
+        if cls.is_member():
+            cls.near = _says(cls, "points")
+            if not _says(cls, "shape"):  # a field of that name may not hide a property of a base
+                cls.shape = property(lambda self: self.vectors.shape[:-1], doc="Shape of an image.")  # type: ignore[assignment]
+
+    if TYPE_CHECKING:
+
+        @property
+        def shape(self) -> Any:
+            """Shape of an image: that of the views less their last axis."""
+
+    @classmethod
+    def is_member(cls) -> bool:
+        """Whether the class says what its views are."""
+        return super().is_member() and any(_says(cls, name) for name in ("points", "directions"))
+
+    @property
+    def dimension(self) -> int:
+        """3 in space, 2 in flatland."""
+        return self.vectors.shape[-1]
+
+    @property
+    def regular_grid(self) -> "FarFieldGrid | None":
+        """The sensor, if its views are a regular grid of direction sines."""
+        return None
+
+    @cached_property
+    def vectors(self) -> np.ndarray:
+        """float64[..., d], directions of travel, of length 1 to the last bit, or points.
+
+        Raises
+        ------
+        RuleError
+            If a user's own class says neither.
+        """
+        name = "points" if self.near else "directions"
+        given = getattr(self, name)
+        if not is_own(type(self)):  # their fields have been checked
+            return given
+        given = real_array(f"{type(self).__name__}.{name}", given)
+        return (position_vectors if self.near else unit_vectors)(f"{type(self).__name__}.{name}", given)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """float64[n, d], views between which, in direction, all others lie: of a grid its corners, else all."""
+        return self.vectors.reshape(-1, self.vectors.shape[-1])
+
+
+class FarField(Sensor):
     """Views at arbitrary directions of travel, unit vectors float64[..., 3], or float64[..., 2] in flatland.
 
     Examples
@@ -67,7 +163,7 @@ class FarField(Value):
         return FarFieldGrid(shape=shape, pitch=pitch, center=center, side=side)
 
 
-class FarFieldGrid(Value):
+class FarFieldGrid(Sensor):
     """Views on a regular grid of direction sines inside the medium; the camera of a far-field scene.
 
     Parameters
@@ -90,16 +186,16 @@ class FarFieldGrid(Value):
     """
 
     type: Literal["FarFieldGrid"] = "FarFieldGrid"
-    shape: tuple[PositiveInt, PositiveInt]
+    shape: tuple[PositiveInt, PositiveInt]  # type: ignore[assignment]
     pitch: Positive
     center: tuple[Finite, Finite] = (0.0, 0.0)
     side: Side = "transmission"
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if 8 * max(self.shape) > 0.1 * available_memory():  # of one axis, before it is allocated
+        if 8 * max(self.shape) > 0.1 * memory_limit():  # of one axis, before it is allocated
             reject(
-                "FarFieldGrid.shape", f"at most {int(0.1 * available_memory() / 8):.1e} views a side here", self.shape,
+                "FarFieldGrid.shape", f"at most {int(0.1 * memory_limit() / 8):.1e} views a side here", self.shape,
                 "A render holds tilts x views fields of 8 bytes: use fewer views, or stream tiles of them.",
             )  # fmt: skip
         x, y = self.sines
@@ -113,10 +209,28 @@ class FarFieldGrid(Value):
             )
         return self
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        changed = sorted(vars(cls).keys() & _GRID)
+        if changed:
+            reject(f"{cls.__name__}", "a grid as FarFieldGrid is, whose pitch and center say all views", changed,
+                   "Views that lie otherwise are a sensor of their own: subclass Sensor.")  # fmt: skip
+        super().__pydantic_init_subclass__(**kwargs)
+
     @property
     def dimension(self) -> int:
         """3: grids are in space."""
         return 3
+
+    @property
+    def regular_grid(self) -> "FarFieldGrid":
+        """Itself."""
+        return self
+
+    @property
+    def corners(self) -> np.ndarray:
+        """float64[4, 3]."""
+        return self.corner_directions
 
     @property
     def sines(self) -> tuple[np.ndarray, np.ndarray]:
@@ -190,7 +304,7 @@ def require_resolved(field: str, wavelength: float, width: float, pitch: float) 
         )
 
 
-class NearField(Value):
+class NearField(Sensor):
     """Points at which the field itself is measured, float64[..., 3] or float64[..., 2]; inside or outside the medium.
 
     |u|^2 is an irradiance ratio.
@@ -203,6 +317,7 @@ class NearField(Value):
     (2,)
     """
 
+    near: ClassVar[bool] = True
     type: Literal["NearField"] = "NearField"
     points: Array = Field(kw_only=False)
 
@@ -222,4 +337,5 @@ class NearField(Value):
         return self.points.shape[-1]
 
 
-Sensor = Annotated[FarField | FarFieldGrid | NearField, Field(discriminator="type")]
+AnySensor = Annotated[Sensor, *member_of(Sensor)]
+"""A sensor of any type, written with it."""

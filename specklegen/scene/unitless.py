@@ -23,9 +23,11 @@ def unitless_fingerprint(value: Value, unit: float) -> str:
 
 
 def _unitless(content: Any, unit: float, power: int = 0) -> Any:
-    """JSON with every field of ``_LENGTHS`` divided by its power of the unit, and rounded."""
+    """JSON with every field of ``_LENGTHS`` divided by its power of the unit, and rounded; motions decide no path."""
     if isinstance(content, dict):
-        return {key: _unitless(value, unit, _LENGTHS.get(key, 0)) for key, value in content.items()}
+        return {key: _unitless(value, unit, _LENGTHS.get(key, 0)) for key, value in content.items() if key != "motion"}
     if isinstance(content, list):
+        if not power and isinstance(next(iter(content), None), float):  # millions of pixels stay as they are
+            return content
         return [_unitless(value, unit, power) for value in content]
     return float(f"{content / unit**power:.9g}") if power else content

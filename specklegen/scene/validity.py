@@ -1,12 +1,9 @@
 """What the physics itself assumes of a scene, and where that is doubtful."""
 
-import warnings
-
 import numpy as np
 
 from specklegen.core.decision import Decision
-from specklegen.core.errors import DoubtWarning
-from specklegen.scene.illumination import CollimatedBeams, IncoherentObject
+from specklegen.core.errors import warn_user
 from specklegen.scene.scene import Scene
 
 WIDE = 0.15
@@ -21,19 +18,67 @@ def independence_doubt(mean_free_path: float, wavelength: float) -> str | None:
 
 
 def warn_of_dependence(mean_free_path: float, wavelength: float) -> None:
-    """Issue a :class:`DoubtWarning` where independent scattering is doubtful, for results that have no decisions."""
+    """Issue a :class:`DoubtWarning` where independent scattering is doubtful, for results that have no scene."""
     doubt = independence_doubt(mean_free_path, wavelength)
     if doubt:
-        warnings.warn(f"independent scattering is assumed, but doubtful: {doubt}", DoubtWarning, stacklevel=3)
+        warn_user(f"independent scattering is assumed, but doubtful: {doubt}")
 
+
+def warn_of_doubts(scene: Scene) -> None:
+    """Issue a :class:`DoubtWarning` for all that :func:`validity_decisions` doubts: for results without a plan."""
+    for each in validity_decisions(scene):
+        warn_user(f"{each.part}: {each.reason}")
+
+
+def idealisations(
+    scene: Scene, *, refractive_index: float | None = None, band: bool = False, halves: int = 1
+) -> list[Decision]:
+    """What a real set-up has and a scene leaves out, by the parts "faces", "polarisation", "bandwidth" and "iris".
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    refractive_index
+        Of the medium against its surroundings, where it is known.
+    band
+        Whether a band of wavelengths is modelled beside the scene.
+    halves
+        Independent polarisations that are added up beside it.
+    """
+    found = []
+    if scene.thin is None and scene.volume.faces.matched and refractive_index != 1:
+        index = "" if refractive_index is None else f" although the refractive index is {refractive_index:g}"
+        remedy = "Slab.faces, or a laboratory's refractive_index" if not scene.volume.has_sides else "of a Slab alone"
+        found.append(Decision(
+            "faces", False, f"idealised: matched to the surroundings{index}; in air or water they reflect, and the "
+            f"memory effect's range is half and less ({remedy})",
+        ))  # fmt: skip
+    scalar = "idealised: light is a scalar in the medium"
+    alone = "; what a thick medium depolarises has a contrast of 0.71 unless an analyser selects one polarisation"
+    found.append(Decision("polarisation", False, scalar + (alone if halves == 1 else ", and leaves it depolarised")))
+    if not band:
+        found.append(Decision(
+            "bandwidth", False, "idealised: light of one wavelength; a band lowers the contrast where paths differ in "
+            "length by more than its coherence length",
+        ))  # fmt: skip
+    if scene.illumination.limited:
+        found.append(Decision(
+            "iris", False, "idealised: none between medium and camera, which takes the light of the whole exit face; "
+            "one smaller than the window makes larger grains",
+        ))  # fmt: skip
+    return found
+
+
+IDEALISED = ("faces", "polarisation", "bandwidth", "iris")
+"""Parts of :func:`idealisations`."""
 
 
 def validity_decisions(scene: Scene) -> list[Decision]:
     """What the physics itself assumes of a scene, where it is doubtful."""
     found = []
     wavelength = scene.wavelength
-    limited = isinstance(scene.illumination, CollimatedBeams | IncoherentObject)
-    width = scene.beams.width if limited else np.inf
+    width = scene.beams.width if scene.illumination.limited else np.inf
     doubt = None if scene.thin is not None else independence_doubt(scene.volume.mean_free_path, wavelength)
     if doubt:
         found.append(Decision("independent scattering", True, f"assumed, but doubtful: {doubt}"))
@@ -44,6 +89,7 @@ def validity_decisions(scene: Scene) -> list[Decision]:
                 False,
                 f"not modelled, and doubtful here: width^2 / wavelength = {width**2 / wavelength:.3g} is not far "
                 f"above the thickness {scene.thickness:g}",
+                doubt=True,
             )  # fmt: skip
         )
     angle = 0.0 if scene.thin is None else scene.thin.rms_angle(wavelength)

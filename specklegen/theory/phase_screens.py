@@ -81,13 +81,18 @@ def spread(stack: ScreenStack, wavelength: float) -> tuple[float, float, float]:
     return over_all, float(angles @ np.square(distance - pivot)), pivot
 
 
-def index_correlation(stack: ScreenStack, wavelength: float, sines: np.ndarray) -> np.ndarray:
+def index_correlation(
+    stack: ScreenStack, wavelength: float, sines: np.ndarray, others: np.ndarray | None = None
+) -> np.ndarray:
     """What the screens' index leaves of the field correlation of beams at sines float64[T] from the normal: [T, T].
+
+    With ``others`` float64[S] it is that of each with each of these, [T, S].
 
     The phase of a rough face grows with the tilt, as if it were higher: prod_m exp{-[sigma_m(s) - sigma_m(s')]^2 / 2}.
     """
     phases = stack.phases(wavelength, sines)
-    return np.exp(-0.5 * np.square(phases[:, :, None] - phases[:, None, :]).sum(0))
+    second = phases if others is None else stack.phases(wavelength, others)
+    return np.exp(-0.5 * np.square(phases[:, :, None] - second[:, None, :]).sum(0))
 
 
 @dataclass(frozen=True)

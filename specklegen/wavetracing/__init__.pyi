@@ -3,6 +3,7 @@ from .aperture import gaussian_mass as gaussian_mass
 from .aperture import triangles_transform as triangles_transform
 from .beams import GaussianBeam as GaussianBeam
 from .bilinear import bilinear_intensity as bilinear_intensity
+from .coherent_ray_sums import coherent_rays as coherent_rays
 from .cones import Cone as Cone
 from .coupling import WindowLosses as WindowLosses
 from .coupling import illumination_of as illumination_of
@@ -29,7 +30,6 @@ from .pattern import Pattern as Pattern
 from .pattern import expected_trials as expected_trials
 from .pattern import sample_pattern as sample_pattern
 from .pattern import sample_slits as sample_slits
-from .phased_rays import phase_rays as phase_rays
 from .plane import Plane as Plane
 from .plane import PlaneField as PlaneField
 from .plane_field import field_on_plane as field_on_plane

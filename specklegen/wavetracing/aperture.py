@@ -3,8 +3,8 @@
 xi = k (d_x, d_y) - k (i_x, i_y) is what diffraction adds to the wavevector in the plane of the opening, u the
 amplitude of the light there less its plane phase. With uniform u the polygon's edges suffice, exactly; with any other
 u the opening is cut into triangles on which u is linear. [Steinberg] Eqs. 22-24; formulae and how they avoid
-cancellation in `specklegen.kernels.apertures`. Babinet: the transform of an opening is that of the beam less those of
-what stands in it, by linearity.
+cancellation in `specklegen.wavetracing.kernels.apertures`. Babinet: the transform of an opening is that of the beam
+less those of what stands in it, by linearity.
 
 The far field behind the opening is (k / 2 pi i) (e^{ikr} / r) cos(theta) Psi.
 """
@@ -16,8 +16,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.core.arguments import complex_array, finite_numbers, real_array
 from specklegen.core.errors import reject
-from specklegen.kernels.apertures import edge_transform, triangle_transform
+from specklegen.wavetracing.kernels.apertures import edge_transform, triangle_transform
 from specklegen.wavetracing.opening import Opening, Rim, rim_of
 
 Amplitude = complex | Callable[[np.ndarray], np.ndarray]
@@ -71,8 +72,7 @@ def aperture_transform(
         triangle_transform(triangles - rim.centre, values, flat, out)
         out *= np.exp(-1j * (flat @ rim.centre))
     else:
-        if not np.isfinite(amplitude):
-            reject("aperture_transform amplitude", "finite", amplitude)
+        amplitude = complex(finite_numbers("aperture_transform amplitude", amplitude, 0))
         edge_transform(rim.about_centre, rim.area, *map(float, rim.centre), flat, out)
         out *= amplitude
     return out.reshape(xi.shape[:-1])
@@ -95,7 +95,8 @@ def triangles_transform(triangles: ArrayLike, amplitudes: ArrayLike, xi: ArrayLi
     >>> triangles_transform([[[0, 0], [2, 0], [0, 2]]], [[1, 1, 1]], [0.0, 0.0])  # its area
     array(2.+0.j)
     """
-    triangles, amplitudes = np.array(triangles, np.float64), np.array(amplitudes, np.complex128)
+    triangles = real_array("triangles_transform triangles", triangles).copy()
+    amplitudes = complex_array("triangles_transform amplitudes", amplitudes).copy()
     if triangles.ndim != 3 or triangles.shape[1:] != (3, 2) or not np.isfinite(triangles).all():
         reject("triangles_transform triangles", "finite, of shape (T, 3, 2)", triangles)
     if amplitudes.shape != triangles.shape[:2] or not np.isfinite(amplitudes).all():
@@ -147,7 +148,7 @@ def gaussian_mass(polygon: Opening, covariance: ArrayLike, mean: ArrayLike = (0.
     from scipy.special import owens_t
 
     rim = rim_of("gaussian_mass polygon", polygon)
-    covariance, mean = np.asarray(covariance, float), np.asarray(mean, float)
+    covariance, mean = real_array("gaussian_mass covariance", covariance), real_array("gaussian_mass mean", mean)
     if covariance.shape != (2, 2) or not np.isfinite(covariance).all() or not np.array_equal(covariance, covariance.T):
         reject("gaussian_mass covariance", "a finite symmetric matrix of shape (2, 2)", covariance)
     if not (np.linalg.eigvalsh(covariance) > 0).all():
@@ -206,7 +207,7 @@ def _values(amplitude: Callable[[np.ndarray], np.ndarray], corners: np.ndarray) 
 
 
 def _wavevectors(field: str, xi: ArrayLike) -> np.ndarray:
-    xi = np.asarray(xi, dtype=np.float64)
+    xi = real_array(field, xi)
     if xi.ndim < 1 or xi.shape[-1] != 2 or not np.isfinite(xi).all():
         reject(field, "finite, of shape (..., 2)", xi)
     return xi

@@ -17,13 +17,12 @@ The beam is paraxial: at tan(alpha) = .034, .135, .34, .68 the true variance aft
 6e-3, 4e-2, .22. Above PARAXIAL a `DoubtWarning` says so.
 """
 
-import warnings
 from typing import Self
 
 import numpy as np
 from pydantic import model_validator
 
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.values import Array, NonNegative, Positive, Value, unit_vectors
 from specklegen.wavetracing.cones import Cone, transverse_frame
 
@@ -83,11 +82,9 @@ class GaussianBeam(Value):
         if np.linalg.eigvalsh(self.sigma)[0] <= 0:
             reject("GaussianBeam.sigma", "positive definite", self.sigma)
         if self.tangents.max() > PARAXIAL:
-            warnings.warn(
+            warn_user(
                 f"a beam of half opening angle atan({self.tangents.max():.3g}) is not paraxial: the variance is off "
                 "by 4 % at .34 and 22 % at .68; use a larger sigma",
-                DoubtWarning,
-                stacklevel=4,
             )
         return self
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.core.arguments import complex_array, flag
 from specklegen.core.errors import reject
 
 
@@ -46,7 +47,8 @@ def bilinear_intensity(contributions: ArrayLike, unbiased: bool = True) -> tuple
     >>> round(float(intensity), 6)
     2.0
     """
-    f = np.asarray(contributions, complex)
+    flag("bilinear_intensity unbiased", unbiased)
+    f = complex_array("bilinear_intensity contributions", contributions)
     if f.ndim < 1 or len(f) < 3:
         reject("bilinear_intensity contributions", "of at least 3 rays", np.shape(contributions))
     if not np.isfinite(f).all():

@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, NonNegative, Value, unit_vectors
-from specklegen.kernels.cones import CONE
+from specklegen.wavetracing.kernels.cones import CONE
 
 
 def transverse_frame(direction: np.ndarray, across: np.ndarray | None = None) -> np.ndarray:
@@ -103,7 +103,7 @@ class Cone(Value):
         return max(self.tan_a, self.ratio * self.tan_b)
 
     def packed(self) -> np.ndarray:
-        """Return what kernels know of the cone, float64[CONE]; see `specklegen.kernels.cones`."""
+        """Return what kernels know of the cone, float64[CONE]; see `specklegen.wavetracing.kernels.cones`."""
         out = np.empty(CONE)
         out[:3] = self.origin
         out[3:12] = (self.frame * np.array([1.0, self.ratio, 1.0])[:, None]).ravel()

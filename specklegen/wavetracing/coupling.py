@@ -16,14 +16,14 @@ A path of wave tracing carries power, not a field. Its irradiance may be the bri
 come from `specklegen.wavetracing.field_on_plane`. This module alone knows the engine.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from specklegen.coherence.transmission import face_modes
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.arguments import real_number, several
+from specklegen.core.errors import reject, warn_user
 from specklegen.scene.illumination import CollimatedBeams, directions_of_sines
 from specklegen.wavetracing.plane import PlaneField
 
@@ -134,6 +134,7 @@ def illumination_of(
     >>> len(beams.directions)  # uniform light is one beam
     1
     """
+    power = real_number("illumination_of power", power)
     if not 0 < power <= 1:
         reject("illumination_of power", "above 0 and at most 1", power)
     stack, first = _window(fields)
@@ -144,7 +145,7 @@ def illumination_of(
         (losses.unresolved, "lies at the finest waves of the grid, so finer ones are aliased: take a finer pitch"),
     ):
         if share > DOUBTFUL:
-            warnings.warn(f"illumination_of: {share:.1%} of the power {problem}.", DoubtWarning, stacklevel=2)
+            warn_user(f"illumination_of: {share:.1%} of the power {problem}.")
     amplitudes, sines = _series(stack, first)
     share = np.where(_travels(sines), np.square(np.abs(amplitudes)).sum(axis=1), 0.0)
     order = np.argsort(-share, kind="stable")
@@ -159,17 +160,15 @@ def illumination_of(
 
 def _window(fields: PlaneField | Sequence[PlaneField]) -> tuple[np.ndarray, PlaneField]:
     """The fields complex128[K, n, n], and the first of them."""
-    several = [fields] if isinstance(fields, PlaneField) else list(fields)
-    if not several or not all(isinstance(field, PlaneField) for field in several):
-        reject("illumination_of fields", "a PlaneField, or several", fields)
-    first = several[0]
+    given = several("illumination_of fields", fields, PlaneField)
+    first = given[0]
     rows, columns = first.values.shape
     if rows != columns:
         reject("illumination_of fields", "on a square grid", first.values.shape, "A window has one width.")
-    for field in several[1:]:
+    for field in given[1:]:
         if (field.values.shape, field.pitch, field.wavelength) != (first.values.shape, first.pitch, first.wavelength):
             reject("illumination_of fields", "on one grid, of one wavelength", (field.values.shape, field.pitch))
-    stack = np.stack([field.values for field in several])
+    stack = np.stack([field.values for field in given])
     if not np.abs(stack).max() > 0:
         reject("illumination_of fields", "not 0 everywhere", 0.0, "A closed mask is dark.")
     return stack, first

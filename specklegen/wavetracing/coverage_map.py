@@ -14,16 +14,16 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.display.plot import Pictured, draw_map
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads
-from specklegen.core.picturing import Pictured, draw_map
 from specklegen.core.random_streams import Seed
-from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, Value
+from specklegen.wavetracing.coherent_ray_sums import coherent_rays
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.materials import LIGHT_SPEED
-from specklegen.wavetracing.phased_rays import phase_rays
 from specklegen.wavetracing.plane import Plane
 from specklegen.wavetracing.tracing import Diffraction, trace
 from specklegen.wavetracing.wave_trace import Ledger, Statistics
@@ -133,7 +133,7 @@ def coverage(
         Hertz.
     method
         "wave" (with diffraction), "ray", or "phase": all paths of one reflection and two edges at most, with their
-        phases, without chance (`phase_rays`; mean power of soft and hard, every surface perfect).
+        phases, without chance (`coherent_rays`; mean power of soft and hard, every surface perfect).
     gain
         G_r of the receiving antenna, as a factor.
     beams, seed, max_events, diffraction, threads
@@ -163,7 +163,7 @@ def coverage(
     wavelength = LIGHT_SPEED / frequency
     source = PointEmitter(transmitter.position, wavelength, transmitter.power, transmitter.beam_angle)
     if method == "phase":
-        both = [phase_rays(geometry, source, plane.points, polarisation=name) for name in ("soft", "hard")]
+        both = [coherent_rays(geometry, source, plane.points, polarisation=name) for name in ("soft", "hard")]
         power = received_power(np.mean(np.square(np.abs(both)), axis=0), wavelength, gain)
         none = power == 0
         return Coverage(

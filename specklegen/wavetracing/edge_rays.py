@@ -17,12 +17,11 @@ the field is wrong.
 Source: Kouyoumjian and Pathak, Proc. IEEE 62, 1448 (1974); Keller, J. Opt. Soc. Am. 52, 116 (1962).
 """
 
-import warnings
 from typing import Literal
 
 import numpy as np
 
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.errors import reject, warn_user
 from specklegen.wavetracing.facing_edges import facing_edges
 from specklegen.wavetracing.light import PlaneWave
 from specklegen.wavetracing.opening import Rim
@@ -95,9 +94,8 @@ def edge_ray_field(rim: Rim, light: PlaneWave, points: np.ndarray, polarisation:
             arriving = wave.hard if polarisation == "hard" else wave.soft
             edge_waves[seen] += arriving * pair * np.exp(1j * k * (origin[seen] * cosine + s)) / np.sqrt(s)
     if shortest < zone:
-        warnings.warn(
+        warn_user(
             f"field_on_plane: an edge is {shortest:.3g} long and its Fresnel zone {zone:.3g}, so that its corners "
             'matter, which method "utd" lacks: use "boundary" or "spectrum", or a nearer plane',
-            DoubtWarning, stacklevel=3,
         )  # fmt: skip
     return covered * light.field(points) + light.amplitude * edge_waves

@@ -1,36 +1,11 @@
-"""Edges of a scene as arrays, laid out for the walk of beams with UTD (`specklegen.kernels.edge_waves`)."""
-
-from typing import NamedTuple
+"""Edges of a scene as arrays, laid out for the walk of beams with UTD (`specklegen.wavetracing.kernels.edge_waves`)."""
 
 import numpy as np
 
 from specklegen.wavetracing.edges import normals
-from specklegen.wavetracing.facets import Facets
 from specklegen.wavetracing.geometry import Geometry
-
-
-class EdgeTable(NamedTuple):
-    """Edges that diffract.
-
-    Attributes
-    ----------
-    at : int32[F, 3]
-        Edge at each side of a place in the leaves, each edge once; -1 for none.
-    edges : float64[E, 14]
-        Start, unit vector along, length, n, unit normal of the 0-face, unit vector into that face.
-    facets, rows : int32[E, 2]
-        Plane facets of the two faces, of a boundary both sides of its one face; and their rows of materials.
-    """
-
-    at: np.ndarray
-    edges: np.ndarray
-    facets: np.ndarray
-    rows: np.ndarray
-
-    @property
-    def shortest(self) -> float:
-        """Length of the shortest edge; inf without any."""
-        return float(self.edges[:, 6].min(initial=np.inf))
+from specklegen.wavetracing.kernels.edge_waves import EdgeTable
+from specklegen.wavetracing.kernels.regions import Facets
 
 
 def edge_table(scene: Geometry, facets: Facets) -> EdgeTable:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from specklegen.core.showing import short
+from specklegen.core.display.repr import short
 
 FLAT = np.deg2rad(175.0)
 """Interior angle above which two faces make no edge."""

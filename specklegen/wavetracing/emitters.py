@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, Positive, Value, unit_vectors
-from specklegen.kernels.beam_sources import COLLIMATED, POINT, SOURCE
+from specklegen.wavetracing.kernels.beam_sources import COLLIMATED, POINT, SOURCE
 
 
 class CollimatedEmitter(Value):

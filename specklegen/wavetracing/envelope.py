@@ -1,7 +1,7 @@
 """The envelope under which patterns of polygons are drawn, and its cost.
 
-A^2 inside the disc |xi| < c, N sum_e |Psi_e|^2 outside (`specklegen.kernels.patterns`). Its mass over that of the
-pattern, 4 pi^2 A, is the mean number of trials a draw:
+A^2 inside the disc |xi| < c, N sum_e |Psi_e|^2 outside (`specklegen.wavetracing.kernels.patterns`). Its mass over that
+of the pattern, 4 pi^2 A, is the mean number of trials a draw:
 
     trials = (pi c^2 A^2 + N sum_e E_e) / (4 pi^2 A),   E_e = |e|^2 int sinc^2(p|e|/2) 2G(p) dp
 

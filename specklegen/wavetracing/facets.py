@@ -5,7 +5,6 @@ that share corners are one loop; a loop that runs clockwise about the facet's no
 side of it is an edge, an opening for light.
 """
 
-from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -13,30 +12,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from specklegen.wavetracing.geometry import Geometry
+from specklegen.wavetracing.kernels.regions import Facets
 
-_FOUND: WeakKeyDictionary[Geometry, "Facets"] = WeakKeyDictionary()
+_FOUND: WeakKeyDictionary[Geometry, Facets] = WeakKeyDictionary()
 _PLANE = 1e-7  # radians between triangles of one facet
-
-
-class Facets(NamedTuple):
-    """Arrays of `specklegen.kernels.regions`, by place in the leaves, and materials."""
-
-    facet: np.ndarray
-    across: np.ndarray
-    loop: np.ndarray
-    normals: np.ndarray
-    whole: np.ndarray
-    rims: np.ndarray
-    rim_ends: np.ndarray
-    holes: np.ndarray
-    loops: np.ndarray
-    loop_ends: np.ndarray
-    material: np.ndarray
-
-    @property
-    def most_edges(self) -> int:
-        """Edges of the facet that has most, at least 1."""
-        return max(1, int(np.diff(self.rims).max(initial=0)))
 
 
 def facets_of(scene: Geometry) -> Facets:

@@ -2,21 +2,21 @@
 
 Faces are numbered through all meshes in their order. Queries are exact: `closest` is the least depth at which any
 point of any triangle lies in the cone, `collect` finds every triangle that does, and rays pass between no two welded
-triangles. See `specklegen.kernels.cones`, `cone_bvh` and `ray_bvh` for how.
+triangles. See `specklegen.wavetracing.kernels.cones`, `cone_bvh` and `ray_bvh` for how.
 """
 
-import warnings
 from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.arguments import several
+from specklegen.core.display.repr import summary
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, map_blocks, slices
-from specklegen.core.showing import summary
-from specklegen.kernels import cone_bvh, ray_bvh
 from specklegen.wavetracing.cones import Cone
 from specklegen.wavetracing.edges import Edges, Topology, edges_of, gaps, topology, weld
+from specklegen.wavetracing.kernels import cone_bvh, ray_bvh
 from specklegen.wavetracing.meshes import Mesh
 
 _RAYS = 16384  # in a block
@@ -56,9 +56,7 @@ class Geometry:
     """
 
     def __init__(self, meshes: Mesh | Sequence[Mesh]) -> None:
-        self.meshes = (meshes,) if isinstance(meshes, Mesh) else tuple(meshes)
-        if not self.meshes or not all(isinstance(mesh, Mesh) for mesh in self.meshes):
-            reject("Geometry.meshes", "one mesh or several", [type(mesh).__name__ for mesh in self.meshes])
+        self.meshes = several("Geometry.meshes", meshes, Mesh)
         starts = np.cumsum([0, *(len(mesh.vertices) for mesh in self.meshes)])
         self.vertices = np.concatenate([mesh.vertices for mesh in self.meshes])
         faces = np.concatenate(
@@ -70,11 +68,10 @@ class Geometry:
         self.faces, self.number, self.mesh = faces[kept], kept.astype(np.int32), mesh[kept]
         self._warn_of_slivers()
         nodes = cone_bvh.node_count(len(self.faces))
-        self.boxes, self.link = np.empty((nodes, 6)), np.empty(nodes, np.int32)
+        self.tree = cone_bvh.Tree(np.empty((nodes, 6)), np.empty(nodes, np.int32), np.empty((len(self.faces), 9)))
         self.order = np.empty(len(self.faces), np.int32)
-        cone_bvh.build(self.vertices, self.faces, self.boxes, self.link, self.order)
-        self.corners = np.empty((len(self.faces), 9))
-        cone_bvh.lay_out(self.vertices, self.faces, self.order, self.corners)
+        cone_bvh.build(self.vertices, self.faces, self.tree.boxes, self.tree.link, self.order)
+        cone_bvh.lay_out(self.vertices, self.faces, self.order, self.tree.corners)
 
     def __repr__(self) -> str:
         return summary(self, vertices=self.vertices, faces=self.faces, meshes=len(self.meshes))
@@ -88,40 +85,33 @@ class Geometry:
         longest = np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))])
         flat = int((double <= _NEEDLE * longest).sum())
         if flat:
-            warnings.warn(f"{flat} triangles have no area: they count as their edges", DoubtWarning, stacklevel=3)
+            warn_user(f"{flat} triangles have no area: they count as their edges")
 
     @property
     def memory(self) -> int:
         """Bytes of the arrays that queries need, those of the meshes included."""
-        own = (self.vertices, self.faces, self.number, self.mesh, self.welded)
-        tree = (self.boxes, self.link, self.order, self.corners)
-        return sum(array.nbytes for array in own + tree)
+        own = (self.vertices, self.faces, self.number, self.mesh, self.welded, self.order)
+        return sum(array.nbytes for array in own + self.tree)
 
     @cached_property
     def topology(self) -> Topology:
         """Which faces meet at which sides; `DoubtWarning` of crowded edges, edges of two meshes, and gaps."""
         found = topology(self.vertices, self.faces, self.welded)
         if found.crowded:
-            warnings.warn(
+            warn_user(
                 f"more than two faces meet at {found.crowded} edges: each ends there as a boundary of its own",
-                DoubtWarning,
-                stacklevel=2,
             )
         across = self.mesh[found.neighbour] != np.repeat(self.mesh, 3)
         shared = int((across & (found.neighbour >= 0)).sum()) // 2
         if shared:
-            warnings.warn(
+            warn_user(
                 f"{shared} edges of two meshes coincide: they are welded, and diffract as one",
-                DoubtWarning,
-                stacklevel=2,
             )
         apart = gaps(self.vertices, self.faces, self.welded, found)
         if apart:
-            warnings.warn(
+            warn_user(
                 f"{apart} boundary edges nearly coincide with another and are not welded: light leaks between them, "
                 "and both diffract; move their vertices together",
-                DoubtWarning,
-                stacklevel=2,
             )
         return found
 
@@ -148,7 +138,7 @@ class Geometry:
     def closest(self, cone: Cone, near: float = 0.0, far: float = np.inf) -> tuple[float, int]:
         """Least depth in [near, far] at which the cone meets a triangle, and the triangle; (inf, -1) for none."""
         _check_depths(near, far)
-        depth, place, _ = cone_bvh.closest(cone.packed(), near, far, self.boxes, self.link, self.corners)
+        depth, place, _ = cone_bvh.closest(cone.packed(), near, far, self.tree)
         return float(depth), int(self.number[self.order[place]]) if place >= 0 else -1
 
     def collect(self, cone: Cone, near: float = 0.0, far: float = np.inf) -> np.ndarray:
@@ -156,7 +146,7 @@ class Geometry:
         _check_depths(near, far)
         out = np.empty(64, np.int64)
         while True:
-            found, _ = cone_bvh.collect(cone.packed(), near, far, self.boxes, self.link, self.corners, out)
+            found, _ = cone_bvh.collect(cone.packed(), near, far, self.tree, out)
             if found <= len(out):
                 return np.sort(self.number[self.order[out[:found]]].astype(np.int64))
             out = np.empty(found, np.int64)
@@ -198,9 +188,8 @@ class Geometry:
 
         def block(part: slice) -> None:
             ray_bvh.nearest_of(
-                origins[part], directions[part], near, everywhere, self.boxes, self.link, self.corners,
-                distance[part], place[part],
-            )  # fmt: skip
+                origins[part], directions[part], near, everywhere, self.tree, distance[part], place[part]
+            )
 
         map_blocks(block, slices(len(origins), _RAYS), threads)
         face = np.where(place >= 0, self.number[self.order[place]] if len(self) else -1, -1).astype(np.int64)
@@ -222,5 +211,5 @@ def _without_duplicates(welded: np.ndarray, faces: np.ndarray) -> np.ndarray:
     same[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
     dropped = int(same.sum())
     if dropped:
-        warnings.warn(f"{dropped} duplicate triangles were dropped", DoubtWarning, stacklevel=4)
+        warn_user(f"{dropped} duplicate triangles were dropped")
     return np.flatnonzero(~same)

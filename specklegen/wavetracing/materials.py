@@ -13,13 +13,13 @@ Building materials follow Recommendation ITU-R P.2040-3: eta = a f^b + i 17.975 
 unpolarised in wave tracing: the mean of TE and TM.
 """
 
-import warnings
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.arguments import choice, positive_number
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.values import ComplexNumber, Positive, UnitInterval, Value
 
 # Kinds as the kernels know them.
@@ -61,17 +61,13 @@ def itu_permittivity(name: str, frequency: float) -> complex:
     >>> itu_permittivity("concrete", 1e9)
     (5.24+0.830445j)
     """
-    if name not in ITU:
-        reject("material name", f"one of {', '.join(ITU)}", name)
-    if not 0 < frequency < np.inf:
-        reject("frequency", "positive and finite (Hz)", frequency)
+    choice("material name", name, ITU)
+    frequency = positive_number("frequency", frequency)
     a, b, c, d, lowest, highest = ITU[name]
     gigahertz = frequency / 1e9
     if not lowest <= gigahertz <= highest:
-        warnings.warn(
+        warn_user(
             f"the permittivity of {name} is stated for {lowest:g} to {highest:g} GHz, not {gigahertz:.4g} GHz",
-            DoubtWarning,
-            stacklevel=2,
         )
     # sigma = c f^d over (omega eps_0) is 17.975 c f^(d - 1)
     return complex(a * gigahertz**b, 17.975 * c * gigahertz ** (d - 1))

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from specklegen.core.arguments import finite_numbers, positive_number, real_array
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
-from specklegen.core.showing import short
+from specklegen.core.values import Value
 from specklegen.wavetracing.materials import Absorber, Material
 
 
@@ -48,13 +50,15 @@ class Mesh:
     __repr__ = short
 
     def __post_init__(self) -> None:
-        vertices = np.array(self.vertices, dtype=np.float64)
+        if not isinstance(self.material, Value):
+            reject("Mesh.material", "a material, such as Absorber()", self.material)
+        vertices = real_array("Mesh.vertices", self.vertices).copy()
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             reject("Mesh.vertices", "an array float64[V, 3]", vertices.shape)
         if not np.isfinite(vertices).all():
             bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
             reject("Mesh.vertices", "finite everywhere", vertices[bad], f"See vertex {bad}; repair or drop its faces.")
-        faces = np.asarray(self.faces)
+        faces = finite_numbers("Mesh.faces", self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
             reject("Mesh.faces", "an integer array [F, 3]", f"{faces.dtype}{list(faces.shape)}")
         wrong = (faces < 0) | (faces >= len(vertices))
@@ -111,8 +115,9 @@ def load_mesh(path: str | Path, scale: float = 1.0, material: Material | None = 
     """
     import trimesh
 
-    if not 0 < scale < np.inf:
-        reject("load_mesh scale", "positive and finite", scale)
+    scale = positive_number("load_mesh scale", scale)
+    if not isinstance(path, str | Path) or not Path(path).is_file():
+        reject("load_mesh path", "a file", path)
     # process=True would drop vertices that are NaN, and say nothing.
     found = trimesh.load(str(path), process=False, force="mesh")
     faces = np.asarray(getattr(found, "faces", np.empty((0, 3), np.int64)))
@@ -150,11 +155,16 @@ def perforated_screen(
     import shapely
 
     def corners(name: str, given: np.ndarray) -> np.ndarray:
-        points = np.asarray(given, float)
+        points = real_array(f"perforated_screen {name}", given)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3 or not np.isfinite(points).all():
             reject(name, "at least three finite corners, float64[n, 2]", points)
-        return points[:-1] if (points[0] == points[-1]).all() else points
+        points = points[:-1] if (points[0] == points[-1]).all() else points
+        if len(points) < 3:
+            reject(name, "at least three different corners", points)
+        return points
 
+    if isinstance(holes, str) or not np.iterable(holes):
+        reject("perforated_screen holes", "a sequence of polygons", holes)
     rings = [corners("outline", outline), *(corners(f"holes[{n}]", hole) for n, hole in enumerate(holes))]
     shape = shapely.Polygon(rings[0], rings[1:])
     if not shape.is_valid or not shape.area > 0:
@@ -167,4 +177,4 @@ def perforated_screen(
     a, b, c = (points[faces[:, n]] for n in range(3))
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     faces[area < 0] = faces[area < 0][:, ::-1]
-    return Mesh(np.column_stack([points, np.zeros(len(points))]), faces, material or Absorber())
+    return Mesh(np.column_stack([points, np.zeros(len(points))]), faces, Absorber() if material is None else material)

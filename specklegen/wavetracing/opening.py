@@ -4,7 +4,6 @@ An opening is given as one loop float64[n, 2], or as a sequence of loops; the la
 are (x, y) in the plane of the screen, seen against the light, which travels to +z.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.errors import reject, warn_user
 
 Opening = ArrayLike | Sequence[ArrayLike]
 """One loop float64[n, 2], or several."""
@@ -116,7 +115,7 @@ def rim_of(field: str, opening: Opening | Rim) -> Rim:
         first = np.asarray(opening[0], dtype=np.float64)  # type: ignore[index]
         loops = [opening] if first.ndim == 1 else list(opening)  # type: ignore[arg-type]
         loops = [np.array(loop, dtype=np.float64) for loop in loops]
-    except (TypeError, ValueError, IndexError, KeyError):
+    except (TypeError, ValueError, IndexError, KeyError, RuntimeError):  # the last of torch, of what has gradients
         reject(field, "loops of shape (n, 2)", opening)
     for loop in loops:
         if loop.ndim != 2 or loop.shape[1] != 2 or len(loop) < 3:
@@ -181,12 +180,10 @@ def _wound(rim: Rim) -> tuple[int, np.ndarray] | None:
 def doubt_narrow(field: str, breadth: float, wavelength: float) -> None:
     """Warn of openings narrower than a wavelength, whose rims are no longer apart for the light."""
     if 0 < breadth < wavelength:
-        warnings.warn(
+        warn_user(
             f"{field} is {breadth / wavelength:.2g} wavelengths wide in the mean: light in a real opening below one is "
             "not that without a screen (a slit of .2 passes .11 of it, soft, to 1.06, hard); take wider openings, or "
             "an exact solution for slits, specklegen.oracles.slit_screen",
-            DoubtWarning,
-            stacklevel=3,
         )
 
 

@@ -1,8 +1,8 @@
 """Diffraction patterns as distributions: wavevectors drawn from |Psi(xi)|^2 of slits and polygons.
 
 Light that passes an opening leaves with the wavevector xi added in the plane of the opening; the power in d^2xi is
-|Psi|^2 d^2xi / (4 pi^2 A). Draws are exact (`specklegen.kernels.patterns`), each at its own address, so that results
-are the same for any number of threads.
+|Psi|^2 d^2xi / (4 pi^2 A). Draws are exact (`specklegen.wavetracing.kernels.patterns`), each at its own address, so
+that results are the same for any number of threads.
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.core.arguments import choice, positive_number, real_array, whole_number
+from specklegen.core.display.plot import Pictured
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
+from specklegen.core.memory import require_memory
 from specklegen.core.parallel import map_blocks, slices
-from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, Stream, stream_key
-from specklegen.core.showing import short
-from specklegen.kernels.patterns import draw_polygon, draw_slits, draw_table, fill_alias
 from specklegen.wavetracing.angular_spectrum import quadrature
 from specklegen.wavetracing.aperture import Amplitude, aperture_transform
 from specklegen.wavetracing.envelope import edge_envelope
+from specklegen.wavetracing.kernels.patterns import draw_polygon, draw_slits, draw_table, fill_alias
 from specklegen.wavetracing.opening import Opening, Rim, doubt_narrow, rim_of
 
 Method = Literal["rejection", "table"]
@@ -125,7 +127,9 @@ def sample_slits(
     >>> drawn.xi.shape, drawn.trials
     ((100,), 226)
     """
-    arrays = [np.array(a, np.float64) for a in (widths, centres, phases)]
+    given = {"widths": widths, "centres": centres, "phases": phases}
+    arrays = [real_array(f"sample_slits {name}", each).copy() for name, each in given.items()]
+    wavelength = None if wavelength is None else positive_number("sample_slits wavelength", wavelength)
     if any(a.ndim != 1 or a.shape != arrays[0].shape or not np.isfinite(a).all() for a in arrays) or not arrays[0].size:
         reject("sample_slits", "given one finite width, centre and phase a slit", [a.shape for a in arrays])
     if not (arrays[0] > 0).all():
@@ -182,14 +186,14 @@ def sample_pattern(
     rim = rim_of("sample_pattern opening", opening)
     if not rim.area > 0:
         reject("sample_pattern opening", "of positive area", rim.area, "No light passes: there is no pattern.")
+    choice("sample_pattern method", method, ("rejection", "table"))
+    wavelength = None if wavelength is None else positive_number("sample_pattern wavelength", wavelength)
     longest = _longest(wavelength)
     if wavelength is not None:
         doubt_narrow("sample_pattern opening", rim.breadth, wavelength)
     if method == "table":
         arguments = _table(rim, amplitude, longest)
         return _draw(partial(_fill, draw_table, (*arguments, longest)), (_count(count), 2), seed, threads)
-    if method != "rejection":
-        reject("sample_pattern method", "'rejection' or 'table'", method)
     if callable(amplitude):
         reject("sample_pattern amplitude", "a number for rejection", amplitude, 'Use method="table".')
     envelope = edge_envelope(rim)
@@ -227,9 +231,9 @@ def _longest(wavelength: float | None) -> float:
 
 
 def _count(count: int) -> int:
-    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 0:
-        reject("count", "a whole number of at least 0", count)
-    return int(count)
+    count = whole_number("count", count)
+    require_memory("count", "held", 16.0 * count, f"{count} draws", "Draw fewer at a time.", share=0.9)
+    return count
 
 
 def _fill(

@@ -8,9 +8,10 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import model_validator
 
+from specklegen.core.arguments import complex_array, real_number
+from specklegen.core.display.plot import Pictured, draw_map
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
-from specklegen.core.picturing import Pictured, draw_map
-from specklegen.core.showing import short
 from specklegen.core.values import Array, Positive, PositiveInt, Value
 
 
@@ -106,12 +107,12 @@ class PlaneField(Pictured):
     __repr__ = short
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values, dtype=np.complex128)
+        values = complex_array("PlaneField.values", self.values)
         if values.ndim != 2 or not values.size or not np.isfinite(values).all():
             reject("PlaneField.values", "finite, of shape (H, W)", values)
         for name in ("pitch", "wavelength"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            if not 0 < real_number(f"PlaneField.{name}", value) < np.inf:
                 reject(f"PlaneField.{name}", "finite and greater than 0", value)
         object.__setattr__(self, "values", values)
 

@@ -5,7 +5,7 @@ that of the light, the rest of the plane z = 0 is dark); the third knows how lig
 its far field.
 
 * ``boundary``: by the rim, exact to 1e-13 at any distance, for uniform light at right angles
-  (`specklegen.kernels.apertures`).
+  (`specklegen.wavetracing.kernels.apertures`).
 * ``spectrum``: by plane waves, u = (1/4 pi^2) int Psi(xi) e^{i xi.r + iz sqrt(k^2 - xi^2)} d^2xi, any light, on planes
   parallel to the screen; periodic, so that what leaves the padded window comes back (`.angular_spectrum`).
 * ``utd``: geometric light plus one diffracted ray of each edge; soft or hard screens (`.edge_rays`).
@@ -23,10 +23,10 @@ import numpy as np
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, slices
 from specklegen.core.quadrature import gauss_legendre
-from specklegen.kernels.apertures import rim_field
 from specklegen.wavetracing.angular_spectrum import light_strengths, spectrum_field
 from specklegen.wavetracing.aperture import aperture_transform
 from specklegen.wavetracing.edge_rays import Polarisation, edge_ray_field
+from specklegen.wavetracing.kernels.apertures import rim_field
 from specklegen.wavetracing.light import Light, PlaneWave
 from specklegen.wavetracing.opening import Opening, Rim, doubt_narrow, rim_of
 from specklegen.wavetracing.plane import Plane, PlaneField

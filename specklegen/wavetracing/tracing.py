@@ -3,29 +3,31 @@
 Weakly-local wave optics: a beam's cone finds the *regions* in which it interacts; inside a region everything
 interferes, and between regions intensities add. Power splits by chance: each beam carries one ray of its Wigner
 ensemble, which meets matter or passes, so that reflected, absorbed and diffracted shares are counts of beams. With UTD
-rays alone are such counts, and edges send rays of their own, of signed weights (`specklegen.kernels.edge_walk`).
+rays alone are such counts, and edges send rays of their own, of signed weights
+(`specklegen.wavetracing.kernels.edge_walk`).
 
 Source: S. Steinberg, M. Pharr, *Wave Tracing: Generalizing the Path Integral to Wave Optics*. What is wrong by design:
 light that reaches a point through two regions does not interfere; penumbrae widen by about a beam's cross-section; near
 a region, at a Fresnel number above 0.1, the pattern is that of the far field. UTD knows the near field, but no corners.
 """
 
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
 
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, in_turn, thread_count
 from specklegen.core.random_streams import Seed, Stream, stream_key
-from specklegen.kernels import beam_walk
-from specklegen.kernels.edge_walk import walk_edges
-from specklegen.kernels.receivers import RECEIVER
-from specklegen.wavetracing.edge_table import EdgeTable, edge_table
+from specklegen.wavetracing.edge_table import edge_table
 from specklegen.wavetracing.emitters import CollimatedEmitter, Emitter, PointEmitter
-from specklegen.wavetracing.facets import Facets, facets_of
+from specklegen.wavetracing.facets import facets_of
 from specklegen.wavetracing.geometry import Geometry
+from specklegen.wavetracing.kernels import beam_walk
+from specklegen.wavetracing.kernels.edge_walk import Sums, walk_edges
+from specklegen.wavetracing.kernels.edge_waves import EdgeTable
+from specklegen.wavetracing.kernels.receivers import RECEIVER, Receivers
+from specklegen.wavetracing.kernels.regions import Facets
 from specklegen.wavetracing.plane import Plane
 from specklegen.wavetracing.wave_trace import Ledger, Statistics, WaveTrace
 
@@ -152,19 +154,16 @@ def _by_patterns(
     """How a block of beams is walked with Fraunhofer's patterns; each weighs 1."""
     if mode != beam_walk.RAY:
         _doubt_short_edges(facets, emitter.wavelength)
-    key, materials, packed = stream_key(seed, Stream.BEAMS), _materials(geometry, emitter), _packed(planes)
-    source, cells = emitter.packed(), int(first_cell[-1])
+    key, materials = stream_key(seed, Stream.BEAMS), _materials(geometry, emitter)
+    receivers = Receivers(_packed(planes), first_cell)
+    source, cells, rules = emitter.packed(), int(first_cell[-1]), beam_walk.Rules(mode, amplitude, max_events)
 
     def walk(first: int, count: int) -> _Counts:
-        counts, fluence, squares = np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells)
-        ends, statistics = np.zeros(beam_walk.ENDS, np.int64), np.zeros(beam_walk.STATISTICS, np.int64)
-        areas = np.zeros(1)
+        tally = beam_walk.Tally(np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells), *_ledger(), np.zeros(1))
         beam_walk.walk_beams(
-            *key, first, count, mode, amplitude, max_events, source, emitter.wavelength,
-            geometry.boxes, geometry.link, geometry.corners, *facets[:10], facets.most_edges,
-            facets.material, materials, packed, first_cell, counts, fluence, squares, ends, statistics, areas,
-        )  # fmt: skip
-        return counts, counts, fluence, squares, ends, statistics, areas, np.zeros(2)
+            key, first, count, rules, source, emitter.wavelength, geometry.tree, facets, materials, receivers, tally
+        )
+        return tally.counts, *tally, np.zeros(2)
 
     return walk
 
@@ -175,21 +174,25 @@ def _by_edges(
     """How a block of beams is walked with UTD."""
     table = edge_table(geometry, facets)
     _doubt_corners(table, emitter.wavelength, planes)
-    key, materials, packed = stream_key(seed, Stream.BEAMS), _materials(geometry, emitter), _packed(planes)
+    key, materials = stream_key(seed, Stream.BEAMS), _materials(geometry, emitter)
+    receivers = Receivers(_packed(planes), first_cell)
     source, cells = emitter.packed(), int(first_cell[-1])
 
     def walk(first: int, count: int) -> _Counts:
-        images = np.zeros((4, cells))
-        ends, statistics = np.zeros(beam_walk.ENDS, np.int64), np.zeros(beam_walk.STATISTICS, np.int64)
-        balance = np.zeros(2)
+        power, power_squares, fluence, fluence_squares = np.zeros((4, cells))
+        sums = Sums(power, power_squares, fluence, fluence_squares, *_ledger(), np.zeros(2))
         walk_edges(
-            *key, first, count, max_events, source, emitter.wavelength,
-            geometry.boxes, geometry.link, geometry.corners, facets.facet, facets.normals, facets.rims,
-            facets.rim_ends, *table, facets.material, materials, packed, first_cell, *images, ends, statistics, balance,
+            key, first, count, max_events, source, emitter.wavelength, geometry.tree, facets, table, materials,
+            receivers, sums,
         )  # fmt: skip
-        return *images, ends, statistics, np.zeros(1), balance
+        return *sums[:-1], np.zeros(1), sums.balance
 
     return walk
+
+
+def _ledger() -> tuple[np.ndarray, np.ndarray]:
+    """Ends and statistics of no beam."""
+    return np.zeros(beam_walk.ENDS, np.int64), np.zeros(beam_walk.STATISTICS, np.int64)
 
 
 def _found(total: _Counts, planes: list[Plane], first_cell: np.ndarray, share: float, beams: int) -> WaveTrace:
@@ -227,10 +230,8 @@ def _doubt_short_edges(facets: Facets, wavelength: float) -> None:
     length = np.linalg.norm(facets.rim_ends[:, 3:] - facets.rim_ends[:, :3], axis=1)
     short = int((length < wavelength).sum())
     if short:
-        warnings.warn(
+        warn_user(
             f"{short} of {len(length)} edges are shorter than a wavelength: Fraunhofer diffraction is no model of them",
-            DoubtWarning,
-            stacklevel=4,
         )
 
 
@@ -241,9 +242,7 @@ def _doubt_corners(table: EdgeTable, wavelength: float, planes: list[Plane]) -> 
     distance = np.min([np.linalg.norm(middle - plane.center, axis=1) for plane in planes], axis=0)
     short = int((length < 2 * np.sqrt(wavelength * distance)).sum())
     if short:
-        warnings.warn(
+        warn_user(
             f"{short} of {len(length)} edges are shorter than the Fresnel zone of the nearest receiver: corners "
             'matter, from which UTD has no rays here; use diffraction="fraunhofer" there',
-            DoubtWarning,
-            stacklevel=4,
         )

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from specklegen.core.picturing import Pictured, draw_map
-from specklegen.core.showing import short
+from specklegen.core.display.plot import Pictured, draw_map
+from specklegen.core.display.repr import short
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ ray: geometric waves and one diffracted wave,
 
 soft (u = 0 on the faces) with the upper sign, hard (du/dn = 0) with the lower. Exact for the half plane, n = 2; for
 other wedges the error falls like 1/r and faster: rms 2e-3 at a wavelength, 1e-4 at ten (docs/wavetracing.md).
-Formulae, conventions and how boundaries are treated: `specklegen.kernels.wedges`. Time e^{-i omega t}.
+Formulae, conventions and how boundaries are treated: `specklegen.wavetracing.kernels.wedges`. Time e^{-i omega t}.
 Source: Kouyoumjian and Pathak, Proc. IEEE 62, 1448 (1974).
 
 A wedge of a lossy material has no such theory. `lossy_wedge_field` multiplies the terms of the two images by the
@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.errors import reject
-from specklegen.kernels.wedges import wedge_pairs, wedge_terms, wedge_weights
+from specklegen.wavetracing.kernels.wedges import wedge_pairs, wedge_terms, wedge_weights
 from specklegen.wavetracing.materials import fresnel
 
 Boundary = Literal["soft", "hard"]

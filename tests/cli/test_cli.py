@@ -13,8 +13,8 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets import recipe_names
 
 COMMANDS = [
-    "recipes", "plan", "render", "memory-effect", "generate", "preview", "info", "verify", "export",
-    "train", "evaluate", "recoverable", "reconstruct", "bench",
+    "recipes", "plan", "render", "memory-effect", "reflectance", "generate", "preview", "info", "verify", "export",
+    "train", "evaluate", "recoverable", "reconstruct", "compare",
 ]  # fmt: skip
 
 
@@ -71,6 +71,17 @@ def test_memory_effect_writes_table_and_figure(tmp_path):
     assert float(rows[0]["intensity_correlation"]) == 1
     assert float(rows[4]["intensity_correlation"]) < 0.1 < float(rows[9]["intensity_correlation"])
     assert (tmp_path / "memory-effect.png").stat().st_size > 1000
+
+
+def test_reflectance_writes_totals_and_densities(tmp_path):
+    slab = ("--optical-depth", "2", "--g", "0.75", "--albedo", "0.9", "--index", "1.4", "--paths", "3000")
+    words = succeed("reflectance", *slab, "--out", tmp_path / "light.csv")
+    assert "specular: 0.02826" in words
+    rows = list(csv.reader((tmp_path / "light.csv").open()))
+    assert len(rows) == 31
+    told = json.loads(succeed("reflectance", *slab, "--json"))
+    assert told["reflectance"] + told["transmittance"] + told["absorptance"] == pytest.approx(1, abs=1e-12)
+    assert len(told["transmitted"]) == 30
 
 
 def test_generate_resumes_and_previews(tmp_path):

@@ -33,7 +33,7 @@ def test_images_of_a_folder_take_the_place_of_any_family(tmp_path):
         (("one-angular-size", None, "folder", "Points"), "--objects must be left out where --images is given"),
         (("tilt-stack", None, None, "Points"), "recipe must be one with hidden objects where --images or --objects"),
         (("one-angular-size", ["objects=3"], None, "Points"), "--set objects must be a table where"),
-        (("one-angular-size", None, None, "Ponits"), r"objects"),
+        (("one-angular-size", None, None, "Ponits"), r"ObjectFamily\.type must be one of"),
     ],
 )
 def test_what_does_not_fit_is_refused(arguments, message):

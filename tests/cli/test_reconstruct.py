@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
+from specklegen.cli.reconstruct import _between
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 
-BENCH = """
+SETUP = """
 inherits = "one-angular-size"
-name = "my-bench"
+name = "my-setup"
 
 [material]
 thickness = 1000.0
@@ -28,11 +30,11 @@ def run(*words):
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory):
-    """A bench file, and one image of it as counts in each format."""
-    folder = tmp_path_factory.mktemp("bench")
-    (folder / "bench.toml").write_text(BENCH)
-    recipe = load_recipe(folder / "bench.toml")
+def setup(tmp_path_factory):
+    """A setup file, and one image of it as counts in each format."""
+    folder = tmp_path_factory.mktemp("setup")
+    (folder / "setup.toml").write_text(SETUP)
+    recipe = load_recipe(folder / "setup.toml")
     counts = [np.rint(1000 * recipe.sample(0, "test", n)["image"]).astype(np.uint16) for n in range(3)]
     tifffile.imwrite(folder / "one.tiff", counts[0])
     Image.fromarray(counts[1]).save(folder / "two.png")
@@ -41,14 +43,14 @@ def bench(tmp_path_factory):
     return folder
 
 
-def test_frames_in_three_formats(bench, tmp_path):
-    images = [bench / name for name in ("one.tiff", "two.png", "three.npy")]
-    result = run("reconstruct", *images, "--bench", bench / "bench.toml", "--out", tmp_path / "out")
+def test_frames_in_three_formats(setup, tmp_path):
+    images = [setup / name for name in ("one.tiff", "two.png", "three.npy")]
+    result = run("reconstruct", *images, "--setup", setup / "setup.toml", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert "right (correlation above 0.8) with probability" in result.output
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [each["name"] for each in report["images"]] == ["one", "two", "three"]
-    assert report["fit"] is None  # the bench states its slab
+    assert report["fit"] is None  # the setup states its slab
     for each in report["images"]:
         assert 0 <= each["probability"] <= 1
         # Settled images leave little unexplained: 5 to 95 % of them have .50 to .65 (docs/networks.md).
@@ -59,26 +61,82 @@ def test_frames_in_three_formats(bench, tmp_path):
     assert np.load(tmp_path / "out" / "one.npy").shape == (36, 36)
 
 
-def test_frames_of_one_object_are_one(bench, tmp_path):
-    images = [bench / "one.tiff", bench / "one.tiff"]
-    result = run("reconstruct", *images, "--frames", "--bench", bench / "bench.toml", "--out", tmp_path, "--json")
+def test_frames_of_one_object_are_one(setup, tmp_path):
+    images = [setup / "one.tiff", setup / "one.tiff"]
+    result = run("reconstruct", *images, "--frames", "--setup", setup / "setup.toml", "--out", tmp_path, "--json")
     assert result.exit_code == 0, result.output
     assert len(json.loads(result.output)["images"]) == 1
+
+
+def test_pages_of_one_pattern_are_averaged_and_it_is_said(setup, tmp_path):
+    one = np.stack([tifffile.imread(setup / "one.tiff")] * 3)
+    shot = np.random.default_rng(0).poisson(one).astype(np.uint16)
+    tifffile.imwrite(setup / "pages.tif", shot, photometric="minisblack")
+    np.save(setup / "mean.npy", shot.mean(axis=0))
+    words = ("--setup", setup / "setup.toml", "--json", "--out")
+    result = run("reconstruct", setup / "pages.tif", *words, tmp_path / "a")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.output)
+    assert "pages.tif: the mean of 3 frames was taken" in told["notes"][0]
+    expected = json.loads(run("reconstruct", setup / "mean.npy", *words, tmp_path / "b").output)
+    assert expected["notes"] == []
+    assert told["images"][0]["deviance"] == expected["images"][0]["deviance"]
+
+
+def test_pages_of_other_patterns_need_the_option(setup, tmp_path):
+    counts = [tifffile.imread(setup / "one.tiff"), np.asarray(Image.open(setup / "two.png"))]
+    tifffile.imwrite(setup / "states.tif", np.stack(counts).astype(np.uint16), photometric="minisblack")
+    words = ("reconstruct", setup / "states.tif", "--setup", setup / "setup.toml", "--out", tmp_path)
+    result = run(*words)
+    assert isinstance(result.exception, RuleError), result.output
+    assert "frames of one pattern" in str(result.exception)
+    assert "Give --frames" in str(result.exception)
+    result = run(*words, "--frames", "--json")
+    assert result.exit_code == 0, result.output
+    assert len(json.loads(result.output)["images"]) == 1
+
+
+def test_colours_become_grey_as_before(setup, tmp_path):
+    grey = (np.asarray(Image.open(setup / "two.png")) // 16).clip(0, 255).astype(np.uint8)
+    Image.fromarray(np.stack([grey] * 3, axis=-1)).save(setup / "colours.png")
+    result = run("reconstruct", setup / "colours.png", "--setup", setup / "setup.toml", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["one.tiff", "small.npy", "--bench", "bench.toml"], "of one size"),
-        (["bench.toml", "--bench", "bench.toml"], "a file that ends in"),
-        (["missing.png", "--bench", "bench.toml"], "a picture that can be read"),
-        (["one.tiff", "--bench", "unknown-slab"], r"bench window\.width must be a length"),
-        (["one.tiff", "--bench", "tilt-stack"], "one with hidden objects"),
+        (["one.tiff", "small.npy", "--setup", "setup.toml"], "of one size"),
+        (["setup.toml", "--setup", "setup.toml"], "a file that ends in"),
+        (["missing.png", "--setup", "setup.toml"], "a picture that can be read"),
+        (["one.tiff", "--setup", "unknown-slab"], r"setup window\.width must be a length"),
+        (["one.tiff", "--setup", "tilt-stack"], "one with hidden objects"),
     ],
 )
-def test_what_cannot_be_is_refused(bench, tmp_path, words, message):
-    given = [bench / word if (bench / word).exists() or word == "missing.png" else word for word in words]
+def test_what_cannot_be_is_refused(setup, tmp_path, words, message):
+    given = [setup / word if (setup / word).exists() or word == "missing.png" else word for word in words]
     result = run("reconstruct", *given, "--out", tmp_path)
     assert isinstance(result.exception, RuleError), result.output
     with pytest.raises(RuleError, match=message):
         raise result.exception
+
+
+def test_no_probability_of_what_is_no_speckle(setup, tmp_path):
+    """White noise blurred by four pixels."""
+    noise = gaussian_filter(np.random.default_rng(0).standard_normal((128, 128)), 4)
+    np.save(setup / "noise.npy", (50 + 100 * np.clip(1 + 0.4 * noise / noise.std(), 0, None)).astype(np.float32))
+    result = run("reconstruct", setup / "noise.npy", "--setup", setup / "setup.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "no certificate" in result.output
+    assert "this is no speckle of this setup" in result.output
+    (image,) = json.loads((tmp_path / "out" / "report.json").read_text())["images"]
+    assert image["probability"] is None
+    assert len(image["speckle"]["evidence"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "said"),
+    [(0.5, 2.0, "0.05 to 0.2"), (0.5, np.inf, "above 0.05"), (0.0, 2.0, "below 0.2"), (0.0, np.inf, "any")],
+)
+def test_an_interval_without_an_end_is_said_to_be_open(low, high, said):
+    assert _between(0.1, low, high) == said

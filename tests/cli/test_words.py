@@ -8,8 +8,10 @@ import subprocess
 import sys
 import time
 import tomllib
+from math import inf, nan
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scenes import ROOT
 from test_packaging import IMPORT_NAMES
@@ -18,6 +20,7 @@ from typer.testing import CliRunner
 from specklegen import __version__
 from specklegen.cli import commands
 from specklegen.cli.failures import told
+from specklegen.cli.output import json_text
 from specklegen.cli.recipe_options import names_starting_with
 from specklegen.cli.stores import _rate
 from specklegen.datasets import recipe_names
@@ -75,12 +78,12 @@ def test_numbers_as_json(tmp_path, store):
         "evaluate", "--recipe", "through-slab", "--samples", 2, "--no-katz", "--out", tmp_path / "judged", *SMALL
     )
     assert {row["method"] for row in rows} == {"another object", "mean image", "packaged network"}
-    assert answer("bench", "through-slab", "--seconds", 0.01)["runs"]
+    assert answer("compare", "through-slab", "--seconds", 0.01)["runs"]
 
 
 def test_no_number_of_json_is_infinite_or_none(tmp_path):
     """JSON has no word for them; a curve without light has nothing else."""
-    dark = answer("memory-effect", "--paths", 64, "--points", 2, "--albedo", 0, "--out", tmp_path)
+    dark = answer("memory-effect", "--paths", 64, "--points", 2, "--albedo", 2e-308, "--out", tmp_path)
     assert dark[0]["intensity_correlation"] == [None, None]
 
 
@@ -124,7 +127,7 @@ def test_one_of_a_thing_is_singular(tmp_path):
         (("train", "through-slab", "--out", "run", "--device", "meta"), "--device must be a device that torch has"),
         (("generate", "through-slab", "--out", "x.zarr", "--shard-range", "²/3"), "must be of the form I/N"),
         (("preview", "through-slab", "--out", "x.pdf"), "preview --out must be a file whose name ends in .png"),
-        (("bench", "through-slab", "--seconds", "nan"), "--seconds must be greater than 0"),
+        (("compare", "through-slab", "--seconds", "nan"), "--seconds must be greater than 0"),
         (("evaluate", "text.toml"), "model must be a file that Reconstructor.save wrote"),
         (("plan", "folder/inside"), "or the path of a TOML file"),
         (("render", "--scene", "folder"), "--scene must be a file that exists"),
@@ -225,7 +228,7 @@ def test_ctrl_c_says_that_the_store_goes_on(tmp_path):
 @pytest.mark.parametrize(("lines", "seed"), [(40, 0), pytest.param(600, 1, marks=pytest.mark.slow)])
 def test_random_lines_end_in_an_answer_or_a_message(lines, seed):
     done = subprocess.run(
-        [sys.executable, "scripts/fuzz_command_line.py", "--lines", str(lines), "--seed", str(seed)], cwd=ROOT,
+        [sys.executable, "tests/fuzz_command_line.py", "--lines", str(lines), "--seed", str(seed)], cwd=ROOT,
         capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
@@ -241,3 +244,10 @@ def test_more_images_than_fit_are_refused_by_the_option(words, tmp_path, monkeyp
     assert result.exit_code == 2
     assert f"Invalid value for '{words[-1]}'" in result.output
     assert not list(tmp_path.iterdir())
+
+
+def test_json_is_json():
+    """Numbers that are not finite have no word in it: null, and not Infinity, which readers of JSON refuse."""
+    assert json.loads(json_text({"low": -inf, "each": (nan, np.float64(inf), 1.0)}), parse_constant=pytest.fail) == {
+        "low": None, "each": [None, None, 1.0],
+    }  # fmt: skip

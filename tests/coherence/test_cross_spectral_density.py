@@ -418,7 +418,7 @@ def test_copula_refuses_what_is_no_schell_model():
         (lambda: gaussian_schell_model(line(3), 9.0, np.ones(2)), "3 numbers, one a position"),
         (lambda: coherent_modes(np.ones((2, 3))), "a square matrix"),
         (lambda: coherent_modes(np.array([[1, 1j], [1j, 1]])), "Hermitian"),
-        (lambda: coherent_modes(np.full((2, 2), math.nan)), "Hermitian and finite"),
+        (lambda: coherent_modes(np.full((2, 2), math.nan)), "W0 must be finite everywhere"),
         (lambda: coherent_modes(np.eye(3), n_modes=0), "n_modes must be at least 1 and at most 3; got 0"),
         (lambda: coherent_modes(np.eye(3), n_modes=4), "n_modes must be at least 1 and at most 3; got 4"),
         (lambda: coherent_modes(np.eye(3), energy=1.01), "greater than 0 and at most 1"),
@@ -426,7 +426,7 @@ def test_copula_refuses_what_is_no_schell_model():
         (lambda: number_of_modes(-1.0), "at least 0 and finite"),
         (lambda: number_of_modes(1.0, 1.0), "less than 1; got 1.0. A finite share"),
         (lambda: sample_fields(np.eye(2), 0, seed=0), "n must be at least 1; got 0"),
-        (lambda: sample_fields(np.eye(2), 1, "svd", seed=0), "'kl' or 'copula'"),  # type: ignore[arg-type]
+        (lambda: sample_fields(np.eye(2), 1, "svd", seed=0), 'one of "kl", "copula"'),  # type: ignore[arg-type]
         (lambda: sample_fields(np.eye(2), 1.5, seed=0), "n must be a whole number; got 1.5"),  # type: ignore[arg-type]
         (lambda: gaussian_schell_model(HOLED, 9.0), "x must be finite everywhere"),
         (lambda: gaussian_schell_model(line(3), 9.0, HOLED), "amplitude must be finite everywhere"),

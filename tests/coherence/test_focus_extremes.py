@@ -59,11 +59,11 @@ def test_one_source_element_is_a_point_for_optics_and_a_lens_for_rays():
 
 def test_no_ray_is_lost_at_an_edge():
     """Uniform launch: the squared moduli of all pixels add to the range of angles squared, ray by ray."""
-    from specklegen.kernels.rays import uniform_rays
+    from specklegen.kernels.rays import Element, uniform_rays
 
     lower, upper = np.array([-1.0, 0.0]), np.array([0.0, 1.0])
     total, square = np.zeros(2, complex), np.zeros(2)
-    uniform_rays(np.uint64(1), np.uint64(2), 0, 0.0, 0.0, 10_000, lower, upper, 5.0, K, total, square)
+    uniform_rays(np.uint64(1), np.uint64(2), Element(0, 0.0, 0.0), 10_000, lower, upper, 5.0, K, total, square)
     span = 2 * math.atan(1 / 5)
     assert square.sum() == pytest.approx(10_000 * span**2, rel=1e-12)
 
@@ -197,8 +197,8 @@ def test_physical_optics_survives_a_large_argument():
         (lambda: focus(n_source=0), "CylindricalFocus.n_source must be at least 1; got 0."),
         (lambda: focus(half_aperture=-1.0), "CylindricalFocus.half_aperture must be greater than 0"),
         (lambda: focus().replace(wavelength=math.nan), "CylindricalFocus.wavelength must be"),
-        (lambda: focus().monte_carlo(0, seed=0), "n_rays must be at least 1; got 0."),
-        (lambda: focus().monte_carlo(10, "sobol", seed=0), "sampling must be 'stratified' or 'uniform'"),  # type: ignore[arg-type]
+        (lambda: focus().monte_carlo(0, seed=0), "n_rays must be at least 1 and at most 4611686018427387904; got 0."),
+        (lambda: focus().monte_carlo(10, "sobol", seed=0), 'one of "stratified", "uniform"'),  # type: ignore[arg-type]
         (lambda: axial_focus().monte_carlo(10**5, "uniform", seed=0), "'stratified' for an AxialDetector"),
         (lambda: focus().physical_optics(True, True), "measurement must be False with derivative=True"),
     ],

@@ -14,8 +14,8 @@ from specklegen.coherence.partially_coherent import (
 )
 from specklegen.core.statistics import jackknife
 from specklegen.datasets import load_recipe, recipe_names
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.samplers.sampler import Sampler
-from specklegen.samplers.stationary.correlation import estimate_correlation
 
 WAVELENGTH = 0.5
 FOG = sg.Slab(thickness=200.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.8))

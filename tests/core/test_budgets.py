@@ -1,11 +1,15 @@
 """Stopping at an error or at a time: the count is fixed before the run, reported, and reproduces the bits."""
 
+import dataclasses
+import inspect
+from functools import partial
+
 import numpy as np
 import pytest
 from zscore import assert_z
 
 import specklegen as sg
-from specklegen.core.budgets import paths_for
+from specklegen.core.budgets import DEFAULT_PATHS, Budget
 
 BOX = sg.Box(lower=[-5.0, -5.0], upper=[5.0, 5.0], mean_free_path=10.0, scatterer=sg.Isotropic())
 SCENE = sg.Scene(
@@ -63,32 +67,75 @@ def test_time_limits_what_an_error_asks_for():
     assert few.paths == sg.covariance(SCENE, rel_error=0.3).paths
 
 
-def test_paths_for_scales_with_the_square_of_the_error():
+def test_paths_scale_with_the_square_of_the_error():
     def pilot(count):
         return 2.0 / np.sqrt(count)
 
-    few, many = (paths_for(7, None, wanted, None, pilot) for wanted in (0.02, 0.01))
+    few, many = (Budget("verb", rel_error=wanted).count(pilot) for wanted in (0.02, 0.01))
     assert few == pytest.approx(1.1 * (2.0 / 0.02) ** 2, rel=1e-3)
     assert many == pytest.approx(4 * few, rel=1e-3)
-    assert paths_for(7, None, None, None, pilot) == 7
-    assert paths_for(7, 12, None, None, pilot) == 12
+    assert Budget("verb").count(pilot) == DEFAULT_PATHS
+    assert Budget("verb", 12).count(pilot) == 12
+    assert Budget("verb", rel_error=0.9, least=640).count(pilot) == 640
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"paths": 10, "rel_error": 0.1}, "paths must be left out where rel_error or seconds is given"),
-        ({"paths": 10, "seconds": 1.0}, "paths must be left out where rel_error or seconds is given"),
-        ({"rel_error": 0.0}, "rel_error must be between 0 and 1"),
-        ({"rel_error": float("nan")}, "rel_error must be between 0 and 1"),
-        ({"seconds": 0.0}, "seconds must be greater than 0"),
-        ({"seconds": float("nan")}, "seconds must be greater than 0"),
-    ],
-)
-def test_budgets_out_of_range_are_refused(arguments, message):
-    with pytest.raises(sg.RuleError, match=message):
-        sg.covariance(SCENE, **arguments)
-    with pytest.raises(sg.RuleError, match=message):
-        sg.render(SCENE, **arguments)
-    with pytest.raises(sg.RuleError, match=message):
-        sg.memory_effect(SLAB, wavelength=0.5, tilts=TILTS, **arguments)
+LIGHT = sg.CollimatedBeams.tilts([0.0, 1e-3], width=500.0)
+BEHIND = sg.Scene(wavelength=0.5, medium=SLAB, illumination=LIGHT, sensor=sg.FarField.grid((2, 2), 1e-4))
+EVERY = {
+    "render": partial(sg.render, SCENE),
+    "render_tiles": partial(sg.render_tiles, BEHIND),
+    "covariance": partial(sg.covariance, SCENE),
+    "covariance_blocks": partial(sg.covariance_blocks, SCENE, rows=1),
+    "memory_effect": partial(sg.memory_effect, SLAB, wavelength=0.5, tilts=TILTS),
+    "joint_correlation": partial(sg.joint_correlation, SLAB, wavelength=0.5, tilts=TILTS, shifts=[0.0]),
+    "reflectance_transmittance": partial(sg.reflectance_transmittance, SLAB),
+    "transmission_matrix": partial(sg.transmission_matrix, BEHIND),
+    "render_partially_coherent": partial(sg.render_partially_coherent, BEHIND, 100.0),
+    "plan": partial(sg.plan, SCENE),
+}
+"""Every verb that takes a budget."""
+
+
+BROKEN = [
+    ({"paths": 0}, "{} paths"),
+    ({"paths": 2.5}, "{} paths"),
+    ({"paths": 10, "rel_error": 0.1}, "{} paths"),
+    ({"paths": 10, "seconds": 1.0}, "{} paths"),
+    ({"rel_error": 0.0}, "{} rel_error"),
+    ({"rel_error": float("nan")}, "{} rel_error"),
+    ({"rel_error": "little"}, "{} rel_error"),
+    ({"seconds": 0.0}, "{} seconds"),
+    ({"seconds": float("nan")}, "{} seconds"),
+    ({"seed": -1}, "seed"),
+    ({"threads": 0}, "threads"),
+    ({"reverse": "sometimes"}, "reverse"),
+    ({"tolerance": 0.0}, "{} tolerance"),
+]
+
+
+def taken(owner):
+    return inspect.signature(EVERY[owner].func).parameters
+
+
+CASES = [(owner, *case) for owner in EVERY for case in BROKEN if case[0].keys() <= taken(owner).keys()]
+
+
+@pytest.mark.parametrize(("owner", "argument", "field"), CASES)
+def test_every_verb_refuses_the_same_budgets_and_says_whose_they_are(owner, argument, field):
+    with pytest.raises(sg.RuleError, match=f"^{field.format(owner)} must be"):
+        EVERY[owner](**argument)
+
+
+@pytest.mark.parametrize("owner", sorted(EVERY.keys() - {"covariance_blocks", "plan"}))
+def test_the_default_of_every_verb_is_that_of_the_budget(owner):
+    parameters = taken(owner)
+    fields = {field.name: field.default for field in dataclasses.fields(Budget)}
+    shared = parameters.keys() & fields.keys()
+    assert shared >= {"paths", "seed", "threads"}
+    assert {name: parameters[name].default for name in shared} == {name: fields[name] for name in shared}
+
+
+@pytest.mark.parametrize("kind", [np.int8, np.int32, np.uint64])
+def test_a_count_of_numpy_is_a_count(kind):
+    """As Python's own: kernels are compiled for the types of their arguments, and int32 would have all made again."""
+    assert type(Budget("render", paths=kind(100)).paths) is int

@@ -18,11 +18,12 @@ from small_stores import make
 
 import specklegen as sg
 from specklegen import coherence, fdtd, wavetracing
-from specklegen.core.picturing import Pictured, card, draw_images
+from specklegen.core.display.plot import Pictured, card, draw_images
 from specklegen.datasets import SpeckleCache, load_recipe
 from specklegen.models.judging.benchmark import Results
 from specklegen.models.judging.evaluation import Evaluation
-from specklegen.models.recoverability.after_image import Finding, Findings
+from specklegen.models.recoverability.assessment import Finding, Findings
+from specklegen.models.recoverability.speckle_test import SpeckleTest
 from specklegen.models.recoverability.verdict import Reason
 
 SLAB = sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(0.5))
@@ -40,7 +41,7 @@ BOX = sg.Scene(
 )
 VOXELS = sg.VoxelGrid(lower=[-3, -3], upper=[3, 3], extinction=[[0.1, 0.2]], scatterers=(sg.Isotropic(),))
 ROW = SCENE.replace(sensor=sg.FarField(SCENE.views[::13]))
-DARK = SLAB.replace(albedo=0.0)
+DARK = sg.Slab(thickness=600.0, mean_free_path=10.0, scatterer=sg.Isotropic())  # to ten paths
 OBJECT = sg.IncoherentObject(brightness=[[0.0, 1.0]], pitch=1e-4, width=1000.0)
 
 RANDOM = np.random.default_rng(0)
@@ -48,12 +49,17 @@ FORWARD = SLAB.replace(scatterer=sg.HenyeyGreenstein(0.98))
 LEDGER = wavetracing.Ledger(1, 2, 3, 0, 0)
 POWER = np.ma.masked_less(RANDOM.normal(-60, 10, (6, 8)), -70)
 TIME = np.linspace(0, 9, 50)
-FOUND = Finding(RANDOM.random((9, 9)).astype(np.float32), 1.1, 1.0, 0.3, (Reason("noise", "3 photons", "light"),))
+SPECKLE = SpeckleTest(0.2, 0.2, 0.02, 0.5, 0.4, 0.1, 0.0, (0.0, 0.0, 0.0, 0.0))
+REASON = Reason("noise", "3 photons", "light")
+FOUND = Finding(RANDOM.random((9, 9)).astype(np.float32), 1.1, 1.0, 0.3, (REASON,), SPECKLE)
 FACES = RANDOM.random((2, 2, 20))
 SCORED = Evaluation(
     {name: {"sharp": {"pearson": faces}} for name, faces in zip(("Katz", "solver"), FACES[0], strict=True)},
     np.arange(20), np.full(20, -1), np.ones(20), np.zeros(20, np.int64), {},
 )  # fmt: skip
+
+
+CUBE = sg.Box(lower=[0, 0, 0], upper=[1, 1, 1], mean_free_path=1.0, scatterer=sg.Isotropic())
 
 
 def curve_over(**changed):
@@ -86,6 +92,7 @@ SHOWN = {
     "scene seen all round": lambda: BOX,
     "scene of points": lambda: BOX.replace(illumination=sg.PointSources([[0, -9]]), sensor=sg.NearField([[0, 9]])),
     "scene of voxels": lambda: BOX.replace(medium=VOXELS),
+    "scene of a screen": lambda: SCENE.replace(medium=sg.PhaseScreen(rms_phase=1.0, correlation_length=10.0)),
     "scene of an object": lambda: SCENE.replace(illumination=OBJECT),
     "plan": lambda: sg.plan(SCENE, paths=64),
     "stack": lambda: sg.render(SCENE, paths=64),
@@ -93,7 +100,9 @@ SHOWN = {
     "stack of one image": lambda: sg.render(SCENE.replace(illumination=OBJECT), paths=64),
     "stack of a row of views": lambda: sg.render(ROW, paths=64),
     "curve": lambda: sg.memory_effect(SLAB, wavelength=0.5, tilts=[0.0, 1e-3], paths=128),
-    "curve of no light": lambda: sg.memory_effect(DARK, wavelength=0.5, tilts=[0.0], mode="reflection"),
+    "curve of no light": lambda: sg.memory_effect(DARK, wavelength=0.5, tilts=[0.0], paths=10),
+    "reflectance and transmittance": lambda: sg.reflectance_transmittance(SLAB, paths=64),
+    "reflectance of a box": lambda: sg.reflectance_transmittance(CUBE, paths=64),
     "covariance": lambda: sg.covariance(BOX, paths=64),
     "covariance of pairs": lambda: sg.covariance(BOX, paths=64, pairs=[[0, 0, 0, 0], [0, 1, 1, 1]]),
     "scatterer": lambda: SLAB.scatterer,
@@ -190,7 +199,7 @@ UNPICTURED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("package", ["", ".datasets", ".models", ".fdtd", ".coherence", ".wavetracing"])
+@pytest.mark.parametrize("package", ["", ".datasets", ".models", ".fdtd", ".coherence", ".instrument", ".wavetracing"])
 def test_every_public_result_of_arrays_has_a_picture(package):
     """Or it is named above, with what it is for."""
     public = importlib.import_module(f"specklegen{package}")

@@ -10,8 +10,8 @@ import torch
 from fake_recipe import FakeRecipe
 
 import specklegen as sg
+from specklegen.core.display.repr import summary
 from specklegen.core.errors import counted
-from specklegen.core.showing import summary
 from specklegen.datasets import SpeckleCache, SpeckleStream
 from specklegen.datasets.store.generate import generate
 from specklegen.models import Periodogram, load_pretrained, load_solver
@@ -37,7 +37,7 @@ def test_results_show_what_they_hold_on_one_line():
         assert "\n" not in repr(result)
 
 
-ROOMS = ("datasets", "models", "fdtd", "coherence", "wavetracing")
+ROOMS = ("datasets", "models", "fdtd", "coherence", "instrument", "wavetracing")
 PACKAGES = ("specklegen", *(f"specklegen.{name}" for name in ROOMS))
 PUBLIC = [
     kind

@@ -8,7 +8,7 @@ import pytest
 import specklegen as sg
 from specklegen.core.errors import RuleError, reject, shown
 from specklegen.datasets.recipes.parts.viewing import Window
-from specklegen.datasets.recipes.recipe import Samples
+from specklegen.datasets.recipes.specification import Samples
 
 
 def scene(**changes) -> sg.Scene:
@@ -389,3 +389,20 @@ def test_spheres_must_be_made_for_the_wavelength_of_the_scene():
     scene(medium=slab(scatterer=sphere))
     with pytest.raises(RuleError, match=r"Mie\.wavelength must be that of the scene, 0\.6"):
         scene(wavelength=0.6, medium=slab(scatterer=sphere))
+
+
+def test_there_is_one_zero():
+    """0.0 and -0.0 are equal, and so are values of them, wherever they stand: one fingerprint, one medium."""
+    import specklegen as sg
+
+    fields = '"thickness": 1.0, "mean_free_path": 1.0'
+    lobe = '"scatterer": {"type": "HenyeyGreenstein", "g": '
+    for plus, minus in (
+        (sg.HenyeyGreenstein(0.0), sg.HenyeyGreenstein(-0.0)),
+        (sg.FarField.grid((2, 2), 1e-3, center=(0.0, 0.0)), sg.FarField.grid((2, 2), 1e-3, center=(-0.0, 0.0))),
+        tuple(sg.Slab.from_json("{" + f"{fields}, {lobe}{g}" + "}}") for g in ("0.0", "-0.0")),
+        (sg.NearField([[0.0, 0.0, 1.0]]), sg.NearField([[0.0, -0.0, 1.0]])),
+    ):
+        assert minus == plus
+        assert minus.fingerprint() == plus.fingerprint()
+        assert plus.replace() == minus.replace()

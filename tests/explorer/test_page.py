@@ -57,6 +57,33 @@ def address():
             urlopen(f"http://127.0.0.1:{port}/")
 
 
+def answered(address, host, origin=None, websocket=False):
+    """Status line that a raw request is answered with; a websocket's is its handshake."""
+    _, _, port = address.strip("/").rpartition(":")
+    lines = [f"GET {'/ws?session_id=s_guard1' if websocket else '/'} HTTP/1.1", f"Host: {host}"]
+    lines += [f"Origin: {origin}"] if origin else []
+    key = "Sec-WebSocket-Key: MDEyMzQ1Njc4OTAxMjM0NQ=="
+    lines += ["Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13", key] if websocket else []
+    with socket.create_connection(("127.0.0.1", int(port)), timeout=120) as line:
+        line.sendall("\r\n".join([*lines, "", ""]).encode())
+        return int(line.recv(64).split()[1])
+
+
+def test_the_page_of_another_site_is_not_answered(address):
+    """Neither by a foreign name that was made to point here, nor with a foreign page's origin, HTTP or websocket."""
+    own = address.removeprefix("http://").strip("/")
+    port = own.rpartition(":")[2]
+    for host in (own, f"localhost:{port}", "[::1]"):
+        assert answered(address, host) == 200
+        assert answered(address, host, f"http://{host}") == 200
+    assert answered(address, own, f"http://{own}", websocket=True) == 101
+    for host in ("rebound.example", f"rebound.example:{port}", f"127.0.0.1.rebound.example:{port}"):
+        assert answered(address, host) == answered(address, host, f"http://{host}") == 421
+        assert answered(address, host, f"http://{host}", websocket=True) == 403
+    for origin in ("http://elsewhere.example", "null", f"http://127.0.0.1:{int(port) + 1}"):
+        assert answered(address, own, origin) == answered(address, own, origin, websocket=True) == 403
+
+
 SHOWN = "all(document).filter(e => e.tagName == 'IMG' && e.alt == '{}').map(e => e.src)[0] || ''"
 TEXT = "all(document).filter(e => e.tagName == 'PRE').map(e => e.textContent)[0] || ''"
 

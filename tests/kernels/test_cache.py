@@ -1,5 +1,6 @@
 """The cache of compiled kernels: each test runs processes of its own, as the cache is chosen once in a process."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -26,6 +27,9 @@ stats = rng.philox_words.stats
 print(hex(out[0, 0]), "hits", sum(stats.cache_hits.values()), "misses", sum(stats.cache_misses.values()))
 """
 RIGHT = "0x6627e8d5"
+KERNELS = sorted((ROOT / "specklegen").glob("**/kernels/*.py"))
+FRESNEL = Path(cache.__file__).with_name("fresnel.py")
+SHARED = {Path(cache.__file__), Path(cache.__file__).with_name("__init__.py")}
 
 
 def run(folder: Path, first: str = "") -> tuple[str, str]:
@@ -47,16 +51,45 @@ def filled(tmp_path_factory) -> Path:
     return folder
 
 
-def test_digest_follows_every_source(tmp_path, monkeypatch):
-    before = cache.source_digest()
-    copy = shutil.copytree(Path(cache.__file__).parent, tmp_path / "kernels")
-    monkeypatch.setattr(cache, "__file__", str(copy / "cache.py"))
-    assert cache.source_digest() == before
-    for name in sorted(p.name for p in copy.glob("*.py")):
-        with (copy / name).open("a") as source:
+def imports(file: Path) -> set[Path]:
+    """Files of the package that a file imports, by the parser."""
+    names = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+    stems = [ROOT.joinpath(*name.split(".")) for name in names if name]
+    tried = [path for stem in stems for path in (stem.with_suffix(".py"), stem / "__init__.py")]
+    return {path for path in tried if path.is_file()}
+
+
+def reached(file: Path) -> set[Path]:
+    """What decides a file's compiled kernels: it, all that it imports, and how kernels are compiled and kept."""
+    found, new = set(), {file, *SHARED}
+    while new:
+        found |= new
+        new = {path for source in new for path in imports(source)} - found
+    return found
+
+
+@pytest.mark.parametrize("file", KERNELS, ids=lambda file: file.stem)
+def test_sources_of_a_file_are_what_it_imports_and_nothing_else(file):
+    assert cache.sources_of(file) == reached(file)
+    assert cache.sources_of(file) <= set(KERNELS)
+
+
+def test_digest_follows_every_source_and_no_other_file(tmp_path, monkeypatch):
+    before = cache.source_digest(FRESNEL)
+    folder = shutil.copytree(FRESNEL.parent, tmp_path / "specklegen" / "kernels")
+    monkeypatch.setattr(cache, "__file__", str(folder / "cache.py"))
+    assert cache.source_digest(folder / FRESNEL.name) == before
+    for path in sorted(folder.glob("*.py")):
+        with path.open("a") as source:
             source.write("# changed\n")
-        assert cache.source_digest() != before, name
-        before = cache.source_digest()
+        after = cache.source_digest(folder / FRESNEL.name)
+        assert (after != before) == (path.name in {source.name for source in reached(FRESNEL)}), path.name
+        before = after
 
 
 def test_a_whole_cache_is_used_in_silence(filled):

@@ -13,7 +13,7 @@ from specklegen.kernels.arithmetic import exponential, fma, minus_log, minus_log
 from specklegen.kernels.frames import deflect
 from specklegen.kernels.phase_functions import henyey_greenstein, sample_henyey_greenstein
 from specklegen.kernels.trigonometry import sincos_turns
-from specklegen.samplers.stationary.gaussian_noise import torch_normals
+from specklegen.synthesis.gaussian_noise import torch_normals
 
 ANISOTROPIES = [-0.99, -0.5, 0.0, 0.5, 0.9, 0.999, 0.99999]
 DRAWS = 400_000

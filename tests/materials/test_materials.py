@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,16 +12,18 @@ from specklegen.materials import indices
 from specklegen.materials.registry import PRESETS
 from specklegen.materials.suspensions import Sizes, lognormal, modified_gamma, suspension
 
+TISSUES = {"skin", "brain", "bone", "muscle", "dermis"}
 THETA = np.linspace(0.0, np.pi, 181)
 
 
 @pytest.fixture(scope="module")
 def made():
-    return {name: sg.materials.get(name, 0.633) for name in sg.materials.list()}
+    return {name: sg.materials.get(name, 0.8 if name in TISSUES else 0.633) for name in sg.materials.list()}
 
 
 def test_the_list_holds_what_people_ask_for():
     asked = {"polystyrene", "silica", "intralipid", "milk", "brain", "skin", "muscle", "bone", "fog", "tio2-paint"}
+    asked |= {"epidermis", "dermis", "fat"}
     assert asked | {"ground-glass"} == set(sg.materials.list())
 
 
@@ -43,7 +46,8 @@ def test_slabs_of_every_bulk_can_be_planned(made):
             slab = material.slab(5 * material.mean_free_path)
             assert slab.faces.inside == material.refractive_index
             assert material.slab(1.0, outside=None).faces.matched
-            assert material.wavelength == pytest.approx(0.633 / material.refractive_index, rel=1e-12)
+            vacuum = 0.8 if material.name in TISSUES else 0.633
+            assert material.wavelength == pytest.approx(vacuum / material.refractive_index, rel=1e-12)
 
 
 def test_spheres_in_water_are_those_of_mie(made):
@@ -58,7 +62,7 @@ def test_spheres_in_water_are_those_of_mie(made):
 
 def test_lengths_are_in_the_unit_that_is_asked_for():
     for name in ("polystyrene", "skin"):
-        one, metres = sg.materials.get(name, 0.633), sg.materials.get(name, 0.633, unit=1.0)
+        one, metres = sg.materials.get(name, 0.8), sg.materials.get(name, 0.8, unit=1.0)
         assert metres.mean_free_path == pytest.approx(1e-6 * one.mean_free_path, rel=1e-12)
         assert metres.wavelength == pytest.approx(1e-6 * one.wavelength, rel=1e-12)
         assert metres.scatterer.mean_cosine() == pytest.approx(one.scatterer.mean_cosine(), rel=1e-9)
@@ -126,10 +130,27 @@ def test_intralipid_is_that_of_van_staveren_within_what_is_said():
 def test_tissues_follow_the_power_law_of_jacques(name, numbers):
     a, b = numbers
     for wavelength in (0.5, 0.8):
-        found = sg.materials.get(name, wavelength)
+        found = sg.materials.get(name, wavelength, absorption=0.01)
         scattering = found.albedo / found.mean_free_path * (1 - found.scatterer.mean_cosine())
         assert 1e4 * scattering == pytest.approx(a * (wavelength / 0.5) ** -b, rel=1e-12)
         assert 0.99 < found.albedo < 1
+
+
+def test_layers_of_skin_scatter_as_they_are_cited():
+    """Reduced scattering at 633 nm, 1 / cm, computed here anew; and as layers of one medium."""
+    x = 0.633 / 0.5
+    cited = {
+        "epidermis": 66.7 * (0.29 * x**-4 + 0.71 * x**-0.689),
+        "dermis": 43.6 * (0.41 * x**-4 + 0.59 * x**-0.562),
+        "fat": 1050.6 * 633**-0.68,
+    }
+    layers = []
+    for name, reduced in cited.items():
+        found = sg.materials.get(name, 0.633, absorption=0.001)
+        scattering = found.albedo / found.mean_free_path * (1 - found.scatterer.mean_cosine())
+        assert 1e4 * scattering == pytest.approx(reduced, rel=1e-3)
+        layers.append(found.layer(100.0))
+    assert sg.Layers(layers).optical_depth == pytest.approx(sum(100.0 / layer.mean_free_path for layer in layers))
 
 
 @pytest.mark.parametrize(("contrast", "depth"), [(0.02, 3.912), (0.05, 2.996)])
@@ -156,26 +177,71 @@ def test_draws_stay_in_the_ranges_and_are_functions_of_the_seed():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for seed in range(40):
-            one = sg.materials.draw("skin", 0.5, seed=seed)
-            assert one == sg.materials.draw("skin", 0.5, seed=seed)
+            one = sg.materials.draw("skin", 0.5, absorption=0.01, seed=seed)
+            assert one == sg.materials.draw("skin", 0.5, absorption=0.01, seed=seed)
             reduced.append(1e4 * one.albedo / one.mean_free_path * (1 - one.scatterer.mean_cosine()))
     assert numbers["a"].low <= min(reduced) < 40 < 52 < max(reduced) <= numbers["a"].high
-    assert sg.materials.draw("skin", 0.5, seed=1, g=0.9).scatterer.g == 0.9
+    assert sg.materials.draw("skin", 0.5, absorption=0.01, seed=1, g=0.9).scatterer.g == 0.9
     assert {sg.materials.draw("ground-glass", 0.5, seed=s).grit for s in range(40)} == {120, 220, 400, 600, 1500}
 
 
 def test_what_is_outside_the_literature_warns_and_what_makes_no_sense_is_refused():
     with pytest.warns(sg.DoubtWarning, match="a = 90 lies outside 32.3 to 59.7.*Jacques"):
-        sg.materials.get("skin", 0.5, a=90.0)
+        sg.materials.get("skin", 0.8, a=90.0)
     with pytest.raises(sg.RuleError, match="name must be one of bone, brain"):
         sg.materials.get("skim", 0.5)
     with pytest.raises(sg.RuleError, match="wavelength must be 0.4 to 1.3 micrometres"):
         sg.materials.get("skin", 633.0)
     with pytest.raises(sg.RuleError, match="numbers among a, b, g"):
-        sg.materials.get("skin", 0.5, fat=3.0)
+        sg.materials.get("skin", 0.8, fat=3.0)
     with pytest.raises(sg.RuleError, match="at least 0"):
-        sg.materials.get("skin", 0.5, a=-1.0)
+        sg.materials.get("skin", 0.8, a=-1.0)
     with pytest.raises(sg.RuleError, match="numbers that scatter"), pytest.warns(sg.DoubtWarning):
         sg.materials.get("intralipid", 0.5, dilution=0.0)
     with pytest.raises(sg.RuleError, match="unit must be greater than 0"):
-        sg.materials.get("skin", 0.5, unit=0.0)
+        sg.materials.get("skin", 0.8, unit=0.0)
+
+
+@pytest.mark.parametrize("name", sorted(TISSUES))
+@pytest.mark.parametrize("wavelength", [0.42, 0.54, 0.633, 0.85, 1.2])
+def test_an_absorption_is_not_taken_from_another_wavelength(name, wavelength):
+    for call in (partial(sg.materials.get), partial(sg.materials.draw, seed=0)):
+        with pytest.raises(sg.RuleError, match="absorption must be given outside 0.79 to 0.82.*1 / mm"):
+            call(name, wavelength)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # the range is that of 806 nm too, and says nothing here
+            made = call(name, wavelength, absorption=7.7)
+        assert 1e3 * (1 - made.albedo) / made.mean_free_path == pytest.approx(7.7, rel=1e-9)
+    assert 1e3 * (1 - sg.materials.get("brain", 0.806).albedo) / sg.materials.get("brain", 0.806).mean_free_path \
+        == pytest.approx(0.0131, rel=5e-3)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["polystyrene", "silica", "intralipid", "milk"])
+def test_suspensions_end_where_their_water_absorbs(name):
+    with pytest.raises(sg.RuleError, match=r"wavelength must be 0\.\d+ to 0.9 micrometres"):
+        sg.materials.get(name, 0.97)
+
+
+def test_the_memory_range_of_brain_is_known_to_a_factor_of_ten():
+    found = sg.materials.memory_range("brain", 0.806, 1000.0, draws=16, paths=4000)
+    low, high = found.each["a"]
+    assert high < 1.2 * found.value < 0.2 * low
+    assert found.interval[0] < 2 * found.value < 0.5 * found.interval[1]
+    assert found.wide_interval[0] <= found.interval[0] < 0.3 * found.interval[1] <= 0.3 * found.wide_interval[1]
+    assert found.outside[1.33] > 1.7 * found.outside[1.0] == 1.7 * found.value
+    assert set(found.each) == {"a", "b", "g", "water", "absorption"}
+    again = sg.materials.memory_range("brain", 0.806, 1000.0, draws=16, paths=4000)
+    assert again == found
+    assert "95 %" in str(found)
+
+
+def test_what_is_given_has_no_range():
+    found = sg.materials.memory_range("skin", 0.6, 300.0, outside=[None], draws=2, paths=500, a=46.0, absorption=0.1)
+    assert set(found.each) == {"b", "g", "water"}
+    assert list(found.outside) == [None]
+    for bad, words in (({"thickness": 0.0}, "thickness"), ({"outside": []}, "outside"), ({"draws": 0}, "draws")):
+        arguments = {"name": "skin", "wavelength": 0.8, "thickness": 300.0} | bad
+        with pytest.raises(sg.RuleError, match=f"memory_range {words}"):
+            sg.materials.memory_range(**arguments)
+    with pytest.raises(sg.RuleError, match="memory_range name must be a bulk"):
+        sg.materials.memory_range("ground-glass", 0.6, 1.0, draws=1, paths=64)

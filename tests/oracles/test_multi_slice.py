@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from zscore import assert_z
+from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
@@ -92,11 +92,39 @@ def test_realizations_have_seeds_of_their_own():
     assert not np.array_equal(two.all_views[0], two.all_views[1])
 
 
+def lobe_mean(x, concentration):
+    """Mean of e^(-x sin^2 theta) over a von Mises-Fisher lobe."""
+    cosine = np.linspace(1 - 40 / concentration, 1, 200_001)
+    density = np.exp(concentration * (cosine - 1))
+    return (density * np.exp(-x * (1 - cosine**2))).sum() / density.sum()
+
+
+def test_screens_that_move():
+    """Over all views g1 = exp{-OD (1 - <e^(-x sin^2)>)}; 1 at rest."""
+    alone = run(slab(), realizations=1, size=96, bins=[0])
+    np.testing.assert_allclose([alone.all_views, alone.on_axis], 1, rtol=1e-6)  # of single precision
+    for x in (10.0, 30.0):
+        found = run(slab(), realizations=32, size=96, bins=[0], motion=x).all_views[:, 0]
+        law = np.exp(-5.0 * (1 - lobe_mean(x, LOBE.concentration)))
+        assert_mean(found, law)
+        with pytest.raises(AssertionError, match="z ="):  # a motion 20 % faster
+            assert_mean(found, law**1.2)
+
+
+def test_screens_that_have_moved_far_are_others():
+    """What is left is the unscattered light, e^-OD over all views, and nothing about the axis."""
+    found = run(slab(), realizations=4, size=128, bins=[0], motion=1e9, reach=0.15)
+    # |K| of a finite number of grains, one over its root, adds to e^-5 in squares.
+    assert np.exp(-5.0) < found.all_views.mean() < 0.05
+    assert found.on_axis.mean() < 0.05  # 290 views
+
+
 @pytest.mark.parametrize(
     ("ask", "words"),
     [
         (lambda: run(slab(albedo=0.9)), "slab.albedo must be 1"),
         (lambda: run(slab(scatterer=sg.Isotropic())), "at most 0.2 transport lengths; got 5"),
+        (lambda: run(slab(), motion=-1.0), "motion must be finite and at least 0"),
         (lambda: run(slab(), pitch=1.5), "pitch must be at most 0.99.*4 rms angles"),
     ],
 )

@@ -11,7 +11,7 @@ STORED = ROOT / "tests" / "data" / "wave_solver_2d_od2.npz"
 
 @pytest.fixture(scope="module")
 def script():
-    spec = importlib.util.spec_from_file_location("validate", ROOT / "scripts" / "validate_wave_solver.py")
+    spec = importlib.util.spec_from_file_location("validate", ROOT / "tests" / "validate_wave_solver.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -12,6 +12,7 @@ import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.core.statistics import BATCHES, batch_sums, jackknife
 from specklegen.mean.field import ballistic_fraction, mean_field, straight_through
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths.analog_walk import transmittance
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors, multiple_amplitudes
 from specklegen.paths.endpoints import AXIS
@@ -19,8 +20,7 @@ from specklegen.paths.faces import images, reflectance
 from specklegen.paths.layout import plane_layout
 from specklegen.paths.slab_tracer import SlabTracer, plane_proposal, trace
 from specklegen.paths.tracer import plane_tracer
-from specklegen.samplers.stationary.correlation import estimate_correlation
-from specklegen.samplers.stationary.spectrum import estimate_spectral_correlation
+from specklegen.synthesis.spectrum import estimate_spectral_correlation
 from specklegen.theory import slab as theory
 
 DEGREES = BATCHES - 1
@@ -101,7 +101,7 @@ def test_matched_faces_are_none():
 @pytest.mark.parametrize("g", [0.0, 0.9])
 def test_an_index_near_one_leaves_every_path_where_it_was(g):
     """Reflections are drawn beside the walk's own random numbers: paths of a step of 1e-9 are those of none."""
-    one, other = (slab(5.0, g, index, albedo=0.9) for index in (1.0, 1 + 1e-9))
+    one, other = (slab(5.0, g, index, albedo=0.99) for index in (1.0, 1 + 1e-9))
     proposal = plane_proposal(one, AXIS, AXIS[None])
     plain, stepped = (trace(medium, proposal, 3, 400) for medium in (one, other))
     assert np.array_equal(plain.orders, stepped.orders)

@@ -9,10 +9,10 @@ import zscore
 import specklegen as sg
 from specklegen.core import statistics
 from specklegen.core.errors import DoubtWarning
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.pilot import PILOT_PATHS, scene_pilot
-from specklegen.samplers.stationary.correlation import estimate_correlation
 
 
 def slab(depth: float, g: float, albedo: float = 1.0) -> sg.Slab:
@@ -44,7 +44,7 @@ def test_variances_that_rest_on_rare_paths_are_not_low_more_often_than_high():
 
 def test_moments_that_many_paths_carry_are_stated_as_they_are():
     moments = PathMoments.of(np.random.default_rng(3).exponential(size=6000), np.arange(6000), 6000)
-    assert moments.carriers > 500
+    assert moments.effective_paths > 500
     assert moments.stated() == moments
 
 
@@ -53,8 +53,8 @@ def test_pilots_grow_until_they_know_their_variance():
     pilot = scene_pilot(ahead(slab(50.0, 0.99)), False)
     layout = pilot.tracer.layout
     first = PathMoments.of(contributions(layout, pilot.bank), pilot.bank.paths, PILOT_PATHS)
-    assert first.carriers < 12
-    assert pilot.moments.carriers > 2 * first.carriers
+    assert first.effective_paths < 12
+    assert pilot.moments.effective_paths > 2 * first.effective_paths
     plain = scene_pilot(ahead(slab(5.0, 0.5)), False)
     own = PathMoments.of(contributions(plain.tracer.layout, plain.bank), plain.bank.paths, PILOT_PATHS)
     assert plain.moments.relative_variance == own.relative_variance

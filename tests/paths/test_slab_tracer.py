@@ -13,7 +13,7 @@ from slab_sums import beam_layout, wave_layout
 from zscore import FALSE_ALARM, assert_mean, assert_z
 
 import specklegen as sg
-from specklegen.kernels import walk
+from specklegen.kernels import footprints
 from specklegen.paths.bank import concatenate
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.slab_tracer import BLOCK, beam_proposal, plane_proposal, trace
@@ -281,16 +281,16 @@ def test_double_scattering_of_a_thin_slab(optical_depth):
 @njit
 def _footprint(code, extent, u, out):
     for n in range(len(u)):
-        out[n, 0], out[n, 1], out[n, 2] = walk.sample_footprint(code, extent, u[n, 0], u[n, 1])
+        out[n, 0], out[n, 1], out[n, 2] = footprints.sample_footprint(code, extent, u[n, 0], u[n, 1])
 
 
 @njit
 def _density(code, extent, points, out):
     for n in range(len(points)):
-        out[n] = walk.footprint_density(code, extent, points[n, 0], points[n, 1])
+        out[n] = footprints.footprint_density(code, extent, points[n, 0], points[n, 1])
 
 
-PROFILES = {"square": walk.SQUARE, "disc": walk.DISC, "gaussian": walk.GAUSSIAN}
+PROFILES = {"square": footprints.SQUARE, "disc": footprints.DISC, "gaussian": footprints.GAUSSIAN}
 
 
 @pytest.mark.parametrize("profile", PROFILES)

@@ -12,7 +12,7 @@ from specklegen.oracles.adding_doubling import adding_doubling
 from specklegen.paths import slab_tracer, stretching
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.slab_tracer import events_per_path, stretches
+from specklegen.paths.slab_tracer import events_across, stretches
 from specklegen.paths.stretching import decay, relative_variance, stretch_along
 from specklegen.paths.tracer import plane_tracer
 
@@ -141,21 +141,22 @@ def test_events_are_foretold():
         bank = tracer.trace(1, 2000)
         # Some leave by the near face, early.
         assert 0.7 < bank.events / bank.count / tracer.events_per_path < 1.1
-        assert tracer.events_per_path == events_per_path(medium, across=True)
+        assert tracer.events_per_path == events_across(medium)
 
 
 # ---- Who is drawn --------------------------------------------------------------------------------------
 
 
 def test_only_what_needs_it_is_drawn():
-    """Not where pilots see the light; not for light that comes back; not where paths serve both ways."""
+    """Not where paths cross by themselves; not for light that comes back; not where paths serve both ways."""
     back = unit(0.3, 0, -1)
 
     def drawn(medium, views=AXIS[None], reverse=False):
         return plane_tracer(medium, 1.0, AXIS[None], views, reverse).across
 
     assert drawn(slab(0.9, 30.0))
-    assert not drawn(slab(0.9, 10.0))
+    assert drawn(slab(0.9, 10.0))
+    assert not drawn(slab(0.9, 4.0))
     assert not drawn(slab(1.0, 300.0))
     assert not drawn(slab(0.9, 30.0), back[None])
     assert not drawn(slab(0.9, 30.0), reverse=True)

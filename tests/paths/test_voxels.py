@@ -124,8 +124,8 @@ def test_delta_tracking_survives_as_transmittance():
         [
             np.isinf(
                 free_flight(
-                    volume.bounds, volume.cells, volume.extinction, volume.majorant, volume.per_length, *x, *w,
-                    *firsts[p], np.uint64(3), np.uint64(4), np.uint64(0), np.uint64(p), np.uint64(16),
+                    volume.bounds, volume.cells, volume.extinction, volume.majorant, volume.per_length, (*x, *w),
+                    *firsts[p], (np.uint64(3), np.uint64(4), np.uint64(0)), np.uint64(p), np.uint64(16),
                 )[0]
             )
             for p in range(n)

@@ -13,9 +13,9 @@ import pytest
 import specklegen as sg
 from specklegen import datasets
 from specklegen.datasets import load_recipe
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import STATIONARY_TOLERANCE
-from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.samplers.stationary.rule import scene_stationary_error
 from specklegen.scene.illumination import directions_of_sines
 
@@ -74,6 +74,8 @@ def test_reversed_paths_add_nothing_that_is_seen(name, n):
     made = plans(name)[n]
     assert not made.reverse
     assert "reversed paths: left out" in made.explain()
+    if not made.scene.volume.faces.matched:
+        pytest.skip("behind faces that reflect there is no backscattering to leave out")
     (without, e1), (with_, e2) = (intensity(full(made.scene, reverse, 1 + reverse)) for reverse in (False, True))
     assert np.hypot(e1, e2) < 0.2 * without  # it would see a factor
     assert deviation(without, with_, np.hypot(e1, e2)) < 3

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import specklegen as sg
+from specklegen.core import budgets, memory
 from specklegen.core.errors import RuleError
+from specklegen.datasets import load_recipe
 from specklegen.paths import roulette
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.tracer import slab_tracer, volume_tracer
@@ -45,6 +47,22 @@ def test_a_tilt_is_the_same_among_many_and_alone():
 def test_more_tilts_than_anybody_waits_for_are_refused_before_a_path_is_traced():
     with pytest.raises(RuleError, match="memory_effect tilts must be done within 30 days.*fewer paths"):
         sg.memory_effect(slab(5.0), wavelength=0.5, tilts=np.linspace(0, 1, 10**5), paths=10**10)
+
+
+VERBS = "render", "render_tiles", "covariance", "joint_correlation", "transmission_matrix", "reflectance_transmittance"
+
+
+@pytest.mark.parametrize("owner", VERBS)
+def test_what_nobody_waits_for_is_refused_alike(owner, monkeypatch):
+    """A millisecond stands for the month that anybody waits at most, so that few paths stand for many."""
+    monkeypatch.setattr(budgets, "MOST_SECONDS", 1e-3)
+    verb, this, few = getattr(sg, owner), scene(slab(5.0)), {"paths": 10**6}
+    if owner in ("joint_correlation", "reflectance_transmittance"):
+        this = this.medium
+    if owner == "joint_correlation":
+        few |= {"wavelength": 0.5, "tilts": [1e-4], "shifts": [0.0]}
+    with pytest.raises(RuleError, match=f"^{owner} paths must be done within"):
+        verb(this, **few)
 
 
 def test_slabs_too_deep_to_trace_are_refused():
@@ -102,3 +120,69 @@ def test_the_pilot_of_a_slab_is_weighed_in_parts(monkeypatch):
     at_once, much = found()
     assert in_parts == at_once
     assert little < much / 4
+
+
+SCREEN = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+MANY = np.broadcast_to(0.0, 10**9)  # of 8 bytes
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda: sg.memory_effect(slab(5.0), wavelength=0.5, tilts=MANY),
+        lambda: sg.memory_effect(SCREEN, wavelength=0.5, tilts=MANY),
+        lambda: sg.joint_correlation(slab(5.0), wavelength=0.5, tilts=MANY[: 10**5], shifts=MANY[: 10**5]),
+        lambda: sg.joint_correlation(SCREEN, wavelength=0.5, tilts=MANY[: 10**5], shifts=MANY[: 10**5]),
+        lambda: sg.mean_field(scene(slab(5.0)).replace(sensor=sg.FarField.grid((10**5, 10**5), 1e-8))),
+    ],
+)
+def test_more_than_memory_holds_is_refused_by_name_before_it_is_worked_on(ask, monkeypatch):
+    """It was worked on for minutes without a word, and ended in a raw MemoryError."""
+    monkeypatch.setattr(memory, "available_memory", lambda: 2**33)
+    with pytest.raises(RuleError, match="must be (held|of a field that is held) within"):
+        ask()
+
+
+def test_a_curve_behind_screens_takes_memory_in_proportion_to_its_tilts():
+    """The correlation of every two tilts was formed, of which one row is asked for."""
+    sg.memory_effect(SCREEN, wavelength=0.5, tilts=[0.0])  # imports
+    tracemalloc.start()
+    sg.memory_effect(SCREEN, wavelength=0.5, tilts=np.linspace(0, 1e-3, 1000))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 8 * 1000**2
+
+
+@pytest.mark.parametrize(
+    ("owner", "ask"),
+    [
+        ("memory_effect tilts", lambda: sg.memory_effect(SCREEN, wavelength=0.5, tilts=[0.0, 1e-3])),
+        ("joint_correlation tilts", lambda: sg.joint_correlation(SCREEN, wavelength=0.5, tilts=[0.0], shifts=[1.0])),
+        ("mean_field scene", lambda: sg.mean_field(scene(slab(5.0)))),
+    ],
+)
+def test_closed_forms_are_held_against_the_time_too(owner, ask, monkeypatch):
+    monkeypatch.setattr(budgets, "MOST_SECONDS", 1e-9)
+    with pytest.raises(RuleError, match=f"^{owner} must be done within"):
+        ask()
+
+
+def test_an_image_that_nobody_waits_for_is_refused_before_it_is_made(monkeypatch):
+    """A camera of 5000 x 5000 pixels was worked on for minutes without a word."""
+    recipe = load_recipe("unknown-slab", {"camera": {"shape": [64, 64]}, "objects": {"shape": [16, 16]}})
+    recipe.sample(0, "train", 0)  # planned, and its medium made ready
+    monkeypatch.setattr(budgets, "MOST_SECONDS", 1e-9)
+    with pytest.raises(RuleError, match="^object_imaging must be done within .* bright pixels"):
+        recipe.sample(0, "train", 1)
+
+
+def test_the_cost_of_an_image_is_told_before_it_is_made(monkeypatch, caplog):
+    monkeypatch.setattr(budgets, "TOLD_SECONDS", 1e-9)
+    load_recipe("unknown-slab", {"camera": {"shape": [64, 64]}, "objects": {"shape": [16, 16]}}).sample(0, "train", 0)
+    assert any("object_imaging: about" in message for message in caplog.messages)
+
+
+def test_paths_that_do_not_fit_are_named():
+    """They were refused as tilts and views, of which there were few."""
+    with pytest.raises(RuleError, match=f"{10**12} paths'. Render fewer tilts or fewer views or paths"):
+        sg.plan(scene(slab(5.0)), paths=10**12)

@@ -167,7 +167,7 @@ def test_two_screens_by_waves(by_waves):
 
 
 def test_two_screens_as_they_were_measured_elsewhere():
-    """An independent FFT program (bench figures): over all views, and on the axis; errors of the last digit."""
+    """An independent FFT program (reference figures): over all views, and on the axis; errors of the last digit."""
     np.testing.assert_allclose(over_all(PAIR, TILTS), [0.907, 0.680, 0.427, 0.228], atol=0.003)
     found = [near_the_axis(PAIR, t) for t in TILTS]
     np.testing.assert_allclose(found, [0.954, 0.828, 0.656, 0.477], atol=0.01)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from specklegen.kernels.cones import CONE
+from specklegen.wavetracing.kernels.cones import CONE
 
 KINDS = ("any", "across", "through the axis", "collinear", "at the apex", "cylinder", "slab", "thin")
 

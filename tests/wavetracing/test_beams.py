@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from specklegen.core.errors import DoubtWarning, RuleError
-from specklegen.kernels import beam_state
 from specklegen.wavetracing import Cone, GaussianBeam
+from specklegen.wavetracing.kernels import beam_state
 
 K = 2 * np.pi
 SIGMA = np.array([[40.0, 11.0], [11.0, 25.0]])

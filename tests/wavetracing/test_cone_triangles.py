@@ -7,10 +7,10 @@ import pytest
 from wavetracing.cone_pairs import KINDS, pairs
 
 from specklegen.core.errors import DoubtWarning
-from specklegen.kernels.cone_bvh import boxes_in_cones, triangles_in_cones
-from specklegen.kernels.cones import CONE
 from specklegen.oracles.cone_triangle import first_depth
 from specklegen.wavetracing import Cone, Geometry, Mesh
+from specklegen.wavetracing.kernels.cone_bvh import boxes_in_cones, triangles_in_cones
+from specklegen.wavetracing.kernels.cones import CONE
 
 WIDE = 1e4
 

@@ -220,7 +220,7 @@ def test_a_resolved_mask_loses_little():
         (lambda: illumination_of(PlaneField(np.ones((2, 3)), 1.0, 0.5)), "on a square grid"),
         (lambda: illumination_of(PlaneField(np.zeros((2, 2)), 1.0, 0.5)), "not 0 everywhere"),
         (lambda: illumination_of(PlaneField(np.ones((2, 2)), 1.0, 0.5), 0.0), "power must be above 0"),
-        (lambda: illumination_of([]), "a PlaneField, or several"),
+        (lambda: illumination_of([]), "a PlaneField, or a sequence of them"),
         (lambda: illumination_of([on_window(None), on_window(None, pixels=32)]), "on one grid"),
     ],
 )

@@ -7,9 +7,9 @@ import pytest
 from wavetracing.solids import box, soup, sphere
 
 from specklegen.core.errors import DoubtWarning, RuleError
-from specklegen.kernels.cone_bvh import closest, collect, first_region, triangles_in_cones
 from specklegen.wavetracing import Cone, Geometry, Mesh, perforated_screen
 from specklegen.wavetracing.cones import transverse_frame
+from specklegen.wavetracing.kernels.cone_bvh import closest, collect, first_region, triangles_in_cones
 
 
 def random_cone(rng):
@@ -51,23 +51,23 @@ def test_a_region_is_found_in_one_search(seed):
     """The least depth d, and all triangles in [d, d + 2 a(d)], are those of two searches; with room for them or not."""
     rng = np.random.default_rng(seed)
     scene = Geometry(soup(2000, seed))
-    tree, most = (scene.boxes, scene.link, scene.corners), 0
+    tree, most = scene.tree, 0
     places, spans, expected = np.empty(2000, np.int64), np.empty((2000, 2)), np.empty(2000, np.int64)
     for _ in range(60):
         cone, near = random_cone(rng).packed(), rng.uniform(0, 0.5)
-        depth, far, count = first_region(cone, near, True, *tree, places, spans)
-        assert depth == closest(cone, near, np.inf, *tree)[0]
+        depth, far, count = first_region(cone, near, True, tree, places, spans)
+        assert depth == closest(cone, near, np.inf, tree)[0]
         if depth == np.inf:
             assert count == 0
             continue
         assert far == pytest.approx(depth + 2 * (cone[12] + depth * cone[13]), rel=1e-14)
-        assert places[:count].tolist() == expected[: collect(cone, depth, far, *tree, expected)[0]].tolist()
+        assert places[:count].tolist() == expected[: collect(cone, depth, far, tree, expected)[0]].tolist()
         most = max(most, count)
         if count > 2:
-            asked = first_region(cone, near, True, *tree, places[:2], spans[:2])[2]
+            asked = first_region(cone, near, True, tree, places[:2], spans[:2])[2]
             assert 2 < asked <= 8
         if depth == near:
-            assert first_region(cone, near, False, *tree, places, spans)[::2] == (near, 0)
+            assert first_region(cone, near, False, tree, places, spans)[::2] == (near, 0)
     assert most > 20
 
 
@@ -212,7 +212,7 @@ def test_bad_meshes_are_refused():
         faces[5, 2] = bad
         with pytest.raises(RuleError, match="from 0 to 7.*face 5"):
             Mesh(good.vertices, faces)
-    with pytest.raises(RuleError, match="one mesh or several"):
+    with pytest.raises(RuleError, match="a Mesh, or a sequence of them"):
         Geometry([])
     with pytest.raises(RuleError, match="finite"):
         Geometry(good).ray([[0, 0, np.nan]], [[0, 0, 1.0]])

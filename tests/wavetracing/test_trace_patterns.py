@@ -6,9 +6,9 @@ from scipy.stats import chi2
 from wavetracing.screens import FAR, HEXAGRAM, HEXAGRAM_AREA, rim_intensity, screen, slit
 from zscore import FALSE_ALARM, assert_z
 
-from specklegen.kernels.masked_beams import GRID, draw_raster
-from specklegen.kernels.region_patterns import draw_polygons
 from specklegen.wavetracing import CollimatedEmitter, Geometry, Mesh, Plane, trace
+from specklegen.wavetracing.kernels.masked_beams import GRID, draw_raster
+from specklegen.wavetracing.kernels.region_patterns import draw_polygons
 
 K = 2 * np.pi
 

@@ -1,4 +1,4 @@
-"""Beams with diffraction by UTD: against exact fields, near the edges too, and images by ray tubes of `phase_rays`."""
+"""Beams with diffraction by UTD: against exact fields, near the edges too; images by `coherent_rays`."""
 
 import numpy as np
 import pytest
@@ -20,9 +20,9 @@ from specklegen.wavetracing import (
     PointEmitter,
     Smooth,
     Transmitter,
+    coherent_rays,
     coverage,
     perforated_screen,
-    phase_rays,
     trace,
 )
 
@@ -139,7 +139,7 @@ def test_point_source_and_knife_edge():
     scene = Geometry(half(Conductor()))
     found = trace(scene, source, behind, 300_000, 5, diffraction="utd")
     fine = behind.replace(shape=(8, 80), pitch=0.625).replace(shape=(4, 80))  # pixels of 5 along x alone
-    exact = sum(0.5 * np.abs(phase_rays(scene, source, fine.points, 0, 1, b)) ** 2 for b in ("soft", "hard"))
+    exact = sum(0.5 * np.abs(coherent_rays(scene, source, fine.points, 0, 1, b)) ** 2 for b in ("soft", "hard"))
     got, error = rows(found)
     assert_z(got, over_pixels(exact.mean(axis=0), 10), error, slack=0.02 * over_pixels(exact.mean(axis=0), 10))
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from specklegen.core.errors import RuleError
-from specklegen.kernels.wedges import transitions
 from specklegen.oracles.wedge_series import half_plane, knife_edge_loss, transition_function, wedge_series
 from specklegen.wavetracing import geometric_shares, lossy_wedge_field, wedge_coefficients, wedge_field
+from specklegen.wavetracing.kernels.wedges import transitions
 
 K = 2 * np.pi
 BOUNDARIES = ("soft", "hard")

@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, PrivateAttr, TypeAdapter, WithJsonSchema, 
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Positive, Value
-from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, is_draw
+from specklegen.datasets.distributions import Draw, drawn, ends, is_draw
 from specklegen.datasets.recipes.parts.material import Estimator
 from specklegen.datasets.split import Split
 from specklegen.samplers.screens.correlation import ScreenCorrelation, screen_correlation

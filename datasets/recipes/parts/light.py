@@ -1,28 +1,16 @@
 """The light of a recipe: how many independent speckle patterns add up in one image.
 
 Light of one wavelength and one polarisation makes speckle of contrast 1. A band of wavelengths makes an
-incoherent sum over the modes of the light behind that medium (:mod:`specklegen.samplers.stationary.spectrum`);
+incoherent sum over the modes of the light behind that medium (:mod:`specklegen.synthesis.spectrum`);
 light that the medium depolarised one over two independent halves, contrast 1/sqrt(2).
 """
 
-from __future__ import annotations
+from dataclasses import dataclass
+from typing import Any
 
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from specklegen.core.lazy import LazyModule
-from specklegen.core.random_streams import Seed
 from specklegen.core.values import NonNegative, Positive, Value
-from specklegen.datasets.split import Purpose, Split, substream
-from specklegen.samplers.screens.objects import ScreenObjects
-from specklegen.samplers.stationary.objects import ObjectSampler
-from specklegen.samplers.stationary.spectrum import Spectrum
-
-if TYPE_CHECKING:
-    import torch
-else:
-    torch = LazyModule("torch")
+from specklegen.datasets.split import Purpose
+from specklegen.synthesis.spectrum import Spectrum
 
 
 class Light(Value):
@@ -56,38 +44,27 @@ MEDIUM_PURPOSES = (Purpose.MEDIUM, Purpose.POLARISATION)
 """Substreams of a medium's fields, one for each polarisation."""
 
 
-def medium_seeds(light: Light, seed: int, split: Split, medium: int) -> list[Seed]:
-    """Seeds of a medium, one for each polarisation."""
-    return [substream(seed, split, purpose, medium) for purpose in MEDIUM_PURPOSES[: light.halves]]
+@dataclass(frozen=True)
+class Lit:
+    """What samples shine through their media.
 
-
-def draw_medium(
-    light: Light, sampler: ObjectSampler | ScreenObjects, seed: int, split: Split, medium: int
-) -> torch.Tensor:
-    """One medium for this light, complex[N, R, y, x]; each polarisation has a substream of its own."""
-    halves = [sampler.medium(each) for each in medium_seeds(light, seed, split, medium)]
-    return _joined(halves)
-
-
-def draw_frames(
-    light: Light, sampler: ObjectSampler | ScreenObjects, seed: int, split: Split, medium: int, count: int,
-    correlation: float,
-) -> list[torch.Tensor]:
-    """A medium that changes from frame to frame, ``count`` times complex[N, R, y, x].
-
-    Each field follows a first-order autoregression, G_f = c G_(f-1) + sqrt(1 - c^2) white: fields f frames
-    apart are correlated by c^f, c = ``correlation``, their intensities by c^(2f).
+    Attributes
+    ----------
+    light : real[B, h, w] or complex128[B, h, w]
+        Brightness of objects; or amplitudes of beams that interfere.
+    step : float or None
+        Transverse wave number between neighbouring beams, where they interfere.
+    parameters : dict of float64[B]
+        What is stored of it.
+    arrays : dict of tensors
+        Arrays of the samples that show it, by name.
     """
-    fresh = float(np.sqrt(1 - correlation**2))
-    halves = []
-    for number, first in enumerate(medium_seeds(light, seed, split, medium)):
-        frames = [sampler.medium(first)]
-        for frame in range(1, count):
-            seeds = (*substream(seed, split, Purpose.DYNAMICS, medium), number, frame)
-            frames.append(correlation * frames[-1] + fresh * sampler.medium(seeds))
-        halves.append(frames)
-    return [_joined(list(frame)) for frame in zip(*halves, strict=True)]
 
+    light: Any
+    step: float | None
+    parameters: dict[str, Any]
+    arrays: dict[str, Any]
 
-def _joined(halves: list[torch.Tensor]) -> torch.Tensor:
-    return halves[0] if len(halves) == 1 else torch.cat(halves) * len(halves) ** -0.5
+    def at(self, places: Any) -> "Lit":
+        """That of some of the samples, to be rendered."""
+        return Lit(self.light[places], self.step, {}, {})

@@ -12,7 +12,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import Positive, Value
-from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, is_draw
+from specklegen.datasets.distributions import Draw, drawn, ends, is_draw
 from specklegen.datasets.recipes.parts.particles import (
     Particles,
     drawn_numbers,
@@ -22,12 +22,12 @@ from specklegen.datasets.recipes.parts.particles import (
 )
 from specklegen.datasets.split import SPLITS, Split
 from specklegen.mean.field import straight_through
-from specklegen.samplers.stationary.atlas import correlation_for
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation, estimate_correlation
-from specklegen.samplers.stationary.spectrum import LightModes, Spectrum, estimate_spectral_correlation, light_modes
+from specklegen.memory_effects.atlas import correlation_for
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein, Scatterer
+from specklegen.synthesis.spectrum import LightModes, Spectrum, estimate_spectral_correlation, light_modes
 
 KernelSource = Literal["estimate", "atlas"]
 _PARAMETERS = ("thickness", "optical_depth", "g", "albedo")
@@ -168,11 +168,11 @@ class Material(Value):
         found = getattr(self.by_split, split) if own else getattr(self, name)
         return 0.0 if found is None else found
 
-    def realized(self, rng: np.random.Generator, split: Split) -> "KnownMaterial":
+    def realized(self, rng: np.random.Generator, split: Split) -> "CharacterizedMaterial":
         """One slab of a split with its kernel."""
         return self.known(self.draw(rng, split))
 
-    def known(self, slab: Slab) -> "KnownMaterial":
+    def known(self, slab: Slab) -> "CharacterizedMaterial":
         """Return a slab of this material with its kernel, found as the recipe says."""
         return known(slab, self.kernel_paths, self.kernel, self.kernel_tolerance)
 
@@ -212,7 +212,7 @@ class Material(Value):
 
 
 @dataclass(frozen=True)
-class KnownMaterial:
+class CharacterizedMaterial:
     """A slab with its memory-effect correlation and what follows from it.
 
     Attributes
@@ -263,7 +263,7 @@ class KnownMaterial:
 
 
 @lru_cache(maxsize=256)
-def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: float = 0.02) -> KnownMaterial:
+def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: float = 0.02) -> CharacterizedMaterial:
     """Find a slab's kernel. It is a property of the material: its paths are keyed by the slab, not by a seed."""
     if source == "atlas":
         kernel = correlation_for(slab, paths=paths, tolerance=tolerance)
@@ -273,7 +273,7 @@ def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: 
         reject("Material.kernel_paths", "enough for some light to come through the slab", paths,
                f"None does at optical depth {slab.optical_depth:.4g} and albedo {slab.albedo:g}.")  # fmt: skip
     estimator = Estimator.ATLAS if kernel.source == "atlas" else Estimator.PATHS
-    return KnownMaterial(slab, kernel, kernel.half_range(), estimator)
+    return CharacterizedMaterial(slab, kernel, kernel.half_range(), estimator)
 
 
 @lru_cache(maxsize=64)

@@ -9,30 +9,93 @@ from itertools import product
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, TypeAdapter, WithJsonSchema
+from pydantic import (
+    PlainValidator,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    TypeAdapter,
+    WithJsonSchema,
+    WrapSerializer,
+)
 
+from specklegen.core.content import content_digest, is_own
 from specklegen.core.errors import RuleError, reject
-from specklegen.datasets.recipes.parts.distributions import Draw, drawn, ends, is_draw
+from specklegen.core.registry import is_import_path
+from specklegen.core.values import CONTENT, CONTENT_KEY, WITH_CONTENT
+from specklegen.datasets.distributions import Draw, drawn, ends, is_draw
 from specklegen.scene.scatterers import AnyScatterer, Scatterer
 
 _SCATTERER = TypeAdapter(AnyScatterer)
 _DRAW = TypeAdapter(Draw)
+_PROBES = 4  # within the ranges, besides their ends
+_REMEDY = "The class, or what it refers to, was defined anew: load the recipe again."
 
 
-def _read(table: Any) -> Any:
+class ParticleTable(dict[str, Any]):
+    """A scatterer's table, with distributions in place of numbers, and what it knows of a user's own classes in it.
+
+    Attributes
+    ----------
+    classes : tuple of classes
+        Those of a user's own; a process that gets the table imports the modules that they stand in.
+    code, content : str
+        SHA-256 of the code of these classes, and of the contents of scatterers all over the ranges; empty where no
+        class is a user's own.
+    """
+
+    classes: tuple[type[Scatterer], ...] = ()
+    code = content = ""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        _require_code(self, extreme_scatterers(self)[0])
+
+
+def _own_classes(scatterer: Scatterer) -> tuple[type[Scatterer], ...]:
+    """All of a user's own classes in a scatterer."""
+    found = {type(each) for each in (scatterer, *(part for part, _ in scatterer.components))}
+    return tuple(sorted(filter(is_own, found), key=lambda kind: kind.__name__))
+
+
+def _read(table: Any) -> ParticleTable:
+    if isinstance(table, ParticleTable) and table.code:
+        _require_code(table, extreme_scatterers(table)[0])
     if isinstance(table, Scatterer):
-        table = table.model_dump()
+        table = table.model_dump(context=WITH_CONTENT)
     if not isinstance(table, Mapping) or not isinstance(table.get("type"), str):
         reject("Material.scatterer", 'a table with a type, such as {type = "HenyeyGreenstein", g = 0.9}', table)
-    read = {name: _DRAW.validate_python(value) if is_draw(value) else value for name, value in table.items()}
+    read = ParticleTable(
+        {name: _DRAW.validate_python(value) if is_draw(value) else value for name, value in table.items()}
+    )
+    stated = read.pop(CONTENT_KEY, None) if any(map(is_draw, read.values())) else None
     for scatterer in extreme_scatterers(read):
         assert isinstance(scatterer, Scatterer)
+        read.classes = _own_classes(scatterer)
+        if is_import_path(read["type"]):
+            read["type"] = type(scatterer).__name__  # known from now on
+    read.code = content_digest(read.classes) if read.classes else ""
+    read.pop(CONTENT_KEY, None)  # that of one scatterer, which has been compared
+    read.content = _content_of(read) if read.code else ""
+    if stated not in (None, read.content):
+        reject("Material.scatterer", f"of content {str(stated)[:12]}", read.content[:12] or "none", _REMEDY)
     return read
+
+
+def _written(table: ParticleTable, write: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
+    wanted = bool(info.context) and info.context.get(CONTENT) and table.content
+    return write(table) | ({CONTENT_KEY: table.content} if wanted else {})
+
+
+def _content_of(table: Mapping[str, Any]) -> str:
+    rng = np.random.default_rng(0)
+    probes = [*extreme_scatterers(table), *(drawn_scatterer(table, rng) for _ in range(_PROBES))]
+    return content_digest([each.canonical_json() for each in probes])
 
 
 Particles = Annotated[
     dict[str, Any],
-    BeforeValidator(_read),
+    PlainValidator(_read),
+    WrapSerializer(_written),
     WithJsonSchema({"type": "object", "required": ["type"], "properties": {"type": {"type": "string"}}}),
 ]
 """A scatterer's table, with distributions in place of numbers."""
@@ -62,8 +125,23 @@ def scatterer_with(table: Mapping[str, Any], numbers: Mapping[str, float]) -> Sc
 
 def _made(table: Mapping[str, Any], numbers: dict[str, float]) -> Scatterer:
     try:
-        return _SCATTERER.validate_python(dict(table) | numbers)
+        made = _SCATTERER.validate_python(dict(table) | numbers)
     except RuleError:
         raise
     except ValueError as error:
         reject("Material.scatterer", "a scatterer", dict(table) | numbers, str(error))
+    _require_code(table, made)
+    return made
+
+
+def _require_code(table: Mapping[str, Any], made: Scatterer) -> None:
+    """Refuse a scatterer whose class has become another since the table was read; other code may do the same."""
+    if not isinstance(table, ParticleTable) or not table.code:
+        return
+    code = content_digest(_own_classes(made))
+    if code == table.code:
+        return
+    if _content_of(ParticleTable(table)) != table.content:
+        rule = "of a class that is as it was when the recipe was read"
+        reject("Material.scatterer", rule, type(made).__name__, _REMEDY)
+    table.code = code

@@ -5,7 +5,7 @@ In TOML a ``[material]`` with a preset instead of a slab's numbers:
     [material]
     preset = { name = "intralipid", wavelength = 0.633, dilution = { uniform = [0.02, 0.1] } }
     thickness = 1000.0
-    outside = 1.0
+    outside = 1.0                  # air, as by default; or "matched", without a step
 
 A number may be "range": it is then drawn from the range that the literature leaves. The wavelength is that in vacuum,
 in micrometres; lengths of the recipe are in units of ``unit`` metres.
@@ -14,18 +14,20 @@ in micrometres; lengths of the recipe are in units of ``unit`` metres.
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, TypeAdapter, WithJsonSchema, model_validator
 
 from specklegen import materials
+from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
 from specklegen.core.values import Positive, Value
-from specklegen.datasets.recipes.parts.distributions import Choice, Draw, Uniform, drawn, ends, is_draw, require_above
-from specklegen.datasets.recipes.parts.material import KnownMaterial, known
+from specklegen.datasets.distributions import Choice, Draw, Uniform, drawn, ends, is_draw, require_above
+from specklegen.datasets.recipes.parts.material import CharacterizedMaterial, known
 from specklegen.datasets.split import Split
 from specklegen.materials import BulkMaterial
+from specklegen.materials.registry import require_measured
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import Slab
 
@@ -37,6 +39,9 @@ def _read(table: Any) -> Any:
     if not isinstance(table, Mapping) or "name" not in table or "wavelength" not in table:
         reject("Material.preset", 'a table such as {name = "intralipid", wavelength = 0.633}', table)
     numbers = materials.about(table["name"]).numbers
+    measured = [field for field, value in table.items() if value != "range"]
+    if real_number("Material.preset wavelength", table["wavelength"]) > 0:
+        require_measured(table["name"], table["wavelength"], measured)
     read = {}
     for field, value in table.items():
         if field in _FIXED:
@@ -49,6 +54,11 @@ def _read(table: Any) -> Any:
         else:
             read[field] = _DRAW.validate_python(value)
     return read
+
+
+def _matched(outside: Any) -> Any:
+    """Read the null of older stores."""
+    return "matched" if outside is None else outside
 
 
 NamedMaterial = Annotated[
@@ -71,14 +81,14 @@ class PresetMaterial(Value):
     thickness
         Of the slab.
     outside
-        Refractive index before and behind it, whose step reflects light; by default there is none.
+        Refractive index before and behind it, whose step reflects light: that of air by default; "matched" for none.
     kernel_paths
         As of a slab that is given by its numbers.
     """
 
     preset: NamedMaterial
     thickness: Draw
-    outside: Positive | None = None
+    outside: Annotated[Positive | Literal["matched"], BeforeValidator(_matched)] = 1.0
     kernel_paths: Annotated[int, Field(ge=64, le=10**9)] = 100_000
 
     kernel: ClassVar = "estimate"
@@ -108,7 +118,7 @@ class PresetMaterial(Value):
         """Whether two media may have different parameters."""
         return any(low < high for low, high in map(ends, [self.thickness, *self._draws().values()]))
 
-    def realized(self, rng: np.random.Generator, split: Split) -> KnownMaterial:  # noqa: ARG002 - as of a slab
+    def realized(self, rng: np.random.Generator, split: Split) -> CharacterizedMaterial:  # noqa: ARG002 - as of a slab
         """One slab with its memory effect, and the numbers that were drawn for it."""
         thickness = drawn(self.thickness, rng)
         numbers = {name: drawn(source, rng) for name, source in self._draws().items()}
@@ -127,7 +137,7 @@ class PresetMaterial(Value):
         """Slabs at the ends of every range."""
         return [self._slab(t, numbers) for t in sorted(set(ends(self.thickness))) for numbers in self._corners()]
 
-    def known(self, slab: Slab) -> KnownMaterial:
+    def known(self, slab: Slab) -> CharacterizedMaterial:
         """Return a slab with its memory effect."""
         return known(slab, self.kernel_paths)
 
@@ -146,4 +156,4 @@ class PresetMaterial(Value):
         return made
 
     def _slab(self, thickness: float, numbers: Mapping[str, float]) -> Slab:
-        return self._bulk(numbers).slab(thickness, self.outside)
+        return self._bulk(numbers).slab(thickness, None if self.outside == "matched" else self.outside)

@@ -1,14 +1,24 @@
 """Tilts of the illumination of one medium: equally spaced along a line."""
 
-from typing import Self
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.lazy import LazyModule
 from specklegen.core.values import PositiveInt, Value
-from specklegen.datasets.recipes.parts.distributions import Choice, Draw, drawn, ends
+from specklegen.datasets.distributions import Choice, Draw, ends
 from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.split import Purpose
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.datasets.addresses import Addresses
+else:
+    torch = LazyModule("torch")
 
 
 class Tilts(Value):
@@ -59,10 +69,20 @@ class Tilts(Value):
         along = np.array([np.cos(azimuth), np.sin(azimuth)])
         return np.arange(self.count)[:, None] * (step * along)
 
-    def drawn(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
-        """Tilts of one medium, radians, and what was drawn for them."""
-        step, azimuth = drawn(self.step, rng), drawn(self.azimuth, rng)
-        return self.angles(step, azimuth), {"tilt_step": step, "tilt_azimuth": azimuth}
+    @property
+    def varies(self) -> bool:
+        """Whether media may be seen under different tilts."""
+        return any(low < high for low, high in map(ends, (self.step, self.azimuth)))
+
+    def drawn_together(
+        self, drawn: "Addresses", numbers: Sequence[int]
+    ) -> "tuple[torch.Tensor, dict[str, torch.Tensor]]":
+        """Tilts of media float64[M, T, 2], radians, and what was drawn for them."""
+        step, azimuth = drawn.numbers(Purpose.TILTS, (self.step, self.azimuth), numbers)
+        along = torch.stack([torch.cos(azimuth), torch.sin(azimuth)], -1)
+        number = torch.arange(self.count, dtype=torch.float64, device=step.device)
+        tilts = number[:, None] * (step[:, None] * along)[:, None]
+        return tilts, {"tilt_step": step, "tilt_azimuth": azimuth}
 
     @property
     def widest(self) -> np.ndarray:

@@ -95,7 +95,7 @@ class Viewing:
 
     @property
     def divisions(self) -> int:
-        """Views across a pixel from which its mean intensity is found (:func:`division_weights`); one where pixels do
+        """Views across a pixel from which its mean intensity is found; one where pixels do
         not average. In threes, a sixth of a grain apart or closer: contrasts are then within 0.2 % of those over the
         pixel's area.
         """
@@ -112,11 +112,3 @@ class Viewing:
     def resolved_grid(self) -> FarFieldGrid:
         """The pixels' centres, if they resolve the speckle; else their views."""
         return self.grid if 2 * self.grid.pitch * self.width <= self.wavelength else self.divided_grid
-
-
-def division_weights(count: int) -> np.ndarray:
-    """Weights float64[count], sum 1, of views across a pixel for its mean: the open rule of three points, repeated.
-
-    It is exact for cubic polynomials, and has no points on the pixel's edges, which neighbours would share.
-    """
-    return np.ones(1) if count == 1 else np.tile([0.375, 0.25, 0.375], count // 3) * 3 / count

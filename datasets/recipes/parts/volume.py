@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.values import Positive, PositiveInt, Value
-from specklegen.datasets.recipes.parts.distributions import Draw, require_above
+from specklegen.datasets.distributions import Draw, require_above
 from specklegen.datasets.recipes.parts.viewing import CameraGrid
 from specklegen.scene.media import Box, Slab, VoxelGrid
 from specklegen.scene.sensors import FarFieldGrid, NearField

@@ -1,27 +1,25 @@
-"""Networks that look through fog. A new one is a file of this folder, and a line of :data:`NETWORKS`.
+"""Networks that look through fog. A new one is a class of :class:`Network`, in a file of this folder or of a user's.
 
-Those of the table take pictures float[B, 2, H, W] (:mod:`specklegen.models.learning.inputs`) and return logits
+Those of :data:`NETWORKS` take pictures float[B, 2, H, W] (:mod:`specklegen.models.learning.inputs`) and return logits
 float[B, h, w]; the brightness is their sigmoid. The perceptron takes features float[B, F]. :mod:`unrolled` sees the
 likelihood, and is held by a :class:`~specklegen.models.learning.solver.Solver`.
 """
-
-from collections.abc import Callable
 
 import torch
 from torch import nn
 
 from specklegen.core.errors import reject
 from specklegen.models.learning.networks.dense import DenseNet
+from specklegen.models.learning.networks.network import NETWORKS, Network, NetworkName, network_content
 from specklegen.models.learning.networks.perceptron import Perceptron
 from specklegen.models.learning.networks.residual import ResidualNet
 from specklegen.models.learning.networks.stack_unet import StackUNet
 from specklegen.models.learning.networks.unet import UNet
 
-NETWORKS: dict[str, Callable[..., nn.Module]] = {
-    "residual": ResidualNet, "unet": UNet, "stack-unet": StackUNet, "dense": DenseNet,
-    "perceptron": Perceptron,
-}  # fmt: skip
-"""Name to network of (side, shape, width)."""
+__all__ = [
+    "NETWORKS", "DenseNet", "Network", "NetworkName", "Perceptron", "ResidualNet", "StackUNet", "UNet", "build",
+    "network_content", "parameter_count",
+]  # fmt: skip
 
 
 def parameter_count(network: nn.Module) -> int:

@@ -3,9 +3,10 @@
 from torch import Tensor, nn
 
 from specklegen.models.learning.networks.channels import CHANNELS
+from specklegen.models.learning.networks.network import Network
 
 
-class DenseNet(nn.Module):
+class DenseNet(Network, name="dense", targets=("object", "label")):
     """One hidden layer of 16 * ``width`` units: the least that can be called a network."""
 
     def __init__(self, side: int, shape: tuple[int, int] = (28, 28), width: int = 16) -> None:

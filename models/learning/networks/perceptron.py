@@ -2,8 +2,12 @@
 
 from torch import Tensor, nn
 
+from specklegen.models.learning.networks.network import Network
 
-class Perceptron(nn.Module):
+
+class Perceptron(
+    Network, name="perceptron", inputs=("registered", "registered+power"), targets=("object", "material")
+):
     """Two hidden layers of 16 * ``width`` units on features float[B, ``side``]."""
 
     def __init__(self, side: int, shape: tuple[int, int] = (1, 4), width: int = 8) -> None:

@@ -29,6 +29,17 @@ def shares(extent: Tensor) -> Tensor:
     return (1 - (place[:, None] - steps).abs()).clamp_min(0)
 
 
+def likelihoods(told: Tensor) -> Tensor:
+    """Log-likelihoods float[..., BINS] of the extents from logarithms of their probabilities, of the same shape.
+
+    Extents were equally likely in their logarithm, so that :func:`shares` gave the first and the last, which have one
+    neighbour each, half of what it gave the others.
+    """
+    equal = torch.zeros(BINS, dtype=told.dtype, device=told.device)
+    equal[[0, -1]] = float(np.log(2))
+    return told + equal
+
+
 class RangeNet(nn.Module):
     """Lags of an object frame either way to logarithms of probabilities.
 

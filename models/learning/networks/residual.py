@@ -5,6 +5,7 @@ from torch import Tensor, nn
 
 from specklegen.core.errors import reject
 from specklegen.models.learning.inputs import zero_phase
+from specklegen.models.learning.networks.network import Network
 
 
 class ResidualBlock(nn.Module):
@@ -22,7 +23,7 @@ class ResidualBlock(nn.Module):
         return x + self.narrow(nn.functional.gelu(self.widen(self.norm(x))))
 
 
-class ResidualNet(nn.Module):
+class ResidualNet(Network, name="residual", inputs=("autocorrelation",), targets=("object", "label")):
     """Residual blocks of dense layers, for autocorrelations: no lag is nearer to a pixel than another.
 
     What goes in are the lags shorter than the object, of two opposite ones one; the same of the image of zero phases

@@ -5,7 +5,7 @@ from torch import Tensor
 from specklegen.models.learning.networks.unet import UNet, convolutions
 
 
-class StackUNet(UNet):
+class StackUNet(UNet, name="stack-unet"):
     """U-Net for several images of one object: each is folded alone, then their features are averaged.
 
     The order of the images does not matter, and a stack may have any number of them.

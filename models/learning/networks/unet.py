@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from specklegen.core.errors import reject
 from specklegen.models.learning.networks.channels import CHANNELS
+from specklegen.models.learning.networks.network import Network
 
 DEPTH = 2
 """Times that the U-Net halves its picture."""
@@ -25,7 +26,7 @@ def convolutions(inward: int, outward: int) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-class UNet(nn.Module):
+class UNet(Network, name="unet"):
     """U-Net of Ronneberger et al. (2015), small, with a dense bottom.
 
     Parameters

@@ -7,7 +7,6 @@ A sum of outer products, so Hermitian and positive semidefinite by construction.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,21 +15,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.arguments import instance
-from specklegen.core.budgets import DEFAULT_PATHS, checked_budget, paths_for
+from specklegen.core.arguments import instance, whole_number
+from specklegen.core.budgets import Budget, Reverse
 from specklegen.core.decision import Decision
-from specklegen.core.errors import DoubtWarning, reject
+from specklegen.core.display.plot import Pictured
+from specklegen.core.display.repr import summary
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.memory import require_memory
-from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
-from specklegen.core.showing import summary
+from specklegen.core.shielded import shielded
 from specklegen.kernels.rng import fill_normals
-from specklegen.paths.deep_absorption import dark_views, require_reach, unseen_variance
+from specklegen.paths.deep_absorption import crossing_variances, dark_views, require_reach
 from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import volume_pilot
 from specklegen.paths.rare_paths import warn_of_rare_paths
-from specklegen.paths.reversal import Reverse, scene_reversal
+from specklegen.paths.reversal import scene_reversal
 from specklegen.paths.tracer import Tracer, volume_tracer
+from specklegen.samplers.covariance.cost import require_covariance_time
 from specklegen.samplers.covariance.outer_products import (
     Entries,
     all_pairs,
@@ -40,8 +41,8 @@ from specklegen.samplers.covariance.outer_products import (
     some_rows,
 )
 from specklegen.samplers.covariance.single_scattering import Orders, all_quadruples, single_covariance, single_decision
-from specklegen.scene.scene import Scene
-from specklegen.scene.validity import warn_of_dependence
+from specklegen.scene.scene import Scene, require_no_film
+from specklegen.scene.validity import warn_of_doubts
 
 
 @dataclass(frozen=True)
@@ -131,9 +132,11 @@ class Covariance(Pictured):
         duplicated lights or views come out equal. Field r of a seed does not depend on ``realizations``.
         """
         self._require_all("sample")
-        if realizations < 1:
-            reject("Covariance.sample realizations", "at least 1", realizations)
+        realizations = whole_number("Covariance.sample realizations", realizations, 1)
         t, v = self.value.shape[:2]
+        held = 16.0 * t * v * realizations
+        told = f"{realizations} fields"
+        require_memory("Covariance.sample realizations", "held", held, told, "Draw fewer at a time.", share=0.9)
         values, vectors = np.linalg.eigh(self.value.reshape(t * v, t * v))
         root = vectors * np.sqrt(np.clip(values, 0, None) / 2)
         key = stream_key(seed, Stream.EIGEN)
@@ -154,6 +157,7 @@ class Covariance(Pictured):
             reject(f"Covariance.{name}", "asked of a covariance of all pairs", f"one of shape {self.value.shape}")
 
 
+@shielded()
 def covariance(
     scene: Scene,
     *,
@@ -173,28 +177,16 @@ def covariance(
     ----------
     scene
         Any medium, lights and sensor. An incoherent object's lights are its lit pixels' beams of unit irradiance.
-    paths
-        Number of paths; 100 000 unless ``rel_error`` or ``seconds`` sets it.
+    paths, seconds, seed, reverse, tolerance, threads
+        See :class:`specklegen.core.budgets.Budget`.
     rel_error
-        Instead: trace what a pilot says the largest standard error over sqrt(C_pp C_qq) takes to fall to this. The
-        count is fixed before the run, so the estimate stays unbiased; ``.rel_error`` says what was reached.
-    seconds
-        Instead, or as a limit to ``rel_error``: trace what this time allows on this machine.
-    seed
-        The result is a function of it, the number of paths and the other arguments.
-    reverse
-        Whether reversed paths (coherent backscattering) take part; "auto" drops them where they add less than
-        ``tolerance`` at every light and view (physics.md 2).
+        Instead of ``paths``: the largest standard error over sqrt(C_pp C_qq).
     pairs
         int[P, 4], rows (light, view, light, view): only these entries. Default: all of them.
     orders
         "all", "single", or "auto": single scattering alone, in closed form (Eq. 41) instead of by Monte Carlo, where
         a pilot finds the rest below ``tolerance`` and the closed form cheaper. ``rel_error`` then is the share of the
         intensity left out, and ``standard_error`` is 0. For a homogeneous box, plane waves and far views.
-    tolerance
-        Relative intensity below which "auto" drops a part.
-    threads
-        Threads; the result does not depend on it.
 
     Raises
     ------
@@ -204,9 +196,10 @@ def covariance(
     Warns
     -----
     DoubtWarning
-        Where the mean free path is below the wavelength: independent scattering is then doubtful. Where some lights
-        and views are found at less than 1e-3 of the brightest ones: connections are kept by those. Where standard
-        errors rest on next to no path.
+        Where the mean free path is below the wavelength: independent scattering is then doubtful. Where beams are so
+        narrow that diffraction widens them inside the medium, which is not modelled. Where some lights and views are
+        found at less than 1e-3 of the brightest ones: connections are kept by those. Where standard errors rest on
+        next to no path.
 
     Examples
     --------
@@ -217,15 +210,13 @@ def covariance(
     >>> sg.covariance(scene, paths=1000).value.shape  # light, view, light, view
     (2, 3, 2, 3)
     """
-    instance("covariance scene", scene, Scene)
+    budget = Budget("covariance", paths, rel_error, seconds, seed, threads, reverse, tolerance)
     _require_volume("covariance", scene)
-    warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
-    checked_budget("covariance", paths, rel_error, seconds)
     t, v = len(scene.lights), len(scene.views)
     if pairs is None:
         _require_memory(t, v, t * v)  # before the pilot, whose time would be lost
-    tracer, reversal = _prepare(scene, reverse, tolerance)
-    reverse = reversal.needed
+    reversal = scene_reversal(scene, reverse, tolerance)
+    tracer, reverse = volume_tracer(scene, reversal.needed), reversal.needed
     if pairs is None:
         chosen, seen, entries = None, tracer.layout, all_pairs(t * v)
     else:
@@ -244,12 +235,13 @@ def covariance(
         return Covariance(value, zeros, value, zeros.astype(np.complex128), 0, reverse, left_out, 0, decisions)
     run = partial(_estimate, tracer, seen, reverse=reverse, entries=entries, threads=threads)
     keyed = pilot_seed(scene.unitless_fingerprint())
-    count = paths_for(
-        DEFAULT_PATHS, paths, rel_error, seconds, lambda n: run(n, keyed, stream=Stream.PILOT)[0].rel_error
-    )  # fmt: skip
-    require_reach("covariance", unseen_variance(scene), count)
+    count = budget.count(lambda n: run(n, keyed, stream=Stream.PILOT)[0].rel_error)
+    variances = crossing_variances(scene)
+    require_reach("covariance", min(variances, default=0.0), count)
+    asked = (t * v) ** 2 / 2 if chosen is None else float(len(chosen))
+    require_covariance_time("covariance", scene, reverse, count, asked)
     found, powers = run(count, seed)
-    _warn("covariance", scene, powers)
+    _warn("covariance", variances, powers)
     found = replace(found, decisions=decisions)
     return found if pairs is not None else found.reshaped((t, v, t, v))
 
@@ -258,13 +250,13 @@ def covariance_blocks(
     scene: Scene,
     *,
     rows: int,
-    paths: int = DEFAULT_PATHS,
+    paths: int | None = None,
     seed: Seed = 0,
     reverse: Reverse = "auto",
     tolerance: float = 0.02,
     threads: int | None = None,
 ) -> Iterator[tuple[slice, Covariance]]:
-    """Yield the covariance by blocks of rows, for what does not fit into memory at once.
+    """Return the covariance by blocks of rows, for what does not fit into memory at once.
 
     Each item is (slice of rows, :class:`Covariance` with arrays [n, T, V]); row number = light * V + view. The same
     paths are traced anew for every block, so the blocks fit together, equal to rounding to the whole.
@@ -287,32 +279,34 @@ def covariance_blocks(
     slice(0, 4, None) (4, 2, 3)
     slice(4, 6, None) (2, 2, 3)
     """
-    if rows < 1:
-        reject("covariance_blocks rows", "at least 1", rows)
-    instance("covariance_blocks scene", scene, Scene)
+    rows = whole_number("covariance_blocks rows", rows, 1)
+    budget = Budget("covariance_blocks", paths, seed=seed, threads=threads, reverse=reverse, tolerance=tolerance)
     _require_volume("covariance_blocks", scene)
-    warn_of_dependence(scene.medium.mean_free_path, scene.wavelength)
-    checked_budget("covariance_blocks", paths, None, None)
-    tracer, reversal = _prepare(scene, reverse, tolerance)
+    reversal = scene_reversal(scene, reverse, tolerance)
+    tracer, paths = volume_tracer(scene, reversal.needed), budget.count(lambda n: 0.0)
     t, v = len(scene.lights), len(scene.views)
     _require_memory(t, v, rows)
-    require_reach("covariance_blocks", unseen_variance(scene), paths)
+    variances = crossing_variances(scene)
+    require_reach("covariance_blocks", min(variances, default=0.0), paths)
+    require_covariance_time("covariance_blocks", scene, reversal.needed, paths, (t * v) ** 2 / 2)
+    return _blocks(tracer, t, v, rows, replace(budget, paths=paths, reverse=reversal.needed), variances)
+
+
+def _blocks(
+    tracer: Tracer, t: int, v: int, rows: int, budget: Budget, variances: tuple[float, ...]
+) -> Iterator[tuple[slice, Covariance]]:
+    assert budget.paths is not None
     for start in range(0, t * v, rows):
         part = slice(start, min(start + rows, t * v))
         entries = some_rows(part, t * v)
-        found, powers = _estimate(
-            tracer, tracer.layout, paths, seed, reverse=reversal.needed, entries=entries, threads=threads
-        )  # fmt: skip
+        with shielded():
+            found, powers = _estimate(
+                tracer, tracer.layout, budget.paths, budget.seed, reverse=bool(budget.reverse), entries=entries,
+                threads=budget.threads,
+            )  # fmt: skip
         if start == 0:
-            _warn("covariance_blocks", scene, powers)
+            _warn(budget.owner, variances, powers)
         yield part, found.reshaped((part.stop - part.start, t, v))
-
-
-def _prepare(scene: Scene, reverse: Reverse, tolerance: float) -> tuple[Tracer, Decision]:
-    if not 0 < tolerance < 1:
-        reject("covariance tolerance", "between 0 and 1", tolerance)
-    reversal = scene_reversal(scene, reverse, tolerance)
-    return volume_tracer(scene, reversal.needed), reversal
 
 
 def _estimate(
@@ -328,19 +322,22 @@ def _estimate(
     return found, sums.powers
 
 
-def _warn(owner: str, scene: Scene, powers: np.ndarray) -> None:
+def _warn(owner: str, variances: tuple[float, ...], powers: np.ndarray) -> None:
     """Warn of views that are dark beside others, and of errors that rest on few paths."""
-    told = dark_views(scene, False, powers.sum(axis=0))
+    told = dark_views(variances, powers.sum(axis=0))
     if told:
-        warnings.warn(f"dark views: {told}.", DoubtWarning, stacklevel=3)
-    warn_of_rare_paths(owner, powers, stacklevel=4)
+        warn_user(f"dark views: {told}.")
+    warn_of_rare_paths(owner, powers)
 
 
 def _require_volume(owner: str, scene: Scene) -> None:
-    """Refuse thin screens, whose correlations are closed forms."""
+    """Refuse thin screens, whose correlations are closed forms, and warn of what the model doubts of the others."""
+    instance(f"{owner} scene", scene, Scene)
     if scene.thin is not None:
         reject(f"{owner} scene", "of a medium of scatterers", scene.medium.type,
                "Use memory_effect or joint_correlation, which are exact for thin screens.")  # fmt: skip
+    require_no_film(owner, scene)
+    warn_of_doubts(scene)
 
 
 def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:

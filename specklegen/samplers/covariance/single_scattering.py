@@ -7,11 +7,9 @@ import numpy as np
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.paths.pilot import volume_pilot
-from specklegen.scene.illumination import PlaneWaves
 from specklegen.scene.media import Box
 from specklegen.scene.scatterers import Dimensions
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import NearField
 from specklegen.theory.single_scattering import box_covariance
 
 Orders = Literal["auto", "all", "single"]
@@ -25,8 +23,8 @@ def single_decision(scene: Scene, orders: Orders, entries: int, tolerance: float
         reject("covariance orders", '"auto", "all" or "single"', orders)
     if orders == "all":
         return Decision(part, True, "as asked")
-    closed = isinstance(scene.medium, Box) and isinstance(scene.illumination, PlaneWaves)
-    closed = closed and not isinstance(scene.sensor, NearField)
+    light, medium = scene.illumination, scene.medium
+    closed = medium.has_sides and medium.homogeneous and not (light.limited or light.near or scene.sensor.near)
     if orders == "single":
         if not closed:
             reject(

@@ -10,10 +10,7 @@ from specklegen.samplers.path_sums.direct import FIELD_ELEMENTS, VIEWS_AT_ONCE
 from specklegen.samplers.path_sums.nufft import TILTS_AT_ONCE, NufftPlan
 from specklegen.samplers.path_sums.tiling import MOST_VIEWS, coarsest
 from specklegen.samplers.sampler import FIXED_BYTES, RECORD_BYTES, TILTS_STREAMED
-from specklegen.scene.illumination import PointSources
-from specklegen.scene.media import VoxelGrid
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid, NearField
 
 CONNECTIONS_KEPT = 2**20  # of a bank between the pieces of a stream; more are traced anew for each
 _SEARCH = 70 * 2**20  # what looking for cheap tiles takes, in vain
@@ -117,12 +114,11 @@ def operations(work: Work) -> dict[str, float]:
             return tracing | nufft_operations(work.nufft, work.lights, work.connections, work.chunks.count)
         return tracing | direct_operations(work.lights, work.connections * work.ways, work.views, work.plain)
     both = work.connections * work.ways
-    near_lights = isinstance(work.scene.illumination, PointSources)
-    near_views = isinstance(work.scene.sensor, NearField)
-    near = both * ((work.lights if near_lights else 0) + (work.views if near_views else 0))
+    light, sensor = work.scene.illumination, work.scene.sensor
+    near = both * ((work.lights if light.near else 0) + (work.views if sensor.near else 0))
     far = both * (work.lights + work.views) - near
-    medium = work.scene.medium
-    crossed = max(medium.extinction.shape) / 2 if isinstance(medium, VoxelGrid) else 0.0
+    medium = work.scene.volume
+    crossed = 0.0 if medium.homogeneous else max(medium.voxel_counts) / 2
     return tracing | {
         "voxel": (work.paths * work.events_per_path + near + far) * crossed,
         "volume end": far,
@@ -133,8 +129,7 @@ def operations(work: Work) -> dict[str, float]:
 
 def _pieces(work: Work) -> int:
     """Tiles and groups of tilts in which path sums are streamed."""
-    grid = work.scene.sensor
-    assert isinstance(grid, FarFieldGrid)
+    grid = work.scene.grid
     rows, columns = (work.nufft.tiling if work.nufft else coarsest(grid)).counts
     return rows * columns * -(-work.lights // TILTS_STREAMED)
 
@@ -155,7 +150,7 @@ def memory_bytes(work: Work, threads: int) -> int:
         field = 2 * tilts * views * per + tile * ((work.nufft.rank / 4 + 1) * tiles + threads)
         strengths = 16 * (tilts * beside + work.nufft.rank * tiles) + per * tilts * threads
         return int(bank * 1.5 * beside + connections * strengths + field + FIXED_BYTES)
-    looked = _SEARCH if isinstance(work.scene.sensor, FarFieldGrid) and work.ways == 1 else 0
+    looked = _SEARCH if work.scene.sensor.regular_grid is not None and work.ways == 1 else 0
     held = bank + connections * 16 * 2 * tilts + tilts * views * 16 * 2
     if not work.plain:
         some = min(connections, FIELD_ELEMENTS / max(tilts + views, 1))

@@ -11,6 +11,7 @@ from specklegen.kernels import sums
 from specklegen.kernels.phase_table import HENYEY_3D, ISOTROPIC_3D
 from specklegen.kernels.volume import VOXELS
 from specklegen.paths.bank import PathBank
+from specklegen.paths.displacements import Moved
 from specklegen.paths.endpoint_factors import endpoint_factors, light_strengths, single_factors
 from specklegen.paths.faces import crossing_factors
 from specklegen.paths.layout import Layout
@@ -32,7 +33,9 @@ def path_phases(tracer: Tracer, bank: PathBank, seed: Seed, sample: int, reverse
     return z, z if reverse else random_phases(bank, seed, sample, backwards=True, threads=threads)
 
 
-def direct_field(layout: Layout, bank: PathBank, phases: Phases, *, threads: Threads = None) -> np.ndarray:
+def direct_field(
+    layout: Layout, bank: PathBank, phases: Phases, *, moved: Moved | None = None, threads: Threads = None
+) -> np.ndarray:
     """Sum over the connections of a bank, complex128[T, V], divided by the root of the number of paths.
 
     Parameters
@@ -41,6 +44,8 @@ def direct_field(layout: Layout, bank: PathBank, phases: Phases, *, threads: Thr
         The scene, and its connections.
     phases
         Of :func:`path_phases`; without those of the way backwards, only forward paths are summed.
+    moved
+        Displacements of the particles in one frame of a film, seen by all lights of the layout.
     threads
         The result does not depend on it: views are shared out, every view's sum keeps its order.
     """
@@ -48,20 +53,30 @@ def direct_field(layout: Layout, bank: PathBank, phases: Phases, *, threads: Thr
     once = bank.orders == 1
     single, multiple = bank.select(once), bank.select(~once)
     field = np.zeros((len(layout.lights), len(layout.views)), np.complex128)
-    add = _add_fused if is_plain_slab(layout) else _add
+    add = _add_fused if is_plain_slab(layout) and moved is None else _add
+    parts = [(single, forward[once], moved and moved.select(once))]
+    parts.append((multiple, forward[~once], moved and moved.select(~once)))
+    if backward is not None:
+        back = moved and moved.select(~once).backwards()
+        parts.append((multiple.reversed(), backward[~once] * reversal_phases(layout, multiple), back))
     with one_blas_thread():
-        add(layout, single, forward[once], field, threads)
-        add(layout, multiple, forward[~once], field, threads)
-        if backward is not None:
-            factors = backward[~once] * reversal_phases(layout, multiple)
-            add(layout, multiple.reversed(), factors, field, threads)
+        for some, factors, displaced in parts:
+            if displaced is None:
+                add(layout, some, factors, field, threads)
+            else:
+                factors = factors * displaced.turns(some, -layout.lights.vectors[0])
+                _add(layout, some, factors, field, threads, displaced.last)
     return field / np.sqrt(max(bank.count, 1))
 
 
 def _add(
-    layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads
-) -> None:
-    """Add the connections of a bank, of single or of multiple scattering, as products of matrices."""
+    layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads,
+    last: np.ndarray | None = None,
+) -> None:  # fmt: skip
+    """Add the connections of a bank, of single or of multiple scattering, as products of matrices.
+
+    ``last`` float64[M, 3] is how far the last particles have moved, times k.
+    """
     lights, views = field.shape
     step = max(64, FIELD_ELEMENTS // max(lights + views, 1))
     for start in range(0, len(bank), step):
@@ -69,10 +84,14 @@ def _add(
         lit = light_strengths(layout, some, factors[start : start + step])
         once = bool(some.orders[0] == 1)
 
-        def block(first: int, some: PathBank = some, lit: np.ndarray = lit, once: bool = once) -> None:
+        def block(
+            first: int, some: PathBank = some, lit: np.ndarray = lit, once: bool = once, start: int = start
+        ) -> None:
             part = slice(first, first + VIEWS_AT_ONCE)
             few = layout.of_ends(slice(None), part)
             ends = endpoint_factors(few, some, few.views, "exit")
+            if last is not None:
+                ends *= np.exp(-1j * (few.views.vectors @ last[start : start + step].T))
             if not once:
                 field[:, part] += lit @ ends.T
                 return

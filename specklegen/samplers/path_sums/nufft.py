@@ -14,8 +14,10 @@ import numpy as np
 
 from specklegen.core.parallel import Threads, map_blocks, slices
 from specklegen.kernels import sums
+from specklegen.kernels.walk import EXIT
 from specklegen.paths.bank import PathBank
 from specklegen.paths.chunks import CONNECTIONS
+from specklegen.paths.displacements import Moved
 from specklegen.paths.endpoint_factors import BLOCK, light_strengths, single_factors, turned_over
 from specklegen.paths.endpoints import offsets
 from specklegen.paths.layout import Layout
@@ -164,6 +166,30 @@ def nufft_tile(
     field = np.ascontiguousarray(_tile_field(layout, lights, tile, summation, threads))
     field *= 1 / np.sqrt(max(bank.count, 1))
     return field
+
+
+def nufft_frame(
+    layout: Layout,
+    bank: PathBank,
+    phases: np.ndarray,
+    summation: NufftPlan,
+    tile: Tile,
+    moved: Moved,
+    *,
+    threads: Threads = None,
+) -> np.ndarray:
+    """:func:`nufft_tile` of one light and one frame of a film, complex[1, h, w].
+
+    A particle that has moved by d is seen as one that has moved sideways alone, by d_xy - d_z c_xy / c_z, c the middle
+    of the tile: v . d is d_xy . v_xy + d_z v_z, and v_z = (1 - c_xy . v_xy) / c_z to first order about it.
+    """
+    slope, reference = tile.middle[:2] / tile.middle[2], layout.views.reference
+    aside = moved.last[:, :2] - moved.last[:, 2:] * slope
+    along = aside @ reference[:2] + moved.last[:, 2] / tile.middle[2]
+    records = bank.records.copy()
+    records[:, EXIT : EXIT + 2] += aside * (layout.wavelength / (2 * np.pi))
+    turned = phases * moved.turns(bank, -layout.lights.vectors[0]) * np.exp(-1j * along)
+    return nufft_tile(layout, replace(bank, records=records), turned, summation, tile, threads=threads)
 
 
 @dataclass(frozen=True)

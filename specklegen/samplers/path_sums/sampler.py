@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial, reduce
 from itertools import islice
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.parallel import Threads, in_turn, one_blas_thread, slices, thread_count
 from specklegen.core.random_streams import Seed
 from specklegen.paths.bank import PathBank
+from specklegen.paths.displacements import film_roots, frames
 from specklegen.paths.far_field import far_field_decision
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.paths.pilot import Pilot, scene_pilot
@@ -30,13 +32,15 @@ from specklegen.samplers.path_sums.cost import (
     tracing_operations,
 )
 from specklegen.samplers.path_sums.direct import Phases, direct_field, is_plain_slab, path_phases
-from specklegen.samplers.path_sums.nufft import TILTS_AT_ONCE, NufftPlan, nufft_field, nufft_tile
+from specklegen.samplers.path_sums.nufft import TILTS_AT_ONCE, NufftPlan, nufft_field, nufft_frame, nufft_tile
 from specklegen.samplers.path_sums.summation import summation_decision
 from specklegen.samplers.path_sums.tiling import Tile, coarsest
-from specklegen.samplers.sampler import TILTS_STREAMED, Drawn, Where, Wish, image_of
+from specklegen.samplers.sampler import TILTS_STREAMED, MediaRequest, Realization, Request, Sampler, Where, image_of
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid
+
+if TYPE_CHECKING:
+    from specklegen.samplers.path_sums.media import PathImaging
 
 assert TILTS_STREAMED % TILTS_AT_ONCE == 0, "transforms must group the tilts of a part as those of the whole"
 
@@ -44,34 +48,8 @@ Bank = Callable[[int, Threads], tuple[PathBank, Phases]]
 """(number of a chunk, threads) -> its connections and their random phases."""
 
 
-def consider(scene: Scene, wish: Wish) -> tuple["PathSums", list[Decision]]:
-    """Path sums for a scene; they serve any."""
-    pilot = scene_pilot(scene, wish.reverse)
-    obstacle = lock_step_obstacle(scene)
-    if obstacle is None:
-        nufft, decision = summation_decision(scene, pilot, wish.field_tolerance, wish.reverse)
-    else:
-        nufft, decision = None, Decision("paths in lock step and NUFFT", False, obstacle)
-    paths = wish.paths
-    if paths is None:
-        paths = DEFAULT_PATHS if wish.rel_error is None else pilot.moments.paths_for(wish.rel_error, within_image=True)
-    work = Work(
-        scene=scene,
-        paths=paths,
-        events_per_path=pilot.events_per_path,
-        connections_per_path=pilot.connections_per_path,
-        lock_step=obstacle is None,
-        nufft=nufft,
-        ways=2 if pilot.tracer.bidirectional else 1,
-        plain=is_plain_slab(pilot.tracer.layout),
-        streamed=wish.streamed,
-    )
-    doubt = far_field_decision(scene)
-    return PathSums(scene, work, pilot, wish.reverse), [decision] + ([doubt] if doubt else [])
-
-
 @dataclass(frozen=True)
-class PathSums:
+class PathSums(Sampler, name="paths"):
     """Path sums of a scene, dimensioned; see :class:`specklegen.samplers.sampler.Sampler`."""
 
     scene: Scene
@@ -79,8 +57,36 @@ class PathSums:
     pilot: Pilot
     reverse: bool
 
-    name = "paths"
     error_of = "false intensity correlation"
+    thin = False
+    medium_by_medium = True
+
+    @classmethod
+    def propose(cls, scene: Scene, request: Request) -> tuple[Self, list[Decision]]:
+        """Path sums for a scene; they serve any."""
+        pilot = scene_pilot(scene, request.reverse)
+        obstacle = lock_step_obstacle(scene)
+        if obstacle is None:
+            nufft, decision = summation_decision(scene, pilot, request.field_tolerance, request.reverse)
+        else:
+            nufft, decision = None, Decision("paths in lock step and NUFFT", False, obstacle)
+        paths = request.paths
+        if paths is None:
+            error = request.rel_error
+            paths = DEFAULT_PATHS if error is None else pilot.moments.paths_for(error, within_image=True)
+        work = Work(
+            scene=scene,
+            paths=paths,
+            events_per_path=pilot.events_per_path,
+            connections_per_path=pilot.connections_per_path,
+            lock_step=obstacle is None,
+            nufft=nufft,
+            ways=2 if pilot.tracer.bidirectional else 1,
+            plain=is_plain_slab(pilot.tracer.layout),
+            streamed=request.streamed,
+        )
+        doubt = far_field_decision(scene)
+        return cls(scene, work, pilot, request.reverse), [decision] + ([doubt] if doubt else [])
 
     @property
     def summation(self) -> str:
@@ -148,14 +154,26 @@ class PathSums:
         """Bytes by which the process grows at most."""
         return memory_bytes(self.work, threads)
 
-    def prepare(self, seed: Seed, threads: int | None) -> "PathDraws":
+    def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], PathImaging]]":
+        """Make the one medium ready that this sampler was planned for."""
+        from specklegen.samplers.path_sums.media import PathImaging
+        from specklegen.synthesis.contrast import ExpectedContrast
+
+        sight = request.sight
+        assert len(sight) == 1, "paths are planned medium by medium"
+        known = request.contrast or ExpectedContrast.of(sight, request.correlations)
+        divisions = self.scene.sensor.shape[0] // sight.camera[0]
+        unit, tilts = float(request.units[0]), sight.base.shape[1]
+        return [([0], PathImaging(self, unit, tilts, sight.shape, divisions, request.shared, known))]
+
+    def prepare(self, seed: Seed, threads: int | None) -> "PathRenderer":
         """Make ready to draw: there is nothing to be found once."""
-        return PathDraws(self, seed, threads)
+        return PathRenderer(self, seed, threads)
 
 
 @dataclass(frozen=True)
-class PathDraws:
-    """Realizations of path sums under a seed."""
+class PathRenderer:
+    """Media of path sums under a seed."""
 
     sampler: PathSums
     seed: Seed
@@ -165,22 +183,22 @@ class PathDraws:
     def _chunks(self) -> list[slice]:
         return self.sampler.work.chunks.slices
 
-    def images(self, realizations: int) -> Iterator[Drawn]:
+    def media(self, count: int) -> Iterator[Realization]:
         """Fresh paths and phases for every realization, summed chunk by chunk in a fixed order."""
         scene, work = self.sampler.scene, self.sampler.work
         shape = (work.lights, *scene.sensor.shape)
-        jobs = ((r, chunk) for r in range(realizations) for chunk in range(len(self._chunks)))
+        jobs = ((number, chunk) for number in range(count) for chunk in range(len(self._chunks)))
         members = thread_count(self.threads)
-        beside = work.chunks.side_by_side(members, float(np.prod(shape)), realizations)
+        beside = work.chunks.side_by_side(members, float(np.prod(shape)), count)
         parts = in_turn(lambda job, crew: self._field(*job, crew), jobs, members, beside)
-        for _ in range(realizations):
+        for _ in range(count):
             field, connections, unfinished = np.zeros(shape, self.sampler.field_dtype), 0, 0
             with one_blas_thread():
                 for part, bank in islice(parts, len(self._chunks)):
                     field += part.reshape(shape)
                     connections += len(bank)
                     unfinished += bank.unfinished
-            yield Drawn(image_of(scene, field), connections, unfinished)
+            yield Realization(image_of(scene, field), connections, unfinished)
 
     def _traced(self, realization: int, n: int, threads: Threads) -> tuple[PathBank, Phases]:
         """Connections of chunk ``n`` and their phases."""
@@ -193,37 +211,70 @@ class PathDraws:
         """What a chunk of paths adds to the field, and its connections."""
         bank, phases = self._traced(realization, n, threads)
         layout, nufft = self.sampler.tracer.layout, self.sampler.nufft
-        if nufft:
+        if self.sampler.scene.film:
+            part = self._film(realization, bank, phases, threads)
+        elif nufft:
             part = nufft_field(layout, bank, phases[0], nufft, threads=threads)
         else:
             part = direct_field(layout, bank, phases, threads=threads)
         return part * math.sqrt(bank.count / self.sampler.paths), bank
 
-    def pieces(self, realization: int) -> Iterator[tuple[Where, np.ndarray]]:
+    def _film(self, realization: int, bank: PathBank, phases: Phases, threads: Threads) -> np.ndarray:
+        """Fields of a bank in all frames, complex[T, *sensor.shape] or complex[T, V]: particles have moved in each."""
+        scene, nufft = self.sampler.scene, self.sampler.nufft
+        field = np.empty((len(scene.lights), *scene.sensor.shape), self.sampler.field_dtype)
+        tiles = nufft.tiling.tiles if nufft else [None]
+        for tile in tiles:
+            place = (slice(None), tile.rows, tile.columns) if tile else ...
+            field[place] = self._frames(realization, bank, phases, tile, slice(0, len(field)), threads).reshape(
+                field[place].shape
+            )
+        return field
+
+    def _frames(
+        self, realization: int, bank: PathBank, phases: Phases, tile: Tile | None, chosen: slice, threads: Threads
+    ) -> np.ndarray:
+        """Fields of some frames of a film on one tile, or at all views."""
+        sampler, layout = self.sampler, self.sampler.tracer.layout
+        moving = frames(layout, bank, film_roots(sampler.scene), self.seed, realization, threads)
+        found = []
+        for t, moved in enumerate(islice(moving, chosen.stop)):
+            if t < chosen.start:
+                continue
+            light = layout.of_lights(slice(t, t + 1))
+            if sampler.nufft and tile:
+                found.append(nufft_frame(light, bank, phases[0], sampler.nufft, tile, moved, threads=threads))
+            else:
+                light = light.of_views(_views(sampler.scene, tile)) if tile else light
+                found.append(direct_field(light, bank, phases, moved=moved, threads=threads))
+        return np.concatenate(found)
+
+    def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
         """Sums in the same order over parts of the tilts and views, complex64: tiles of at most 512 x 512 views."""
-        sampler, grid = self.sampler, self.sampler.scene.sensor
-        assert isinstance(grid, FarFieldGrid)
+        sampler, grid = self.sampler, self.sampler.scene.grid
         work = sampler.work
         tiling = work.nufft.tiling if work.nufft else coarsest(grid)
         groups = slices(work.lights, TILTS_STREAMED)
         piece = float(np.prod(tiling.shape)) * min(work.lights, TILTS_STREAMED)
         members = thread_count(self.threads)
         beside = work.chunks.side_by_side(members, piece)
-        bank: Bank = partial(self._traced, realization)
+        bank: Bank = partial(self._traced, number)
         bank = _kept(bank) if work.connections <= CONNECTIONS_KEPT else bank
         for tile in tiling.tiles:
             for tilts in groups:
-                part = partial(self._piece, bank, tile, tilts)
+                part = partial(self._piece, bank, tile, tilts, number)
                 with one_blas_thread():
                     field = reduce(np.add, in_turn(part, range(len(self._chunks)), members, beside))
                 yield (tilts, tile.rows, tile.columns), field.astype(np.complex64)
 
-    def _piece(self, bank: Bank, tile: Tile, tilts: slice, n: int, threads: Threads) -> np.ndarray:
+    def _piece(self, bank: Bank, tile: Tile, tilts: slice, realization: int, n: int, threads: Threads) -> np.ndarray:
         """What chunk ``n`` of the paths adds to the field of some tilts on one tile."""
         some, phases = bank(n, threads)
         sampler = self.sampler
         layout = sampler.tracer.layout.of_lights(tilts)
-        if sampler.nufft:
+        if sampler.scene.film:
+            field = self._frames(realization, some, phases, tile, tilts, threads)
+        elif sampler.nufft:
             field = nufft_tile(layout, some, phases[0], sampler.nufft, tile, threads=threads)
         else:
             field = direct_field(layout.of_views(_views(sampler.scene, tile)), some, phases, threads=threads)
@@ -245,8 +296,7 @@ def _kept(bank: Bank) -> Bank:
 
 def _views(scene: Scene, tile: Tile) -> np.ndarray:
     """float64[n, 3], the views of a tile."""
-    grid = scene.sensor
-    assert isinstance(grid, FarFieldGrid)
+    grid = scene.grid
     x, y = grid.sines
     y, x = np.meshgrid(y[tile.rows], x[tile.columns], indexing="ij")
     return directions_of_sines("tile", np.stack([x.ravel(), y.ravel()], -1), grid.sign)

@@ -12,7 +12,6 @@ from specklegen.samplers.path_sums.nufft import NufftPlan, build_nufft_plan, tog
 from specklegen.samplers.path_sums.tiling import tilings
 from specklegen.samplers.path_sums.view_factor import constant_factor
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid
 
 _PATHS = 100_000
 """For which costs are compared: a fixed number, so that every run of a scene sums its fields the same way."""
@@ -25,7 +24,6 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
     Ever smaller tiles are tried until they cost more than the best before, or than the direct sum, be their rank as
     low as can be; None where none is possible within the tolerance and cheaper than that.
     """
-    assert isinstance(scene.sensor, FarFieldGrid)
     pilot = scene_pilot(scene, reverse)
     layout = pilot.tracer.layout
     tilts = len(scene.beams.directions)
@@ -39,11 +37,11 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
 
     best, least = None, seconds(direct_operations(tilts, connections, rows * columns, is_plain_slab(layout)), 1)
     with one_blas_thread():
-        for tiling in tilings(scene.sensor):
+        for tiling in tilings(scene.grid):
             flat = constant_factor(tiling)
             if cost(NufftPlan(tiling, flat, None, 0.0, tolerance)) >= least:
                 break
-            found = build_nufft_plan(layout, pilot.bank, scene.sensor, tolerance, tiling)
+            found = build_nufft_plan(layout, pilot.bank, scene.grid, tolerance, tiling)
             if found is None:
                 continue
             found = min(filter(None, (found, together(layout, found))), key=cost)
@@ -60,7 +58,7 @@ def summation_decision(
 ) -> tuple[NufftPlan | None, Decision]:
     """The NUFFT summation where it is possible and cheaper than the direct sum, and why."""
     part = "NUFFT summation"
-    if not isinstance(scene.sensor, FarFieldGrid):
+    if scene.sensor.regular_grid is None:
         return None, Decision(part, False, "needs a regular far-field grid; the direct sum serves any directions")
     if reverse:
         return None, Decision(part, False, "reversed paths are summed directly")

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.core.values import remembered
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 from specklegen.scene.screens import ScreenStack
 from specklegen.theory.phase_screens import Lobes, gathered, index_correlation, lobes, tilt_ways
 

@@ -6,31 +6,22 @@ E^2 is smooth over the object, so that a few Legendre polynomials P_n of the bea
 image of the object times P_n. They are fitted at Gauss nodes, as many as bring the error below :data:`TOLERANCE`.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
+import torch
 from numpy.polynomial.legendre import legvander
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
 from specklegen.core.quadrature import gauss_legendre
-from specklegen.core.random_streams import Seed
-from specklegen.samplers.screens.correlation import screen_correlation
+from specklegen.samplers.sampler import MediaRequest
 from specklegen.samplers.screens.film import film_error, film_of
-from specklegen.samplers.stationary.objects import ObjectSampler, object_sampler
 from specklegen.scene.screens import ScreenStack
-from specklegen.scene.sensors import FarFieldGrid
-from specklegen.scene.window import Profile, Window
+from specklegen.scene.window import Window
+from specklegen.synthesis.imaging import Imaging, imagings
+from specklegen.synthesis.sight import Sight
 from specklegen.theory.phase_screens import index_correlation, lobes
-
-if TYPE_CHECKING:
-    import torch
-else:
-    torch = LazyModule("torch")
 
 TOLERANCE = 4e-3
 """Error of E^2, over its peak, that the polynomials may leave."""
@@ -38,68 +29,8 @@ MOST_DEGREE = 8
 _LOST = 0.02  # correlation that may be lost to what objects have no model of
 
 
-@dataclass(frozen=True)
-class ScreenObjects:
-    """Draws media and images objects through them, as :class:`ObjectSampler`, whose fields it takes.
-
-    Attributes
-    ----------
-    inner : ObjectSampler
-    polynomials : float64[N, h, w]
-        P_n over the object's pixels.
-    gains : real[T, N, H, W]
-        g_n of every base tilt at the camera's pixels.
-    """
-
-    inner: ObjectSampler
-    polynomials: np.ndarray
-    gains: torch.Tensor
-
-    @cached_property
-    def mean(self) -> float:
-        """Expected image of an evenly bright object of total brightness 1, over all pixels and base tilts."""
-        return self.inner.mean * float(self.gains[:, 0].mean())
-
-    @property
-    def rank(self) -> int:
-        """Number of modes."""
-        return self.inner.rank
-
-    @property
-    def spectra_bytes(self) -> int:
-        """Memory of one medium's spectra."""
-        return self.inner.spectra_bytes
-
-    def medium(self, seed: Seed, realization: int = 0) -> torch.Tensor:
-        """One medium; see :meth:`ObjectSampler.medium`."""
-        return self.inner.medium(seed, realization)
-
-    def spectra(self, medium: torch.Tensor) -> torch.Tensor:
-        """Lag spectra of a medium; see :meth:`ObjectSampler.spectra`."""
-        return self.inner.spectra(medium)
-
-    def images(self, medium: torch.Tensor, brightness: np.ndarray) -> torch.Tensor:
-        """Expected-intensity images real[T, H, W]; see :meth:`ObjectSampler.images`."""
-        light = np.asarray(brightness, np.float64)
-        if len(self.polynomials) > 1 and medium.shape[-2:] == self.inner.envelope.shape:
-            medium = self.inner.spectra(medium)  # once for all polynomials
-        total = 0.0
-        for n, polynomial in enumerate(self.polynomials):
-            total = total + self.gains[:, n] * self.inner.images(medium, light * polynomial)
-        return total  # type: ignore[return-value]
-
-    def contrast(self, brightness: np.ndarray) -> float:
-        """Expected contrast at one camera pixel, over media; beams of one object stand under nearly one envelope."""
-        return self.inner.contrast(brightness)
-
-
-def screen_objects(
-    stack: ScreenStack, *, wavelength: float, object_shape: tuple[int, int], object_pitch: float, grid: FarFieldGrid,
-    base: np.ndarray, width: float, profile: Profile = "square", moved: np.ndarray | None = None, **options: Any,
-) -> ScreenObjects:  # fmt: skip
-    """Prepare a sampler for objects of one shape behind screens; ``options`` are those of :func:`object_sampler`.
-
-    Of a film ``moved`` float64[T, M, 2] is how far the screens have moved at each base tilt.
+def screen_imagings(request: MediaRequest) -> list[tuple[list[int], Imaging]]:
+    """Prepare to draw and image objects behind screens; see :func:`specklegen.synthesis.imaging.imagings`.
 
     Raises
     ------
@@ -107,6 +38,45 @@ def screen_objects(
         For screens so weak that images are correlated with their mirror image, tilts at which the index tells, or
         films through more than two screens whose frames are not like tilts.
     """
+    sight, moved = request.sight, request.moved
+    stacks = [made() for made in request.media]
+    assert all(isinstance(stack, ScreenStack) for stack in stacks)
+    if moved is not None:
+        films = [_film(sight, n, stack.stack, moved[n].cpu().numpy()) for n, stack in enumerate(stacks)]  # type: ignore[union-attr]
+        like, kept = (torch.from_numpy(np.stack(part)).to(sight.device) for part in zip(*films, strict=True))
+        sight = replace(sight, like=like, kept=kept)
+    envelopes = [_envelope(sight, n, stack.stack) for n, stack in enumerate(stacks)]  # type: ignore[union-attr]
+    by_degree: dict[int, list[int]] = {}
+    for n, (degree, _) in enumerate(envelopes):
+        by_degree.setdefault(degree, []).append(n)
+    found = []
+    for degree, places in by_degree.items():
+        polynomials = torch.from_numpy(_over_object(sight.shape, degree)).to(sight.device)
+        made = imagings(sight.at(places), request.correlations.at(places), tolerance=request.tolerance)
+        for some, imaging in made:
+            at = [places[n] for n in some]
+            gains = torch.from_numpy(np.stack([envelopes[n][1] for n in at])).to(imaging.envelope)
+            found.append((at, replace(imaging, gains=gains, polynomials=polynomials.to(imaging.envelope))))
+    return found
+
+
+def _film(sight: Sight, n: int, stack: ScreenStack, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tilts that the frames of one medium are like, float64[T, 2], and what is left of K besides, float64[T, T]."""
+    window, wavelength = Window(sight.profile, float(sight.width[n])), sight.wavelength
+    reach = float(sight.object_pitch[n]) * max(side - 1 for side in sight.shape)
+    error = film_error(stack, wavelength, moved, window, reach)
+    if error > _LOST:
+        reject(
+            "Dynamics.velocities", f"such that frames are like tilts within {_LOST:g} in C_I",
+            float(f"{error:.2g}"), "Move the screens less, or use two screens, of which it is exact.",
+        )  # fmt: skip
+    film = film_of(stack, wavelength, moved, window)
+    return film.tilts, film.kept
+
+
+def _envelope(sight: Sight, n: int, stack: ScreenStack) -> tuple[int, np.ndarray]:
+    """Degree of the polynomials of one medium, and their gains float64[T, P, H, W] over the mean of an even object."""
+    wavelength, base = sight.wavelength, sight.base[n].cpu().numpy()
     terms = lobes(stack, wavelength)
     mirrored = terms.mirrored
     if mirrored > _LOST:
@@ -114,8 +84,7 @@ def screen_objects(
             "Diffuser.screens", f"so strong that an image's mirror image is correlated with it by {_LOST:g} at most",
             float(f"{mirrored:.2g}"), "Raise the rms phase to 2 or more; render() draws single weak screens.",
         )  # fmt: skip
-    base = np.atleast_2d(base)
-    half = 0.5 * object_pitch * (np.array(object_shape[::-1]) - 1)
+    half = 0.5 * float(sight.object_pitch[n]) * (np.array(sight.shape[::-1]) - 1)
     farthest = np.hypot(*(np.abs(base) + half).T).max(initial=0.0)
     kept = index_correlation(stack, wavelength, np.array([0.0, farthest]))[0, 1] ** 2
     if kept < 1 - _LOST:
@@ -123,20 +92,6 @@ def screen_objects(
             "Diffuser.screens", f"of an index that leaves {1 - _LOST:g} of the correlation across object and tilts",
             float(f"{kept:.3g}"), "Use a smaller object, smaller tilts, or a lower rms height.",
         )  # fmt: skip
-    if moved is not None:
-        window, reach = Window(profile, width), 2 * float(half.max(initial=0.0))
-        error = film_error(stack, wavelength, moved, window, reach)
-        if error > _LOST:
-            reject(
-                "Dynamics.velocities", f"such that frames are like tilts within {_LOST:g} in C_I",
-                float(f"{error:.2g}"), "Move the screens less, or use two screens, of which it is exact.",
-            )  # fmt: skip
-        film = film_of(stack, wavelength, moved, window)
-        options |= {"like": film.tilts, "kept": film.kept}
-    inner = object_sampler(
-        screen_correlation(stack, wavelength), wavelength=wavelength, object_shape=object_shape,
-        object_pitch=object_pitch, grid=grid, base=base, width=width, profile=profile, **options,
-    )  # fmt: skip
 
     def squared(x: np.ndarray, y: np.ndarray, points: np.ndarray) -> np.ndarray:
         """E^2 [T, B, len(y), len(x)] of the beams at points x points of the object, rows first, over its half sides."""
@@ -146,7 +101,11 @@ def screen_objects(
         found = lobe * (1 - np.square(x) - np.square(y)[:, None]) / forward[..., None, None]
         return found.reshape(len(base), -1, len(y), len(x))
 
-    x, y = grid.sines
+    pitch = float(sight.camera_pitch[n])
+    y, x = (
+        sight.center[1 - axis] + (np.arange(count) - (count - 1) / 2) * pitch
+        for axis, count in enumerate(sight.camera)
+    )
     few_x, few_y = (axis[np.unique(np.linspace(0, len(axis) - 1, 9).astype(int))] for axis in (x, y))
     ends = np.array([-1.0, 0.0, 1.0])
     exact = squared(few_x, few_y, ends)
@@ -155,16 +114,18 @@ def screen_objects(
         held = np.einsum("tbhw,bn->tnhw", squared(few_x, few_y, points), fit)
         at = _values(_square(ends), orders)
         if np.abs(np.einsum("tnhw,bn->tbhw", held, at) - exact).max() <= TOLERANCE or not half.any():
-            break
-    else:
-        reject("ObjectField", "of an extent below some of the lobes' widths", object_shape, "Use a smaller object.")
+            gains = np.einsum("tbhw,bn->tnhw", squared(x, y, points), fit)
+            return degree, gains / gains[:, 0].mean()
+    reject("ObjectField", "of an extent below some of the lobes' widths", sight.shape, "Use a smaller object.")
+
+
+@lru_cache(maxsize=16)
+def _over_object(shape: tuple[int, int], degree: int) -> np.ndarray:
+    """Polynomials float64[P, h, w] over the pixels of an object."""
     # The object's pixel (row, column) sends its light along minus its position: object_sines.
-    along = [-np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in object_shape]
+    along = [-np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in shape]
     pixels = np.stack(np.meshgrid(along[1], along[0]), axis=-1).reshape(-1, 2)
-    gains = np.einsum("tbhw,bn->tnhw", squared(x, y, points), fit)
-    return ScreenObjects(
-        inner, _values(pixels, orders).T.reshape(-1, *object_shape), torch.as_tensor(gains).to(inner.envelope)
-    )
+    return np.ascontiguousarray(_values(pixels, _fit(degree)[2]).T.reshape(-1, *shape))
 
 
 @lru_cache(maxsize=MOST_DEGREE + 1)

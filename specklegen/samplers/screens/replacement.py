@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from specklegen.core.arguments import whole_number
+from specklegen.core.display.plot import Pictured
+from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
-from specklegen.core.picturing import Pictured
 from specklegen.core.random_streams import Seed, pilot_seed
-from specklegen.core.showing import short
+from specklegen.core.shielded import shielded
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths.analog_walk import transmittance
 from specklegen.samplers.screens.correlation import screen_correlation
-from specklegen.samplers.stationary.correlation import estimate_correlation
 from specklegen.scene.media import Slab
 from specklegen.scene.screens import PhaseScreen, ScreenStack, require_thin
 
@@ -88,6 +89,7 @@ class Replacement(Pictured):
         return float(np.abs(self.of_stack - self.of_slab).max())
 
 
+@shielded()
 def stack_like(
     slab: Slab, *, wavelength: float, screens: int = 8, paths: int = 100_000, seed: Seed = 0
 ) -> Replacement:

@@ -12,11 +12,10 @@ import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.samplers.sampler import Wish
+from specklegen.samplers.sampler import Request
 from specklegen.samplers.screens.correlation import profile, screen_correlation
 from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
-from specklegen.scene.sensors import FarFieldGrid
 from specklegen.theory.phase_screens import Lobes, lobes, tilt_ways
 
 FACETS = 4.0
@@ -25,7 +24,7 @@ _DIM = 0.05  # of the peak: views darker than that are not asked how Gaussian th
 _GAIN = 2 / np.pi  # of a square window at a mismatch of half a grain: the largest of all profiles
 
 
-def screens_decision(scene: Scene, wish: Wish) -> tuple[bool, Decision]:
+def screens_decision(scene: Scene, request: Request) -> tuple[bool, Decision]:
     """Whether the screens of a scene may be drawn, with their errors in words.
 
     Raises
@@ -36,16 +35,16 @@ def screens_decision(scene: Scene, wish: Wish) -> tuple[bool, Decision]:
     part = "screens"
     if scene.thin is None:
         return False, Decision(part, False, "the medium is no thin screen")
-    if not isinstance(scene.sensor, FarFieldGrid):
+    if scene.sensor.regular_grid is None:
         reject("Scene.sensor", "a regular far-field grid behind thin screens", scene.sensor.type,
                "Use FarField.grid(...).")  # fmt: skip
     found = errors(scene)
-    said = "; ".join(f"{what} {value:.2g}" for what, value in found.items()) + f", allowed {wish.tolerance:g}"
+    said = "; ".join(f"{what} {value:.2g}" for what, value in found.items()) + f", allowed {request.tolerance:g}"
     worst = max(found, key=lambda what: found[what])
-    right = found[worst] <= wish.tolerance
-    if not right and wish.asked != part:
+    right = found[worst] <= request.tolerance
+    if not right and request.asked != part:
         reject(
-            "Scene", f"such that screens are drawn within {wish.tolerance:g}", f"{worst} {found[worst]:.2g}",
+            "Scene", f"such that screens are drawn within {request.tolerance:g}", f"{worst} {found[worst]:.2g}",
             f"{_REMEDIES[worst]} Or ask for sampler=\"screens\" all the same.",
         )  # fmt: skip
     return True, Decision(part, True, f"in closed form; {said}", doubt=not right)
@@ -84,8 +83,7 @@ def _farthest(scene: Scene) -> float:
 
 def _memory_error(scene: Scene, stack: ScreenStack, terms: Lobes) -> float:
     """Largest | |C_exact|^2 - |C_model|^2 | over probe views, tilts, moves and mismatches of half a grain."""
-    kernel, grid = screen_correlation(stack, scene.wavelength), scene.sensor
-    assert isinstance(grid, FarFieldGrid)
+    kernel, grid = screen_correlation(stack, scene.wavelength), scene.grid
     beams = scene.beams.directions[:, :2]
     middle = beams.mean(axis=0)
     farthest = beams[np.square(beams - middle).sum(-1).argmax()]
@@ -121,8 +119,7 @@ def _mirror_error(scene: Scene, terms: Lobes) -> float:
 
     Gaps only lower it: their phases grow with the square of the angle.
     """
-    grid = scene.sensor
-    assert isinstance(grid, FarFieldGrid)
+    grid = scene.grid
     x, y = grid.sines
     nearest = np.stack([np.clip(scene.beams.directions[:, n], axis[0], axis[-1]) for n, axis in enumerate((x, y))])
     inside = np.hypot(*(scene.beams.directions[:, :2].T - nearest)) <= scene.speckle_size

@@ -3,40 +3,31 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
-from specklegen.paths.gaussianity import EXACT, Gaussianity
-from specklegen.samplers.sampler import FIXED_BYTES, Drawn, Where, Wish
+from specklegen.samplers.sampler import FIXED_BYTES, TORCH_BYTES, MediaRequest, Realization, Request, Sampler, Where
 from specklegen.samplers.screens.correlation import Envelope, drifts, envelope, screen_correlation
 from specklegen.samplers.screens.rule import screens_decision
-from specklegen.samplers.stationary.exit_grid import fft_flops, matrix_flops, stack_axes
-from specklegen.scene.illumination import IncoherentObject
 from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
 from specklegen.scene.sensors import FarFieldGrid
+from specklegen.synthesis.exit_grid import fft_flops, matrix_flops, stack_axes
 from specklegen.theory.phase_screens import scattered_intensity
 
 if TYPE_CHECKING:
     import torch
 
-    from specklegen.samplers.stationary.stacks import StackSampler
-
-_TORCH_BYTES = 197 * 2**20  # what importing torch takes
-
-
-def consider(scene: Scene, wish: Wish) -> tuple["Screens | None", list[Decision]]:
-    """The sampler of a scene with thin screens; None for any other."""
-    serves, decision = screens_decision(scene, wish)
-    return (Screens(scene, wish.streamed), [decision]) if serves else (None, [])
+    from specklegen.synthesis.imaging import Imaging
+    from specklegen.synthesis.stacks import StackSampler
 
 
 @dataclass(frozen=True)
-class Screens:
+class Screens(Sampler, name="screens"):
     """The screens sampler of a scene; see :class:`specklegen.samplers.sampler.Sampler`.
 
     Attributes
@@ -49,11 +40,15 @@ class Screens:
     scene: Scene
     streamed: bool
 
-    name = "screens"
     summation = "FFT or matrix products"
-    paths = 0
-    expected_error = 0.0
     error_of = "intensity scale, which is exact"
+    thin = True
+
+    @classmethod
+    def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
+        """The sampler of a scene with thin screens; None for any other."""
+        serves, decision = screens_decision(scene, request)
+        return (cls(scene, request.streamed), [decision]) if serves else (None, [])
 
     @property
     def stack(self) -> ScreenStack:
@@ -81,11 +76,6 @@ class Screens:
         """Largest mean intensity."""
         return scattered_intensity(self.scene)
 
-    @property
-    def gaussianity(self) -> Gaussianity:
-        """Gaussian by construction."""
-        return EXACT
-
     def operations(self) -> Mapping[str, float]:
         """Of one stack."""
         x, y = stack_axes(self._beams, self.drift)
@@ -96,23 +86,24 @@ class Screens:
             "stack view": tilts * (3 * views + 4.0 * size),
         }
 
-    def alternatives(self) -> Mapping[str, Mapping[str, float]]:
-        """None: a volume of scatterers is another medium."""
-        return {}
-
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""
         held = 1 if self.streamed else len(self.scene.beams.directions)
-        return int(8 * float(np.prod(self.scene.sensor.shape)) * held * 8 + _TORCH_BYTES + FIXED_BYTES)
+        return int(8 * float(np.prod(self.scene.sensor.shape)) * held * 8 + TORCH_BYTES + FIXED_BYTES)
 
-    def prepare(self, seed: Seed, threads: int | None) -> "ScreensDraws":
+    def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], Imaging]]":
+        """Make media ready: fields as of a slab, under the envelope that each beam carries."""
+        from specklegen.samplers.screens.objects import screen_imagings
+
+        return screen_imagings(request)
+
+    def prepare(self, seed: Seed, threads: int | None) -> "ScreensRenderer":
         """Make ready to draw."""
-        return ScreensDraws(self, seed)
+        return ScreensRenderer(self, seed)
 
     @property
     def _grid(self) -> FarFieldGrid:
-        assert isinstance(self.scene.sensor, FarFieldGrid)
-        return self.scene.sensor
+        return self.scene.grid
 
     @property
     def _beams(self) -> Scene:
@@ -121,8 +112,8 @@ class Screens:
 
 
 @dataclass(frozen=True)
-class ScreensDraws:
-    """Realizations of the screens sampler under a seed."""
+class ScreensRenderer:
+    """Media of the screens sampler under a seed."""
 
     sampler: Screens
     seed: Seed
@@ -130,30 +121,30 @@ class ScreensDraws:
     @cached_property
     def stacks(self) -> "StackSampler":
         """What draws F of every beam."""
-        from specklegen.samplers.stationary.stacks import stack_sampler
+        from specklegen.synthesis.stacks import stack_sampler
 
         scene = self.sampler._beams
         kernel = replace(screen_correlation(self.sampler.stack, scene.wavelength), moved=self.sampler.moved)
         return stack_sampler(scene, kernel, drift=self.sampler.drift)
 
-    def images(self, realizations: int) -> Iterator[Drawn]:
+    def media(self, count: int) -> Iterator[Realization]:
         """One transform each."""
         light = self.sampler.scene.illumination
-        for r in range(realizations):
-            if isinstance(light, IncoherentObject):
+        for number in range(count):
+            if not light.coherent:
                 brightness = light.brightness[light.brightness > 0]
                 total = np.zeros(self.sampler.scene.sensor.shape, np.float32)
-                for share, (_, field) in zip(brightness, self.pieces(r), strict=True):
+                for share, (_, field) in zip(brightness, self.fields(number), strict=True):
                     total += np.float32(share) * (np.square(field[0].real) + np.square(field[0].imag))
-                yield Drawn(total)
+                yield Realization(total)
             else:
-                yield Drawn(np.concatenate([field for _, field in self.pieces(r)]))
+                yield Realization(np.concatenate([field for _, field in self.fields(number)]))
 
-    def pieces(self, realization: int) -> Iterator[tuple[Where, np.ndarray]]:
+    def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
         """Tilt by tilt: the noise is held, no stack."""
         rows, columns = self.sampler.scene.sensor.shape
         with one_torch_thread():
-            white = self.stacks.white(self.seed, realization)
+            white = self.stacks.white(self.seed, number)
         for t in range(len(self.stacks.shifts)):
             with one_torch_thread():
                 field = self._field(white, t)

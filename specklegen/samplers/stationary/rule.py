@@ -9,7 +9,7 @@ from specklegen.core.errors import reject
 from specklegen.core.values import remembered
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.tracer import lock_step_obstacle, slab_tracer
-from specklegen.samplers.sampler import Wish
+from specklegen.samplers.sampler import Request
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.stationarity import StationaryError, pilot_envelope, stationary_error
 from specklegen.scene.illumination import IncoherentObject, reference_direction
@@ -39,38 +39,38 @@ class Model(NamedTuple):
         return _KERNELS[self.kernel] + (" under an envelope" if self.enveloped else "")
 
 
-def stationary_decision(scene: Scene, wish: Wish) -> tuple[Model | None, Decision]:
+def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, Decision]:
     """The model with which the stationary sampler serves a scene within the tolerance.
 
     The correlation of the axis wherever it is good enough; else the oblique one, about the middle of the beams and the
     views; and where nothing but the intensities of collimated beams are off, one of them under an envelope.
     See docs/physics.md 9.
     """
-    obstacle = stationary_obstacle(scene, wish.reverse)
-    asked = wish.asked == "stationary"
+    obstacle = stationary_obstacle(scene, request.reverse)
+    asked = request.asked == "stationary"
     if obstacle:
         if asked:
-            reject("sampler", '"paths" or "auto" for this scene', wish.asked, f"The stationary sampler {obstacle}.")
+            reject("sampler", '"paths" or "auto" for this scene', request.asked, f"The stationary sampler {obstacle}.")
         return None, Decision(_PART, False, obstacle)
     errors: dict[Model, StationaryError] = {}
-    for model in _models(scene, wish.envelope):
-        if model.enveloped and not errors[Model(model.kernel)].correlated(wish.tolerance):
+    for model in _models(scene, request.envelope):
+        if model.enveloped and not errors[Model(model.kernel)].correlated(request.tolerance):
             continue  # an envelope leaves correlations as they are
         if model.enveloped and scene_envelope(scene, model.kernel == "oblique") is None:
             continue
-        errors[model] = scene_stationary_error(scene, wish.tolerance, model.kernel == "oblique", model.enveloped)
-        if errors[model].accepts(wish.tolerance):
+        errors[model] = scene_stationary_error(scene, request.tolerance, model.kernel == "oblique", model.enveloped)
+        if errors[model].accepts(request.tolerance):
             break
     best = min(
-        errors, key=lambda m: (not errors[m].accepts(wish.tolerance), m.enveloped, errors[m].largest)
+        errors, key=lambda m: (not errors[m].accepts(request.tolerance), m.enveloped, errors[m].largest)
     )  # fmt: skip
     said = "; ".join(
         f"with the {model} its correlations are off by {error.correlation:.2g} +- "
         f"{error.correlation_error:.1g} and its intensities by {error.intensity:.2g} +- {error.intensity_error:.1g}"
         for model, error in errors.items()
     )
-    said += f", allowed {wish.tolerance:g}"
-    accepted = errors[best].accepts(wish.tolerance)
+    said += f", allowed {request.tolerance:g}"
+    accepted = errors[best].accepts(request.tolerance)
     if asked:
         return best, Decision(_PART, True, f"asked for; {said}", doubt=not accepted)
     return best if accepted else None, Decision(_PART, accepted, said)

@@ -4,9 +4,9 @@ Where narrow lobes keep light about its beam, each field is multiplied by an env
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -14,40 +14,28 @@ from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
-from specklegen.paths.gaussianity import EXACT, Gaussianity
+from specklegen.paths.endpoints import AXIS
 from specklegen.paths.pilot import Pilot, scene_pilot
-from specklegen.samplers.sampler import FIXED_BYTES, Drawn, Where, Wish
+from specklegen.samplers.sampler import FIXED_BYTES, TORCH_BYTES, MediaRequest, Realization, Request, Sampler, Where
 from specklegen.samplers.stationary.envelope import Envelope
-from specklegen.samplers.stationary.exit_grid import fft_flops, matrix_flops, stack_axes
 from specklegen.samplers.stationary.rule import Kernel, scene_envelope, stationary_decision
 from specklegen.scene.illumination import IncoherentObject, reference_direction
+from specklegen.scene.motion import fastest
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid
+from specklegen.synthesis.exit_grid import fft_flops, matrix_flops, stack_axes
 
 if TYPE_CHECKING:
-    from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
-    from specklegen.samplers.stationary.objects import ObjectSampler
-    from specklegen.samplers.stationary.oblique import ObliqueCorrelation
-    from specklegen.samplers.stationary.stacks import StackSampler
+    import torch
 
-_TORCH_BYTES = 197 * 2**20  # what importing torch takes
-
-
-def consider(scene: Scene, wish: Wish) -> tuple["Stationary | None", list[Decision]]:
-    """The stationary sampler for a scene, where its correlations are right within the tolerance."""
-    model, decision = stationary_decision(scene, wish)
-    if model is None:
-        return None, [decision]
-    envelope = scene_envelope(scene, model.kernel == "oblique") if model.enveloped else None
-    pilot = scene_pilot(scene, False)
-    paths = wish.paths
-    if paths is None:
-        paths = DEFAULT_PATHS if wish.rel_error is None else pilot.moments.paths_for(wish.rel_error)
-    return Stationary(scene, paths, model.kernel, pilot, wish.streamed, envelope), [decision]
+    from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+    from specklegen.memory_effects.film import FilmCorrelation
+    from specklegen.memory_effects.oblique import ObliqueCorrelation
+    from specklegen.synthesis.imaging import Imaging
+    from specklegen.synthesis.stacks import StackSampler
 
 
 @dataclass(frozen=True)
-class Stationary:
+class Stationary(Sampler, name="stationary"):
     """The stationary sampler of a scene, dimensioned; see :class:`specklegen.samplers.sampler.Sampler`.
 
     Attributes
@@ -65,16 +53,30 @@ class Stationary:
     """
 
     scene: Scene
-    paths: int
+    paths: int = field()  # given, whatever the base has
     kernel: Kernel
     pilot: Pilot
     streamed: bool
     envelope: Envelope | None = None
 
-    name = "stationary"
     summation = "FFT or matrix products"
     error_of = "intensity scale"
+    thin = False
     reverse = False
+
+    @classmethod
+    def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
+        """The stationary sampler for a scene, where its correlations are right within the tolerance."""
+        rest = scene.at_rest  # a film's tilts are judged without its times
+        model, decision = stationary_decision(rest, request)
+        if model is None:
+            return None, [decision]
+        envelope = scene_envelope(rest, model.kernel == "oblique") if model.enveloped else None
+        pilot = scene_pilot(rest, False)
+        paths = request.paths
+        if paths is None:
+            paths = DEFAULT_PATHS if request.rel_error is None else pilot.moments.paths_for(request.rel_error)
+        return cls(scene, paths, model.kernel, pilot, request.streamed, envelope), [decision]
 
     @property
     def expected_error(self) -> float:
@@ -86,19 +88,13 @@ class Stationary:
         """Largest mean intensity among the pilot's lights and views."""
         return self.pilot.intensity
 
-    @property
-    def gaussianity(self) -> Gaussianity:
-        """Gaussian by construction."""
-        return EXACT
-
     def _tracing(self) -> dict[str, float]:
         connections = self.paths * self.pilot.connections_per_path
         return {"path": self.paths, "event": self.paths * self.pilot.events_per_path, "connection": connections}
 
     def operations(self) -> Mapping[str, float]:
         """Of the correlation and of one stack; an object's modes are fewer than its beams, at most these."""
-        grid = self.scene.sensor
-        assert isinstance(grid, FarFieldGrid)
+        grid = self.scene.grid
         x, y = stack_axes(self.scene)
         tilts, views = len(self.scene.beams.directions), np.prod(grid.shape)
         size = x.count * y.count
@@ -121,80 +117,109 @@ class Stationary:
         if self.envelope is not None:
             kernel += views * (64 + 4 * (1 if self.streamed else tilts))
         if not self.streamed:
-            return int(kernel + 8 * views * tilts * 4 + _TORCH_BYTES + FIXED_BYTES)
+            return int(kernel + 8 * views * tilts * 4 + TORCH_BYTES + FIXED_BYTES)
         x, y = stack_axes(self.scene)
         cells, period = float(x.count * y.count), float(x.period * y.period)
-        return int(kernel + cells * (8 * tilts + 64) + 8 * 4 * period + 48 * views + _TORCH_BYTES + FIXED_BYTES)
+        return int(kernel + cells * (8 * tilts + 64) + 8 * 4 * period + 48 * views + TORCH_BYTES + FIXED_BYTES)
 
-    def prepare(self, seed: Seed, threads: int | None) -> "StationaryDraws":
+    def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], Imaging]]":
+        """Make media ready, whose memory effect is known."""
+        from specklegen.synthesis.imaging import imagings
+
+        return imagings(request.sight, request.correlations, request.light, tolerance=request.tolerance)
+
+    def prepare(self, seed: Seed, threads: int | None) -> "StationaryRenderer":
         """Make ready to draw; the memory-effect correlation is estimated at the first draw."""
-        return StationaryDraws(self, seed, threads)
+        return StationaryRenderer(self, seed, threads)
 
 
 @dataclass(frozen=True)
-class StationaryDraws:
-    """Realizations of the stationary sampler under a seed."""
+class StationaryRenderer:
+    """Media of the stationary sampler under a seed."""
 
     sampler: Stationary
     seed: Seed
     threads: int | None
 
     @cached_property
-    def correlation(self) -> "MemoryEffectCorrelation | ObliqueCorrelation":
-        """The memory-effect correlation."""
-        from specklegen.samplers.stationary.correlation import estimate_correlation
-        from specklegen.samplers.stationary.oblique import estimate_oblique_correlation
+    def correlation(self) -> "MemoryEffectCorrelation | ObliqueCorrelation | FilmCorrelation":
+        """The memory-effect correlation, of a film that in time as well."""
+        from specklegen.memory_effects.correlation import estimate_correlation
+        from specklegen.memory_effects.oblique import estimate_oblique_correlation
 
         scene, paths = self.sampler.scene, self.sampler.paths
+        if scene.film:
+            return self._film
         if self.sampler.kernel == "axial":
             return estimate_correlation(scene.slab, paths, self.seed, threads=self.threads)
-        assert isinstance(scene.sensor, FarFieldGrid)
-        light, view = reference_direction(scene.beams.directions), scene.sensor.center_direction
+        light, view = reference_direction(scene.beams.directions), scene.grid.center_direction
         return estimate_oblique_correlation(scene.slab, light, view, paths, self.seed, threads=self.threads)
+
+    @property
+    def _film(self) -> "FilmCorrelation":
+        """Of the light and view in the middle, as if at rest."""
+        from specklegen.memory_effects.film import FilmCorrelation
+        from specklegen.memory_effects.oblique import estimate_oblique_correlation
+
+        scene, axial = self.sampler.scene, self.sampler.kernel == "axial"
+        light, view = reference_direction(scene.at_rest.beams.directions), scene.grid.center_direction
+        ends = (AXIS, AXIS) if axial else (light, view)
+        ways = estimate_oblique_correlation(
+            scene.slab, *ends, self.sampler.paths, self.seed, transfer=True, threads=self.threads
+        )
+        found = fastest(scene.slab.motions)
+        assert found is not None, "a film is of a medium that moves"
+        return FilmCorrelation(ways, found[0], np.asarray(scene.beams.times), axial)
 
     @cached_property
     def stacks(self) -> "StackSampler":
         """What draws stacks of tilted beams."""
-        from specklegen.samplers.stationary.stacks import stack_sampler
-
-        return stack_sampler(self.sampler.scene, self.correlation)
-
-    @cached_property
-    def objects(self) -> "ObjectSampler":
-        """What draws images of an incoherent object."""
-        from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
-        from specklegen.samplers.stationary.objects import object_sampler
+        from specklegen.memory_effects.film import causal_root
+        from specklegen.synthesis.stacks import stack_sampler, tilt_roots
 
         scene = self.sampler.scene
-        beams, grid = scene.illumination, scene.sensor
+        return stack_sampler(scene, self.correlation, roots=causal_root if scene.film else tilt_roots)
+
+    @cached_property
+    def imaging(self) -> "Imaging":
+        """What images an incoherent object."""
+        from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+        from specklegen.synthesis.objects import object_imaging
+
+        scene = self.sampler.scene
+        beams, grid = scene.illumination, scene.grid
         assert isinstance(beams, IncoherentObject)
-        assert isinstance(grid, FarFieldGrid)
         assert isinstance(self.correlation, MemoryEffectCorrelation)  # modes need the symmetry about the axis
-        return object_sampler(
+        return object_imaging(
             self.correlation, wavelength=scene.wavelength, object_shape=beams.brightness.shape,
             object_pitch=beams.pitch, width=beams.width, profile=beams.profile, grid=grid,
         )  # fmt: skip
 
-    def images(self, realizations: int) -> Iterator[Drawn]:
+    def media(self, count: int) -> Iterator[Realization]:
         """One transform each."""
-        light = self.sampler.scene.illumination
-        for r in range(realizations):
+        coherent = self.sampler.scene.illumination.coherent
+        for number in range(count):
             with one_torch_thread():  # the white noise as well
-                if isinstance(light, IncoherentObject):
-                    image = self.objects.image(self.objects.medium(self.seed, r), light.brightness)
-                else:
-                    image = self.stacks.sample(self.seed, r)
-            found = image.numpy()
-            yield Drawn(found if self.sampler.envelope is None else found * self._gains)
+                found = (self.stacks.sample(self.seed, number) if coherent else self._image(number)).numpy()
+            yield Realization(found if self.sampler.envelope is None else found * self._gains)
 
-    def pieces(self, realization: int) -> Iterator[tuple[Where, np.ndarray]]:
+    def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
         """Tilt by tilt: the noise is held, no stack."""
         rows, columns = self.sampler.scene.sensor.shape
-        for t, field in enumerate(self.stacks.one_by_one(self.seed, realization)):
-            found = field.numpy()
+        for t, drawn in enumerate(self.stacks.one_by_one(self.seed, number)):
+            found = drawn.numpy()
             if self.sampler.envelope is not None:
                 found = found * self._gain(t)
             yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), found
+
+    def _image(self, number: int) -> "torch.Tensor":
+        from specklegen.synthesis.objects import object_media
+        from specklegen.synthesis.stacks import mean_intensity
+
+        beams = self.sampler.scene.illumination
+        light = object_media(self.imaging, self.seed, number)
+        seen = light.seen(self.imaging.modes.new_tensor(beams.brightness)[None])[0, 0]
+        return seen * mean_intensity(self.correlation, beams.window.area)  # type: ignore[union-attr]
 
     @cached_property
     def _gains(self) -> np.ndarray:
@@ -205,6 +230,5 @@ class StationaryDraws:
         """A of one tilt, float32[H, W]."""
         scene, envelope = self.sampler.scene, self.sampler.envelope
         assert envelope is not None
-        assert isinstance(scene.sensor, FarFieldGrid)
-        views = np.stack(np.meshgrid(*scene.sensor.sines), axis=-1)
+        views = np.stack(np.meshgrid(*scene.grid.sines), axis=-1)
         return np.sqrt(envelope.intensity(scene.beams.directions[t, :2], views)).astype(np.float32)

@@ -19,12 +19,12 @@ import numpy as np
 
 from specklegen.core.random_streams import Stream, pilot_seed
 from specklegen.core.statistics import BATCHES, batch_sums, jackknife
+from specklegen.memory_effects.oblique import face_to_face
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import lobe_loss
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.stationary.envelope import Envelope, fit_envelope
-from specklegen.samplers.stationary.oblique import face_to_face
 from specklegen.scene.illumination import IncoherentObject, directions_of_sines, reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
@@ -134,7 +134,7 @@ def pilot_error(
     value, error = jackknife(table, differences)
     # Light of narrow lobes at a view is known to some per cent by so few paths: beams that all light moves with count
     # where they stand out of the noise, or it would turn down every one of them.
-    whole = np.array([pilot.moves_whole(light) for light in lights])
+    whole = np.array([pilot.is_rigid_shift(light) for light in lights])
     seen = n + np.flatnonzero(~whole | (np.abs(value[n:]) > 3 * error[n:]))
     worst, brightest = np.abs(value[:n]).argmax(), seen[np.abs(value[seen]).argmax()]
     return StationaryError(
@@ -175,7 +175,7 @@ class _Bank:
         """Sums over 64 batches of paths of the contributions at one view, of the bank's light or one of other sines."""
         if light is not None and not np.array_equal(light, self.light[:2]):
             moved = sines - (light - self.light[:2])
-            if not self.moves_whole(light) or np.hypot(*moved) >= 1:
+            if not self.is_rigid_shift(light) or np.hypot(*moved) >= 1:
                 return self.sums(self._contributions(sines, directions_of_sines("light", light)))
             sines = moved
         key = sines.tobytes()
@@ -183,7 +183,7 @@ class _Bank:
             self._intensities[key] = self.sums(self.weight(sines))
         return self._intensities[key]
 
-    def moves_whole(self, light: np.ndarray) -> bool:
+    def is_rigid_shift(self, light: np.ndarray) -> bool:
         """Whether a tilt to these sines moves all light by as much: lobes do not stay behind (physics.md 10)."""
         tilt = float(np.hypot(*(light - self.light[:2])))
         return lobe_loss(self.scene.slab, self.scene.wavelength, tilt).spurious

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, field_validator
 
+from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
 from specklegen.scene.scatterers.scatterer import Dimensions, Row, Scatterer, all_directions
 
@@ -52,7 +53,7 @@ class HenyeyGreenstein(Scatterer):
     def amplitude(self, cos: np.ndarray | float, dimensions: Dimensions = 3) -> np.ndarray:
         """Scattering amplitude s, per root steradian (root radian in 2D), at the cosine of the scattering angle."""
         g, sign = abs(self.g), math.copysign(1.0, self.g)
-        base = (1 - g) ** 2 + 2 * g * (1 - sign * np.asarray(cos, dtype=np.float64))
+        base = (1 - g) ** 2 + 2 * g * (1 - sign * real_array("amplitude cos", cos))
         return np.sqrt((1 - g**2) / (all_directions(dimensions) * base ** (dimensions / 2)))
 
     def row(self, dimensions: Dimensions) -> Row:

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.arguments import real_array
 from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotropy, all_directions
 
 
@@ -26,7 +27,7 @@ class Isotropic(_WithAnisotropy):
 
     def amplitude(self, cos: np.ndarray | float, dimensions: Dimensions = 3) -> np.ndarray:
         """Scattering amplitude s, per root steradian (root radian in 2D), at the cosine of the scattering angle."""
-        return np.full_like(np.asarray(cos, dtype=np.float64), np.sqrt(1 / all_directions(dimensions)))
+        return np.full_like(real_array("amplitude cos", cos), np.sqrt(1 / all_directions(dimensions)))
 
     def row(self, dimensions: Dimensions) -> Row:
         """Return what the kernels read: power and amplitude."""

@@ -13,16 +13,19 @@ one's own needs no more than its amplitude:
 It is then a scatterer everywhere: in every sampler, in recipes by ``type = "Screened"``, in stores.
 """
 
+import json
 import math
 from collections.abc import Mapping
+from functools import cached_property, lru_cache
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BeforeValidator, SerializeAsAny, WithJsonSchema
 
+from specklegen.core.content import Admitted, content_digest
+from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
-from specklegen.core.picturing import Pictured
-from specklegen.core.values import Value, remembered
+from specklegen.core.registry import imported, is_import_path
 
 Dimensions = Literal[2, 3]
 
@@ -56,11 +59,13 @@ class Row(NamedTuple):
     cumulative: np.ndarray = np.empty(0)
 
 
-class Scatterer(Value, Pictured):
+class Scatterer(Admitted, Pictured):
     """A type of particle, or several. Subclass it for a phase function of your own.
 
     A subclass is a frozen value with fields of its own and one method, ``shape(cos, dimensions)``: the amplitude, real
-    or complex, up to a factor, at cosines of the scattering angle float64[...]. The name of the class is its ``type``.
+    or complex, up to a factor, at cosines of the scattering angle float64[...]. The name of the class is its ``type``;
+    what it is known by, in fingerprints, seals and caches, is the SHA-256 of its tabulated amplitude. The table is made
+    once for a value, and a later change of what ``shape`` looks up makes other values, not this one.
 
     Examples
     --------
@@ -109,20 +114,43 @@ class Scatterer(Value, Pictured):
 
     def mean_cosine(self, dimensions: Dimensions = 3) -> float:
         """Mean cosine of the scattering angle, in 3D or in flatland."""
-        return _table_of(self, dimensions).mean_cosine(dimensions)
+        return self._table(dimensions).mean_cosine(dimensions)
 
     def amplitude(self, cos: np.ndarray | float, dimensions: Dimensions = 3) -> np.ndarray:
         """Scattering amplitude s, per root steradian (root radian in 2D), at the cosine of the scattering angle."""
-        return _table_of(self, dimensions).amplitude(cos, dimensions)
+        return self._table(dimensions).amplitude(cos, dimensions)
 
     def row(self, dimensions: Dimensions) -> Row:
         """Return what the kernels read of it, in three dimensions or in flatland."""
-        return _table_of(self, dimensions).row(dimensions)
+        return self._table(dimensions).row(dimensions)
 
     @property
     def components(self) -> tuple[tuple["Scatterer", float], ...]:
         """Types of particle, and their shares of sigma_s."""
         return ((self, 1.0),)
+
+    def content(self) -> object:
+        """Return what the kernels read of it: in three dimensions, and in flatland where it has a meaning there."""
+        kept = self._kept
+        if "content" not in kept:
+            kept["content"] = content_digest(_read_by_kernels(self, 3), _read_by_kernels(self, 2))
+        return kept["content"]
+
+    def _table(self, dimensions: Dimensions):
+        """Amplitude of a scatterer of somebody's own, linear in theta between nodes as close as it asks for."""
+        all_directions(dimensions)
+        kept = self._kept
+        if "tables" not in kept:  # both at once: what the amplitude looks up may be another later
+            kept["tables"] = {3: _tabulated(self, 3), 2: _tabulated(self, 2)}
+        found = kept["tables"][dimensions]
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    @cached_property
+    def _kept(self) -> dict[str, Any]:
+        kind: Any = type(self)
+        return _memo(kind, json.dumps(self.model_dump(mode="json"), sort_keys=True), content_digest(kind))
 
 
 class _WithAnisotropy(Scatterer):
@@ -134,12 +162,38 @@ class _WithAnisotropy(Scatterer):
         return self.mean_cosine(3)
 
 
-@remembered(32)
-def _table_of(scatterer: Scatterer, dimensions: Dimensions):
-    """Amplitude of a scatterer of somebody's own, linear in theta between nodes as close as it asks for."""
+@lru_cache(32)
+def _memo(kind: type[Scatterer], fields: str, code: str) -> dict[str, Any]:  # noqa: ARG001
+    """What is known of scatterers of one class with these numbers and this code, to be filled in."""
+    return {}
+
+
+def _tabulated(scatterer: Scatterer, dimensions: Dimensions) -> Any:
+    """Table of an amplitude, or why there is none."""
     from specklegen.scene.scatterers.tabulated import tabulated
 
-    return tabulated(lambda theta: scatterer.shape(np.cos(theta), dimensions), type(scatterer).__name__)
+    try:
+        return tabulated(lambda theta: scatterer.shape(np.cos(theta), dimensions), type(scatterer).__name__)
+    except Exception as error:  # noqa: BLE001, raised where the table is asked for
+        return error
+
+
+def _read_by_kernels(scatterer: Scatterer, dimensions: Dimensions) -> object:
+    """Rows of all components with their shares, to 9 digits: the last ones are another processor's."""
+    try:
+        rows = [(each.row(dimensions), share) for each, share in scatterer.components]
+    except Exception:
+        if dimensions == 3:
+            raise
+        return None
+    return [(row.kind, row.parameters, *map(_to_9_digits, row[2:]), share) for row, share in rows]
+
+
+def _to_9_digits(table: np.ndarray) -> np.ndarray:
+    """Numbers, complex or not, to 9 digits each, as real ones; what is below 1e-12 of the largest is 0."""
+    parts = np.stack([table.real, table.imag])
+    digits, exponent = np.frexp(np.where(np.abs(parts) < 1e-12 * np.abs(parts).max(initial=0.0), 0.0, parts))
+    return np.ldexp(np.round(digits * 2.0**30), exponent - 30) + 0.0
 
 
 def _read(value: Any) -> Any:
@@ -149,11 +203,13 @@ def _read(value: Any) -> Any:
     if not isinstance(value, Mapping):
         raise ValueError("a scatterer")
     name = value.get("type")
+    if is_import_path(name):
+        name = imported("Scatterer.type", str(name)).__name__
     if name not in _TYPES:
         raise ValueError(
             f"of a known type ({', '.join(sorted(_TYPES))}); a type of your own is known once its module is imported"
         )
-    return _read(_TYPES[name](**value))
+    return _read(_TYPES[name](**{**value, "type": name}))
 
 
 AnyScatterer = Annotated[

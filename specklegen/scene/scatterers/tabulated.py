@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
 from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import Array, ComplexArray, remembered
@@ -91,7 +92,7 @@ class Tabulated(_WithAnisotropy):
         RuleError
             If a density is negative or not finite, or the angles break the rules of the class.
         """
-        density = np.asarray(power, dtype=np.float64)
+        density = real_array("Tabulated.from_power power", power)
         if not (np.isfinite(density) & (density >= 0)).all():
             reject("Tabulated.from_power power", "densities of at least 0, finite", density)
         return cls(theta=theta, amplitude=np.sqrt(density))
@@ -103,7 +104,7 @@ class Tabulated(_WithAnisotropy):
     def amplitude(self, cos: np.ndarray | float, dimensions: Dimensions = 3) -> np.ndarray:
         """Complex amplitude s, per root steradian (root radian in 2D), at the cosine of the scattering angle."""
         bins = self.bins(dimensions)
-        return np.interp(np.arccos(np.clip(cos, -1.0, 1.0)), bins.theta, bins.amplitude)
+        return np.interp(np.arccos(np.clip(real_array("amplitude cos", cos), -1.0, 1.0)), bins.theta, bins.amplitude)
 
     def bins(self, dimensions: Dimensions) -> Bins:
         """Return the table normalised, its wide bins cut so that quadrature over each is exact to rounding."""

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field
 from scipy.special import i0e, i1e, ive
 
+from specklegen.core.arguments import real_array
 from specklegen.core.quadrature import gauss_legendre
 from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotropy
 
@@ -48,7 +49,7 @@ class VonMisesFisher(_WithAnisotropy):
 
     def amplitude(self, cos: np.ndarray | float, dimensions: Dimensions = 3) -> np.ndarray:
         """Scattering amplitude s, per root steradian (root radian in 2D), at the cosine of the scattering angle."""
-        drop = 1 - np.asarray(cos, dtype=np.float64)
+        drop = 1 - real_array("amplitude cos", cos)
         return np.sqrt(self.forward_power(dimensions)) * np.exp(-0.5 * self.concentration * drop)
 
     def row(self, dimensions: Dimensions) -> Row:

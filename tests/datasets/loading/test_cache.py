@@ -6,6 +6,8 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -18,8 +20,9 @@ from torch.utils.data import DataLoader
 from specklegen.datasets import SpeckleCache, SpeckleStream  # noqa: E402
 from specklegen.datasets.loading.export import export  # noqa: E402
 from specklegen.datasets.store.creation import grown  # noqa: E402
-from specklegen.datasets.store.generate import generate  # noqa: E402
-from specklegen.datasets.store.shards import DamagedShard, MissingSample  # noqa: E402
+from specklegen.datasets.store.generate import _fill_here, generate  # noqa: E402
+from specklegen.datasets.store.places import LocalFile  # noqa: E402
+from specklegen.datasets.store.shards import DamagedShard, ForeignShard, MissingSample  # noqa: E402
 from specklegen.datasets.store.store import Store  # noqa: E402
 
 TIMEOUT = 120
@@ -64,10 +67,88 @@ def test_workers_read_the_same(whole, method):
         assert_same(batch, again)
 
 
+def test_a_file_is_not_closed_while_it_is_read(whole, monkeypatch):
+    """One thread is about to read a part when another gives the file up; its descriptor may by then be another's."""
+    files = SpeckleCache(whole).store.shard_files["image"]
+    expected, part = files.read(7), LocalFile.part
+    closed = []
+
+    def slowly(self, start, length):
+        if not closed:
+            closed.append(True)
+            other = threading.Thread(target=files.close)
+            other.start()
+            other.join()
+        return part(self, start, length)
+
+    monkeypatch.setattr(LocalFile, "part", slowly)
+    np.testing.assert_array_equal(files.read(7), expected)
+    assert closed
+    assert not files._open
+
+
+def test_one_cache_is_read_by_many_threads(whole, monkeypatch):
+    """More shards than files that stay open, so that threads close what others have opened."""
+    monkeypatch.setattr("specklegen.datasets.store.shards._OPEN_FILES", 1)
+    cache = SpeckleCache(whole)
+    expected = [cache.numpy(n) for n in range(SAMPLES)]
+
+    def read(seed):
+        for n in np.random.default_rng(seed).integers(SAMPLES, size=250).tolist():
+            if n % 11 == 0:
+                cache._reader._forget(n // cache.shard_samples)
+            assert_same(cache.numpy(n), expected[n])
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(read, range(8)))
+
+
 def test_pickling(whole):
     cache = SpeckleCache(whole)
     cache.numpy(3)
     assert_same(pickle.loads(pickle.dumps(cache)).numpy(3), cache.numpy(3))
+
+
+def test_a_worker_does_not_read_what_the_path_leads_to_by_then(tmp_path):
+    """A link is moved between opening a store and the start of the workers: they would give seed 1 for seed 0."""
+    for seed in (0, 1):
+        fill(tmp_path / f"{seed}.zarr", seed=seed, samples=5)
+    link = tmp_path / "latest"
+    link.symlink_to(tmp_path / "0.zarr")
+    cache = SpeckleCache(link)
+    sent = pickle.dumps(cache)
+    assert_same(pickle.loads(sent)[3], cache[3])
+    link.unlink()
+    link.symlink_to(tmp_path / "1.zarr")
+    assert cache.identity["seed"] == 0
+    with pytest.raises(ForeignShard, match="another data set"):
+        pickle.loads(sent)
+
+
+def test_a_call_fills_the_store_that_its_link_led_to_when_it_began(tmp_path):
+    """Its shards are those of one store, however often the link is moved meanwhile."""
+    link = tmp_path / "latest"
+    (tmp_path / "0.zarr").mkdir()
+    link.symlink_to(tmp_path / "0.zarr")
+    fill(tmp_path / "1.zarr", seed=1, samples=10)
+
+    def move(done, total):  # noqa: ARG001
+        link.unlink(missing_ok=True)
+        link.symlink_to(tmp_path / "1.zarr")
+
+    fill(link, samples=10, progress=move)
+    for seed in (0, 1):
+        cache = SpeckleCache(tmp_path / f"{seed}.zarr")
+        for n in range(10):
+            assert_same(cache.numpy(n), FakeRecipe().sample(seed, "train", n))
+
+
+def test_a_worker_does_not_fill_another_store(tmp_path, monkeypatch):
+    store = Store(fill(tmp_path / "a.zarr", samples=5), writable=True)
+    monkeypatch.setattr("specklegen.datasets.store.generate._job", (store, FakeRecipe(), "0" * 64))
+    outcome = _fill_here(0, False)
+    assert outcome.state == "failed"
+    assert "another data set" in outcome.message
 
 
 def test_a_sample_that_is_not_there_raises(tmp_path):

@@ -1,8 +1,10 @@
+import hashlib
 import pickle
 import shutil
 import subprocess
 import sys
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,14 +14,15 @@ from pydantic import TypeAdapter
 from scipy.stats import chi2
 from skimage.io import imsave
 
+from specklegen.core.errors import RuleError
 from specklegen.datasets.objects import (
+    AnyFamily,
     Bars,
     Blobs,
     Digits,
     Families,
     Folder,
     Glyphs,
-    HiddenObjects,
     Photographs,
     Points,
     Polygons,
@@ -28,6 +31,7 @@ from specklegen.datasets.objects import (
     glyphs,
     outlines,
 )
+from specklegen.datasets.objects.digits import _digits
 from specklegen.datasets.objects.glyphs import _filled
 from specklegen.datasets.objects.outlines import CHARACTERS, FONTS, outline
 from specklegen.datasets.objects.photographs import PHOTOGRAPHS, _photograph
@@ -217,44 +221,78 @@ def test_every_font_holds_every_character_and_no_two_outlines_are_alike():
     assert len(set(shapes)) == len(shapes) == len(FONTS) * len(CHARACTERS)
 
 
-def test_outlines_on_disk_are_those_that_matplotlib_draws(tmp_path, monkeypatch):
-    """Written once, read again to the bit, and made anew where the file is damaged or its folder is none."""
-    monkeypatch.setenv("SPECKLEGEN_CACHE", str(tmp_path))
-    outlines.outlines.cache_clear()
-    made = outlines.outlines()
-    (file,) = tmp_path.iterdir()
-    for damage in (None, b"short", file.read_bytes()[:-1] + b"!"):
-        if damage is not None:
-            file.write_bytes(damage)
-        outlines.outlines.cache_clear()
-        again = outlines.outlines()
-        np.testing.assert_array_equal(again.edges, made.edges)
-        np.testing.assert_array_equal(again.starts, made.starts)
-    monkeypatch.setenv("SPECKLEGEN_CACHE", str(file))
-    outlines.outlines.cache_clear()
-    np.testing.assert_array_equal(outlines.outline("cmr10.ttf", "g"), outlines.drawn("cmr10.ttf", "g"))
+@pytest.mark.parametrize(
+    ("family", "place", "said"),
+    [
+        (Photographs(), ("photographs", "_FILES", {name: "0" * 16 for name in PHOTOGRAPHS}), "Photographs file"),
+        (Digits(), ("digits", "_DIGEST", "0" * 16), "Digits data"),
+    ],
+)
+def test_pictures_of_other_libraries_are_those_that_were_hashed(monkeypatch, family, place, said):
+    """Another picture under the name is refused, whichever version of the library brings it."""
+    if family.type == "Digits":
+        pytest.importorskip("sklearn")
+    expected = family.image(0, "train", 0)
+    module, name, digests = place
+    monkeypatch.setattr(f"specklegen.datasets.objects.{module}.{name}", digests)
+    for memo in (_photograph, _digits):
+        memo.cache_clear()
+    with pytest.raises(RuleError, match=f"{said} must be .*SHA-256 0000"):
+        family.image(0, "train", 0)
     monkeypatch.undo()
-    outlines.outlines.cache_clear()
+    for memo in (_photograph, _digits):
+        memo.cache_clear()
+    np.testing.assert_array_equal(family.image(0, "train", 0), expected)
+
+
+def test_objects_ask_no_other_library_for_outlines():
+    """An object is drawn where matplotlib cannot be imported: its version has no say in a pixel."""
+    code = (
+        "import sys; sys.modules['matplotlib'] = None; import hashlib, numpy as np;"
+        "from specklegen.datasets.objects import Glyphs;"
+        "print(hashlib.sha256(np.stack([Glyphs().image(0, 'train', n) for n in range(9)]).tobytes()).hexdigest())"
+    )
+    said = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.strip()
+    here = np.stack([Glyphs().image(0, "train", n) for n in range(9)])
+    assert said == hashlib.sha256(here.tobytes()).hexdigest()
+
+
+def test_the_outlines_that_are_shipped_are_frozen():
+    """Of whatever was drawn from other outlines the pixels differ, and DATA_VERSION has to rise."""
+    digest = hashlib.sha256(outlines.outlines().edges.tobytes() + outlines.outlines().starts.tobytes())
+    assert digest.hexdigest() == "872f8475994e7333aa45f67b54b2c80d554e42930a70cbd8139a2e96adefa783"
+
+
+def test_the_outlines_are_those_of_the_fonts():
+    """As this matplotlib draws them: exactly by the version that they were made with, to 1 % of the size by others."""
+    from matplotlib import get_data_path
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    for font, character in (("DejaVuSans.ttf", "g"), ("STIXGeneral.ttf", "Q"), ("cmr10.ttf", "8")):
+        file = FontProperties(fname=str(Path(get_data_path()) / "fonts" / "ttf" / font))
+        drawn = TextPath((0, 0), character, size=100, prop=file).vertices
+        ends = outline(font, character).reshape(-1, 2)
+        # Every point of a font's contour is an end of an edge, or the control point of one beside it.
+        np.testing.assert_allclose(ends.min(axis=0), drawn[drawn.any(axis=1)].min(axis=0), atol=1.0)
+        np.testing.assert_allclose(ends.max(axis=0), drawn.max(axis=0), atol=1.0)
 
 
 def test_pieces_stay_near_their_curves():
-    """Area of a circle of two thousand units, from eight parabolas: pieces 0.01 off leave out less than 2/3 of that
-    times its circumference; the parabolas themselves are 0.1 % of the radius outside."""
-    from matplotlib.path import Path as Outline
-
-    radius, step = 50.0, np.pi / 8
-    turns = np.arange(17) * step
-    points = radius * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
-    points[1::2] /= np.cos(step)
-    edges = outlines.flattened(Outline(points, [Outline.MOVETO, *[Outline.CURVE3] * 16]))
-    x0, y0, x1, y1 = edges.T
-    curve = Outline(points, [Outline.MOVETO, *[Outline.CURVE3] * 16])
-    fine = np.concatenate([bezier(np.linspace(0, 1, 2001)[:-1, None]) for bezier, _ in curve.iter_bezier()][1:])
-    u, v = fine.reshape(-1, 2).T
-    exact = 0.5 * np.abs(np.dot(u, np.roll(v, -1)) - np.dot(v, np.roll(u, -1)))
-    area = 0.5 * np.abs((x0 * y1 - x1 * y0).sum())
-    assert 0 < exact - area < 2 / 3 * 0.01 * 2 * np.pi * 50.5
-    assert len(edges) < 200
+    """A parabola cut into n chords lies 1/n^2 of its sagitta from them, at their middles; ends lie on it exactly."""
+    segment = np.array([[[0, 0], [3200, 6400], [6400, 0]]])  # in 64ths: 100 wide, its vertex 50 high
+    (whole,) = outlines.chords(segment, np.array([1]))
+    np.testing.assert_array_equal(whole, [0, 0, 100, 0])
+    for count in (2, 5, 40):
+        edges = outlines.chords(segment, np.array([count]))
+        assert edges.shape == (count, 4)
+        np.testing.assert_array_equal(edges[1:, :2], edges[:-1, 2:])
+        np.testing.assert_array_equal([*edges[0, :2], *edges[-1, 2:]], whole)
+        x, y = edges[:, 2:].T
+        np.testing.assert_allclose(y, 2 * x * (100 - x) / 100, atol=1e-12)
+        middle = (edges[:, :2] + edges[:, 2:]) / 2
+        gap = 2 * middle[:, 0] * (100 - middle[:, 0]) / 100 - middle[:, 1]
+        np.testing.assert_allclose(gap, 50 / count**2, rtol=1e-9)
 
 
 def clipped_area(corners, low_x, low_y):
@@ -565,7 +603,7 @@ def test_bad_input_names_field_rule_and_value(make, message):
 
 
 def test_a_family_is_a_value_of_one_field_of_a_recipe(family):
-    read = TypeAdapter(HiddenObjects).validate_python(family.model_dump(mode="json"))
+    read = TypeAdapter(AnyFamily).validate_python(family.model_dump(mode="json"))
     assert read == family
     assert type(family).from_toml(family.to_toml()) == family
 

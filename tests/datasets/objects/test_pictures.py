@@ -10,6 +10,7 @@ from PIL import Image
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets.objects.folder import Folder
+from specklegen.datasets.objects.glyphs import Glyphs
 from specklegen.datasets.objects.pictures import MOST_PIXELS, SUFFIXES, read_grey
 
 RAMP = np.linspace(0.1, 1, 12).reshape(3, 4)
@@ -76,3 +77,17 @@ def test_a_corrupt_picture_is_named(tmp_path, suffix):
     (tmp_path / f"torn{suffix}").write_bytes(b"\x89PNG no more")
     with pytest.raises(RuleError, match=rf"Folder picture must be readable; got '.*torn{suffix}'"):
         Folder(path=str(tmp_path)).sources()
+
+
+@pytest.mark.parametrize("columns", [3, 4])
+def test_pages_are_no_colours(tmp_path, columns):
+    """3000 pages of 4 x 4 pixels were read as one picture of 3000 x 4 pixels, red, green, blue and opacity."""
+    tifffile.imwrite(tmp_path / "pages.tif", np.ones((30, 4, columns), np.uint8), photometric="minisblack")
+    with pytest.raises(ValueError, match="not one grey or colour picture"):
+        read_grey(tmp_path / "pages.tif")
+
+
+def test_objects_beyond_memory_are_refused():
+    """A batch of them is held at a time; [10000, 10000] pixels ended in a raw error of memory, or in hours."""
+    with pytest.raises(RuleError, match="Glyphs.shape must be of at most"):
+        Glyphs(shape=(10**6, 10**6))

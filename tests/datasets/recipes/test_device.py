@@ -1,7 +1,7 @@
 """Rendering on another device: the same samples up to rounding, told apart from the CPU's, without workers.
 
-No CUDA device is needed: the torch generator that other devices use runs on the CPU too, and torch's "meta"
-device, which has shapes and no numbers, stands in for one.
+No CUDA device is needed: torch's "meta" device, which has shapes and no numbers, stands in for one; that the program of
+other devices renders the samples of the CPU is in test_generator.py.
 """
 
 import pickle
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from fake_recipe import FakeRecipe
+from one_object import one_object
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten
 from torch.utils.data import DataLoader
@@ -18,14 +19,11 @@ from torch.utils.data import DataLoader
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.loading import stream as streams
-from specklegen.datasets.recipes import recipe as recipes
+from specklegen.datasets.recipes import specification
 from specklegen.datasets.recipes.parts.material import known
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.identity import device_kind, fingerprint, identity
-from specklegen.kernels import rng
-from specklegen.samplers.stationary.gaussian_noise import torch_normals
-from specklegen.samplers.stationary.objects import object_sampler
-from specklegen.samplers.stationary.stacks import stack_sampler
+from specklegen.synthesis.stacks import stack_sampler
 
 SMALL = {
     "through-slab": {"material": {"kernel_paths": 2000}, "camera": {"shape": [32, 32]}, "media": 3},
@@ -56,31 +54,10 @@ class OneDevice(TorchDispatchMode):
         return func(*args, **(kwargs or {}))
 
 
-@pytest.mark.parametrize("name", SMALL)
-def test_the_generator_of_other_devices_renders_the_same_samples(name, monkeypatch):
-    """Single precision: sums of some thousand terms of order 1 agree to about 1e-6 of the largest pixel."""
-    recipe, drawn = load_recipe(name, SMALL[name]), []
-    plain = [recipe.sample(5, "train", index) for index in range(4)]
-
-    def by_torch(k0, k1, sample, out):
-        drawn.append(sample)
-        out[:] = torch_normals((k0, k1), sample, len(out), "cpu").numpy()
-
-    monkeypatch.setattr(rng, "fill_normals", by_torch)
-    elsewhere = recipe.on("cpu:0")  # the CPU by another name, for which nothing is kept yet
-    for index, expected in enumerate(plain):
-        sample = elsewhere.sample(5, "train", index)
-        assert sample["parameters"] == expected["parameters"]
-        for key in set(expected) - {"parameters"}:
-            assert sample[key].dtype == expected[key].dtype
-            np.testing.assert_allclose(sample[key], expected[key], rtol=0, atol=1e-5 * expected[key].max())
-    assert drawn, "the kernel was replaced"
-
-
 @pytest.fixture
 def meta_is_a_device(monkeypatch):
     """Let "meta", which holds no numbers and is refused, stand for a device."""
-    for module in (streams, recipes):
+    for module in (streams, specification):
         monkeypatch.setattr(module, "checked_device", lambda field, device: torch.device(device))
 
 
@@ -176,7 +153,7 @@ def test_every_tensor_of_an_object_is_on_the_device():
     kernel = known(recipe.material_of(0, "train", 0).slab, 2000).kernel
     brightness = np.ones((28, 28), np.float32)
     with OneDevice():
-        sampler = object_sampler(
+        sampler = one_object(
             kernel, wavelength=0.5, object_shape=(28, 28), object_pitch=1e-6, width=5e4,
             grid=recipe.geometry.grid, device="meta",
         )  # fmt: skip
@@ -185,9 +162,10 @@ def test_every_tensor_of_an_object_is_on_the_device():
             image = sampler.image(seen, brightness, form="pairs")
             assert (image.device.type, image.shape, image.dtype) == ("meta", (32, 32), torch.float32)
         for name in ("modes", "object_rows", "object_columns", "camera_rows", "camera_columns"):  # power
-            left_behind = torch.ones_like(getattr(sampler, name), device="cpu")
+            left_behind = torch.ones_like(getattr(sampler.imaging, name), device="cpu")
+            moved = replace(sampler, imaging=replace(sampler.imaging, **{name: left_behind}))
             with pytest.raises(RuntimeError, match="mixes devices"):
-                replace(sampler, **{name: left_behind}).image(medium, brightness, form="pairs")
+                moved.image(medium, brightness, form="pairs")
 
 
 @pytest.mark.parametrize("fft", [False, True])

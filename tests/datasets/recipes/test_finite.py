@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+import torch
 from fake_recipe import FakeRecipe
 from small_stores import make
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
+from specklegen.datasets.addresses import Addresses
 from specklegen.datasets.recipes.parts.tilts import Tilts
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.store.generate import GenerationError, generate
@@ -69,14 +71,13 @@ def test_a_parameter_may_be_infinite_where_the_layout_says_so(tmp_path):
 def test_a_sample_of_a_recipe_is_finite_or_refused(monkeypatch):
     """Whatever goes wrong inside: here the camera hands back one dark pixel as NaN."""
     recipe = load_recipe("tilt-stack", SMALL)
-    observed = type(recipe).observed
+    named = type(recipe).named
 
-    def broken(self, *arguments):
-        images = observed(self, *arguments)
-        images[0, 0, 0] = np.nan
-        return images
+    def broken(self, images, *others):
+        images[0, 0, 0, 0] = np.nan
+        return named(self, images, *others)
 
-    monkeypatch.setattr(type(recipe), "observed", broken)
+    monkeypatch.setattr(type(recipe), "named", broken)
     with pytest.raises(RuleError, match=r"stack of sample \(seed=3, split='test', index=2\) must be finite"):
         recipe.sample(3, "test", 2)
 
@@ -155,8 +156,10 @@ def test_tilts_beyond_a_right_angle_are_refused(tilts):
 def test_whatever_is_not_refused_can_be_drawn_and_is_a_beam(tilts):
     made = Tilts(**tilts)
     for seed in range(20):
-        angles, _ = made.drawn(np.random.default_rng(seed))
+        angles = made.drawn_together(Addresses(seed, "train", torch.device("cpu")), [seed])[0][0].numpy()
         CollimatedBeams.tilts(angles, width=1.0)
+        steps = np.linalg.norm(np.diff(angles, axis=0), axis=1)
+        np.testing.assert_allclose(steps, abs(tilts["step"]), rtol=1e-12)
 
 
 @pytest.mark.parametrize("kernel", ["atlas", "estimate"])

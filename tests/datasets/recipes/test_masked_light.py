@@ -8,8 +8,7 @@ from specklegen.coherence.transmission import transmission_matrix
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes.masked_light import slit_loops
-from specklegen.datasets.recipes.medium_realization import medium_realization
-from specklegen.datasets.recipes.parts.light import medium_seeds
+from specklegen.datasets.split import Purpose, substream
 
 SMALL = {"material": {"kernel_paths": 2000}, "camera": {"shape": [48, 48]}}
 DOUBLE = {"mask": {"count": 2, "width": 0.1, "gap": 0.2, "length": 0.5, "turn": 0.3}}
@@ -62,11 +61,13 @@ def test_distance_is_a_phase_of_each_wave():
 def test_path_sums_are_the_transmission_matrix():
     """A narrow window, which the planner gives to path sums: |T a|^2 of the same beams, paths and seed."""
     made = recipe(**DOUBLE, beams=3, window={"width": 4000.0}, camera={"shape": [12, 12]})
-    ready = medium_realization(made, 0, "train", 0)
+    ready = made.prepare(0, "train", 0)
     waves = made.amplitudes(slit_loops(made.mask.drawn(np.random.default_rng(0))))
-    image, mean = ready.fields.superposed(waves, made.step)
+    mean = ready.imaging.unit * np.square(np.abs(waves)).sum()
+    image = ready.superposed(waves, made.step) * mean
     scene = made.view(made.material_of(0, "train", 0).slab).full
-    (seed,) = medium_seeds(made.light, 0, "train", 0)
+    (seed,) = ready.seen.seeds
+    assert seed == substream(0, "train", Purpose.MEDIUM, 0)
     sines = scene.beams.directions[:, :2] * 4000.0 / 0.5
     order = np.rint(sines).astype(int) + 1
     matrix = transmission_matrix(scene, waves[order[:, 1], order[:, 0]][:, None], paths=2000, seed=seed, threads=1)

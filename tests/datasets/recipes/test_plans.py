@@ -11,15 +11,21 @@ from scipy.integrate import simpson
 
 import specklegen as sg
 from specklegen.datasets import SpeckleStream, load_recipe, recipe_names
-from specklegen.datasets.recipes.medium_realization import PathSumFields, StationaryFields, medium_realization
-from specklegen.datasets.recipes.parts.viewing import Viewing, division_weights
-from specklegen.datasets.recipes.rendering import RenderedBy, medium_plan
+from specklegen.datasets.recipes.generator import SpeckleGenerator
+from specklegen.datasets.recipes.media import MediumView, medium_plan
+from specklegen.datasets.recipes.parts.sampler import NUMBERS
+from specklegen.datasets.recipes.parts.viewing import Viewing
+from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.split import Purpose, substream
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.store import Store
-from specklegen.samplers.screens.objects import ScreenObjects
+from specklegen.samplers.path_sums.media import PathImaging, division_weights
+from specklegen.samplers.path_sums.sampler import PathSums
+from specklegen.samplers.screens.sampler import Screens
+from specklegen.samplers.stationary.sampler import Stationary
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.scene.window import Window
+from specklegen.synthesis.stacks import mean_intensity
 
 SMALL = {"material": {"kernel_paths": 2000}, "camera": {"shape": [16, 16]}, "objects": {"shape": [6, 6]}}
 TILTED = {"material": {"kernel_paths": 2000}, "camera": {"shape": [16, 16]}}
@@ -59,10 +65,10 @@ ALTERED = {
 
 def rendered(recipe):
     """What a sample says of its sampler, and what it was rendered with."""
-    sample = recipe.sample(0, "train", 0)
-    made = medium_realization(recipe, 0, "train", 0)
-    used = {StationaryFields: "stationary", PathSumFields: "paths"}[type(made.fields)]
-    return sample["parameters"], "screens" if isinstance(made.sampler, ScreenObjects) else used
+    parameters, imaging = recipe.sample(0, "train", 0)["parameters"], recipe.prepare(0, "train", 0).imaging
+    if isinstance(imaging, PathImaging):
+        return parameters, "paths"
+    return parameters, "stationary" if imaging.polynomials is None else "screens"
 
 
 @pytest.mark.parametrize("name", recipe_names())
@@ -71,7 +77,7 @@ def test_packaged_recipes_run_as_planned(name):
     plans = recipe.plans()
     parameters, used = rendered(recipe)
     assert {used} == {made.sampler for made in plans}
-    assert RenderedBy(int(parameters["sampler"])).name.lower() == used
+    assert parameters["sampler"] == NUMBERS[used]
     assert parameters["expected_error"] == max(made.expected_error for made in plans)
 
 
@@ -82,7 +88,7 @@ def test_altered_recipes_run_as_planned(name):
     assert {made.sampler for made in recipe.plans()} == {sampler}
     parameters, used = rendered(recipe)
     assert used == sampler
-    assert RenderedBy(int(parameters["sampler"])).name.lower() == sampler
+    assert parameters["sampler"] == NUMBERS[sampler]
     assert sampler.split()[0][:4] in recipe.rendering_note
 
 
@@ -103,12 +109,12 @@ def test_the_narrow_window_of_the_classic():
 def test_path_sums_are_those_of_the_engine():
     """Sum of O_j |u_j|^2 over the engine's fields of the very same medium; another medium differs."""
     recipe = load_recipe("through-slab", changed(SMALL, NARROW))
-    ready = medium_realization(recipe, 5, "test", 3)
+    ready = recipe.prepare(5, "test", 3)
     light = recipe.sample(5, "test", 3)["object"]
-    scene, seed = ready.fields.scene, substream(5, "test", Purpose.MEDIUM, 3)
+    scene, seed = ready.imaging.sampler.scene, substream(5, "test", Purpose.MEDIUM, 3)
     field = sg.render(scene, paths=2000, seed=seed, sampler="paths").field
     expected = np.tensordot(light.ravel(), np.square(np.abs(field)), axes=1)
-    found = ready.fields.intensities(light)[0] * ready.fields.unit
+    found = ready.images(light)[0] * light.sum(dtype=float) * ready.imaging.unit
     assert np.allclose(found, expected, rtol=5e-3, atol=5e-3 * expected.mean())
     other = sg.render(scene, paths=2000, seed=9, sampler="paths").field
     wrong = np.tensordot(light.ravel(), np.square(np.abs(other)), axes=1)
@@ -118,13 +124,13 @@ def test_path_sums_are_those_of_the_engine():
 def test_pixels_average_over_their_area():
     """Views a sixth of a grain apart or closer, averaged pixel by pixel: as a finer grid averaged by hand."""
     recipe = load_recipe("tilt-stack", changed(TILTED, NARROW, {"exposure": {"photons": 1e4}}))
-    ready = medium_realization(recipe, 0, "train", 0)
-    fields = ready.fields
-    assert fields.divisions == 3  # three pixels a grain
-    stack = sg.render(fields.scene, paths=2000, seed=fields.seeds[0], sampler="paths").intensity
+    ready = recipe.prepare(0, "train", 0)
+    imaging, (seed,) = ready.imaging, ready.seen.seeds
+    assert imaging.divisions == 3  # three pixels a grain
+    stack = sg.render(imaging.sampler.scene, paths=2000, seed=seed, sampler="paths").intensity
     weights = np.array([3, 2, 3]) / 8
     expected = np.einsum("trnsm,n,m->trs", stack.reshape(-1, 16, 3, 16, 3), weights, weights)
-    found = fields.intensities(np.ones((1, 1))) * fields.unit
+    found = ready.images(np.ones((1, 1))) * imaging.unit
     assert np.allclose(found, expected, rtol=2e-3, atol=1e-3 * expected.mean())  # of half precision, and of the sum
 
 
@@ -178,7 +184,7 @@ def test_an_unfit_sampler_warns_and_a_strict_recipe_refuses_it():
     with pytest.warns(sg.DoubtWarning, match=r"off by 0\.04.*Leave the choice to sampler"):
         parameters, used = rendered(recipe)
     assert used == "stationary"
-    assert parameters["sampler"] == RenderedBy.STATIONARY
+    assert parameters["sampler"] == NUMBERS["stationary"]
     strict = load_recipe("through-slab", changed(SMALL, asked, {"strict": True}))
     with pytest.raises(ValueError, match=r"Recipe.sampler must be fit for all media where strict = true"):
         strict.sample(0, "train", 0)
@@ -197,10 +203,11 @@ def test_materials_on_either_side_of_the_rule_are_planned_one_by_one():
     seen = set()
     for n in range(6):
         parameters = recipe.sample(0, "train", n)["parameters"]
-        view = medium_realization(recipe, 0, "train", n)
-        used = "paths" if isinstance(view.fields, PathSumFields) else "stationary"
+        imaging = recipe.prepare(0, "train", n).imaging
+        used = "paths" if isinstance(imaging, PathImaging) else "stationary"
         slab = recipe.material.slab_of(parameters)
-        made = medium_plan(recipe, recipe.view(slab, parameters["object_pitch"], 0.0, np.zeros((1, 2))))
+        view = MediumView(slab, recipe.geometry, (6, 6), parameters["object_pitch"], np.zeros((1, 2)))
+        made = medium_plan(recipe, view)
         assert made.sampler == used
         assert parameters["expected_error"] == made.expected_error
         seen.add(used)
@@ -232,7 +239,7 @@ def test_workers_need_not_plan_again():
     assert "rendering" in pickle.loads(pickle.dumps(recipe)).__dict__
 
 
-class Screened(sg.Scatterer):
+class ScreenedOfPlans(sg.Scatterer):
     """A phase function of somebody's own: that of a screened charge."""
 
     concentration: float
@@ -244,7 +251,7 @@ class Screened(sg.Scatterer):
 
 def test_a_scatterer_of_ones_own_goes_everywhere():
     """Path sums, stationary sampler, memory curve, a recipe, and the stream."""
-    slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=Screened(concentration=20.0))
+    slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=ScreenedOfPlans(concentration=20.0))
     scene = sg.Scene(
         wavelength=0.5, medium=slab, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=50_000.0),
         sensor=sg.FarField.grid(shape=(24, 24), pitch=3e-6),
@@ -256,7 +263,7 @@ def test_a_scatterer_of_ones_own_goes_everywhere():
     curve = sg.memory_effect(slab, wavelength=0.5, tilts=np.array([0.0, 1e-5, 1e-3]), paths=20_000)
     assert curve.intensity[0] == pytest.approx(1.0)
     assert curve.intensity[2] < curve.intensity[1]
-    own = {"material": {"scatterer": {"type": "Screened", "concentration": {"uniform": [10.0, 30.0]}}}}
+    own = {"material": {"scatterer": {"type": "ScreenedOfPlans", "concentration": {"uniform": [10.0, 30.0]}}}}
     recipe = load_recipe("through-slab", changed(SMALL, own, {"media": "new"}))
     batch = next(iter(SpeckleStream(recipe, batch_size=4)))
     drawn = batch["parameters"]["scatterer_concentration"].numpy()
@@ -273,9 +280,64 @@ def test_path_sums_need_no_room_for_the_stationary_sampler(monkeypatch):
     recipe = load_recipe("through-slab", changed(SMALL, NARROW, {"sampler": "paths"}))
     stationary = load_recipe("through-slab", changed(SMALL, NARROW, {"sampler": "stationary"}))
     light = np.ones((6, 6))
-    expected = medium_realization(stationary, 0, "train", 0)
-    monkeypatch.setattr("specklegen.samplers.stationary.objects.karhunen_loeve", None)
-    found = medium_realization(recipe, 0, "train", 0)
-    assert isinstance(found.fields, PathSumFields)
-    assert found.fields.unit == expected.fields.mean
+    expected = stationary.prepare(0, "train", 0)
+    monkeypatch.setattr("specklegen.synthesis.imaging.karhunen_loeve", None)
+    found = recipe.prepare(0, "train", 0)
+    assert isinstance(found.imaging, PathImaging)
+    area = Window(recipe.profile, recipe.geometry.width).area
+    kernel = recipe.material_of(0, "train", 0).kernel
+    assert found.imaging.unit == pytest.approx(mean_intensity(kernel, area), rel=1e-12)
     assert found.expected_contrast(light) == expected.expected_contrast(light)
+
+
+class Calls(list):
+    """Which samplers made how many media ready, call by call."""
+
+    def note(self, kind, monkeypatch):
+        plain = kind.prepare_media
+
+        def noted(own, request):
+            self.append((own, len(request.sight)))
+            return plain(own, request)
+
+        monkeypatch.setattr(kind, "prepare_media", noted)
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Every call of a sampler's ``prepare_media``."""
+    found = Calls()
+    for kind in (Stationary, Screens, PathSums):
+        found.note(kind, monkeypatch)
+    return found
+
+
+@pytest.mark.parametrize("name", recipe_names())
+def test_the_planned_sampler_makes_every_medium_ready_once(name, calls, monkeypatch):
+    """It is the object in a plan; media that come again, and those that are alike, are not made again."""
+    recipe, planned, plans = quick_recipe(name, 2000), [], Recipe.plans
+    monkeypatch.setattr(Recipe, "plans", lambda own: [planned.extend(found := plans(own)), found][1])
+    chosen = recipe.rendering.chosen
+    assert any(chosen is made.chosen for made in planned)
+    generator = SpeckleGenerator(recipe, 0)
+    generator(range(3))
+    media = len({recipe.medium_number(n) for n in range(3)})
+    assert calls
+    assert all(own is chosen for own, _ in calls)
+    assert sum(count for _, count in calls) == (1 if recipe.media_alike else media)
+    before = len(calls)
+    generator(range(3))
+    kept = recipe.shares_media or recipe.media_alike
+    assert (len(calls) == before) == kept
+
+
+def test_path_sums_are_planned_and_made_ready_medium_by_medium(calls):
+    drawn = {"media": 2, "material": {"g": {"uniform": [0.9, 0.91]}}}
+    recipe = load_recipe("through-slab", changed(SMALL, NARROW, drawn))
+    generator = SpeckleGenerator(recipe, 0)
+    generator(range(4))
+    assert [(type(own), count) for own, count in calls] == [(PathSums, 1)] * 2
+    own = [own.scene.medium for own, _ in calls]
+    assert own == [recipe.material_of(0, "train", n).slab for n in range(2)]
+    generator(range(4))
+    assert len(calls) == 2

@@ -13,15 +13,15 @@ from specklegen.datasets.recipes.recipe_files import LONGEST_CHAIN, recipe_table
 
 
 @pytest.fixture
-def bench(tmp_path, monkeypatch) -> Path:
+def setup(tmp_path, monkeypatch) -> Path:
     """A folder with pictures and a recipe for them, and a working folder that is another."""
-    (tmp_path / "bench" / "pictures").mkdir(parents=True)
+    (tmp_path / "setup" / "pictures").mkdir(parents=True)
     for n in range(10):
-        Image.fromarray(np.full((9, 9 + n), 20 * n + 9, np.uint8)).save(tmp_path / "bench" / "pictures" / f"{n}.png")
-    write(tmp_path / "bench" / "own.toml", 'inherits = "through-slab"\n[objects]\ntype = "Folder"\npath = "pictures"\n')
+        Image.fromarray(np.full((9, 9 + n), 20 * n + 9, np.uint8)).save(tmp_path / "setup" / "pictures" / f"{n}.png")
+    write(tmp_path / "setup" / "own.toml", 'inherits = "through-slab"\n[objects]\ntype = "Folder"\npath = "pictures"\n')
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    return tmp_path / "bench"
+    return tmp_path / "setup"
 
 
 def write(path: Path, text: str) -> Path:
@@ -33,30 +33,30 @@ def pictures(recipe) -> int:
     return len(recipe.objects.files)
 
 
-def test_a_path_in_a_file_is_relative_to_the_file(bench):
-    assert pictures(load_recipe(bench / "own.toml")) == 10
-    assert pictures(load_recipe(os.path.relpath(bench / "own.toml"))) == 10
+def test_a_path_in_a_file_is_relative_to_the_file(setup):
+    assert pictures(load_recipe(setup / "own.toml")) == 10
+    assert pictures(load_recipe(os.path.relpath(setup / "own.toml"))) == 10
 
 
-def test_an_heir_keeps_the_paths_of_what_it_inherits(bench):
-    heir = write(bench.parent / "heir.toml", 'inherits = "bench/own.toml"\nname = "heir"\n')
+def test_an_heir_keeps_the_paths_of_what_it_inherits(setup):
+    heir = write(setup.parent / "heir.toml", 'inherits = "setup/own.toml"\nname = "heir"\n')
     assert pictures(load_recipe(heir)) == 10
-    moved = write(bench.parent / "moved.toml", 'inherits = "bench/own.toml"\n[objects]\npath = "bench/pictures"\n')
+    moved = write(setup.parent / "moved.toml", 'inherits = "setup/own.toml"\n[objects]\npath = "setup/pictures"\n')
     assert pictures(load_recipe(moved)) == 10
 
 
-def test_a_path_from_the_caller_is_relative_to_the_working_folder(bench):
-    changes = {"objects": {"type": "Folder", "path": "../bench/pictures"}}
+def test_a_path_from_the_caller_is_relative_to_the_working_folder(setup):
+    changes = {"objects": {"type": "Folder", "path": "../setup/pictures"}}
     assert pictures(load_recipe("through-slab", changes)) == 10
     with pytest.raises(RuleError, match=r"Folder\.path must be a folder that exists; got 'pictures'"):
-        pictures(load_recipe(bench / "own.toml", {"objects": {"path": "pictures"}}))
+        pictures(load_recipe(setup / "own.toml", {"objects": {"path": "pictures"}}))
 
 
-def test_a_file_may_bear_the_name_of_a_packaged_recipe(bench):
+def test_a_file_may_bear_the_name_of_a_packaged_recipe(setup):
     """Inside a file a packaged name is the packaged recipe; its path, written as one, is the file."""
-    write(bench / "through-slab", 'inherits = "tilt-stack"\n')
-    assert recipe_table(bench / "own.toml")["kind"] == "hidden-object"
-    heir = write(bench / "heir.toml", 'inherits = "./through-slab"\n')
+    write(setup / "through-slab", 'inherits = "tilt-stack"\n')
+    assert recipe_table(setup / "own.toml")["kind"] == "hidden-object"
+    heir = write(setup / "heir.toml", 'inherits = "./through-slab"\n')
     assert recipe_table(heir)["kind"] == "tilt-stack"
 
 
@@ -64,7 +64,7 @@ def test_a_file_may_bear_the_name_of_a_packaged_recipe(bench):
     ("files", "says"),
     [
         ({"a": 'inherits = "a.toml"'}, "recipe.inherits must be free of circles"),
-        ({"a": 'inherits = "../bench/./a.toml"'}, "recipe.inherits must be free of circles"),
+        ({"a": 'inherits = "../setup/./a.toml"'}, "recipe.inherits must be free of circles"),
         ({"a": 'inherits = "b.toml"', "b": 'inherits = "link.toml"'}, "recipe.inherits must be free of circles"),
         ({"a": "inherits = 7"}, "recipe.inherits must be the name of a recipe or the path of a TOML file; got 7"),
         ({"a": "[inherits]\nx = 1"}, "recipe.inherits must be the name of a recipe or the path of a TOML file"),
@@ -79,23 +79,23 @@ def test_a_file_may_bear_the_name_of_a_packaged_recipe(bench):
         ({"a": ""}, "recipe.kind must be one of"),
     ],
 )
-def test_a_file_that_cannot_serve_is_refused_with_the_reason(bench, files, says):
-    (bench / "link.toml").symlink_to("a.toml")
+def test_a_file_that_cannot_serve_is_refused_with_the_reason(setup, files, says):
+    (setup / "link.toml").symlink_to("a.toml")
     for name, text in files.items():
-        (bench / f"{name}.toml").write_bytes(text if isinstance(text, bytes) else text.encode())
+        (setup / f"{name}.toml").write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(RuleError, match=says):
-        load_recipe(bench / "a.toml")
+        load_recipe(setup / "a.toml")
 
 
-def test_a_row_of_heirs_has_an_end(bench):
+def test_a_row_of_heirs_has_an_end(setup):
     """As long as is allowed, and one longer."""
     for n in range(LONGEST_CHAIN):
         parent = f"{n + 1}.toml" if n + 2 < LONGEST_CHAIN else "through-slab"
-        write(bench / f"{n}.toml", f'inherits = "{parent}"\n')
-    assert recipe_table(bench / "0.toml")["kind"] == "hidden-object"
-    write(bench / "first.toml", 'inherits = "0.toml"\n')
+        write(setup / f"{n}.toml", f'inherits = "{parent}"\n')
+    assert recipe_table(setup / "0.toml")["kind"] == "hidden-object"
+    write(setup / "first.toml", 'inherits = "0.toml"\n')
     with pytest.raises(RuleError, match=f"a row of at most {LONGEST_CHAIN} recipes"):
-        recipe_table(bench / "first.toml")
+        recipe_table(setup / "first.toml")
 
 
 @pytest.mark.parametrize(

@@ -2,17 +2,18 @@
 
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from screen_objects import screen_objects
 from typer.testing import CliRunner
 
 import specklegen as sg
 from specklegen.cli.commands import app
 from specklegen.datasets import load_recipe
-from specklegen.datasets.recipes.medium_realization import medium_realization
 from specklegen.models.recoverability.verdict import recoverable
-from specklegen.samplers.screens.objects import TOLERANCE, screen_objects
+from specklegen.samplers.screens.objects import TOLERANCE
 
 NAMES = ["ground-glass", "double-diffuser", "screen-stack"]
 SMALL = {"camera": {"shape": [32, 32]}, "objects": {"shape": [9, 9]}}
@@ -57,14 +58,14 @@ def test_images_are_those_that_beams_add_up_to():
     made = screen_objects(
         stack, wavelength=1.0, object_shape=shape, object_pitch=pitch, grid=grid, base=np.zeros((1, 2)), width=500.0
     )
-    medium = made.medium(1)
+    medium, even = made.medium(1), replace(made, imaging=replace(made.imaging, gains=None, polynomials=None))
     light = sg.IncoherentObject(brightness=np.ones(shape), pitch=pitch, width=500.0)
     angle, rng = stack.rms_angle(1.0), np.random.default_rng(0)
     for n in rng.integers(0, 20, 4):
         one = np.zeros(shape)
         one.flat[n] = 1.0
         image = made.images(medium, one)[0].numpy()
-        flat = made.inner.images(medium, one)[0].numpy()
+        flat = even.images(medium, one)[0].numpy()
         apart = grid.directions[..., :2] - light.directions[n, :2]
         lobe = np.exp(-np.square(apart).sum(-1) / (2 * angle**2))
         # sigma = 3: the lobe is Gaussian within 3 %.
@@ -78,7 +79,7 @@ def test_a_dark_pixel_takes_nothing_however_the_polynomials_are_signed():
     made = screen_objects(
         stack, wavelength=1.0, object_shape=(9, 9), object_pitch=0.004, grid=grid, base=np.zeros((1, 2)), width=500.0
     )
-    assert len(made.polynomials) > 1
+    assert len(made.imaging.polynomials) > 1
     medium, images = made.medium(2), []
     for lit in ([0], [8], [0, 8]):
         brightness = np.zeros((9, 9))
@@ -113,10 +114,10 @@ def test_a_film_through_screens_that_move_is_pure_and_tells_how_fast_it_changes(
     assert 0.2 <= told["velocity0_x"] <= 2
     assert told["velocity1_x"] == told["velocity0_y"] == 0
     # At a fixed view -ln|K| = (n / time)^2, nearly: lobes of sigma 12 are Gaussian.
-    kept = recipe.frames_correlation(medium_realization(recipe, 3, "train", 5))
+    kept = recipe.frames_correlation(recipe.prepare(3, "train", 5))
     np.testing.assert_allclose(kept, np.exp(-np.square(np.arange(4) / told["correlation_time"])), atol=0.01)
     found = [np.corrcoef(recipe.sample(0, "train", n)["frames"].reshape(4, -1))[0, 1:] for n in range(24)]
-    said = [recipe.frames_correlation(medium_realization(recipe, 0, "train", n))[1:] ** 2 for n in range(24)]
+    said = [recipe.frames_correlation(recipe.prepare(0, "train", n))[1:] ** 2 for n in range(24)]
     apart = np.array(found) - np.array(said)
     assert (np.abs(apart.mean(axis=0)) < 5.5 * apart.std(axis=0) / np.sqrt(24) + 0.03).all()
 
@@ -135,7 +136,7 @@ def test_screens_that_stand_still_or_are_redrawn_make_films_too():
 @pytest.mark.parametrize(("name", "dynamics", "says"), [
     ("moving-diffuser", {"velocities": [[1.0, 0.0]]}, "2 pairs"),
     ("moving-diffuser", {"correlation_time": 3.0}, "one of correlation_time and velocities"),
-    ("dynamic-slab", {"correlation_time": None, "velocities": [[1.0, 0.0]]}, "left out for a slab"),
+    ("dynamic-slab", {"correlation_time": None, "velocities": [[1.0, 0.0]]}, "left out where velocities"),
 ])  # fmt: skip
 def test_velocities_are_given_to_every_screen_and_to_screens_alone(name, dynamics, says):
     with pytest.raises(sg.RuleError, match=says):
@@ -179,3 +180,22 @@ def test_a_range_without_end_stays_out_of_json(tmp_path):
     assert texts
     for text in [*texts, answer.output]:
         json.loads(text, parse_constant=pytest.fail)
+
+
+def test_screens_may_be_asked_for_by_name():
+    asked = small("ground-glass", sampler="screens")
+    plain = small("ground-glass")
+    np.testing.assert_array_equal(asked.sample(0, "train", 0)["image"], plain.sample(0, "train", 0)["image"])
+    with pytest.raises(sg.RuleError, match=r"HiddenObject\.sampler must be one of 'auto', 'paths'.*'screens'"):
+        small("ground-glass", sampler="screen")
+
+
+def test_the_command_line_takes_every_sampler_that_the_planner_does(tmp_path):
+    (tmp_path / "scene.toml").write_text(small("ground-glass").extremes()[0].probe.to_toml())
+    words = ["render", "--scene", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--sampler"]
+    said = CliRunner().invoke(app, [*words, "screens"])
+    assert said.exit_code == 0, said.output
+    assert "Sampler: screens" in said.output
+    refused = CliRunner().invoke(app, [*words, "screen"])
+    assert isinstance(refused.exception, sg.RuleError)
+    assert "sampler must be one of" in str(refused.exception)

@@ -6,10 +6,8 @@ from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.datasets import load_recipe
-from specklegen.datasets.recipes.medium_realization import medium_realization
+from specklegen.datasets.recipes.parts.sampler import NUMBERS
 from specklegen.datasets.recipes.registry import KINDS
-from specklegen.datasets.recipes.rendering import RenderedBy
-from specklegen.datasets.recipes.volume_stack import VolumeFields
 from specklegen.paths.pilot import mean_intensity
 
 TABLE = {
@@ -45,12 +43,12 @@ def test_volumes_run_as_planned(name):
     assert made.sampler == "paths"
     assert "Cost: about" in made.explain()
     sample = recipe.sample(4, "test", 1)
-    assert RenderedBy(int(sample["parameters"]["sampler"])) is RenderedBy.PATHS
+    assert sample["parameters"]["sampler"] == NUMBERS["paths"]
     assert "path sums" in recipe.rendering_note
-    ready = medium_realization(recipe, 4, "test", 1)
-    assert isinstance(ready.fields, VolumeFields)
-    fields = [sg.render(ready.fields.scene, paths=400, seed=seed, sampler="paths").field for seed in ready.fields.seeds]
-    expected = np.mean([np.square(np.abs(field)) for field in fields], axis=0) / ready.fields.unit
+    ready = recipe.prepare(4, "test", 1)
+    scene, unit = ready.imaging.sampler.scene, ready.imaging.unit
+    fields = [sg.render(scene, paths=400, seed=seed, sampler="paths").field for seed in ready.seen.seeds]
+    expected = np.mean([np.square(np.abs(field)) for field in fields], axis=0) / unit
     np.testing.assert_allclose(sample["stack"], expected, rtol=1e-5)
     assert sample["stack"].shape == (2, 6, 6)
     assert sample["parameters"]["expected_contrast"] == len(fields) ** -0.5

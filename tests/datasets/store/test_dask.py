@@ -23,6 +23,7 @@ from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store.dask import RETRIES, fill
 from specklegen.datasets.store.generate import GenerationError, generate
 from specklegen.datasets.store.info import info
+from specklegen.datasets.store.store import Store
 
 SAMPLES, SHARD = 40, 4
 TIMEOUT = 300
@@ -97,7 +98,9 @@ def test_an_address_and_a_cluster_will_do(tmp_path, client, plain, kind):
 
 def test_outcomes_are_small(tmp_path):
     make(tmp_path / "a.zarr", shard_range=(0, 10), processes=1)
-    outcome = fill(5, str(tmp_path / "a.zarr"), pickle.dumps(FakeRecipe()), wait=False, caller=os.getpid())
+    folder = tmp_path / "a.zarr"
+    known, recipe = Store(folder).fingerprint, pickle.dumps(FakeRecipe())
+    outcome = fill(5, str(folder), known, recipe, wait=False, caller=os.getpid())
     assert (outcome.shard, outcome.state, len(outcome.checksum)) == (5, "written", 64)
     assert len(pickle.dumps(outcome)) < 400
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,3 +155,18 @@ def test_no_changed_byte_of_metadata_goes_unseen(tmp_path, whole):
             refused += 1
         (folder / name).write_bytes(good)
     assert refused > 100
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="where the system has no /proc")
+def test_a_place_where_no_folder_can_be_made_is_refused(monkeypatch):
+    """It says "not found", as a folder does that another process swept; making it was tried again for ever."""
+    made, before = [], Path.mkdir
+
+    def counted(self, *arguments, **options):
+        made.append(self)
+        assert len(made) < 20, "it is tried again and again"
+        return before(self, *arguments, **options)
+
+    monkeypatch.setattr(Path, "mkdir", counted)
+    with pytest.raises(RuleError, match="generate.folder must be in a place where you can write"):
+        make(Path("/proc/x.zarr"))

@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 from fake_recipe import FakeRecipe, Mortal
 from scenes import ROOT
-from small_stores import TIMEOUT, assert_holds, claiming, contents, make
+from small_stores import TIMEOUT, age, assert_holds, claiming, contents, make
 
 from specklegen.datasets.store import metadata
-from specklegen.datasets.store.creation import sweep_creations
 from specklegen.datasets.store.generate import GenerationError, fill_shard
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.locks import claim
@@ -192,6 +191,7 @@ def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, 
     (folder / "image/c/20/0").mkdir(parents=True, exist_ok=True)
     (folder / f"image/c/20/0/0.{'feed' * 8}.partial").write_bytes(b"half a shard")
     (folder / f"zarr.{'feed' * 8}.partial").write_bytes(b"half a header")
+    age(tmp_path)
     again = tmp_path / "again"
     assert start(folder, 1, again)[0].wait(TIMEOUT) == 0
     assert contents(folder) == uninterrupted
@@ -208,18 +208,3 @@ def test_a_killed_call_does_not_stop_the_other(tmp_path, uninterrupted):
     first.wait(TIMEOUT)
     assert second.wait(TIMEOUT) == 0
     assert {name: data for name, data in contents(folder).items() if "partial" not in name} == uninterrupted
-
-
-def test_half_made_stores_are_swept_and_living_ones_are_not(tmp_path):
-    living, dead = (tmp_path / f".a.zarr.{letter * 32}.creating" for letter in "ad")
-    for temporary in (living, dead):
-        (temporary / "valid").mkdir(parents=True)
-        (temporary / "valid" / "locks").touch()
-    other = claiming(living / "valid" / "locks", 0)
-    try:
-        assert sweep_creations(tmp_path / "a.zarr") == [dead]
-        assert living.exists()
-        assert not dead.exists()
-    finally:
-        other.kill()
-        other.wait(TIMEOUT)

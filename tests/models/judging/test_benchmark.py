@@ -2,6 +2,11 @@
 
 import csv
 import itertools
+import json
+import os
+import re
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -13,10 +18,15 @@ from specklegen.datasets.objects.outlines import CHARACTERS
 from specklegen.models import benchmark
 from specklegen.models.judging import baselines
 from specklegen.models.judging.benchmark import BASELINES, TOLD, Results, blinded, card
+from specklegen.models.judging.isolation import Limits
+from specklegen.models.judging.recheck import recheck
 from specklegen.models.judging.tasks import SAMPLES, SEED, TASKS, VERSION, digest, task
 from specklegen.models.learning.reconstructor import load_pretrained
 
-RECORDED = {1: "ae9684f0b03428ea2f891e6cd8a2eb0abacaa862aacb298c111faa109fbcdcc3"}
+RECORDED = {
+    1: "ae9684f0b03428ea2f891e6cd8a2eb0abacaa862aacb298c111faa109fbcdcc3",
+    2: "63a020c1503a09916f118fdaa1438569d7ddba69b028f53ac016193b9c8696a5",
+}
 """What each version stands for. Never change a line: raise VERSION, and add one."""
 
 
@@ -30,7 +40,7 @@ def test_a_version_is_one_set_of_images():
 def test_a_task_that_changes_is_refused():
     """The tests above have power: one number of one recipe, or one seed, is enough."""
     other = TASKS[0]._replace(changes={"objects": {"disjoint": "font", "rotation": 29.9}})
-    with pytest.raises(RuleError, match=f"must be that of version 1, {other.fingerprint[:12]}; got"):
+    with pytest.raises(RuleError, match=f"must be that of version 2, {other.fingerprint[:12]}; got"):
         other.recipe()
     assert digest((other._replace(fingerprint="0"), *TASKS[1:])) != digest()
     assert digest(seed=SEED + 1) != digest()
@@ -130,9 +140,94 @@ def test_the_memory_effect_is_over_object_pixels(thin, batch):
         (lambda b: b["object"] / 0, "finite"),
     ],
 )
-def test_what_is_no_answer_is_refused_by_name(answer, said):
-    with pytest.raises(RuleError, match=f"benchmark function 'mine' must be .*{said}"):
-        benchmark({"mine": answer}, tasks=["thin"], samples=2)
+def test_what_is_no_answer_is_a_failure_that_is_named_and_scored(answer, said):
+    results = benchmark({"mine": answer}, tasks=["thin"], samples=2)
+    (failure,) = results.failures
+    assert failure[:4] == ("thin", "mine", 0, 2)
+    assert re.search(said, failure.reason)
+    assert results.interval("mine", "thin") == (0, 0, 0)
+    assert f"- mine on thin, images 0 to 1: {failure.reason}" in results.markdown()
+
+
+def spoil(batch):
+    """A function that works in place, on all that it is handed."""
+    for name in ("image", "memory_effect", "object"):
+        batch[name].mul_(0.5).add_(torch.rand(batch[name].shape))
+    batch["parameters"].clear()
+    return batch["image"][:, 50:78, 50:78]
+
+
+@pytest.mark.parametrize("limits", [Limits(), None])
+def test_a_function_that_works_in_place_spoils_no_other(limits):
+    functions = {"spoils": spoil, "honest": lambda batch: batch["image"][:, 50:78, 50:78]}
+    results = benchmark(functions, tasks=["thin"], samples=3, limits=limits)
+    alone = benchmark({"honest": functions["honest"]}, tasks=["thin"], samples=3, limits=limits)
+    assert not results.failures
+    np.testing.assert_array_equal(results.answers["thin", "honest"][0], alone.answers["thin", "honest"][0])
+    assert results.interval("honest", "thin") == alone.interval("honest", "thin")
+
+
+def hungry(batch):
+    return torch.ones(2**30, dtype=torch.float64)[: len(batch["object"])]
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (lambda batch: time.sleep(60), "took longer than 2 s"),
+        (hungry, "memory|allocate"),
+        (lambda batch: os._exit(3), "its process died, exit code 3"),
+        (lambda batch: 1 / 0, "ZeroDivisionError: division by zero"),
+        (lambda batch: sys.exit(), "SystemExit"),
+    ],
+)
+def test_a_function_fails_alone(function, said):
+    """For the batch that it does not answer; the others go on, and so does the next batch."""
+    calls = itertools.count()
+
+    def sometimes(batch):
+        return function(batch) if len(batch["object"]) == 2 else torch.ones(len(batch["object"]), 5, 5)
+
+    functions = {"fails": sometimes, "even": lambda batch: torch.ones(len(batch["object"]), 5, 5) * next(calls)}
+    results = benchmark(functions, tasks=["thin"], samples=18, limits=Limits(seconds=2.0, gibibytes=4.0))
+    (failure,) = results.failures
+    assert failure[:4] == ("thin", "fails", 16, 2)
+    assert re.search(said, failure.reason)
+    assert [made.shape[0] for made in results.answers["thin", "even"]] == [16, 2]
+
+
+def test_a_function_that_reaches_the_images_of_others_stops_the_run(monkeypatch, thin):
+    """In this process a function could find them by other ways than what it is handed."""
+    seen = []
+    blind = blinded
+    monkeypatch.setattr("specklegen.models.judging.benchmark.blinded", lambda *a: seen.append(blind(*a)) or seen[-1])
+
+    def reaches(batch):
+        seen[-1]["image"].zero_()
+        return batch["object"]
+
+    with pytest.raises(RuleError, match="'reaches' must be one that leaves the images of others alone"):
+        benchmark({"reaches": reaches}, tasks=["thin"], samples=2, limits=None)
+
+
+def test_results_can_be_checked_by_others(found, tmp_path):
+    """Scores of the file are found again; one that was touched up is named, and answers to other images refused."""
+    results, _ = found
+    results.write(tmp_path)
+    scores = recheck(tmp_path / "answers.npz")
+    assert scores.keys() == {("thin", name) for name in results.functions}
+    assert scores["thin", "knows"] == pytest.approx(results.interval("knows", "thin").mean, rel=1e-6)
+    with np.load(tmp_path / "answers.npz") as content:
+        arrays = dict(content)
+    stated = json.loads(str(arrays["stated"]))
+    stated["scores"]["thin"]["even"][7] = 0.01
+    np.savez(tmp_path / "forged.npz", **arrays | {"stated": json.dumps(stated)})
+    with pytest.raises(RuleError, match="score of 'even' on 'thin', image 7"):
+        recheck(tmp_path / "forged.npz")
+    stated["fingerprints"]["thin"] = "0" * 64
+    np.savez(tmp_path / "other.npz", **arrays | {"stated": json.dumps(stated)})
+    with pytest.raises(RuleError, match="answers of 'thin' must be to images"):
+        recheck(tmp_path / "other.npz")
 
 
 @pytest.mark.parametrize(

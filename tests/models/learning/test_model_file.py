@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from specklegen.core.errors import RuleError
-from specklegen.models.learning.model_file import read_model, write_model
+from specklegen.models.learning.model_file import read_model, restored, write_model
 from specklegen.models.learning.networks import build
 from specklegen.models.learning.reconstructor import Reconstructor
 
@@ -65,7 +65,7 @@ def test_a_header_that_promises_more_than_the_file_holds_is_refused(model_file, 
     """Before anything of that size is asked for: 10**12 channels would take terabytes."""
     true, weights = read_model(model_file)
     write_model(tmp_path / "giant.pt", true | stated, weights)
-    with pytest.raises(RuleError, match="model must be a file whose weights"):
+    with pytest.raises(RuleError, match="model must be a file whose weights|model network must be one of"):
         Reconstructor.load(tmp_path / "giant.pt")
 
 
@@ -73,3 +73,12 @@ def test_a_pickle_is_refused_without_being_opened(tmp_path):
     torch.save({"model": json.dumps({}), "weights": {}}, tmp_path / "pickle.pt")
     with pytest.raises(RuleError, match=r"Reconstructor\.save"):
         Reconstructor.load(tmp_path / "pickle.pt")
+
+
+@pytest.mark.parametrize("kept", [
+    {"a": torch.tensor([1.0, float("nan")])},
+    {"a": torch.ones(2, 2, dtype=torch.int8), "a:scale": torch.tensor([1.0, float("inf")])},
+])  # fmt: skip
+def test_weights_that_are_not_finite_are_refused(kept):
+    with pytest.raises(RuleError, match="model must be a file of finite weights"):
+        restored(kept)

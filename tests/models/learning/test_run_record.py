@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 from specklegen.cli.commands import app
 from specklegen.core.errors import RuleError
+from specklegen.core.whole_files import write_whole
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes.recipe_files import merged
-from specklegen.datasets.store.files import write_whole
 from specklegen.datasets.store.generate import generate
 from specklegen.models.learning import model_file, run, run_record
 from specklegen.models.learning.examples import examples, streamed

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from scipy.stats import binomtest
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
@@ -13,7 +14,7 @@ from specklegen.models.judging.points import share_found
 from specklegen.models.learning.measurement import measured, memory_effect_of, seen_by_camera
 from specklegen.models.learning.networks.range_net import RangeNet, extents, shares
 from specklegen.models.learning.networks.unrolled import Seen, Unrolled, improved, invariant_loss, ranked, settled
-from specklegen.models.learning.range_fit import fit_range, range_of
+from specklegen.models.learning.range_fit import SHAPE, fit_range, range_of
 from specklegen.models.learning.solver import Solver, load_solver
 from specklegen.models.likelihood.certificate import Certificate
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
@@ -200,7 +201,13 @@ def test_range_is_what_the_images_say_together(true):
     # Interpolated linearly between extents a factor 1.19 apart, a parabola of spread 0.3 is moved by less than 0.01.
     assert abs(np.log(fit.factor / true) + wrong.mean()) < 0.01
     assert fit.low < fit.factor < fit.high
-    assert np.log(fit.high / fit.low) == pytest.approx(2 * 1.96 * wrong.std() / 4, rel=0.25)
+    # Sixteen parabolas of spread 0.3, and the shape of C_I; between extents they are straight: 1/6 step squared more.
+    step = np.log(extents()[1] / extents()[0])
+    assert np.log(fit.high / fit.low) == pytest.approx(
+        2 * 1.96 * np.hypot(np.sqrt(0.3**2 + step**2 / 6) / 4, SHAPE), rel=0.05
+    )
+    low, high = fit.interval(0.68)
+    assert fit.low < low < fit.factor < high < fit.high
     assert max(fit.tried.values()) == 0
 
 
@@ -239,3 +246,41 @@ def test_large_cameras_are_cut():
     seen = seen_by_camera(torch.rand(1, 1, 480, 480), torch.tensor([3.0]))
     assert seen.looks == 9
     assert seen.shape == (160, 160)
+
+
+def test_an_image_of_an_infinite_range_gives_an_open_interval():
+    """One image; of fits by resampling images the interval had no width and held nothing."""
+    _, seen, optics, _, _ = drawn(1, 1e-3)
+    fit = fit_range(load_solver(), seen, optics, [through_slab(1.0)])
+    assert fit.low < fit.factor < fit.high == np.inf
+
+
+def test_intervals_cover():
+    """Characters drawn from the law, one and four together, far within the range, and one and three ranges wide.
+
+    Wilson's 99 % limits, for each level and number of images.
+    """
+    solver, holds = load_solver(), {}
+    for number, extent in enumerate((1e-3, 1.0, 3.0)):
+        _, seen, optics, _, _ = drawn(48, extent, seed=10 + number)
+        for together in (1, 4):
+            for part in torch.arange(48).split(together):
+                fit = fit_range(solver, seen.select(part), optics, [through_slab(max(extent, 1.0))] * together)
+                true = float("inf") if extent < 1 else 1.0
+                for level in (0.68, 0.95):
+                    low, high = fit.interval(level)
+                    assert low < high
+                    holds.setdefault((together, level), []).append(low <= true <= high)
+    for (_, level), found in holds.items():
+        limits = binomtest(sum(found), len(found)).proportion_ci(0.99, "wilson")
+        assert limits.low < level < limits.high, (level, sum(found), len(found))
+
+
+def test_an_interval_that_is_wrong_by_a_factor_is_noticed():
+    """The same intervals, each moved by 1.5, do not cover."""
+    solver, held = load_solver(), 0
+    _, seen, optics, _, _ = drawn(48, 3.0, seed=12)
+    for part in torch.arange(48).split(4):
+        low, high = fit_range(solver, seen.select(part), optics, [through_slab(3.0)] * 4).interval(0.68)
+        held += low <= 1.5 <= high
+    assert binomtest(held, 12).proportion_ci(0.99, "wilson").high < 0.68

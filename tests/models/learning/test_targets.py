@@ -118,10 +118,10 @@ def test_labels_are_learned_from_a_stream_and_told(tmp_path):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"input": "registered"}, r"Training\.network must be \"perceptron\""),
-        ({"network": "perceptron"}, r"Training\.network must be \"perceptron\""),
-        ({"target": "label"}, r"Training\.network must be \"residual\" or \"dense\""),
-        ({"target": "material"}, r"Training\.input must be \"registered\""),
+        ({"input": "registered"}, r"Training\.input must be one of autocorrelation, camera .*perceptron"),
+        ({"network": "perceptron"}, r"Training\.input must be one of registered"),
+        ({"target": "label"}, r"Training\.target must be one of object .*dense, residual"),
+        ({"target": "material"}, r"Training\.target must be one of object .*perceptron"),
         ({"target": "label", "network": "dense", "mirror": True}, r"Training\.mirror must be false"),
     ],
 )

@@ -60,7 +60,7 @@ def test_an_envelope_that_is_divided_out_takes_its_frequencies_along():
     [
         ((4, 4), {}, "of shape"),
         ((1, 1, 4, 64), {}, "at least 8 pixels"),
-        ((1, 1, 16, 16), {"tile": 4}, "at least 8 pixels"),
+        ((1, 1, 16, 16), {"tile": 4}, "tile must be at least 8; got 4"),
         ((1, 1, 16, 16), {"electrons": 0.0}, "above 0"),
         ((1, 1, 16, 16), {"read_noise": 1.0}, "given where a read noise is"),
         ((1, 1, 16, 16), {"background": 2.0}, "brighter than their background"),

@@ -49,7 +49,7 @@ CHEAP = {"material": {"kernel_paths": 1000, "kernel": "estimate"}}
 
 
 def _script():
-    spec = importlib.util.spec_from_file_location("fit_recoverability", ROOT / "scripts/fit_recoverability.py")
+    spec = importlib.util.spec_from_file_location("fit_recoverability", ROOT / "scripts/build/fit_recoverability.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

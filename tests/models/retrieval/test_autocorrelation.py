@@ -6,9 +6,9 @@ import torch
 from zscore import assert_mean
 
 from specklegen.core.errors import RuleError
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 from specklegen.models.retrieval.apodisation import diffraction_limited, transfer_function
 from specklegen.models.retrieval.autocorrelation import autocorrelation, lags, memory_effect_at_lags, ring, taper
-from specklegen.samplers.stationary.correlation import MemoryEffectCorrelation
 
 WINDOW, SIDE, GRAIN = 16, 60, 3
 IMAGES = 1500

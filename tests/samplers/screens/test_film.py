@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from screen_objects import screen_objects
 from zscore import assert_z
 
 import specklegen as sg
 from specklegen.samplers.screens.film import film_error, film_of, frame_correlation
-from specklegen.samplers.screens.objects import screen_objects
 from specklegen.scene.window import Window
 from specklegen.theory.phase_screens import lobes, tilt_ways
 

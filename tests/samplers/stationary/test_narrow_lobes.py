@@ -10,8 +10,8 @@ import pytest
 from zscore import assert_z
 
 import specklegen as sg
-from specklegen.benchmarking import Probes
-from specklegen.benchmarking.estimates import paths_estimate
+from specklegen.error_time import Probes
+from specklegen.error_time.estimates import paths_estimate
 from specklegen.samplers.stationary.rule import scene_envelope, scene_stationary_error
 from specklegen.theory.phase_screens import lobes
 
@@ -96,10 +96,10 @@ def test_tilted_beams_are_as_bright_as_their_lobe(scene):
 
 def test_pieces_are_the_render_and_a_stack_without_an_envelope_is_as_before(scene):
     chosen = sg.plan(scene, paths=2000).chosen
-    whole = next(chosen.prepare(1, 1).images(1)).image
-    parts = np.concatenate([field for _, field in chosen.prepare(1, 1).pieces(0)])
+    whole = next(chosen.prepare(1, 1).media(1)).image
+    parts = np.concatenate([field for _, field in chosen.prepare(1, 1).fields(0)])
     np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-4 * np.abs(whole).max())
-    flat = next(replace(chosen, envelope=None).prepare(1, 1).images(1)).image
+    flat = next(replace(chosen, envelope=None).prepare(1, 1).media(1)).image
     gain = np.sqrt(chosen.envelope.intensity(scene.beams.directions[1, :2], np.array([0.01, 0.01])))
     assert whole[1, -1, -1] == pytest.approx(flat[1, -1, -1] * gain, rel=1e-5)
     assert abs(gain - 1) > 0.01

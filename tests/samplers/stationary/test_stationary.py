@@ -5,23 +5,24 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
+from one_object import one_object
 from scenes import slab as slab_of_depth
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.core.statistics import jackknife
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths.endpoints import AXIS
 from specklegen.planning.planning import STATIONARY_TOLERANCE, plan
-from specklegen.samplers.stationary.correlation import estimate_correlation
-from specklegen.samplers.stationary.exit_grid import cells, sampled_amplitude, stack_axes
-from specklegen.samplers.stationary.gaussian_noise import complex_normals
-from specklegen.samplers.stationary.modes import Lattice, karhunen_loeve
-from specklegen.samplers.stationary.objects import object_sampler
-from specklegen.samplers.stationary.stacks import mean_intensity, stack_sampler
 from specklegen.samplers.stationary.stationarity import pilot_error
 from specklegen.scene.illumination import directions_of_sines, object_sines
 from specklegen.scene.window import Window
+from specklegen.synthesis.correlations import Tabulated
+from specklegen.synthesis.exit_grid import cells, sampled_amplitude, stack_axes
+from specklegen.synthesis.gaussian_noise import complex_normals
+from specklegen.synthesis.modes import Lattice, karhunen_loeve
+from specklegen.synthesis.stacks import mean_intensity, stack_sampler
 
 THICKNESS, WAVELENGTH = 1000.0, 0.5
 K = 2 * np.pi / WAVELENGTH
@@ -316,7 +317,7 @@ def objects(dtype, *, profile="square", tolerance=1e-3, shape=(20, 23), pitch_sh
     return (
         kernel,
         grid,
-        object_sampler(
+        one_object(
             kernel, wavelength=WAVELENGTH, object_shape=OBJECT.shape, object_pitch=5e-5, width=width,
             grid=grid, profile=profile, tolerance=tolerance, dtype=dtype,
         ),
@@ -334,7 +335,7 @@ def explicit_image(sampler, grid, medium: np.ndarray, brightness) -> np.ndarray:
         rows = np.exp(-1j * K * (view_y[:, None] - sines[j, 1]) * y.positions)
         columns = np.exp(-1j * K * (view_x[:, None] - sines[j, 0]) * x.positions)
         image += o * np.square(np.abs(rows @ g @ columns.T))
-    return image
+    return sampler.mean * image
 
 
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
@@ -368,21 +369,29 @@ def test_image_is_linear_in_the_object_and_dark_without_light():
 
 
 def test_one_torch_thread_gives_the_bits_of_two():
-    _, _, sampler = objects(torch.complex64)
-    before = torch.get_num_threads()
-    images = []
-    for threads in (1, 2):
-        torch.set_num_threads(threads)
-        images.append(sampler.image(sampler.medium(1), OBJECT))
-    torch.set_num_threads(before)
-    assert torch.equal(*images)
+    """Whoever renders is given the bits of one thread; what is below that door has others on two."""
+    scene = sg.Scene(
+        wavelength=WAVELENGTH, medium=slab(),
+        illumination=sg.IncoherentObject(brightness=OBJECT, pitch=5e-5, width=25 * THICKNESS),
+        sensor=sg.FarField.grid(shape=(20, 23), pitch=0.8 / (2 * 25 * THICKNESS / WAVELENGTH)),
+    )  # fmt: skip
+    before, images = torch.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            images.append(sg.render(scene, sampler="stationary", paths=5000, seed=1).intensity)
+    finally:
+        torch.set_num_threads(before)
+    assert np.array_equal(*images)
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.01, 1e-6])
 def test_modes_leave_out_no_more_than_asked(tolerance):
     kernel = estimate_correlation(slab(), 5000, 1)
     sines = object_sines("object", (7, 6), 8e-5)
-    modes = karhunen_loeve(kernel, Lattice((7, 6), K * 8e-5, np.zeros((1, 2))), tolerance).values
+    lattice = Lattice((7, 6), torch.tensor([K * 8e-5]).double(), torch.zeros((1, 1, 2), dtype=torch.float64))
+    ((_, found),) = karhunen_loeve(Tabulated([kernel]), lattice, tolerance)
+    modes = found.values(int(found.rank[0]))[0].numpy()
     correlation = kernel.correlation(sines, K)
     np.testing.assert_allclose((modes**2).sum(axis=1), 1, rtol=1e-12)
     # Nothing is left out by trace before every pixel is restored to 1; the entries then move by at most twice that.

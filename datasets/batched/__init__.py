@@ -1,1 +1,0 @@
-"""Batches made on a device: pure functions of tensors from sample numbers to images."""

@@ -1,0 +1,364 @@
+"""What a recipe says: its fields, checked against each other; its geometry; its identity; the arrays of its samples.
+
+A recipe is a frozen value, read from a packaged preset or a TOML file. ``inherits`` names another recipe to
+start from; tables are merged, everything else is replaced. What is made of it: :mod:`recipe`.
+"""
+
+import hashlib
+import json
+from abc import abstractmethod
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BeforeValidator, Discriminator, PrivateAttr, Tag, WithJsonSchema, model_validator
+
+from specklegen.core.content import is_own
+from specklegen.core.devices import checked_device
+from specklegen.core.display.plot import Pictured
+from specklegen.core.errors import reject
+from specklegen.core.registered import Registered, own_classes
+from specklegen.core.values import WITH_CONTENT, PositiveInt, Value
+from specklegen.datasets.distributions import ends
+from specklegen.datasets.recipes.parts.diffuser import Diffuser
+from specklegen.datasets.recipes.parts.layered_material import LayeredMaterial
+from specklegen.datasets.recipes.parts.light import MEDIUM_PURPOSES, Light
+from specklegen.datasets.recipes.parts.material import Estimator, Material
+from specklegen.datasets.recipes.parts.preset import PresetMaterial
+from specklegen.datasets.recipes.parts.sampler import NUMBERS, RecipeSampler
+from specklegen.datasets.recipes.parts.viewing import CameraGrid, Lab, Viewing, Window
+from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.split import SPLITS, Purpose, medium_of, split_number
+from specklegen.instrument.camera import AnyCamera
+from specklegen.memory_effects.atlas import atlas_digest
+from specklegen.scene.illumination import Profile
+from specklegen.scene.sensors import FarFieldGrid
+
+DATA_VERSION = 5
+"""Raised by hand whenever pixels change; a golden test guards it."""
+
+PARAMETERS = ArraySpec(
+    dtype="float64",
+    description="parameters drawn for the sample and what follows from them; lengths in the recipe's unit, angles in "
+    "radians, pitches in direction sines inside the medium; expected_contrast is that of the light at one pixel, "
+    "before the camera's noise; estimator: " + ", ".join(f"{e.value} kernel from {e.name.lower()}" for e in Estimator)
+    + "; sampler: " + ", ".join(f"{number} {name}" for name, number in NUMBERS.items())
+    + "; expected_error: relative error that its number of paths leaves, as planned",
+    unbounded=("memory_effect_range", "coherence_length", "correlation_time"),
+)
+"""Layout of the parameters of every kind."""
+
+COSMETIC = {"name", "description", "samples", "strict"}
+"""Fields that decide no pixel and so stay out of the fingerprint."""
+
+
+class Samples(Value):
+    """Samples an epoch, split by split."""
+
+    train: PositiveInt = 4096
+    validation: PositiveInt = 512
+    test: PositiveInt = 512
+
+
+Media = Annotated[
+    PositiveInt | None,
+    BeforeValidator(lambda media: None if media == "new" else media),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1}, {"const": "new"}, {"type": "null"}]}),
+]
+"""A number of media, or "new" for one that is never seen again (TOML has no null to override a number with)."""
+
+
+def _kind_of_material(value: Any) -> str:
+    given = value if isinstance(value, Mapping) else getattr(type(value), "model_fields", ())
+    return next((f"@{kind}" for kind in ("screens", "preset", "layers") if kind in given), "@slab")
+
+
+AnyMaterial = Annotated[
+    Annotated[Material, Tag("@slab")]
+    | Annotated[Diffuser, Tag("@screens")]
+    | Annotated[PresetMaterial, Tag("@preset")]
+    | Annotated[LayeredMaterial, Tag("@layers")],
+    Discriminator(_kind_of_material),
+]
+"""A slab, or thin screens where the table holds ``screens``, a named material where it holds ``preset``, layers where
+it holds ``layers``."""
+
+
+class Specification(Registered, Pictured):
+    """What every kind of recipe says.
+
+    Parameters
+    ----------
+    name, description
+        For people; not part of the fingerprint.
+    samples
+        Samples an epoch.
+    media
+        Media a split; sample n is seen through medium n mod ``media``. "new" (None) never repeats one.
+    media_group
+        Neighbouring samples that share a medium, where media never repeat.
+    material, window, camera
+        The scene, in the engine's terms.
+    lab
+        Or in those of a laboratory, instead of wavelength, window, camera and field.
+    light
+        Bandwidth and polarisation.
+    exposure
+        Camera and its noises; where given, images are counts, and pixels average over their area.
+    sampler
+        "auto" renders with the sampler that the planner chooses: the stationary one where its error over all the
+        recipe's media is within 0.02, path sums elsewhere, which are slower; that of thin screens behind such. Or the
+        name of one: "stationary", "paths" or "screens"; or one of your own, by its name, import path or class.
+    strict
+        Refuse, instead of warning of it, a sampler that is asked for and that the planner finds unfit.
+    """
+
+    name: str
+    description: str = ""
+    samples: Samples = Samples()
+    media: Media = None
+    media_group: PositiveInt = 1
+    material: AnyMaterial
+    window: Window | None = None
+    camera: CameraGrid | None = None
+    lab: Lab | None = None
+    light: Light = Light()
+    exposure: AnyCamera | None = None
+    sampler: RecipeSampler = "auto"
+    strict: bool = False
+    kind: Any = None
+    _device: str = PrivateAttr("cpu")  # not written down: a file says what is rendered, not where
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        stated = {"material.wavelength": self.material.wavelength, "window": self.window, "camera": self.camera}
+        given = [name for name, value in stated.items() if value is not None]
+        if self.lab is not None and given:
+            reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
+        if self.lab is None and len(given) < len(stated):
+            reject("Recipe", f"given {', '.join(stated)}, or else a table lab", given)
+        if self.lab is not None:
+            self._take_faces(self.lab)
+        if self.lab is not None and (self.light.bandwidth or self.light.refractive_index != 1):
+            reject("Recipe.light", "without bandwidth and refractive_index, which the lab gives", self.light)
+        if self.media is not None and self.media_group != 1:
+            reject("Recipe.media_group", "1 where media are numbered", self.media_group, "Leave out media.")
+        if self.lab is None:
+            self._check_smear()
+        if isinstance(self.material, Diffuser):
+            self._check_screens(self.material)
+        if self.window is not None and (self.window.width == "fitted") != self.fits_window:
+            reject("Window.width", '"fitted" where field.pixels is given, a length elsewhere', self.window.width,
+                   "Give one of window.width and field.pixels.")  # fmt: skip
+        if self.exposure is not None and self.exposure.oversampling != 1:
+            reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
+        if self.exposure is not None:
+            self.exposure.require_light(int(np.prod(self.camera_shape)))
+        for name in type(self).model_fields:
+            part = getattr(self, name)
+            if isinstance(part, Value) and is_own(type(part)) and not isinstance(part, Registered):
+                reject(f"Recipe.{name}", "of a class of this library, whose fields the fingerprint knows", type(part),
+                       "Classes of one's own may be objects, cameras and kinds of recipe.")  # fmt: skip
+        return self
+
+    def _check_screens(self, material: Diffuser) -> None:
+        if self.light.bandwidth or (self.lab is not None and self.lab.wavenumber_bandwidth):
+            reject("Recipe.light.bandwidth", "0 behind thin screens", self.light.bandwidth, "It is not modelled there.")
+        if self.lab is not None:
+            material.seen_at(self.lab.medium_wavelength)
+
+    def _take_faces(self, lab: Lab) -> None:
+        """The material's faces are those of the laboratory, where there is one."""
+        if not isinstance(self.material, Material):
+            return
+        if self.material.faces.matched:
+            self.__dict__["material"] = self.material.replace(faces=lab.layer_faces)
+        elif self.material.faces != lab.layer_faces:
+            reject("Material.faces", f"those of the lab, {lab.layer_faces}", self.material.faces, "Leave them out.")
+
+    def _check_smear(self) -> None:
+        """Speckle scales with the wavelength: over the band it must not move by more than its own size."""
+        assert self.material.wavelength is not None
+        assert self.camera is not None
+        grains = max(self.camera.shape) / self.camera.pixels_per_grain
+        largest = self.light.refractive_index * self.material.wavelength / grains
+        if self.light.bandwidth > largest:
+            reject("Light.bandwidth", f"at most {largest:.4g}, which moves the pattern by one speckle",
+                   self.light.bandwidth, "Use a narrower filter, or a smaller camera.")  # fmt: skip
+
+    def _facts(self) -> Mapping[str, object]:
+        """What a file of the recipe says, one row a table; fields that are left out say nothing."""
+        said = self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
+        return {name: _row(value) for name, value in said.items()}
+
+    @property
+    def device(self) -> str:
+        """Torch device that samples are rendered on."""
+        return self._device
+
+    def on(self, device: str) -> Self:
+        """Return this recipe rendering on another torch device: the same random numbers, other rounding.
+
+        Raises
+        ------
+        RuleError
+            If there is no such device here.
+        """
+        if str(device) != "cpu":
+            checked_device(f"{type(self).__name__}.on device", device)
+        copy = self.model_copy()
+        copy._device = str(device)
+        return copy
+
+    def own_classes(self) -> list[type]:
+        """Classes of a user's own that the recipe is made of: what other processes must import."""
+        drawn_by = [] if isinstance(self.sampler, str) else [self.sampler]
+        return list(dict.fromkeys([*own_classes(self), *own_classes(self.material.extremes()), *drawn_by]))
+
+    def __eq__(self, other: object) -> bool:
+        # What is kept for a recipe lies on its device.
+        return super().__eq__(other) and self._device == other._device  # type: ignore[attr-defined]
+
+    __hash__ = Value.__hash__
+
+    def __getstate__(self) -> dict[Any, Any]:
+        return super().__getstate__() | {"fingerprint": self.fingerprint()}
+
+    def __setstate__(self, state: dict[Any, Any]) -> None:
+        super().__setstate__({name: each for name, each in state.items() if name != "fingerprint"})
+        self.__dict__.pop("_canonical_json", None)  # the sender's
+        if self.fingerprint() != state["fingerprint"]:
+            reject("Recipe", f"of the fingerprint that it was sent with, {state['fingerprint'][:12]}",
+                   self.fingerprint()[:12],
+                   "This process has another version of the package, or of a part of yours.")  # fmt: skip
+
+    @property
+    def data_version(self) -> int:
+        """Version of the pixels."""
+        return DATA_VERSION
+
+    @property
+    def fits_window(self) -> bool:
+        """Whether each medium has a window of its own."""
+        return False
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength inside the medium."""
+        if self.lab is not None:
+            return self.lab.medium_wavelength
+        assert self.material.wavelength is not None
+        return self.material.wavelength
+
+    @property
+    def profile(self) -> Profile:
+        """Shape of the window."""
+        outline = self.lab or self.window
+        assert outline is not None
+        return outline.profile
+
+    @property
+    def camera_shape(self) -> tuple[int, int]:
+        """(rows, columns) of an image."""
+        if self.lab is not None:
+            return self.lab.pixels
+        assert self.camera is not None
+        return self.camera.shape
+
+    @cached_property
+    def geometry(self) -> Viewing:
+        """Window and camera as the engine sees them; of a recipe whose window is the same for every medium."""
+        lab = self.lab
+        if lab is not None:
+            pitch = lab.view_pitch * lab.oversampling  # whole pixels: their area is integrated exactly
+            grid = FarFieldGrid(shape=lab.pixels, pitch=pitch)
+            return Viewing(self.wavelength, lab.aperture, lab.profile, grid, lab.wavenumber_bandwidth, True)
+        assert self.window is not None
+        if self.window.width == "fitted":
+            reject("Recipe.geometry", "asked of a medium where the window is fitted", self.window.width)
+        return self.seen_through(self.window.width)
+
+    def seen_through(self, width: float) -> Viewing:
+        """Camera behind a window of some width, its grains always of the same number of pixels."""
+        assert self.camera is not None
+        wavelength = self.wavelength
+        grid = FarFieldGrid(shape=self.camera.shape, pitch=wavelength / (width * self.camera.pixels_per_grain))
+        return Viewing(wavelength, width, self.profile, grid, self.wavenumber_bandwidth, self.exposure is not None)
+
+    @property
+    def wavenumber_bandwidth(self) -> float:
+        """Full width of the light's spectrum in wavenumber inside the medium."""
+        if self.lab is not None:
+            return self.lab.wavenumber_bandwidth
+        # d k = 2 pi n d(lambda_0) / lambda_0^2, and lambda_0 = n wavelength
+        return 2 * np.pi * self.light.bandwidth / (self.light.refractive_index * self.wavelength**2)
+
+    def physics(self) -> dict[str, Any]:
+        """Everything that decides a pixel."""
+        decided = self.model_dump(mode="json", exclude=COSMETIC, context=WITH_CONTENT) | {"data_version": DATA_VERSION}
+        return decided | ({"atlas": atlas_digest(self.material.extremes())} if self.material.kernel == "atlas" else {})
+
+    @cached_property
+    def _canonical_json(self) -> str:
+        return json.dumps(self.physics(), sort_keys=True, separators=(",", ":"))
+
+    def fingerprint(self) -> str:
+        """SHA-256 of everything that decides a pixel, in hexadecimal."""
+        return hashlib.sha256(self.canonical_json().encode()).hexdigest()
+
+    def length(self, split: str) -> int:
+        """Samples in an epoch of a split."""
+        split_number(split)
+        return int(getattr(self.samples, split))
+
+    def medium_number(self, index: int) -> int:
+        """Number of the medium of sample ``index``."""
+        return index // self.media_group if self.media is None else medium_of(index, self.media)
+
+    def media_of(self, samples: int) -> int:
+        """Media behind the first ``samples`` samples of a split."""
+        return -(-samples // self.media_group) if self.media is None else min(samples, self.media)
+
+    @property
+    def medium_purposes(self) -> tuple[Purpose, ...]:
+        """Substreams of a medium's fields, one for each polarisation."""
+        return MEDIUM_PURPOSES[: self.light.halves]
+
+    @property
+    def shares_media(self) -> bool:
+        """Whether a medium comes again, so that many objects look through it."""
+        return self.media is not None or self.media_group > 1
+
+    @abstractmethod
+    def layout(self) -> Mapping[str, ArraySpec]:
+        """Shape, type, axes and unit of every array of a sample."""
+
+    def observation(self, shape: tuple[int, ...], dims: tuple[str, ...], what: str) -> ArraySpec:
+        """Layout of an array of camera images."""
+        if self.exposure is None:
+            return ArraySpec(shape=shape, dims=dims, description=f"{what}, intensity over its expected value")
+        counts = self.exposure.bit_depth is not None
+        return ArraySpec(
+            shape=shape, dims=dims, dtype="uint16" if counts else "float32", counts=counts, units="counts",
+            description=f"{what}, counts",
+        )  # fmt: skip
+
+    def split_notes(self) -> str:
+        """What the splits share and what they do not, in Markdown sentences for the data card."""
+        notes = ["No medium of one split appears in another: each has random streams of its own."]
+        ranges = self.material.by_split
+        if ranges is not None:
+            spans = "; ".join("{} {:g} to {:g}".format(split, *ends(getattr(ranges, split))) for split in SPLITS)
+            notes.append(f"The splits differ in the material: {ranges.parameter} is drawn from {spans}.")
+        elif self.material.varies:
+            notes.append("Materials of all splits are drawn from the same ranges, independently.")
+        else:
+            notes.append("All media are of one material.")
+        return " ".join(notes)
+
+
+def _row(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_row(inner)}" for name, inner in value.items())
+    return ", ".join(map(_row, value)) if isinstance(value, list) else str(value)

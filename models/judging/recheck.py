@@ -1,0 +1,93 @@
+"""Results of the benchmark that anybody can check: answers in a file, scored anew against images rendered anew.
+
+The file, ``answers.npz``, holds what every function answered to every batch of every task, the failures, and the scores
+that were stated with it; :func:`recheck` runs no function of anybody's.
+"""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from specklegen.core.errors import reject
+from specklegen.models.judging.evaluation import evaluate
+from specklegen.models.judging.tasks import SEED, VERSION, task
+from specklegen.models.learning.examples import batches_of
+
+if TYPE_CHECKING:
+    from specklegen.models.judging.benchmark import Results
+
+_TOLERANCE = 1e-3  # of a score: images of another processor differ by 1e-6, a forged one by more than this is found
+
+
+def write_answers(file: Path, results: "Results") -> None:
+    """Write what was answered, and what it scored; see :func:`recheck`."""
+    stated = {
+        "version": VERSION, "seed": SEED, "samples": results.samples,
+        "fingerprints": {name: task(name).fingerprint for name in results.evaluations},
+        "failures": [each._asdict() for each in results.failures],
+        "answers": [[name, function, len(made)] for (name, function), made in results.answers.items()],
+        "scores": {
+            name: {function: targets["sharp"]["pearson"].tolist() for function, targets in found.values.items()}
+            for name, found in results.evaluations.items()
+        },
+    }  # fmt: skip
+    arrays = {
+        f"{number}/{place}": made
+        for number, batches in enumerate(results.answers.values()) for place, made in enumerate(batches)
+    }  # fmt: skip
+    np.savez_compressed(file, stated=json.dumps(stated), **arrays)  # type: ignore[arg-type]
+
+
+def recheck(file: Path) -> dict[tuple[str, str], float]:
+    """Score the answers of a file anew.
+
+    Parameters
+    ----------
+    file
+        ``answers.npz`` of a run.
+
+    Returns
+    -------
+    dict
+        Mean Pearson correlation by task and function, as found now.
+
+    Raises
+    ------
+    RuleError
+        If the file is of another version or of other images, or a score is not the one that it states.
+    """
+    with np.load(file, allow_pickle=False) as content:
+        stated: dict[str, Any] = json.loads(str(content["stated"]))
+        answers = {
+            (name, function): [content[f"{number}/{place}"] for place in range(count)]
+            for number, (name, function, count) in enumerate(stated["answers"])
+        }
+    if (stated["version"], stated["seed"]) != (VERSION, SEED):
+        reject("answers version", f"{VERSION}, seed {SEED}", f"{stated['version']}, seed {stated['seed']}")
+    found = {}
+    for name in stated["fingerprints"]:
+        recipe = task(name).recipe()
+        asked = stated["fingerprints"][name]
+        if asked != recipe.fingerprint():
+            reject(f"answers of {name!r}", f"to images {recipe.fingerprint()[:12]}", asked[:12])
+        own = {function: iter(made) for (of, function), made in answers.items() if of == name}
+        methods = {function: lambda batch, made=made: torch.from_numpy(next(made)) for function, made in own.items()}
+        sizes = [len(made) for made in next(made for (of, _), made in answers.items() if of == name)]
+        ends = np.cumsum([0, *sizes]).tolist()
+        batches = (
+            batch for first, last in zip(ends, ends[1:], strict=False)
+            for batch in batches_of(recipe, range(first, last), SEED, "test")
+        )  # fmt: skip
+        evaluated, _ = evaluate(methods, batches, recipe.profile)
+        for function, targets in evaluated.values.items():
+            scores = targets["sharp"]["pearson"]
+            claimed = np.array(stated["scores"][name][function])
+            if claimed.shape != scores.shape or not (np.abs(claimed - scores) <= _TOLERANCE).all():
+                worst = int(np.abs(claimed - scores).argmax()) if claimed.shape == scores.shape else 0
+                reject(f"score of {function!r} on {name!r}, image {worst}", f"{scores[worst]:.4f}, as found now",
+                       claimed.tolist()[worst : worst + 1])  # fmt: skip
+            found[name, function] = float(scores.mean())
+    return found

@@ -1,0 +1,287 @@
+"""The verdict after the image: what the object looks like, how sure that is, and what would help.
+
+A setup is a recipe with hidden objects: its window, camera, slab, and how large an object pixel appears. The slab may
+be given as ranges. Then one range is fitted to all the images, which were taken through one slab.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from scipy.special import polygamma
+from torch import Tensor
+
+from specklegen.core.display.plot import SHOWN, Pictured, draw_images
+from specklegen.core.display.repr import short
+from specklegen.core.errors import reject
+from specklegen.core.random_streams import Seed
+from specklegen.datasets.distributions import ends
+from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.datasets.recipes.materials import characterized_materials
+from specklegen.datasets.recipes.parts.material import CharacterizedMaterial
+from specklegen.models.learning.measurement import memory_effect_of, seen_by_camera
+from specklegen.models.learning.range_fit import RangeFit, fit_range, scaled
+from specklegen.models.learning.solver import EXTENT, MemoryEffect, Solution, Solver, load_solver
+from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, expected_deviance
+from specklegen.models.likelihood.periodogram import Periodogram
+from specklegen.models.recoverability.autocorrelation_error import Conditions
+from specklegen.models.recoverability.speckle_test import SpeckleTest, speckle_test
+from specklegen.models.recoverability.verdict import Reason, conditions_of, judge
+from specklegen.models.retrieval.autocorrelation import at_distances
+
+_DRAWN = 15
+"""Materials of a setup with ranges, of which the middle one gives the shape of C_I."""
+_FEWEST = 4
+"""Images that a range is fitted to, at least."""
+_SURPRISE = 5.0
+"""Spreads of the deviance by which it may exceed its expectation before the setup itself is doubted."""
+_OWN = 0.01
+"""Of the deviance, spread by which the solver's search ends elsewhere for another rounding; see docs/versioning.md."""
+_NO_SPECKLE = "no speckle of this setup"
+_TAKE_OFF = "take off background and envelope; check window, slab, object pitch, polarisation, bandwidth of the setup"
+_MISFIT = Reason(
+    "the setup is not what it is said to be", "no object that was found explains the image",
+    "check window width, pixel pitch, object pitch, camera noise, and the envelope of the light",
+)  # fmt: skip
+
+
+class Setup(NamedTuple):
+    """A setup in the terms of the likelihood.
+
+    Attributes
+    ----------
+    optics : Optics
+    memory_effect : MemoryEffect
+        C_I over object pixels; where the slab is not known, of the middle one of its ranges.
+    known : bool
+        Whether the slab is.
+    range_sine : float
+        Memory-effect range of that slab, direction sine.
+    pitch : float
+        Direction sine between object pixels.
+    contrast : (float, float)
+        Smallest and largest contrast of the speckle of one point: with and without what the camera adds.
+    """
+
+    optics: Optics
+    memory_effect: MemoryEffect
+    known: bool
+    range_sine: float
+    pitch: float
+    contrast: tuple[float, float]
+
+
+def setup_of(recipe: HiddenObject) -> Setup:
+    """Setup that a recipe describes.
+
+    Raises
+    ------
+    RuleError
+        If the recipe leaves open what a setup must know: the window, and the size of an object pixel.
+    """
+    if recipe.fits_window:
+        reject("setup window.width", "a length", "fitted", "State the width of the window of your setup.")
+    field = recipe.field
+    known = not recipe.material.varies
+    if field is not None and field.pitch is None and not known:
+        reject("setup field", "given by its pitch where the slab is not known", field.model_dump(),
+               "State the direction sine between object pixels.")  # fmt: skip
+    material: Any = recipe.material  # a slab's, or a diffuser's
+    materials: list[Any] = [recipe.material_of(0, "train", n) for n in range(1 if known else _DRAWN)]
+    middle: CharacterizedMaterial = sorted(materials, key=lambda each: each.half_range)[len(materials) // 2]
+    low, high = ends((field.pitch or field.extent_over_range or 1.0) if field is not None else 1.0)
+    one = characterized_materials(material, [middle], recipe.wavelength, torch.device("cpu"))
+    share = torch.full_like(one.half_range, float(np.sqrt(low * high)))
+    pitch = float(recipe.pitches(one, share)[0]) * max(recipe.objects.shape) / EXTENT
+    seen = recipe.geometry
+    optics = Optics(
+        pitch / seen.grid.pitch, recipe.wavelength / seen.width / seen.grid.pitch, seen.profile, seen.pixel_integration
+    )
+    memory = memory_effect_of(middle.kernel, recipe.wavelength, pitch)
+    return Setup(optics, memory, known, middle.range_sine(recipe.wavelength), pitch, _contrast(recipe))
+
+
+def _contrast(recipe: HiddenObject) -> tuple[float, float]:
+    """Contrast of the speckle of one point, background, dark current and offset of the camera left in and taken off."""
+    contrast, camera = conditions_of(recipe).contrast, recipe.exposure
+    if camera is None:
+        return contrast, contrast
+    added = camera.background + camera.dark_current * camera.exposure + camera.offset * camera.gain
+    return contrast * camera.photons / (camera.photons + added), contrast
+
+
+@dataclass(frozen=True)
+class Finding(Pictured):
+    """What one image tells.
+
+    Attributes
+    ----------
+    image : float32[n, n]
+        Brightness 0 to 1, up to shift and 180-degree turn.
+    deviance, expected : float
+        Of the image, and what that of the true object is expected to be.
+    probability : float or None
+        Certificate: that the correlation with the true object exceeds .8. None where the image is no speckle of the
+        setup, of which the certificate knows nothing.
+    reasons : tuple of Reason
+        What stands in the way, and what would help: where that is less likely than not, where nothing that was found
+        explains the image, and where it is no speckle of the setup.
+    speckle : SpeckleTest
+        What says whether it is.
+    """
+
+    image: np.ndarray
+    deviance: float
+    expected: float
+    probability: float | None
+    reasons: tuple[Reason, ...]
+    speckle: SpeckleTest
+
+    __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        told = {each.name: f"{each.numbers}. Remedy: {each.remedy}" for each in self.reasons}
+        stated = {} if self.probability is None else {"probability": self.probability}
+        return stated | {"deviance": self.deviance, "expected": self.expected} | told
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """What was reconstructed."""
+        draw_images(axes, self.image[None], high=1.0)
+        axes.set_title(label or "")
+
+
+@dataclass(frozen=True)
+class Findings(Pictured):
+    """What the images tell together.
+
+    Attributes
+    ----------
+    each : tuple of Finding
+    range_sine : float
+        Memory-effect range of the slab, direction sine: that of the setup, or the one that was fitted.
+    fit : RangeFit or None
+        Where the slab was not known.
+    """
+
+    each: tuple[Finding, ...]
+    range_sine: float
+    fit: RangeFit | None
+
+    __repr__ = short
+
+    def _facts(self) -> Mapping[str, object]:
+        sure = sum((each.probability or 0.0) >= 0.5 for each in self.each)
+        fitted = "given" if self.fit is None else "fitted"
+        return {"images": len(self.each), "likelier right than not": sure, f"range, sine ({fitted})": self.range_sine}
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """What was reconstructed of the first images, each with its probability."""
+        shown = self.each[:SHOWN]
+        images = np.stack([each.image for each in shown])
+        draw_images(axes, images, [
+            "no speckle" if each.probability is None else f"p = {each.probability:.2f}" for each in shown
+        ], high=1.0)  # fmt: skip
+        axes.set_title(label or "")
+
+
+def reconstruct_and_assess(
+    images: Tensor, setup: HiddenObject, *, fit: bool | None = None, solver: Solver | None = None, seed: Seed = 0
+) -> Findings:
+    """Reconstruct objects from camera images, with a certificate for each.
+
+    Parameters
+    ----------
+    images
+        real[B, F, H, W]: B objects behind one slab, each in F frames through other states of its medium. Any unit
+        without an offset; camera noise is read off the images.
+    setup
+        Recipe with hidden objects that describes the setup; its camera gives the pitch, not the size.
+    fit
+        Whether to fit the memory-effect range; by default, where the setup leaves the slab open and there are at least
+        four images.
+    solver
+        By default the one that comes with the package.
+    seed
+        Of phase retrieval's starts.
+
+    Raises
+    ------
+    RuleError
+        If the images are not of that shape, or the setup leaves open what it must know.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.datasets import load_recipe
+    >>> from specklegen.models import reconstruct_and_assess
+    >>> setup = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
+    >>> images = torch.from_numpy(setup.batch(0, "test", range(1))["image"])[:, None]
+    >>> found = reconstruct_and_assess(images, setup)
+    >>> found.each[0].image.shape
+    (36, 36)
+    """
+    if images.ndim != 4 or not images.numel():
+        reject("reconstruct_and_assess images", "of shape [objects, frames, rows, columns]", tuple(images.shape))
+    own = setup_of(setup)
+    solver = solver or load_solver()
+    grain = torch.full((len(images),), float(own.optics.grain))
+    seen = seen_by_camera(images, grain, camera=setup.exposure or "unknown")
+    memory = [own.memory_effect] * len(images)
+    found = None
+    if fit if fit is not None else not own.known and len(images) >= _FEWEST:
+        found = fit_range(solver, seen, own.optics, memory)
+    factor = found.factor if found is not None else 1.0
+    memory = [scaled(own.memory_effect, factor)] * len(images)
+    solution = solver.solve(seen, own.optics, memory, seed=seed)
+    tests = _tested(images, solution, seen, own, memory)
+    camera = float(np.sqrt(images.shape[-1] * images.shape[-2])) / float(own.optics.grain)
+    each = tuple(
+        Finding(
+            solution.image[n].numpy(), float(solution.deviance[n]), expected_deviance(seen.looks),
+            float(solution.probability[n]) if tests[n].passes else None,
+            _reasons(solution, n, seen, own, memory[n], camera, images.shape[1], tests[n]), tests[n],
+        )
+        for n in range(len(images))
+    )  # fmt: skip
+    return Findings(each, own.range_sine * factor, found)
+
+
+def _tested(
+    images: Tensor, solution: Solution, seen: Periodogram, setup: Setup, memory: list[MemoryEffect]
+) -> tuple[SpeckleTest, ...]:
+    """Test whether the images are speckle of the setup, with the reconstructions that were made of them."""
+    n = solution.image.shape[-1]
+    steps = np.arange(1 - n, n)
+    between = torch.stack([at_distances(c_i, np.hypot(steps[:, None], steps)).float() for c_i in memory])
+    seen = seen._replace(power=seen.power.float(), noise=seen.noise.float())
+    likelihood = SpeckleLikelihood(seen, (n, n), setup.optics)
+    return speckle_test(images, solution.image, solution.deviance, likelihood, between, setup.contrast)
+
+
+def _reasons(
+    solution: Solution, n: int, seen: Periodogram, setup: Setup, memory_effect: MemoryEffect, camera: float,
+    frames: int, test: SpeckleTest,
+) -> tuple[Reason, ...]:  # fmt: skip
+    """What would help, judged for an object like the one that was found, and whether there is reason for doubt."""
+    if not test.passes:
+        return (Reason(_NO_SPECKLE, test.words, _TAKE_OFF),)
+    # Of m looks the deviance of n frequencies has the variance (psi'(m) - 1 / m) / n.
+    count = float(-solution.log_likelihood[n] / seen.looks / solution.deviance[n].clamp_min(1e-6))
+    spread = float(np.hypot(np.sqrt((polygamma(1, seen.looks) - 1 / seen.looks) / count), _OWN))
+    surprised = float(solution.deviance[n]) - expected_deviance(seen.looks) > _SURPRISE * spread
+    misfit = (_MISFIT,) if surprised else ()
+    if solution.probability[n] >= 0.5:
+        return misfit
+    grain, step = float(setup.optics.grain), float(setup.optics.step)
+    noise = float(seen.noise[n])
+    c_i = np.asarray(memory_effect(np.arange(int(np.ceil(EXTENT * np.sqrt(2))) + 1.0))).clip(0, 1)
+    margin = (solution.image.shape[-1] - EXTENT) // 2
+    inside = slice(margin, margin + EXTENT)
+    conditions = Conditions(
+        objects=solution.image[n : n + 1, inside, inside].double().numpy() + 1e-9, object_pitch=step / grain,
+        memory_effect=np.concatenate([[1.0], c_i[1:]]), camera=camera, frames=float(frames),
+        electrons=grain**2 / noise if noise > 0 else float("inf"), profile=setup.optics.profile,
+    )  # fmt: skip
+    return (*judge(conditions).reasons, *misfit) or (_MISFIT,)

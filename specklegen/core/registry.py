@@ -1,0 +1,188 @@
+"""Registries: classes and functions of one kind by their names, to which users add their own by defining them.
+
+What is not known by its name may be asked for by its import path, ``"module:Name"``: the module is then imported,
+**which runs its code**. A table or command that holds such a path is a program, and to be trusted as one. The module
+lies in the folder that is written before it (``"shapes/rings:Rings"``), in that of the file which holds the path, or
+else on ``sys.path``. Its folder joins the end of ``sys.path``, so that worker processes find it too.
+"""
+
+import importlib
+import re
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from pydantic import AfterValidator
+
+from specklegen.core.errors import RuleError, reject
+
+_WORD = r"[^\W\d]\w*"
+_PATH = re.compile(rf"(?:(?P<folder>.*)/)?(?P<module>{_WORD}(?:\.{_WORD})*?)(?:\.py)?:(?P<name>{_WORD})")
+IMPORTABLE = ("type", "kind", "sampler")
+"""Keys of tables whose texts may be import paths."""
+
+T = TypeVar("T")
+
+
+def one_of(names: Collection[str]) -> AfterValidator:
+    """Rule of a field that holds one of some names, which may grow; signatures show them."""
+
+    def check(name: str) -> str:
+        if name not in names:
+            raise ValueError(f"one of {', '.join(map(repr, names))}")
+        return name
+
+    check.names = names  # type: ignore[attr-defined]
+    return AfterValidator(check)
+
+
+def is_import_path(text: object) -> bool:
+    """Whether a text is ``module:Name`` or ``module.py:Name``, perhaps behind a folder.
+
+    Examples
+    --------
+    >>> is_import_path("my_module:Rings"), is_import_path("../shapes/rings:Rings"), is_import_path("Rings")
+    (True, True, False)
+    """
+    return isinstance(text, str) and _PATH.fullmatch(text) is not None
+
+
+def imported(field: str, path: str) -> Any:
+    """Import ``[folder/]module[.py]:Name``, by default from the working folder or ``sys.path``.
+
+    Raises
+    ------
+    RuleError
+        If there is no such module or no such name in it, it cannot be imported, or another of its name has been.
+    """
+    found = _PATH.fullmatch(path)
+    if found is None:
+        reject(field, 'an import path such as "my_module:Name"', path)
+    folder = Path(found["folder"] if found["folder"] is not None else ".").expanduser().resolve()
+    file = _file_of(folder, found["module"])
+    if file is None and found["folder"] is not None:
+        reject(field, f"of a module in {folder}", path, f"There is no {found['module']}.py.")
+    if file is not None and str(folder) not in sys.path:
+        sys.path.append(str(folder))
+    try:
+        module = importlib.import_module(found["module"])
+    except RuleError:
+        raise
+    except Exception as error:
+        reject(field, "of a module that can be imported", path, f"{type(error).__name__}: {error}.")
+    there = getattr(module, "__file__", None)
+    if file is not None and (there is None or Path(there).resolve() != file):
+        reject(field, "of a module whose name no other has", path,
+               f"{found['module']} is {there or 'built in'} here: rename {file.name}.")  # fmt: skip
+    if not hasattr(module, found["name"]):
+        reject(field, f"a name that {found['module']} defines", path)
+    return getattr(module, found["name"])
+
+
+def _file_of(folder: Path, module: str) -> Path | None:
+    """File of a module in a folder, if it is there."""
+    place = folder.joinpath(*module.split("."))
+    for file in (place.with_suffix(".py"), place / "__init__.py"):
+        if file.is_file():
+            return file.resolve()
+    return None
+
+
+def anchored(table: Any, folder: Path) -> Any:
+    """Write the folder before import paths of a table, wherever their module lies in it or below.
+
+    Nothing is imported: a table may be read, listed and shown without running what it names.
+    """
+    if isinstance(table, Mapping):
+        return {name: _anchored(name, value, folder) for name, value in table.items()}
+    return [anchored(each, folder) for each in table] if isinstance(table, list) else table
+
+
+def _anchored(name: str, value: Any, folder: Path) -> Any:
+    found = _PATH.fullmatch(value) if name in IMPORTABLE and isinstance(value, str) else None
+    if found is None:
+        return anchored(value, folder)
+    place = (folder / Path(found["folder"] or "").expanduser()).resolve()
+    here = found["folder"] is not None or _file_of(place, found["module"]) is not None
+    return f"{place}/{found['module']}:{found['name']}" if here else value
+
+
+def import_paths(table: Any) -> Iterator[str]:
+    """Import paths of a table: what reading it as a value would run."""
+    if isinstance(table, Mapping):
+        for name, value in table.items():
+            if name in IMPORTABLE and is_import_path(value):
+                yield value
+            yield from import_paths(value)
+    elif isinstance(table, list):
+        for each in table:
+            yield from import_paths(each)
+
+
+class Registry(Generic[T]):
+    """Members of one kind by their names, in the order of their definition.
+
+    Parameters
+    ----------
+    what
+        The kind, as errors name it.
+    accepts
+        Whether something that an import path names is a member.
+    members
+        Those known from the beginning.
+    """
+
+    def __init__(self, what: str, accepts: Callable[[Any], bool], members: Mapping[str, T] | None = None) -> None:
+        self.what, self._accepts, self._members = what, accepts, dict(members or {})
+
+    def add(self, name: str, member: T) -> None:
+        """Make a member known; one of the same module and name takes the place of the old one, as in a notebook.
+
+        Raises
+        ------
+        RuleError
+            If something else has the name.
+        """
+        known = self._members.get(name)
+        if known is not None and _place(known) != _place(member):
+            reject(f"{self.what} name", f"one that no other {self.what} has", name, f"{_place(known)[0]} has it too.")
+        self._members[name] = member
+
+    def find(self, field: str, name: object, beside: Collection[str] = ()) -> T:
+        """Member of a name or of an import path; ``beside`` them the field takes other words, which an error lists.
+
+        Raises
+        ------
+        RuleError
+            If there is none; the error lists the known names.
+        """
+        if isinstance(name, str) and name in self._members:
+            return self._members[name]
+        if not is_import_path(name):
+            reject(field, f"one of {', '.join([*beside, *self._members])}", name,
+                   'One of your own is known once its module is imported; or write "module:Name".')  # fmt: skip
+        found = imported(field, str(name))
+        if not self._accepts(found):
+            reject(field, f"the import path of a {self.what}", name, f"It is a {type(found).__name__}.")
+        return found
+
+    def name_of(self, member: T) -> str:
+        """Name of a member."""
+        return next(name for name, each in self._members.items() if each is member)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._members)
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._members
+
+    def __getitem__(self, name: str) -> T:
+        return self._members[name]
+
+
+def _place(member: Any) -> tuple[str, str]:
+    return member.__module__, member.__qualname__

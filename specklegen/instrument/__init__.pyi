@@ -1,0 +1,9 @@
+from .camera import Camera as Camera
+from .camera import NoiseStreams as NoiseStreams
+from .camera import depolarised as depolarised
+from .camera import expose as expose
+from .camera import incoherent_sum as incoherent_sum
+from .frames import read_frames as read_frames
+from .lab import LabSetup as LabSetup
+from .photon_transfer import CameraFit as CameraFit
+from .photon_transfer import fit_camera as fit_camera

@@ -1,0 +1,52 @@
+"""Sums over pairs of modes: products of fields, and of their spectra with transforms of an object.
+
+What is added up stays in the first-level cache, a row of the grid at a time.
+"""
+
+import numpy as np
+
+from specklegen.kernels import kernel
+
+
+@kernel
+def fill_pair_products(views, out):
+    """Fill ``out`` float32[R(R+1)/2, y, x] with Re u_r u_q* for r <= q, added up over draws.
+
+    views : float32[draws, R, y, x, 2]
+        Fields, real and imaginary parts.
+    """
+    draws, rank, height, width, _ = views.shape
+    out[:] = 0.0
+    real, imaginary = np.empty((rank, width), views.dtype), np.empty((rank, width), views.dtype)
+    for y in range(height):
+        for draw in range(draws):
+            for r in range(rank):
+                for x in range(width):
+                    real[r, x] = views[draw, r, y, x, 0]
+                    imaginary[r, x] = views[draw, r, y, x, 1]
+            pair = 0
+            for r in range(rank):
+                for q in range(r, rank):
+                    for x in range(width):
+                        out[pair, y, x] += real[r, x] * real[q, x] + imaginary[r, x] * imaginary[q, x]
+                    pair += 1
+
+
+@kernel
+def fill_lag_sums(turned, spectra, out):
+    """Fill ``out`` complex64[T or F, n, m] with the sum over pairs of two factors.
+
+    turned  : complex64[n, T, pairs, m]
+    spectra : complex64[F, pairs, n, m]; one of T and F is 1
+    """
+    count, tilts, pairs, width = turned.shape
+    frames = len(spectra)
+    for picture in range(len(out)):
+        tilt, frame = min(picture, tilts - 1), min(picture, frames - 1)
+        for n in range(count):
+            row = out[picture, n]
+            row[:] = 0.0
+            for pair in range(pairs):
+                one, other = turned[n, tilt, pair], spectra[frame, pair, n]
+                for m in range(width):
+                    row[m] += one[m] * other[m]

@@ -1,0 +1,148 @@
+"""How far the memory effect of a named material reaches, and how well the literature knows that.
+
+The range is the half range q = k sin(tilt) L of physics.md 4. A material's numbers leave it open by factors: each is
+moved to the ends of its range alone, then all are drawn together, and so is the refractive index outside.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from specklegen.core.arguments import real_number, whole_number
+from specklegen.core.errors import reject
+from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
+from specklegen.materials.preset import BulkMaterial
+from specklegen.materials.registry import about, get, require_measured
+from specklegen.scene.media import Slab
+
+_SIGMA = (15.865, 84.135)
+_TWO_SIGMA = (2.5, 97.5)
+
+
+@dataclass(frozen=True)
+class MemoryRange:
+    """Half range of a layer of a named material, q = k sin(tilt) L, with its interval.
+
+    Attributes
+    ----------
+    name : str
+    value : float
+        With the numbers that are taken by default, or given; behind the first index outside.
+    interval, wide_interval : (float, float)
+        That hold 68 and 95 % of materials whose numbers are drawn evenly from their ranges, the index outside among
+        those named.
+    each : Mapping[str, tuple[float, float]]
+        With one number at either end of its range and the others by default.
+    outside : Mapping[float | None, float]
+        Behind each index outside, None for matched faces.
+    sine : float
+        Direction sine, in vacuum, of a q of 1: tilts in air are q times it.
+    """
+
+    name: str
+    value: float
+    interval: tuple[float, float]
+    wide_interval: tuple[float, float]
+    each: Mapping[str, tuple[float, float]]
+    outside: Mapping[float | None, float]
+    sine: float
+
+    def __str__(self) -> str:
+        (low, high), (least, most) = self.interval, self.wide_interval
+        degrees = np.rad2deg(np.arcsin(min(self.value * self.sine, 1.0)))
+        lines = [f"{self.name}: memory range q = {self.value:.2g} ({degrees:.2g} degrees in air); 68 %: {low:.2g} to "
+                 f"{high:.2g}; 95 %: {least:.2g} to {most:.2g}"]  # fmt: skip
+        lines += [f"  {field} at the ends of its range: {a:.2g}, {b:.2g}" for field, (a, b) in self.each.items()]
+        lines += [f"  {'matched faces' if index is None else f'index {index:g} outside'}: {value:.2g}"
+                  for index, value in self.outside.items()]  # fmt: skip
+        return "\n".join(lines)
+
+
+def memory_range(
+    name: str,
+    wavelength: float,
+    thickness: float,
+    *,
+    outside: Sequence[float | None] = (1.0, 1.33),
+    unit: float = 1e-6,
+    draws: int = 32,
+    paths: int = 10_000,
+    seed: Seed = 0,
+    **numbers: float,
+) -> MemoryRange:
+    """Memory range of a layer of a named material, along the axis in transmission, with its interval.
+
+    Parameters
+    ----------
+    name, wavelength, unit, numbers
+        As of :func:`specklegen.materials.get`; numbers that are given are taken as known.
+    thickness
+        Of the layer, in units of ``unit`` metres.
+    outside
+        Refractive indices that may be before and behind it, None for matched faces; the first is that of ``value``.
+    draws
+        Materials drawn for the intervals.
+    paths
+        Of each estimate, which leave some sqrt(60 / paths) of the range.
+    seed
+        Of the draws.
+
+    Raises
+    ------
+    RuleError
+        As of :func:`specklegen.materials.get`, for a thin medium, an empty ``outside``, or paths of which none comes
+        through.
+
+    Examples
+    --------
+    >>> from specklegen import materials
+    >>> found = materials.memory_range("intralipid", 0.633, 500.0, draws=4, paths=1000)
+    >>> found.interval[0] <= found.interval[1], sorted(found.each)
+    (True, ['dilution'])
+    """
+    if not 0 < real_number("materials.memory_range thickness", thickness) < np.inf:
+        reject("materials.memory_range thickness", "greater than 0", thickness)
+    if not len(outside):
+        reject("materials.memory_range outside", "at least one refractive index, or None", outside)
+    whole_number("materials.memory_range draws", draws, 1)
+    whole_number("materials.memory_range paths", paths, 64)
+    require_measured(name, wavelength, numbers)
+    free = {field: number for field, number in about(name).numbers.items() if field not in numbers}
+
+    def value(index: float | None, **moved: float) -> float:
+        made = get(name, wavelength, unit=unit, **numbers, **moved)
+        if not isinstance(made, BulkMaterial):
+            reject("materials.memory_range name", "a bulk", name, "One thin medium has no range: docs/screens.md.")
+        return _half_range(made.slab(thickness, index), paths)
+
+    rng = np.random.default_rng(stream_key(seed, Stream.MATERIALS))
+    spread = [
+        value(outside[int(rng.integers(len(outside)))], **{field: one.drawn(rng) for field, one in free.items()})
+        for _ in range(draws)
+    ]
+    behind = {index: value(index) for index in outside}
+    return MemoryRange(
+        name=name,
+        value=behind[outside[0]],
+        interval=_ends(spread, _SIGMA),
+        wide_interval=_ends(spread, _TWO_SIGMA),
+        each={field: (value(outside[0], **{field: one.low}), value(outside[0], **{field: one.high}))
+              for field, one in free.items() if one.low < one.high},
+        outside=behind,
+        sine=wavelength * 1e-6 / unit / (2 * np.pi * thickness),
+    )  # fmt: skip
+
+
+def _half_range(slab: Slab, paths: int) -> float:
+    from specklegen.memory_effects.correlation import estimate_correlation  # with the kernels: materials need none
+
+    kernel = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
+    if not kernel.weights.any():
+        reject("materials.memory_range paths", "enough for some light to come through", paths, "Or thin the layer.")
+    return kernel.half_range() * slab.thickness
+
+
+def _ends(values: list[float], shares: tuple[float, float]) -> tuple[float, float]:
+    low, high = np.percentile(values, shares, method="closest_observation")  # ranges may be infinite
+    return float(low), float(high)

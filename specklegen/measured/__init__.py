@@ -1,0 +1,8 @@
+"""What a laboratory measured, from the files on its disk: camera frames with what belongs to them, and curves.
+
+Public names stand in ``__init__.pyi``.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,433 @@
+"""The memory-effect curve of a slab: how speckle decorrelates under tilt, with error bars.
+
+Along the axis, in transmission and at small tilts, from the distribution of lateral distances
+(:mod:`specklegen.memory_effects.correlation`, symmetric in azimuth and so less noisy). Otherwise from the exact
+amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter. Tilts that are
+not small beside a narrow lobe keep their angle to it instead (:mod:`specklegen.paths.far_field`): from lateral
+distances again, and from phases alone where reversed paths take part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from specklegen.core.arguments import choice, instance, positive_number, real_array
+from specklegen.core.budgets import Budget, Reverse, require_time
+from specklegen.core.decision import Decision
+from specklegen.core.display.plot import Pictured
+from specklegen.core.display.repr import summary
+from specklegen.core.errors import reject, warn_user
+from specklegen.core.memory import require_memory
+from specklegen.core.nanoseconds import seconds as seconds_of
+from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
+from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.core.shielded import shielded
+from specklegen.core.statistics import BATCHES, batch_sums, jackknife
+from specklegen.memory_effects.correlation import estimate_correlation
+from specklegen.memory_effects.oblique import estimate_oblique_correlation
+from specklegen.paths.deep_absorption import require_reach
+from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.paths.endpoints import AXIS
+from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss
+from specklegen.paths.rare_paths import warn_of_rare_paths
+from specklegen.paths.reversal import reversal_decision
+from specklegen.paths.slab_tracer import events_across, events_per_path
+from specklegen.paths.stretching import draws_across, relative_variance
+from specklegen.paths.tracer import plane_tracer
+from specklegen.scene.illumination import directions_of_sines
+from specklegen.scene.layers import PlaneParallel
+from specklegen.scene.media import Box, PlaneMedium, VoxelGrid, as_slab
+from specklegen.scene.scene import Scene
+from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack, ThinMedium, require_thin
+from specklegen.scene.validity import warn_of_dependence
+from specklegen.theory.phase_screens import index_correlation, lobes, tilt_ways
+
+Mode = Literal["transmission", "reflection"]
+_OFF_BACKSCATTER = np.deg2rad(5.0)
+_TILTS = "radians between -pi/2 and pi/2, of shape {}"
+
+
+class Aim(NamedTuple):
+    """Pairs of light and view that move together.
+
+    Attributes
+    ----------
+    light : float64[T, 3]
+        Tilted from the axis in the x-z plane.
+    view : float64[3]
+        At zero tilt.
+    views : float64[T, 3]
+        Moved with the light.
+    side : 1.0 or -1.0
+        Sign of z of the views.
+    reversal : Decision
+        Whether reversed paths take part.
+    """
+
+    light: np.ndarray
+    view: np.ndarray
+    views: np.ndarray
+    side: float
+    reversal: Decision
+
+
+def aimed(
+    owner: str, medium: PlaneMedium, wavelength: float, tilts: np.ndarray, mode: Mode, view: ArrayLike | None,
+    reverse: Reverse, tolerance: float,
+) -> Aim:  # fmt: skip
+    """Pairs of light and view of a slab at tilts float64[T], refused where no curve can be had of them.
+
+    Raises
+    ------
+    RuleError
+        See :func:`memory_effect`.
+    """
+    if isinstance(medium, Box | VoxelGrid | Scene):
+        reject(
+            f"{owner} medium", "a Slab or Layers, which are infinite sideways", medium,
+            "Of anything else ask covariance of a Scene for the pairs (tilt, view moved with it), or render its stack.",
+        )  # fmt: skip
+    instance(f"{owner} medium", medium, PlaneParallel)
+    if medium.thickness == 0 or medium.albedo == 0:
+        reject(
+            f"{owner} medium", "of a thickness and an albedo above 0", (medium.thickness, medium.albedo),
+            "Without scattered light there is no speckle that could be correlated. Towards either end all light is "
+            "scattered once, and C_I of transmission along the axis tends to 1 at tilts small beside the lobe.",
+        )  # fmt: skip
+    if not np.isfinite(tilts).all() or (tilts.size and np.abs(tilts).max() >= np.pi / 2):
+        reject(f"{owner} tilts", _TILTS.format("(T,)"), tilts, "Use np.deg2rad.")
+    wavelength = positive_number(f"{owner} wavelength", wavelength)
+    warn_of_dependence(medium.mean_free_path, wavelength)
+    choice(f"{owner} mode", mode, ("transmission", "reflection"))
+    side = 1.0 if mode == "transmission" else -1.0
+    if view is None:
+        sine = 0.0 if mode == "transmission" else np.sin(_OFF_BACKSCATTER)
+        view = directions_of_sines("view", [sine, 0.0], side)
+    view = real_array(f"{owner} view", view)
+    if view.shape != (3,) or not abs(np.linalg.norm(view) - 1) <= 1e-6 or view[2] * side <= 0:
+        reject(f"{owner} view", f"a unit vector of shape (3,) on the side of {mode}", view)
+    light = directions_of_sines(f"{owner} tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
+    views = directions_of_sines(f"{owner} view + tilts", view[:2] + light[:, :2], side)
+    medium.faces.require_crossing(f"{owner} tilts and view", np.concatenate([light, views, view[None]]))
+    return Aim(light, view, views, side, reversal_decision(medium, wavelength, light, views, reverse, tolerance))
+
+
+@dataclass(frozen=True)
+class MemoryEffect(Pictured):
+    """A memory-effect curve.
+
+    Attributes
+    ----------
+    tilts : float64[T]
+        Tilts from the axis, radians.
+    q : float64[T]
+        k sin(tilt) L, the tilt in units of the slab (physics.md 4).
+    field : complex128[T]
+        K, the field correlation with zero tilt.
+    intensity : float64[T]
+        C_I = |K|^2, free of the bias of a squared estimate.
+    decorrelation : float64[T]
+        1 - C_I; to full relative precision at tiny tilts in transmission along the axis, elsewhere to rounding.
+    standard_error : float64[T]
+        Of ``intensity``, from 64 independent batches; 1.96 of it hold the truth in 95 % of cases, also where rare paths
+        carry it or it is near 0 (:func:`specklegen.core.statistics.jackknife`). NaN where it is undefined (no light, or
+        one path). Where no estimate is right (see the warnings of :func:`memory_effect`), with what it may be off by.
+    single_share : float
+        Share of single scattering in the intensity; its square is the floor of ``intensity``.
+    paths : int
+        Paths traced.
+    reverse : bool
+        Whether reversed paths took part.
+    near_field : bool
+        Whether tilts keep their angle to the scatterers' lobe, since mean free paths are shorter than the far field
+        that tells them apart (docs/physics.md 10).
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 2e-3], paths=2000)
+    >>> curve.intensity.round(1)
+    array([1. , 0.9])
+    """
+
+    tilts: np.ndarray
+    q: np.ndarray
+    field: np.ndarray
+    intensity: np.ndarray
+    decorrelation: np.ndarray
+    standard_error: np.ndarray
+    single_share: float
+    paths: int
+    reverse: bool
+    near_field: bool = False
+
+    def __repr__(self) -> str:
+        return summary(self, tilts=self.tilts, intensity=self.intensity, paths=self.paths, reverse=self.reverse)
+
+    def _facts(self) -> Mapping[str, object]:
+        errors = self.standard_error[np.isfinite(self.standard_error)]
+        return {
+            "tilts": f"{len(self.tilts)}, up to {np.rad2deg(np.abs(self.tilts).max(initial=0.0)):.4g}°",
+            "largest standard error": float(errors.max(initial=0.0)) if len(errors) else "undefined",
+            "share of single scattering": self.single_share,
+            "paths": self.paths,
+            "reversed paths": "used" if self.reverse else "left out",
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """C_I over the tilt in units of the slab, with bars of two standard errors."""
+        axes.errorbar(np.abs(self.q), self.intensity, 2 * self.standard_error, fmt="o-", ms=3, lw=1, label=label)
+        axes.set_xlabel(r"tilt  $q = k\,\sin\theta\,L$")
+        axes.set_ylabel(r"intensity correlation  $C_I$")
+        axes.set_ylim(-0.03, 1.05)
+        axes.grid(alpha=0.3)
+
+
+@shielded()
+def memory_effect(
+    medium: PlaneMedium | ThinMedium,
+    *,
+    wavelength: float,
+    tilts: ArrayLike,
+    mode: Mode = "transmission",
+    paths: int | None = None,
+    rel_error: float | None = None,
+    seconds: float | None = None,
+    seed: Seed = 0,
+    view: ArrayLike | None = None,
+    reverse: Reverse = "auto",
+    tolerance: float = 0.02,
+    threads: int | None = None,
+) -> MemoryEffect:
+    """Correlation of the speckle at zero tilt with that at each tilt, views moved with the tilt.
+
+    C(theta) = <u_0(v) u*_theta(v + theta)> over its two intensities, normal incidence, an unlimited plane
+    wave (in practice: a beam much wider than the slab is thick). [Bar19] section 6.
+
+    Parameters
+    ----------
+    medium
+        The slab; or thin screens, of which the curve is a closed form: paths, errors and reversed paths are none.
+    wavelength
+        Inside the medium, in the slab's unit of length.
+    tilts
+        float[T], radians, in the x-z plane.
+    mode
+        "transmission" looks along the axis; "reflection" back through the entrance face.
+    paths, seconds, seed, reverse, tolerance, threads
+        See :class:`specklegen.core.budgets.Budget`.
+    rel_error
+        Instead of ``paths``: the largest standard error of ``intensity``.
+    view
+        float[3], direction of the view at zero tilt. Default: the axis in transmission, and in reflection
+        5 degrees off exact backscattering, away from its enhancement.
+
+    Raises
+    ------
+    RuleError
+        For a field out of its range, a medium that is no slab or scatters no light (no thickness, or albedo 0), fewer
+        paths than it takes for any to carry light through an absorbing one, or a month of computing.
+
+    Warns
+    -----
+    DoubtWarning
+        Where no path carried light, and all is NaN.
+        Where the mean free path is below the wavelength: independent scattering is then doubtful. Where tilts are
+        neither small beside the scatterers' lobe, nor beside 0.1 radian, and segments are in the lobe's near field: no
+        estimate is right there. Where standard errors rest on next to no path.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-4, 2e-4], paths=10_000)
+    >>> curve.intensity.round(1), curve.standard_error.shape
+    (array([1. , 0.8, 0.6]), (3,))
+    """
+    budget = Budget("memory_effect", paths, rel_error, seconds, seed, threads, reverse, tolerance)
+    if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
+        return _of_screens(medium, wavelength, tilts, mode, view)
+    tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
+    wavelength = positive_number("memory_effect wavelength", wavelength)
+    require_tilts("memory_effect", tilts.size, f"{tilts.size} tilts")
+    if tilts.ndim != 1:
+        reject("memory_effect tilts", _TILTS.format("(T,)"), tilts, "Use np.deg2rad.")
+    light, view, views, side, reversal = aimed(
+        "memory_effect", medium, wavelength, tilts, mode, view, reverse, tolerance
+    )
+    largest = np.abs(tilts).max(initial=0.0)
+    lobe = lobe_loss(medium, wavelength, largest)
+    near = lobe.spurious and medium.albedo > 0
+    unsure = near and largest**2 > SLANT
+    if unsure:
+        _warn_of_neither(lobe, largest)
+    small = near or largest <= 0.02 * (1 - abs(medium.scatterer.mean_cosine()))
+    symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
+    lateral = near and not reversal.needed
+    curve = _axial if symmetric else _lateral if lateral else partial(_exact, near=near)
+
+    def run(count: int, seed: Seed) -> tuple:
+        return curve(medium, wavelength, light, view, views, side, count, seed, reversal.needed, threads)
+
+    keyed = pilot_seed(medium.unitless_fingerprint())
+    count = budget.count(lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0)))
+    if mode == "transmission" and (reversal.needed or not medium.faces.matched or as_slab(medium) is None):
+        require_reach("memory_effect", relative_variance(medium), count)
+    ends = 2.0 * (1 + len(light)) * count * (2 if reversal.needed else 1)
+    drawn = side > 0 and medium.faces.matched and not reversal.needed and draws_across(medium)
+    events = count * (events_across(medium) if drawn else events_per_path(medium))
+    require_time(
+        "memory_effect tilts",
+        seconds_of({"path": count, "event": events, "end": ends}, thread_count(threads)),
+        f"{len(light)} tilts of {count} paths, {events:.1e} scatterings", "Ask for fewer tilts, or for fewer paths.",
+    )  # fmt: skip
+    field, intensity, decorrelation, error, single, lit = run(count, seed)
+    if np.isnan(single):
+        warn_user(
+            f"memory_effect: none of {count} paths carried light, so that nothing is known. Trace more paths, or take "
+            "a thinner medium.",
+        )  # fmt: skip
+    if unsure:
+        error = np.hypot(error, np.minimum(np.square(tilts), 1.0))
+    warn_of_rare_paths("memory_effect", lit)
+    return MemoryEffect(
+        tilts=tilts,
+        q=2 * np.pi / wavelength * np.sin(tilts) * medium.thickness,
+        field=field,
+        intensity=intensity,
+        decorrelation=decorrelation,
+        standard_error=error,
+        single_share=single,
+        paths=count,
+        reverse=reversal.needed,
+        near_field=near,
+    )
+
+
+def require_tilts(owner: str, tilts: int, what: str, other: float = 0.0) -> None:
+    """Refuse more tilts, with ``other`` bytes beside, than the batches of their estimates fit into memory."""
+    require_memory(f"{owner} tilts", "held", _TILT_BYTES * tilts + other, what, "Ask for fewer at a time.")
+
+
+_TILT_BYTES = 32 * 2**10
+"""Of sums of 64 batches, with their jackknife, for one tilt: 31 kB as measured, whatever the number of paths."""
+_SCREEN_TILT = 3e5
+"""Nanoseconds of one tilt behind screens, as measured."""
+
+
+def _warn_of_neither(lobe: LobeLoss, tilt: float) -> None:
+    warn_user(
+        f"memory_effect: tilts of {tilt:.2g} rad are too large to keep their angle to the lobe (within {SLANT:g} of "
+        f"C_I below {SLANT**0.5:g} rad), and mean free paths, {lobe.far_field:.2g} times the lobe's far field, too "
+        f"short to tell them apart: the curve may be off by the tilts' squares, up to {min(tilt**2, 1.0):.2g}, which "
+        "its standard errors hold. Ask for smaller tilts.",
+    )  # fmt: skip
+
+
+def _of_screens(medium: ThinMedium, wavelength: float, tilts: ArrayLike, mode: Mode, view: ArrayLike | None):
+    """Curve of thin screens at a fixed view, in closed form (:mod:`specklegen.theory.phase_screens`, Eq. 2)."""
+    tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
+    require_tilts("memory_effect", tilts.size, f"{tilts.size} tilts")
+    require_time("memory_effect tilts", 1e-9 * _SCREEN_TILT * tilts.size, f"{tilts.size} tilts", "Ask for fewer tilts.")
+    if mode != "transmission":
+        reject("memory_effect mode", '"transmission" behind thin screens', mode)
+    stack, sines = require_thin(medium, wavelength), np.sin(tilts)
+    terms = lobes(stack, wavelength)
+    seen = np.zeros(2) if view is None else real_array("memory_effect view", view)[:2]
+    lateral = np.stack([sines, 0 * sines], axis=-1)
+    walks = [terms.correlation(seen, tilt_ways(stack, each)) for each in lateral]
+    kept = index_correlation(stack, wavelength, np.zeros(1), np.abs(sines))[0]
+    field = np.array(walks, np.complex128).conj() * kept
+    intensity = np.square(np.abs(field))
+    weight = terms.densities(float(np.hypot(seen[0], seen[1])))
+    walk, _ = terms.spreads(tilt_ways(stack, np.array([1.0, 0.0])))
+    still = walk <= 1e-12 * walk.max(initial=0.0)
+    return MemoryEffect(
+        tilts=tilts, q=2 * np.pi / wavelength * sines * stack.thickness, field=field, intensity=intensity,
+        decorrelation=1 - intensity, standard_error=0 * intensity,
+        single_share=float(weight[still].sum() / weight.sum()) if weight.any() else 1.0, paths=0, reverse=False,
+    )  # fmt: skip
+
+
+_FAINTEST = 1e-290
+"""Light below which its products have lost their digits: as good as none."""
+
+
+def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
+    kernel = estimate_correlation(medium, paths, seed, threads=threads)
+    if not kernel.weights.sum() > _FAINTEST:
+        return _dark(len(light))
+    q = 2 * np.pi / wavelength * light[:, 0]
+    intensity, decorrelation, error = kernel.intensity(q)
+    lit = kernel.weights.sum(axis=1)
+    return kernel(q).astype(np.complex128), intensity, decorrelation, error, kernel.single_share, lit
+
+
+def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
+    """K_t = E[w e^(ik t . R)] / E[w], R the lateral way from face to face about the first pair."""
+    kernel = estimate_oblique_correlation(medium, AXIS, view, paths, seed, threads=threads)
+    if not kernel.weights.sum() > _FAINTEST:
+        return _dark(len(light))
+    k = 2 * np.pi / wavelength
+    sums = [kernel.weights * np.exp(1j * k * (kernel.displacement @ tilt)) for tilt in light[:, :2]]
+    batches = np.array([batch_sums(each, kernel.owners, paths) for each in (*sums, kernel.weights)]).T
+    intensity, error = jackknife(batches, lambda total: np.square(np.abs(total[:-1] / total[-1])))
+    whole = batches.sum(axis=0)
+    return whole[:-1] / whole[-1], intensity, 1 - intensity, error, kernel.single_share, batches[:, -1].real
+
+
+def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads, near=False):
+    """Amplitudes a_t of every connection at the pairs (i_t, v_t); K_t = E[W a_0 a_t*] over its intensities.
+
+    ``near`` leaves all but the phases as they are at the first pair.
+    """
+    lights, views = np.concatenate([AXIS[None], light]), np.concatenate([view[None], views])
+    tracer, n = plane_tracer(medium, wavelength, lights, views, reverse), len(light)
+    pairs = [slice(t, t + 1) for t in range(1 + n)]
+    first = tracer.layout.of_ends(pairs[0], pairs[0])
+
+    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float]:
+        """Sums of products with zero tilt, of powers, of that at zero tilt; and of the latter by single scattering."""
+        bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=threads)
+        ones, many = bank.single, bank.multiple
+        alone, still = np.empty(0), np.empty(0)
+        sums = np.empty(2 * n + 1, np.complex128)
+        for t, pair in enumerate(pairs):  # one after the other: all amplitudes at once would not fit
+            layout = tracer.layout.of_ends(pair, pair)
+            layout = first.tilting(layout) if near else layout
+            once = single_amplitudes(layout, ones)[0]
+            both = np.concatenate([once, multiple_amplitudes(layout, many, bidirectional=reverse, reverse=reverse)[0]])
+            if t == 0:
+                alone, still = once, both
+            else:
+                sums[t - 1] = (still * both.conj()).sum()
+            sums[n + t - 1 if t else 2 * n] = np.square(np.abs(both)).sum()
+        return sums, np.square(np.abs(alone)).sum()
+
+    found = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
+    sums, single = np.array([both for both, _ in found]), sum(alone for _, alone in found)
+    total = sums[:, 2 * n].real.sum()
+    if not total > _FAINTEST:
+        return _dark(n)
+
+    def normalised(part: np.ndarray) -> np.ndarray:
+        # By one root after the other: the product of two faint intensities underflows.
+        return part[:n] / np.sqrt(part[n : 2 * n].real) / np.sqrt(part[2 * n].real)
+
+    def correlation(part: np.ndarray) -> np.ndarray:
+        return np.square(np.abs(normalised(part)))
+
+    intensity, error = jackknife(sums, correlation)
+    return normalised(sums.sum(axis=0)), intensity, 1 - intensity, error, float(single / total), sums[:, 2 * n].real
+
+
+def _dark(n: int):
+    nan = np.full(n, np.nan)
+    return nan.astype(np.complex128), nan, nan, nan, float("nan"), np.zeros(BATCHES)

@@ -1,0 +1,97 @@
+"""The correlation of the beams of a film, each at its time and tilt, behind a slab that moves: K(q, x) of every pair.
+
+    C_tt' = E[w e^(-i k (i_t - i_t') . R) e^(-2 x(t - t') Y)] / E[w]
+
+A sum of products of correlations, so Hermitian and positive semidefinite for any beams and times (x of steps that a
+Gaussian process has). Connections of one R are put into classes of Y, so narrow that nobody sees them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import j0
+
+from specklegen.memory_effects.oblique import ObliqueCorrelation
+from specklegen.paths.momentum import CLASSES, momentum_classes
+from specklegen.scene.motion import Motion, reduced_time
+
+
+@dataclass(frozen=True)
+class FilmCorrelation:
+    """K(q, x) as connections, for beams at given times.
+
+    Attributes
+    ----------
+    ways : ObliqueCorrelation
+        With the momentum transfer of every connection.
+    motion : Motion
+    times : float64[T]
+    axial : bool
+        Whether light and view are along the axis: R then has no direction.
+    """
+
+    ways: ObliqueCorrelation
+    motion: Motion
+    times: np.ndarray
+    axial: bool
+
+    @property
+    def weights(self) -> np.ndarray:
+        """float64[M], contribution of each connection."""
+        return self.ways.weights
+
+    @property
+    def paths(self) -> int:
+        """Paths behind them."""
+        return self.ways.paths
+
+    def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
+        """Matrix complex128[T, T] between beams at direction sines float64[T, 2]."""
+        q = wavenumber * (sines[:, None] - sines)
+        x = reduced_time("CollimatedBeams.times", self.motion, 2 * np.pi / wavenumber, self.times[:, None] - self.times)
+        # Only pairs that differ, and of those that are each other's conjugate one.
+        keys = np.concatenate([q, x[..., None]], axis=-1).round(15).reshape(-1, 3) + 0.0
+        flipped = (keys[:, 0] < 0) | ((keys[:, 0] == 0) & (keys[:, 1] < 0))
+        keys[flipped, :2] = -keys[flipped, :2] + 0.0
+        pairs, number = np.unique(keys, axis=0, return_inverse=True)
+        found = np.empty(len(pairs), np.complex128)
+        still = ~pairs[:, :2].any(axis=1)
+        shares, turned = self._classes
+        found[still] = [shares @ np.exp(-2 * one * turned) for one in pairs[still, 2]]
+        for n in np.flatnonzero(~still):
+            found[n] = self._pair(*pairs[n])
+        full = found[number.ravel()]
+        return np.where(flipped, full.conj(), full).reshape(x.shape)
+
+    def _pair(self, qx: float, qy: float, x: float) -> complex:
+        ways, total = self.ways, self.ways.weights.sum()
+        turned = ways.transfer if ways.transfer is not None else np.zeros(len(ways.weights))
+        kept = ways.weights * np.exp(-2 * x * turned)
+        if self.axial:
+            return complex(kept @ j0(np.hypot(qx, qy) * np.hypot(*ways.displacement.T)) / total)
+        return complex(kept @ np.exp(-1j * (ways.displacement @ np.array([qx, qy]))) / total)
+
+    @property
+    def _classes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Shares float64[n] of classes of Y, and the mean Y of each."""
+        turned, weights = self.ways.transfer, self.ways.weights
+        assert turned is not None
+        bins = momentum_classes(turned)
+        share = np.bincount(bins, weights, CLASSES)
+        mean = np.divide(np.bincount(bins, weights * turned, CLASSES), share, where=share > 0, out=0 * share)
+        return share / max(share.sum(), 1e-300), mean
+
+
+def causal_root(correlation: np.ndarray) -> np.ndarray:
+    """Root [T, T] of a correlation, lower triangular: frames that come later change none before.
+
+    Frames that others determine, up to rounding, bring nothing of their own.
+    """
+    root = np.zeros_like(correlation)
+    for n in range(len(correlation)):
+        for m in range(n):
+            if root[m, m].real > 0:
+                root[n, m] = (correlation[n, m] - root[n, :m] @ root[m, :m].conj()) / root[m, m].real
+        left = correlation[n, n].real - np.square(np.abs(root[n, :n])).sum()
+        root[n, n] = np.sqrt(left) if left > 1e-12 * correlation[n, n].real else 0.0
+    return root

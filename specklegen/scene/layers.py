@@ -1,0 +1,311 @@
+"""Plane-parallel media: everything between two planes, of layers that may differ.
+
+A medium of one's own between two planes needs one thing, what its layers are:
+
+    class Graded(sg.Stratified):
+        thickness: float
+        top: float
+        bottom: float
+
+        @property
+        def layers(self):
+            paths = np.geomspace(self.top, self.bottom, 32)
+            return [sg.Layer(thickness=self.thickness / 32, mean_free_path=path, scatterer=...) for path in paths]
+
+It is then a medium everywhere: in scenes, in every sampler, in the memory effect, in files by ``type = "Graded"``.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
+
+from specklegen.core.errors import reject
+from specklegen.core.registered import Registered, member_of
+from specklegen.core.registry import Registry, is_import_path
+from specklegen.core.values import Positive, UnitInterval, Value, remembered
+from specklegen.scene.faces import Faces
+from specklegen.scene.motion import AnyMotion, Motion, fastest
+from specklegen.scene.scatterers import AnyScatterer, Mixture, Scatterer
+from specklegen.scene.unitless import unitless_fingerprint
+
+
+def _is_stratified(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Stratified)
+
+
+class Layer(Value):
+    """One layer of a medium, homogeneous, of the refractive index of its neighbours.
+
+    Parameters
+    ----------
+    thickness
+        Length along the optical axis (z).
+    mean_free_path
+        1 / sigma_t, the mean distance between collisions, in the same unit.
+    albedo
+        Share of collisions that scatter; the rest absorb.
+    scatterer
+        What one particle does with the light that it scatters.
+    motion
+        How its particles move; by default they are at rest.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> sg.Layer(thickness=60.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.8)).optical_depth
+    3.0
+    """
+
+    thickness: Positive
+    mean_free_path: Positive
+    albedo: UnitInterval = 1.0
+    scatterer: AnyScatterer
+    motion: AnyMotion | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_rest(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return left_out(write(self), motion=self.motion is None)
+
+    @property
+    def optical_depth(self) -> float:
+        """OD = thickness / mean_free_path: mean number of collisions straight through."""
+        return self.thickness / self.mean_free_path
+
+
+def left_out(content: dict[str, Any], **nothing: bool) -> dict[str, Any]:
+    """Content of a value without the fields that do nothing: it is then what it was before it could have any."""
+    return {name: value for name, value in content.items() if not nothing.get(name)}
+
+
+class PlaneParallel(Value):
+    """A medium between the planes z = 0 and z = thickness, infinite sideways: a slab, or layers.
+
+    It answers what every medium does, so that nobody has to ask for its type, and has ``layers``.
+    """
+
+    stack: ClassVar[None] = None
+    """Screens in its place: none."""
+    has_sides: ClassVar[bool] = False
+    """Whether light can leave sideways."""
+    homogeneous: ClassVar[bool] = True
+    """Whether it is the same everywhere."""
+    dimension: ClassVar[int | None] = None
+    voxel_counts: ClassVar[tuple[int, ...]] = (1, 1, 1)
+
+    if TYPE_CHECKING:  # fields stand where they are written
+        thickness: float
+        mean_free_path: float
+
+    @property
+    def motions(self) -> tuple[Motion | None, ...]:
+        """Motion of every layer."""
+        return ()
+
+    @property
+    def moves(self) -> bool:
+        """Whether any of its particles does."""
+        return fastest(self.motions) is not None
+
+    @property
+    def extinction(self) -> float:
+        """sigma_t = 1 / mean_free_path, per unit length; of the densest layer."""
+        return 1 / self.mean_free_path
+
+    @property
+    def narrowest(self) -> float:
+        """Shortest side: the thickness, of the thinnest layer."""
+        return self.thickness
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Whether points float64[n, d] are inside, bool[n]."""
+        return (points[:, -1] >= 0) & (points[:, -1] <= self.thickness)
+
+    def unitless_fingerprint(self) -> str:
+        """SHA-256 of the medium in units of its thickness (or, without any, of its mean free path)."""
+        return unitless_fingerprint(self, self.thickness or self.mean_free_path)
+
+
+class Stratified(PlaneParallel, Registered):
+    """A medium of plane layers, each of its own density and particles. Subclass it for a medium of your own.
+
+    A subclass is a frozen value with fields of its own and one property, ``layers``: what light meets from z = 0 on.
+    The name of the class is its ``type``; what it is known by, in fingerprints and stores, are its layers. One that
+    changes steadily is as many thin layers as it takes: the step between two should be small beside what either does to
+    light. All layers have one refractive index; a field ``faces`` of type :class:`Faces` gives the medium a step of it
+    at both outer faces.
+
+    What the layers are together follows from them: ``thickness``, ``optical_depth``, ``mean_free_path`` (the shortest),
+    ``albedo`` (the mean over collisions straight through) and ``scatterer`` (the mixture of the particles that scatter
+    there). A subclass may have fields of these names, if they say the same.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> class Denser(sg.Stratified):
+    ...     thickness: float
+    ...     @property
+    ...     def layers(self):
+    ...         paths, share = [20.0, 10.0, 5.0, 2.5], self.thickness / 4
+    ...         return [sg.Layer(thickness=share, mean_free_path=path, scatterer=sg.Isotropic()) for path in paths]
+    >>> Denser(thickness=40.0).optical_depth
+    7.5
+    """
+
+    registry: ClassVar = Registry("medium of layers", _is_stratified)
+    homogeneous: ClassVar[bool] = False
+    type: Any = None
+
+    if TYPE_CHECKING:
+        optical_depth: float
+        albedo: float
+        scatterer: Scatterer
+        faces: Faces
+        layers: Sequence[Layer]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        if not cls._has("layers") and not cls.__name__.startswith("_"):
+            reject(f"{cls.__name__}.layers", "a property, or a field: its Layer one after the other", None)
+        super().__pydantic_init_subclass__(**kwargs)
+        for name, value in _TOGETHER.items():
+            if not cls._has(name):
+                setattr(cls, name, property(value))
+        if not cls._has("faces"):
+            cls.faces = Faces()
+
+    @classmethod
+    def _has(cls, name: str) -> bool:
+        return name in cls.model_fields or hasattr(cls, name)
+
+    @classmethod
+    def is_member(cls) -> bool:
+        """Whether the class says its layers."""
+        return super().is_member() and cls._has("layers")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        owner, layers = type(self).__name__, list(self.layers)
+        if not layers or not all(isinstance(layer, Layer) for layer in layers):
+            reject(f"{owner}.layers", "at least one Layer, one after the other", layers)
+        for name, value in _TOGETHER.items():
+            said = getattr(self, name)
+            if name != "scatterer" and not math.isclose(said, value(self), rel_tol=1e-9):
+                remedy = "Or give the field another name."
+                reject(f"{owner}.{name}", f"what its layers say, {value(self):.10g}", said, remedy)
+        fastest(self.motions)  # laws that are no factor apart are refused
+        return self
+
+    def content(self) -> object:
+        """Return what decides a medium of a user's own: its layers."""
+        return list(self.layers)
+
+    @property
+    def scatterers(self) -> tuple[Scatterer, ...]:
+        """The particles of all layers, each once, in the order in which light meets them."""
+        return tuple({layer.scatterer.canonical_json(): layer.scatterer for layer in self.layers}.values())
+
+    @property
+    def motions(self) -> tuple[Motion | None, ...]:
+        """Motion of every layer."""
+        return tuple(layer.motion for layer in self.layers)
+
+    @property
+    def narrowest(self) -> float:
+        """Thickness of the thinnest layer."""
+        return min(layer.thickness for layer in self.layers)
+
+    @property
+    def edges(self) -> np.ndarray:
+        """Depths of the faces of all layers, float64[n + 1], 0 first."""
+        return np.append(0.0, np.cumsum([layer.thickness for layer in self.layers]))
+
+
+def _depths(medium: Stratified) -> list[float]:
+    return [layer.optical_depth for layer in medium.layers]
+
+
+def _albedo(medium: Stratified) -> float:
+    scattered = [layer.optical_depth * layer.albedo for layer in medium.layers]
+    return min(math.fsum(scattered) / math.fsum(_depths(medium)), max(layer.albedo for layer in medium.layers))
+
+
+@remembered(64)
+def _scatterer(medium: Stratified) -> Scatterer:
+    """Mixture of the particles of all layers, by how much of the light they scatter straight through."""
+    parts = [(each, share * layer.albedo * layer.optical_depth) for layer in medium.layers
+             for each, share in layer.scatterer.components]  # fmt: skip
+    total = math.fsum(amount for _, amount in parts) or 1.0
+    if len(parts) == 1 or not any(amount for _, amount in parts):
+        return medium.layers[0].scatterer
+    return Mixture(types=[each for each, _ in parts], fractions=[amount / total for _, amount in parts])
+
+
+_TOGETHER: dict[str, Callable[[Any], Any]] = {
+    "thickness": lambda medium: math.fsum(layer.thickness for layer in medium.layers),
+    "optical_depth": lambda medium: math.fsum(_depths(medium)),
+    "mean_free_path": lambda medium: min(layer.mean_free_path for layer in medium.layers),
+    "albedo": _albedo,
+    "scatterer": _scatterer,
+}
+"""What a medium is as a whole, from its layers."""
+
+
+class Layers(Stratified):
+    """Layers one behind the other: skin over fat, skull over brain.
+
+    Parameters
+    ----------
+    layers
+        :class:`Layer` after :class:`Layer`, from the one that light enters first.
+    faces
+        The step of the refractive index at both outer faces; by default there is none. `reflectance_transmittance` and
+        `joint_correlation` know it; scenes and `memory_effect` refuse it.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> skin = sg.Layer(thickness=100.0, mean_free_path=25.0, scatterer=sg.HenyeyGreenstein(0.8))
+    >>> fat = sg.Layer(thickness=900.0, mean_free_path=90.0, albedo=0.99, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> both = sg.Layers(layers=[skin, fat])
+    >>> both.thickness, both.optical_depth, both.edges
+    (1000.0, 14.0, array([   0.,  100., 1000.]))
+    """
+
+    layers: tuple[Layer, ...] = Field(min_length=1, kw_only=False)  # type: ignore[assignment]
+    faces: Faces = Faces()
+
+    @model_serializer(mode="wrap")
+    def _without_matched_faces(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out faces that do nothing, as a slab does."""
+        return left_out(write(self), faces=self.faces.matched)
+
+
+def merged(layers: Sequence[Layer]) -> list[Layer]:
+    """Layers with neighbours of one kind made one."""
+
+    def kind(layer: Layer) -> tuple:
+        moving = layer.motion and layer.motion.canonical_json()
+        return layer.mean_free_path, layer.albedo, layer.scatterer.canonical_json(), moving
+
+    alike = (list(group) for _, group in groupby(layers, kind))
+    return [group[0].replace(thickness=math.fsum(layer.thickness for layer in group)) for group in alike]
+
+
+def is_stratified(value: Any) -> bool:
+    """Whether a value is, or describes, a medium of layers."""
+    if not isinstance(value, Mapping):
+        return isinstance(value, Stratified)
+    return value.get("type") in Stratified.registry or is_import_path(value.get("type"))
+
+
+AnyStratified = Annotated[Stratified, *member_of(Stratified)]
+"""A medium of layers of any type, written with its type."""

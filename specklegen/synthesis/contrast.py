@@ -1,0 +1,218 @@
+"""The contrast that speckle is expected to have at one camera pixel, of a batch of media.
+
+Two object pixels a lateral wavevector kappa apart give, at one camera pixel, images whose covariance over
+the product of their means is
+
+    V(kappa) = sum_n mu_n^2 |K_n(kappa)|^2  sum_s A(s) a(s)^2 e^(i kappa . s)
+
+A(s) the autocorrelation of the window's intensity b^2, a(s) the transform of the pixel's area, n the modes
+of the light. A finite window makes different beams independent from one speckle grain on, whatever the
+memory effect says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import torch
+
+from specklegen.scene.window import Window
+from specklegen.synthesis.correlations import Correlations, LightBatch
+from specklegen.synthesis.exit_grid import disc_power
+from specklegen.synthesis.fused import fused
+from specklegen.synthesis.modes import on_differences
+from specklegen.synthesis.sight import Sight
+
+
+def _power_on_the_cpu(
+    width: torch.Tensor, count: torch.Tensor, size: torch.Tensor, most: int, gaussian: bool
+) -> torch.Tensor:
+    out = np.zeros((len(width), most))
+    for row, side, n, distance in zip(out, width.tolist(), count.tolist(), size.tolist(), strict=True):
+        positions = (np.arange(n) - (n - 1) / 2) * distance
+        power = Window("gaussian" if gaussian else "square", side).cell_power(positions, distance)
+        row[:n] = power / power.sum()
+    return torch.from_numpy(out)
+
+
+@fused(
+    "window_power(Tensor width, Tensor count, Tensor size, int most, bool gaussian) -> Tensor",
+    lambda width, count, size, most, gaussian: width.new_empty((len(width), most)),
+    _power_on_the_cpu,
+)
+def window_power(
+    width: torch.Tensor, count: torch.Tensor, size: torch.Tensor, most: int, gaussian: bool
+) -> torch.Tensor:
+    """b^2 along one axis over ``count`` cells, float64[M, most] with sum 1, of square or Gaussian windows.
+
+    Of width, size (distance of cells) float64[M] and count int64[M].
+    """
+    cell = torch.arange(most, dtype=torch.float64, device=width.device)
+    position = (cell - (count[:, None] - 1) / 2) * size[:, None]
+    if gaussian:
+        power = torch.exp(-8 * (position / width[:, None]).square())
+    else:
+        half, side = 0.5 * size[:, None], 0.5 * width[:, None]
+        power = (torch.minimum(position + half, side) - torch.maximum(position - half, -side)).clamp(min=0)
+    power = power * (cell < count[:, None])
+    return power / power.sum(1, keepdim=True)
+
+
+def window_powers(sight: Sight) -> list[torch.Tensor]:
+    """b^2 of a separable window along y and x, float64[M, n] each."""
+    cells = sight.cells
+    return [
+        window_power(sight.width, cells.number[:, axis], cells.size[:, axis], most, sight.profile == "gaussian")
+        for axis, most in enumerate(sight.most_cells)
+    ]
+
+
+def speckle_variance(
+    sight: Sight, correlations: Correlations, light: LightBatch | None = None
+) -> torch.Tensor:
+    """V by the differences (row, column) of two object pixels, neither below 0: float64[M, h, w].
+
+    Parameters
+    ----------
+    sight
+        Windows, objects and cameras.
+    correlations
+        Memory effect of the media.
+    light
+        Modes of the light; by default one.
+    """
+    ones = torch.ones(len(sight), dtype=torch.float64, device=sight.device)
+    modes = [(ones, correlations)] if light is None else [*zip(light.shares.unbind(1), light.modes, strict=True)]
+    shape, wavevector = sight.shape, sight.wavenumber * sight.object_pitch
+    if sight.profile == "disc":
+        shown = _disc_lags(sight, wavevector)
+    else:
+        along = [
+            lag_transform(power, sight.cells.size[:, axis], wavevector, sight.pixel, shape[axis])
+            for axis, power in enumerate(window_powers(sight))
+        ]
+        shown = along[0][:, :, None] * along[1][:, None]
+    seen = [share.square()[:, None, None] * on_differences(k, shape, wavevector).square() for share, k in modes]
+    return shown * sum(seen[1:], seen[0])
+
+
+def _lags_on_the_cpu(
+    power: torch.Tensor, size: torch.Tensor, wavevector: torch.Tensor, pixel: torch.Tensor, count: int
+) -> torch.Tensor:
+    out = np.empty((len(power), count))
+    rows = zip(power.numpy(), size.tolist(), wavevector.tolist(), pixel.tolist(), out, strict=True)
+    for padded, distance, step, side, found in rows:
+        own = padded[: np.flatnonzero(padded)[-1] + 1]  # companions' cells would add zeros in another order
+        lag = distance * np.arange(len(own))
+        pairs = np.correlate(own, own, "full")[len(own) - 1 :] * np.square(np.sinc(side * lag))
+        pairs[1:] *= 2  # lags of either sign
+        found[:] = np.cos(step * np.arange(count)[:, None] * lag) @ pairs if count > 1 else pairs.sum()
+    return torch.from_numpy(out)
+
+
+@fused(
+    "lag_transform(Tensor power, Tensor size, Tensor wavevector, Tensor pixel, int count) -> Tensor",
+    lambda power, size, wavevector, pixel, count: power.new_empty((len(power), count)),
+    _lags_on_the_cpu,
+    kernels=2,
+)
+def lag_transform(
+    power: torch.Tensor, size: torch.Tensor, wavevector: torch.Tensor, pixel: torch.Tensor, count: int
+) -> torch.Tensor:
+    """Sum over lags s along one axis of A(s) a(s)^2 cos(kappa s), for differences 0, 1, ... of two object pixels.
+
+    Parameters
+    ----------
+    power : float64[M, n]
+        b^2 over the cells.
+    size, wavevector, pixel : float64[M]
+        Distance of cells; lateral wavevector of the object's pitch; side of a camera pixel over the wavelength.
+    count
+        Differences wanted.
+    """
+    cells = power.shape[1]
+    number = torch.arange(cells, device=power.device)
+    other = number[:, None] + number  # [cell, lag]
+    shifted = power[:, other.clamp(max=cells - 1)] * (other < cells)
+    lag = number * size[:, None]
+    pairs = (power[:, :, None] * shifted).sum(1) * torch.sinc(pixel[:, None] * lag).square()
+    pairs = pairs * torch.where(number == 0, 1.0, 2.0)  # lags of either sign
+    step = torch.arange(count, device=power.device) * wavevector[:, None]
+    return (torch.cos(step[:, :, None] * lag[:, None]) * pairs[:, None]).sum(-1)
+
+
+def _disc_lags(sight: Sight, wavevector: torch.Tensor) -> torch.Tensor:
+    """Sums over the lags of both axes, float64[M, h, w], for a window that is no product of a row and a column."""
+    cells, (ny, nx) = sight.cells, sight.most_cells
+    lags = [2 * ny, 2 * nx]
+    power = torch.fft.rfft2(disc_power(sight.width, *cells, ny, nx), lags).abs().square()
+    # irfft2 gives the autocorrelation over lags of both signs; half of the columns say it all.
+    pairs = torch.fft.irfft2(power, lags)[:, :, : nx + 1]
+    device = sight.device
+    number_y = torch.arange(2 * ny, dtype=torch.float64, device=device)
+    lag_y = torch.where(number_y < ny, number_y, number_y - 2 * ny) * cells.size[:, 0, None]
+    number_x = torch.arange(nx + 1, dtype=torch.float64, device=device)
+    lag_x = number_x * cells.size[:, 1, None]
+    across = torch.where(number_x == 0, 1.0, 2.0) * torch.sinc(sight.pixel[:, None] * lag_x).square()
+    down = torch.sinc(sight.pixel[:, None] * lag_y).square()
+    pairs = pairs * down[:, :, None] * across[:, None]
+    h, w = sight.shape
+    step_y, step_x = (torch.arange(n, device=device) * wavevector[:, None] for n in (h, w))
+    waves_y = torch.cos(step_y[:, :, None] * lag_y[:, None])
+    waves_x = torch.cos(lag_x[:, :, None] * step_x[:, None])
+    return waves_y @ pairs @ waves_x
+
+
+def _contrast_on_the_cpu(light: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
+    found = []
+    for brightness, own in zip(light.double().numpy(), variance.numpy(), strict=True):
+        rows, columns = brightness.shape
+        grid = 2 * rows - 1, 2 * columns - 1
+        pairs = np.fft.irfft2(np.square(np.abs(np.fft.rfft2(brightness, grid))), grid)
+        y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in grid)
+        found.append(np.sqrt(max((pairs * own[y[:, None], x]).sum(), 0.0)) / brightness.sum())
+    return torch.tensor(found, dtype=torch.float64)
+
+
+@fused(
+    "speckle_contrast(Tensor light, Tensor variance) -> Tensor",
+    lambda light, variance: light.new_empty(len(light), dtype=torch.float64),
+    _contrast_on_the_cpu,
+    kernels=4,
+)
+def speckle_contrast(light: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
+    """Expected contrast float64[B] of images of objects real[B, h, w], over media, of what one camera pixel sees.
+
+    Its square is sum_jl O_j O_l V(j - l) / (sum O)^2, V float64[B, h, w] from :func:`speckle_variance`.
+    """
+    rows, columns = light.shape[1:]
+    grid = [2 * rows - 1, 2 * columns - 1]
+    brightness = light.to(torch.float64)
+    pairs = torch.fft.irfft2(torch.fft.rfft2(brightness, grid).abs().square(), grid)
+    y, x = (torch.minimum(torch.arange(n, device=light.device), n - torch.arange(n, device=light.device)) for n in grid)
+    total = (pairs * variance[:, y[:, None], x]).sum((1, 2))
+    return torch.sqrt(total.clamp(min=0)) / brightness.sum((1, 2))
+
+
+@dataclass(frozen=True)
+class ExpectedContrast:
+    """Contrast as the memory effect of a medium tells it.
+
+    Attributes
+    ----------
+    variance : float64[1, h, w]
+        From :func:`speckle_variance`.
+    """
+
+    variance: torch.Tensor
+
+    @classmethod
+    def of(cls, sight: Sight, correlations: Correlations) -> Self:
+        """Of light of one mode."""
+        return cls(speckle_variance(sight, correlations))
+
+    def contrast(self, light: torch.Tensor) -> torch.Tensor:
+        """Expected contrast float64[B] of images of objects real[B, h, w] under polarised light."""
+        return speckle_contrast(light, self.variance.expand(len(light), -1, -1))

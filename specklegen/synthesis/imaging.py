@@ -1,0 +1,565 @@
+"""Images of hidden incoherent objects through wide slabs, by Karhunen-Loeve modes of the memory effect, in batches.
+
+Object pixel j sends a beam i_j; its speckle is u_j(v) = sum_x e^(-ik(v - i_j) . x) sum_r phi_r(j) G_r(x),
+where K(i_j - i_l) = sum_r phi_r(j) phi_r(l) over the pixels and the G_r are independent white fields under
+the window. The image I(v) = sum_j O_j |u_j(v)|^2 has the Fourier coefficient at the lag s between cells
+
+    I(s) = sum_rq  [G_r * G_q](s)  sum_j O_j phi_r(j) phi_q(j) e^(ik i_j . s)
+
+Two forms, the cheaper chosen: "pairs" takes the R(R+1)/2 products of modes through one FFT each, which a
+medium needs once for all its objects; "points" sums |u_j|^2 over the bright pixels. Both end in the same
+transform from lags to camera pixels, exact for any camera pitch; a pixel's area enters it as a sinc.
+
+The object may be seen under several base tilts b_t, added to all its beams: the modes are then those of
+all beams i_j + b_t. A stack of tilted beams is an object of one pixel. Light of several modes
+(:mod:`spectrum`) adds up over independent fields, in a medium's spectra already. Beams that interfere add up as
+fields: with amplitudes a_j,
+
+    u(v) = sum_x e^(-ik v . x) sum_r G_r(x) L_r(x),   L_r(x) = sum_j a_j phi_r(j) e^(ik i_j . x),
+
+and the intensity has the mean sum_x b(x)^2 sum_r |L_r(x)|^2 over media, the same at every view.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Literal, Self
+
+import torch
+
+from specklegen.core.budgets import require_time
+from specklegen.core.errors import counted, reject
+from specklegen.core.memory import require_memory
+from specklegen.synthesis import optics
+from specklegen.synthesis.contrast import speckle_contrast, speckle_variance, window_powers
+from specklegen.synthesis.correlations import Correlations, LightBatch, Places
+from specklegen.synthesis.exit_grid import disc_power
+from specklegen.synthesis.modes import Modes, karhunen_loeve, one_by_one
+from specklegen.synthesis.sight import Sight, lags_between
+from specklegen.synthesis.streams import Streams
+
+Form = Literal["pairs", "points"]
+Box = tuple[slice, slice]
+WHOLE: Box = (slice(None), slice(None))
+BUCKETS = (1, 2, 3, 4, 6, 8, 11, 16, 22, 28)
+"""Numbers of modes that media on a device are rendered with, so that few shapes occur."""
+_CHUNK = 32  # bright pixels transformed at once ...
+_MOST_VALUES = 2**25  # ... of so many lags together
+_NANOSECONDS = 0.5  # of an operation of an image on one core: found .10, .63 s where .11, .61 were predicted
+_MOST_BYTES = 2**27  # of spectra: pairs of very many modes would not fit into memory
+
+
+@dataclass(frozen=True)
+class Imaging:
+    """Draws media and images objects through them: M media of one rank R on one grid of lags. See :func:`imagings`.
+
+    Attributes
+    ----------
+    modes : real[M, T, R, h * w]
+        Karhunen-Loeve modes over the object's pixels, for each base tilt.
+    mixing : complex[M, N, R, R] or None
+        Root of each light mode's share, times what turns the modes of K into its own; None of one mode.
+    flat : float64[M]
+        Share of the light that comes as an even brightness.
+    cells : int64[M, 2]
+        Cells of the exit plane along (y, x).
+    size : float64[M, 2]
+        Their distances.
+    envelope : real[M, y, x]
+        Window b(x), its squares of sum 1.
+    object_rows, object_columns : complex[M, n, h], complex[M, w, m]
+        Transforms e^(ik i_j . s) of object pixels at the lags, of which n x m are told apart.
+    camera_rows : complex[M, T, H, n]
+        Transform from lags to camera pixels.
+    camera_columns : real[M, T, W, 2 m]
+        Its other half, real and imaginary parts of the conjugate, of whose product only the real part is wanted.
+    variance : float64[M, h, w]
+        Covariance of the images of two object pixels at one camera pixel, over the square of their mean, by the
+        difference (row, column) between them.
+    lags : (int, int)
+        Size of the lag grid.
+    shape : (h, w)
+        Of the object.
+    gains, polynomials : real[M, T, P, H, W], real[P, h, w], or None
+        Where light stays about its beam: the envelope of a beam at each view, as a sum of products of a map of the
+        camera and one of the object.
+    """
+
+    modes: torch.Tensor
+    mixing: torch.Tensor | None
+    flat: torch.Tensor
+    cells: torch.Tensor
+    size: torch.Tensor
+    envelope: torch.Tensor
+    object_rows: torch.Tensor
+    object_columns: torch.Tensor
+    camera_rows: torch.Tensor
+    camera_columns: torch.Tensor
+    variance: torch.Tensor
+    lags: tuple[int, int]
+    shape: tuple[int, int]
+    gains: torch.Tensor | None = None
+    polynomials: torch.Tensor | None = None
+
+    def __len__(self) -> int:
+        return len(self.modes)
+
+    def at(self, places: Places) -> "Imaging":
+        """Some of the media; one that all share stays as it is."""
+        if len(self) == 1:
+            return self
+        return self.of({name: value[places] for name, value in self.tensors().items()})
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """All that has a row for each medium, by name."""
+        own = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "polynomials"}
+        return {name: value for name, value in own.items() if isinstance(value, torch.Tensor)}
+
+    def of(self, tensors: dict[str, torch.Tensor]) -> "Imaging":
+        """The same of other media; see :meth:`tensors`."""
+        return replace(self, **tensors)
+
+    @property
+    def statics(self) -> tuple:
+        """All that has none."""
+        return self.lags, self.shape, self.mixing is None, self.polynomials is None
+
+    @property
+    def rank(self) -> int:
+        """Number of modes, R."""
+        return self.modes.shape[2]
+
+    @property
+    def draws(self) -> int:
+        """Independent fields of each mode: modes of the light."""
+        return 1 if self.mixing is None else self.mixing.shape[1]
+
+    @property
+    def views(self) -> tuple[int, int, int]:
+        """Images of one medium at rest, and their shape: (T, H, W)."""
+        return self.modes.shape[1], self.camera_rows.shape[2], self.camera_columns.shape[2]
+
+    @property
+    def spectra_bytes(self) -> int:
+        """Memory of one medium's :meth:`spectra`."""
+        lags = self.lags[0] * (self.lags[1] // 2 + 1)
+        return self.rank * (self.rank + 1) // 2 * lags * self.object_rows.element_size()
+
+    def fields(self, keys: torch.Tensor, still: torch.Tensor, sample: int = 0) -> torch.Tensor:
+        """Draw media: the fields b G_r under the window, complex[B, F, N, R, lag rows, lag columns], 0 beyond it.
+
+        Parameters
+        ----------
+        keys : int64[B, halves, F, 2]
+            Of both polarisations (each of which has half of the light), frame by frame.
+        still : float64[B]
+            Correlation of the fields of one frame with the next.
+        sample
+            Number of the realization under the keys.
+        """
+        count, halves, frames, _ = keys.shape
+        envelope = self.envelope if len(self.envelope) == 1 else self.envelope.repeat_interleave(halves, 0)
+        rows, columns = self.cells.expand(count, 2).repeat_interleave(halves, 0).unbind(1)
+        drawn = optics.fields(
+            keys.flatten(0, 1), sample, still.repeat_interleave(halves), rows, columns, envelope,
+            self.draws * self.rank, [*self.lags],
+        )  # fmt: skip
+        drawn = torch.view_as_complex(drawn).unflatten(2, (self.draws, self.rank))
+        if self.mixing is not None:
+            mixing = self.mixing if len(self.mixing) == 1 else self.mixing.repeat_interleave(halves, 0)
+            drawn = (mixing[:, None] @ drawn.flatten(4)).view_as(drawn)
+        if halves == 1:
+            return drawn
+        return drawn.unflatten(0, (count, halves)).swapaxes(1, 2).flatten(2, 3) * halves**-0.5
+
+    def media(self, streams: Streams, sample: int = 0) -> "ImagedMedia":
+        """Draw media; see :meth:`fields`."""
+        return ImagedMedia(self, self.fields(streams.keys, streams.still, sample))
+
+    def spectra(self, drawn: torch.Tensor) -> torch.Tensor:
+        """Lag spectra of the products of modes, complex[B, F, R(R+1)/2, n, m], which all objects behind a medium share.
+
+        Of fields complex[B, F, N, R, rows, columns], on the grid of the lags or on the window's cells alone.
+        """
+        views = torch.fft.ifft2(drawn.flatten(0, 1), s=self.lags, norm="forward")
+        products = optics.pair_products(torch.view_as_real(views))
+        return torch.fft.rfft2(products, norm="forward").unflatten(0, drawn.shape[:2])
+
+    def images(self, spectra: torch.Tensor, light: torch.Tensor, box: Box = WHOLE) -> torch.Tensor:
+        """Images over their expected value of even light, real[B, T or F, H, W], from a medium's :meth:`spectra`.
+
+        Of objects real[B, h, w], at least 0; their sum is what an image is in the mean. Outside of the ``box`` they are
+        dark.
+        """
+        rows, columns = box
+        modes = self.modes.expand(len(light), -1, -1, -1).unflatten(3, self.shape)[..., rows, columns].flatten(3)
+        some = self.transforms
+        if self.shape != (1, 1):
+            some |= {
+                "object_rows": self.object_rows[:, :, rows], "object_columns": self.object_columns[:, columns],
+            }  # fmt: skip
+        if self.polynomials is None:
+            return self._even(optics.images(spectra, modes, light[:, rows, columns].to(modes.dtype), some), light)
+        assert self.gains is not None
+        seen = [
+            self.gains[:, :, n] * optics.images(spectra, modes, (light * own)[:, rows, columns].to(modes.dtype), some)
+            for n, own in enumerate(self.polynomials)
+        ]
+        return sum(seen[1:], seen[0])
+
+    def images_by_points(self, drawn: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        """Return what :meth:`images` does, from fields complex[1, F, N, R, ...] and one object real[1, h, w]."""
+        if self.polynomials is None:
+            return self._even(self._from_points(drawn, light), light)
+        assert self.gains is not None
+        seen = [self.gains[:, :, n] * self._from_points(drawn, light * own) for n, own in enumerate(self.polynomials)]
+        return sum(seen[1:], seen[0])
+
+    def points_cheaper(self, lit: int, frames: int, draws: int) -> bool:
+        """Whether ``lit`` bright pixels one by one take fewer operations than all pairs of modes."""
+        by_points, by_pairs = self._operations(lit, draws)
+        return self.spectra_bytes * frames > _MOST_BYTES or by_pairs > by_points
+
+    def _operations(self, lit: int, draws: int) -> tuple[float, float]:
+        """Operations of a frame by ``lit`` bright pixels one by one, and by all pairs of modes."""
+        tilts, (rows, columns) = self.modes.shape[1], self.lags
+        cells_count, lag_count = rows * columns / 4, rows * columns
+        transform = 5.0 * lag_count * math.log2(lag_count)
+        pairs = self.rank * (self.rank + 1) / 2 * (0.5 * transform + (20 * draws + 40 * tilts) * lag_count)
+        return lit * tilts * draws * (4.0 * self.rank * cells_count + transform + 4 * lag_count), pairs
+
+    def require_time(self, lit: int, frames: int, draws: int) -> None:
+        """Say what an image of an object of ``lit`` bright pixels takes on one core, or refuse it; see the budget's.
+
+        Raises
+        ------
+        RuleError
+            With the days.
+        """
+        by_points, by_pairs = self._operations(lit, draws)
+        least = by_points if self.points_cheaper(lit, frames, draws) else by_pairs
+        rows, columns = self.lags
+        require_time(
+            "object_imaging", 1e-9 * _NANOSECONDS * frames * least,
+            f"an image of {lit} bright pixels by {self.rank} modes on {columns} x {rows} points",
+            "Use a narrower window, a smaller camera, or an object of fewer pixels.",
+        )  # fmt: skip
+
+    def superposed(self, drawn: torch.Tensor, amplitudes: torch.Tensor, step: float) -> torch.Tensor:
+        """Images of beams that interfere, under the first base tilt, over their mean over media: real[B, 1, H, W].
+
+        Parameters
+        ----------
+        drawn : complex[B, 1, N, R, lag rows, lag columns]
+            From :meth:`fields`.
+        amplitudes : complex[B, h, w]
+            Of the beams from the smallest sines y and x; their phases are 0 in the middle of the window.
+        step
+            Transverse wave number between neighbouring beams, radians per unit length.
+
+        Raises
+        ------
+        RuleError
+            If there is not one amplitude a beam.
+        """
+        if amplitudes.shape[1:] != self.shape:
+            reject("superposed amplitudes", f"of shape {self.shape}, one a beam", tuple(amplitudes.shape[1:]))
+        waves = amplitudes
+        for axis, count in enumerate(self.shape):
+            # Waves are counted from the first cell here, from the middle of the window there.
+            beam = torch.arange(count, dtype=torch.float64, device=waves.device) - (count - 1) / 2
+            first = -(self.cells[:, axis] - 1) / 2 * self.size[:, axis]
+            turn = torch.exp(1j * step * beam * first[:, None])
+            waves = waves * (turn[:, :, None] if axis == 0 else turn[:, None])
+        waves = waves.flip(1, 2)  # the first beam is that of the largest sines: images of objects are turned
+        rows, columns = self.envelope.shape[1:]
+        light = self.modes[:, 0].unflatten(2, self.shape) * waves[:, None].to(self.object_rows.dtype)
+        light = self.object_rows[:, None, :rows] @ light @ self.object_columns[:, None, :, :columns]
+        views = torch.fft.ifft2(
+            (drawn[:, 0, :, :, :rows, :columns] * light[:, None]).sum(2), s=self.lags, norm="forward"
+        )
+        spectrum = torch.fft.rfft2(torch.view_as_real(views).square().sum(-1).sum(1), norm="forward")[:, None]
+        image = optics.seen(torch.view_as_real(spectrum), self.transforms)[:, :1]
+        power = torch.view_as_real(light).square().sum((-1, 1)) * self.envelope.square()
+        even = self.flat * torch.view_as_real(waves).double().square().sum((1, 2, 3))
+        mean = power.sum((1, 2), dtype=torch.float64) + even
+        return ((image + even[:, None, None, None]) / mean[:, None, None, None]).to(self.modes.dtype)
+
+    def contrast(self, light: torch.Tensor, media: Places = slice(None)) -> torch.Tensor:
+        """Expected contrast float64[B] of images of objects real[B, h, w] behind B media, under polarised light."""
+        own = self.variance if len(self) == 1 else self.variance[media]
+        return speckle_contrast(light, own.expand(len(light), -1, -1))
+
+    @property
+    def transforms(self) -> dict[str, torch.Tensor]:
+        """As :func:`optics.images` wants them."""
+        names = ("object_rows", "object_columns", "camera_rows", "camera_columns")
+        return {name: getattr(self, name) for name in names}
+
+    def _even(self, seen: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        even = (self.flat * light.sum((1, 2), dtype=torch.float64)).to(seen.dtype)
+        return seen + even[:, None, None, None]
+
+    def _from_points(self, drawn: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        bright = light.reshape(-1).to(self.modes.dtype)
+        rows, columns = self.envelope.shape[1:]
+        if self.shape == (1, 1):  # beams under every tilt, whose ramps are 1
+            flat = torch.view_as_real(drawn[0, :, :, :, :rows, :columns].contiguous()).flatten(3)
+            fields = self.modes[0, :, :, 0] @ flat  # [F, N, T, cells]
+            beams = torch.view_as_complex(fields.unflatten(3, (rows, columns, 2)))
+            views = torch.fft.ifft2(beams, s=self.lags, norm="forward")
+            power = torch.view_as_real(views).square_()
+            power = (power[..., 0] + power[..., 1]).sum(1).flatten(0, 1) * bright
+            return optics.seen(torch.view_as_real(torch.fft.rfft2(power, norm="forward")[None]), self.transforms)
+        lit = torch.nonzero(bright).reshape(-1)
+        ramps_y, ramps_x = self.object_rows[0, :rows].mT, self.object_columns[0, :, :columns]
+        at_once = min(_CHUNK, max(1, _MOST_VALUES // (self.lags[0] * self.lags[1])))
+        totals = []
+        for frame in drawn[0, :, :, :, :rows, :columns]:
+            for modes in self.modes[0]:
+                total = torch.zeros(self.lags, dtype=self.modes.dtype, device=modes.device)
+                for chunk in lit.split(at_once) if len(lit) else ():
+                    row, column = chunk // self.shape[1], chunk % self.shape[1]
+                    ramps = ramps_y[row][:, :, None] * ramps_x[column][:, None, :]
+                    for draw in frame:
+                        flat = torch.view_as_real(draw.contiguous()).reshape(self.rank, -1)
+                        field = torch.view_as_complex((modes[:, chunk].T @ flat).view(len(chunk), rows, columns, 2))
+                        views = torch.fft.ifft2(field * ramps, s=self.lags, norm="forward")
+                        power = torch.view_as_real(views).square_()
+                        power = power[..., 0] + power[..., 1]  # sum(-1), four times as fast
+                        total += torch.tensordot(bright[chunk], power, dims=1)
+                totals.append(torch.fft.rfft2(total, norm="forward"))
+        return optics.seen(torch.view_as_real(torch.stack(totals)[None]), self.transforms)
+
+
+@dataclass(frozen=True)
+class ImagedMedia:
+    """B media as they were drawn: what :meth:`Imaging.media` gives.
+
+    Attributes
+    ----------
+    imaging : Imaging
+        Of each, or of all.
+    drawn : complex[B, F, N, R, lag rows, lag columns] or None
+        Fields.
+    spectra : complex[B, F, R(R+1)/2, n, m] or None
+        Their products, where many objects share them.
+    one_by_one : bool
+        Whether an object on the CPU may be looked at before it is transformed; else nothing is asked of numbers.
+    """
+
+    imaging: Imaging
+    drawn: torch.Tensor | None
+    spectra: torch.Tensor | None = None
+    one_by_one: bool = True
+
+    def __len__(self) -> int:
+        return len(self._held)
+
+    @property
+    def _held(self) -> torch.Tensor:
+        held = self.drawn if self.spectra is None else self.spectra
+        assert held is not None
+        return held
+
+    def shared(self) -> Self:
+        """The same, made ready for many objects: spectra instead of fields."""
+        assert self.drawn is not None
+        return type(self)(self.imaging, None, self.imaging.spectra(self.drawn))
+
+    def images(self, light: torch.Tensor) -> torch.Tensor:
+        """Images over their expected value, real[B, T or F, H, W], of objects real[B, h, w].
+
+        Of one object on the CPU the bright pixels alone are transformed.
+        """
+        total = light.sum((1, 2), dtype=torch.float64)[:, None, None, None]
+        seen = self.seen(light, lit_box(light[0]) if self._looked_at(light) else WHOLE)
+        return seen / total.to(seen.dtype)
+
+    def seen(self, light: torch.Tensor, box: Box = WHOLE) -> torch.Tensor:
+        """Images over that of a pixel of brightness 1; one object on the CPU is imaged in the cheaper form."""
+        if self.drawn is not None and self._looked_at(light):
+            frames, draws = self.drawn.shape[1:3]
+            self.imaging.require_time(int((light != 0).sum()), frames, draws)
+            if self.imaging.points_cheaper(int((light != 0).sum()), frames, draws):
+                return self.imaging.images_by_points(self.drawn, light)
+        spectra = self.imaging.spectra(self.drawn) if self.spectra is None else self.spectra  # type: ignore[arg-type]
+        return self.imaging.images(spectra, light, box)
+
+    def _looked_at(self, light: torch.Tensor) -> bool:
+        return self.one_by_one and len(self) == 1 and light.device.type == "cpu"
+
+    def superposed(self, amplitudes: torch.Tensor, step: float) -> torch.Tensor:
+        """See :meth:`Imaging.superposed`."""
+        assert self.drawn is not None
+        return self.imaging.superposed(self.drawn, amplitudes, step)
+
+
+def imagings(
+    sight: Sight,
+    correlations: Correlations,
+    light: LightBatch | None = None,
+    *,
+    tolerance: float,
+    precise: bool = False,
+) -> list[tuple[list[int], Imaging]]:
+    """Prepare to draw media and image objects through them, those of one rank and grid together, and which they are.
+
+    Parameters
+    ----------
+    sight
+        Windows, beams and cameras of the media.
+    correlations
+        Their memory effect.
+    light
+        Modes of the light; by default one.
+    tolerance
+        Share of the intensity that the modes may leave out (it is put back evenly).
+    precise
+        Fields complex128, images float64.
+
+    Raises
+    ------
+    RuleError
+        If modes, or fields of so many on so many cells, would not fit into memory.
+    """
+    variance = speckle_variance(sight, correlations, light)
+    whole = {"variance": variance} | _seen(sight, precise) if sight.bound is not None or len(sight) == 1 else None
+    found = []
+    for places, modes in karhunen_loeve(correlations, sight.lattice, tolerance):
+        groups = _groups(modes, exact=light is not None and light.shares.shape[1] > 1)
+        order = [n for some, _ in groups for n in some]
+        at = [places[n] for n in order]
+        if order != [*range(len(order))]:
+            modes = modes.at(_put(order, variance))
+        together = whole if whole is None or at == [*range(len(variance))] else _rows(whole, at)
+        first = 0
+        for some, rank in groups:
+            own, part = at[first : first + len(some)], slice(first, first + len(some))
+            seen = {"variance": variance[own]} | _seen(sight.at(own), precise) if together is None else {
+                name: value[part] for name, value in together.items()
+            }
+            found.append((own, _imaging(seen, sight, modes.at(part), rank, None if light is None else light.at(own))))
+            first += len(some)
+    return found
+
+
+def _put(numbers: list[int], like: torch.Tensor) -> torch.Tensor:
+    return torch.tensor(numbers, dtype=torch.int64).to(like.device, non_blocking=True)
+
+
+def _rows(tensors: dict[str, torch.Tensor], at: list[int]) -> dict[str, torch.Tensor]:
+    """Some rows of every tensor: a view where they follow each other."""
+    if at == [*range(at[0], at[0] + len(at))]:
+        return {name: value[at[0] : at[0] + len(at)] for name, value in tensors.items()}
+    places = _put(at, tensors["variance"])
+    return {name: value[places] for name, value in tensors.items()}
+
+
+def _groups(modes: Modes, *, exact: bool) -> Iterable[tuple[list[int], int]]:
+    """Media that are rendered together, and their rank: each alone on the CPU, those of a few ranks on devices.
+
+    Ranks are ``exact`` where the light has several modes: the fields of one mode of light follow those of the other,
+    so that one more would have all that follow draw other numbers.
+    """
+    ranks, most = _ranks(modes), modes.columns.shape[-1]
+    if one_by_one(modes.rank.device):
+        return [([place], rank) for place, rank in enumerate(ranks)]
+    members: dict[int, list[int]] = {}
+    for place, rank in enumerate(ranks):
+        least = rank if exact else next((bucket for bucket in BUCKETS if bucket >= rank), most)
+        members.setdefault(min(least, most), []).append(place)
+    return [(places, rank) for rank, places in members.items()]
+
+
+def _ranks(modes: Modes) -> list[int]:
+    """Ranks as the host knows them, the one thing that it waits for; on "meta", where there are no numbers, 3."""
+    return [3] * len(modes.rank) if modes.rank.device.type == "meta" else modes.rank.tolist()
+
+
+def _seen(sight: Sight, precise: bool) -> dict[str, torch.Tensor]:
+    """What of an :class:`Imaging` does not depend on modes: windows, and transforms of objects and cameras."""
+    (rows, columns), cells = sight.most_cells, sight.cells
+    if sight.profile == "disc":
+        envelope = disc_power(sight.width, *cells, rows, columns).sqrt()
+    else:
+        along_y, along_x = window_powers(sight)
+        envelope = along_y.sqrt()[:, :, None] * along_x.sqrt()[:, None]
+    return {
+        "cells": cells.number, "size": cells.size, "envelope": envelope.to(torch.float64 if precise else torch.float32),
+        **_transforms(sight, _lags(rows, columns), precise),
+    }  # fmt: skip
+
+
+@lru_cache(maxsize=1024)
+def _lags(rows: int, columns: int) -> tuple[int, int]:
+    return int(lags_between(torch.tensor(rows))), int(lags_between(torch.tensor(columns)))
+
+
+def _imaging(
+    seen: dict[str, torch.Tensor], sight: Sight, modes: Modes, rank: int, light: LightBatch | None
+) -> Imaging:
+    envelope = seen["envelope"]
+    real, device, (rows, columns) = envelope.dtype, envelope.device, envelope.shape[1:]
+    lags, precise = _lags(rows, columns), real == torch.float64
+    _require_room(rows, columns, lags, rank * (1 if light is None else light.shares.shape[1]), precise)
+    values, mixing = modes.values(rank), None
+    flat = torch.zeros(len(envelope), dtype=torch.float64, device=device) if light is None else light.flat.to(device)
+    if light is not None and light.shares.shape[1] > 1:
+        roots = torch.stack([modes.mixing(rank, each) for each in light.modes], 1)
+        mixing = light.shares.to(device).sqrt()[:, :, None, None] * roots
+        # The span of K's modes holds those of each mode of the light only nearly: put back what it leaves out.
+        power = (values[:, None] @ mixing).square().sum((1, 3))
+        values = values * ((1 - flat)[:, None] / power).sqrt()[..., None]
+        mixing = mixing.to(torch.complex128 if precise else torch.complex64)
+    return Imaging(
+        modes=values.unflatten(1, (sight.base.shape[1], -1)).mT.contiguous().to(real),
+        mixing=mixing,
+        flat=flat,
+        lags=lags,
+        shape=sight.shape,
+        **seen,
+    )
+
+
+def lit_box(light: torch.Tensor) -> Box:
+    """Rows and columns that hold all bright pixels of an object."""
+    if light.numel() == 1:
+        return WHOLE
+    lit = [torch.nonzero(light.any(axis)).reshape(-1).tolist() for axis in (1, 0)]
+    rows, columns = (slice(n[0], n[-1] + 1) if n else slice(0, 1) for n in lit)
+    return rows, columns
+
+
+def _transforms(sight: Sight, lags: tuple[int, int], precise: bool) -> dict[str, torch.Tensor]:
+    """Transforms of object and camera at the lags: s for s < n/2 and s - n above along y, the order of an FFT."""
+    (rows, columns), device, size = lags, sight.device, sight.cells.size
+    number_y = torch.arange(rows, dtype=torch.float64, device=device)
+    number_y = torch.where(number_y < rows // 2, number_y, number_y - rows)
+    number_x = torch.arange(columns // 2 + 1, dtype=torch.float64, device=device)
+    twice = torch.where(number_x == 0, 1.0, 2.0)  # lags of either sign
+    lag_y, lag_x = number_y * size[:, 0, None], number_x * size[:, 1, None]
+    gain_y, gain_x = (gain * torch.sinc(sight.pixel[:, None] * lag)
+                      for gain, lag in ((torch.ones_like(number_y), lag_y), (twice, lag_x)))  # fmt: skip
+    one = lambda along: torch.ones_like(along)  # noqa: E731
+    sines_y, sines_x = (sight.object_sines(axis) / sight.wavelength for axis in (0, 1))
+    views_y, views_x = (sight.views(axis) / -sight.wavelength for axis in (0, 1))
+    flat = lambda views: views.flatten(1)  # noqa: E731
+    camera_rows = optics.waves(flat(views_y), lag_y, gain_y, precise).unflatten(1, views_y.shape[1:])
+    camera_columns = optics.waves(-flat(views_x), lag_x, gain_x, precise).unflatten(1, views_x.shape[1:])
+    return {
+        "object_rows": torch.view_as_complex(optics.waves(lag_y, sines_y, one(sines_y), precise)),
+        "object_columns": torch.view_as_complex(optics.waves(sines_x, lag_x, one(lag_x), precise)),
+        "camera_rows": torch.view_as_complex(camera_rows),
+        "camera_columns": camera_columns.flatten(3),
+    }
+
+
+def _require_room(rows: int, columns: int, lags: tuple[int, int], modes: int, precise: bool) -> None:
+    # White noise of the modes, mixed; fields of a point over the lags, their transform and square; the sum over points.
+    held = (8 if precise else 4) * (4 * modes * rows * columns + 8 * lags[0] * lags[1])
+    require_memory(
+        "object_imaging", "held", held, f"{counted(modes, 'mode')} on {columns} x {rows} cells of the exit face",
+        "Use a narrower window (window.width) or a smaller field of view.",
+    )  # fmt: skip

@@ -1,0 +1,387 @@
+"""Modes of the memory effect: few independent fields for the many correlated beams of an object.
+
+    K(i_j - i_l) = sum_r phi_r(j) phi_r(l)
+
+The beams lie on a lattice, the object's pixels, under a few base tilts. With B discrete orthonormal polynomials on the
+lattice, those of total degree d at most in the order of their degree, the coefficients of K are A = B^T K B. K depends
+on differences alone, so that A is two small products with the correlations of the polynomials in one dimension. Its
+Cholesky factor L gives the modes phi = B L, and its strongest columns are kept, in their order. No pivot, eigenvector
+or root is chosen by rounding: neighbours in power stay together, and the order is that of the polynomials.
+
+The degree is 6, that of all polynomials where there are few beams, and rises where the polynomials leave out more
+than half of the tolerance. At a quarter to one memory-effect range that takes at most a quarter more modes than the
+exact expansion needs at the same tolerance (tests/samplers/stationary/test_modes.py).
+Source of the recurrence: Gautschi, *Orthogonal Polynomials* (2004), section 2.2.3, with every step orthogonalised anew.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from specklegen.core.lazy import LazyModule
+from specklegen.core.memory import require_memory
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.synthesis.correlations import Correlations, Places
+else:
+    torch = LazyModule("torch")
+
+FIRST_DEGREE, FEW = 6, 16
+POLYNOMIAL_SHARE = 0.5
+"""Share of the tolerance that the polynomials may leave out."""
+_TOGETHER = 0.999  # ratio of the powers of two columns that are kept together
+_JITTER = 1e-11  # on the diagonal, over the number of beams: far above rounding, far below any tolerance
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Beams of an object's pixels under base tilts, of M media.
+
+    Attributes
+    ----------
+    shape : (h, w)
+        Pixels.
+    step : float64[M]
+        Lateral wavevector between neighbours.
+    base : float64[M, T, 2]
+        Lateral wavevectors (x, y) of the base tilts.
+    kept : float64[M, T, T] or None
+        What K between beams of two base tilts is multiplied by, where the medium changes between them.
+    """
+
+    shape: tuple[int, int]
+    step: torch.Tensor
+    base: torch.Tensor
+    kept: torch.Tensor | None = None
+
+    @property
+    def tilts(self) -> int:
+        """Number of base tilts, T."""
+        return self.base.shape[1]
+
+    @property
+    def full(self) -> tuple[int, ...]:
+        """Points along each axis: those of the pixels, after those of several tilts."""
+        return self.shape if self.tilts == 1 else (self.tilts, *self.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of beams, T h w."""
+        return math.prod(self.full)
+
+    def at(self, places: Places) -> Lattice:
+        """Of some of the media."""
+        kept = None if self.kept is None else self.kept[places]
+        return Lattice(self.shape, self.step[places], self.base[places], kept)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of M media over a lattice of beams.
+
+    Attributes
+    ----------
+    lattice : Lattice
+    degree : int
+        Highest total degree of the polynomials.
+    columns : float64[M, N, N]
+        Cholesky factor of each, its kept columns first, the others 0.
+    rank : int64[M]
+        Kept columns.
+    """
+
+    lattice: Lattice
+    degree: int
+    columns: torch.Tensor
+    rank: torch.Tensor
+
+    def at(self, places: Places) -> Modes:
+        """Of some of the media."""
+        return Modes(self.lattice.at(places), self.degree, self.columns[places], self.rank[places])
+
+    def values(self, rank: int) -> torch.Tensor:
+        """Modes phi float64[M, T h w, rank], the squares of each beam of sum 1; beams by (tilt, row, column)."""
+        found = basis(self.lattice.full, self.degree, self.columns.device) @ self.columns[:, :, :rank]
+        return found / torch.linalg.vector_norm(found, dim=2, keepdim=True)
+
+    def mixing(self, rank: int, correlations: Correlations) -> torch.Tensor:
+        """Roots float64[M, rank, rank] that turn these modes into those of other K: phi A A^T phi^T is their matrix.
+
+        Found among the polynomials by least squares, and right where the other K's modes lie in the span of these.
+        """
+        matrix = coefficients(memory(correlations, self.lattice), self.lattice, self.degree)
+        back = torch.linalg.pinv(self.columns[:, :, :rank])
+        values, vectors = torch.linalg.eigh(back @ matrix @ back.mT)
+        return (vectors * values.clamp(min=0).sqrt()[:, None]) @ vectors.mT  # symmetric: the only one
+
+
+def first_degree(shape: tuple[int, ...]) -> int:
+    """Degree to begin with: all polynomials of few beams, else 6."""
+    return sum(shape) - len(shape) if math.prod(shape) <= FEW else FIRST_DEGREE
+
+
+@lru_cache(maxsize=64)
+def polynomials(count: int, degree: int) -> np.ndarray:
+    """Orthonormal polynomials on ``count`` points, float64[count, min(count, degree + 1)], by degree."""
+    x = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
+    found = np.full((count, 1), count**-0.5)
+    for _ in range(min(count - 1, degree)):
+        new = x * found[:, -1]
+        for _ in range(2):  # once leaves rounding that grows with the degree
+            new = new - found @ (found.T @ new)
+        found = np.column_stack([found, new / np.linalg.norm(new)])
+    return found
+
+
+@lru_cache(maxsize=64)
+def graded(shape: tuple[int, ...], degree: int) -> np.ndarray:
+    """Degrees int64[N, axes] along each axis of the products of polynomials of total degree at most ``degree``."""
+    degrees = np.indices([min(n, degree + 1) for n in shape]).reshape(len(shape), -1).T
+    total = degrees.sum(axis=1)
+    kept = degrees[total <= degree]
+    return kept[np.lexsort((*kept.T[::-1], kept.sum(axis=1)))]
+
+
+@lru_cache(maxsize=64)
+def products(count: int, degree: int) -> torch.Tensor:
+    """Correlations float64[m * m, 2 count - 1] of two of the m polynomials, by the difference of their points."""
+    basis = polynomials(count, degree)
+    return torch.from_numpy(np.stack([np.correlate(a, b, "full") for a in basis.T for b in basis.T]))
+
+
+@lru_cache(maxsize=64)
+def folded(count: int, degree: int) -> torch.Tensor:
+    """:func:`products` for a K that is even: differences 0, 1, ..., float64[m * m, count]."""
+    full = products(count, degree)
+    half = full[:, count - 1 :].clone()
+    half[:, 1:] += full[:, : count - 1].flip(1)
+    return half
+
+
+@lru_cache(maxsize=64)
+def places(shape: tuple[int, int], degree: int) -> torch.Tensor:
+    """Where A[i, j] lies in the product (row degrees) x (column degrees), flat: int64[N, N]."""
+    rows, columns = graded(shape, degree).T
+    m, n = (min(count, degree + 1) for count in shape)
+    flat = (rows[:, None] * m + rows) * n * n + columns[:, None] * n + columns
+    return torch.from_numpy(flat)
+
+
+@lru_cache(maxsize=64)
+def places_of_tilts(shape: tuple[int, int, int], degree: int) -> torch.Tensor:
+    """The same of tilts, rows and columns, in (tilt degrees) x (row degrees) x (column degrees)."""
+    over, down, across = torch.from_numpy(graded(shape, degree).T)
+    t, m, n = (min(count, degree + 1) for count in shape)
+    return ((over[:, None] * t + over) * m * m + down[:, None] * m + down) * n * n + across[:, None] * n + across
+
+
+@lru_cache(maxsize=64)
+def distances(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Different distances of two points of a lattice float64[d], ascending, and which it is, int64[h, w]."""
+    squares = np.square(np.arange(shape[0]))[:, None] + np.square(np.arange(shape[1]))
+    unique, which = np.unique(squares, return_inverse=True)
+    return np.sqrt(unique), which.reshape(shape)
+
+
+def on_differences(correlations: Correlations, shape: tuple[int, int], step: torch.Tensor) -> torch.Tensor:
+    """K float64[M, h, w] at the differences (row, column) of two pixels, neither below 0; step float64[M]."""
+    distance, which = distances(shape)
+    device = step.device
+    return correlations(step[:, None] * torch.from_numpy(distance).to(device))[:, torch.from_numpy(which).to(device)]
+
+
+def memory(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
+    """K at the differences of all beams: float64[M, h, w] of one tilt, else float64[M, T, T, 2h - 1, 2w - 1]."""
+    if lattice.tilts == 1:
+        return on_differences(correlations, lattice.shape, lattice.step)
+    (h, w), device = lattice.shape, lattice.step.device
+    gap = lattice.base[:, :, None] - lattice.base[:, None]
+    along = [torch.arange(1 - n, n, dtype=torch.float64, device=device) for n in (h, w)]
+    step = lattice.step[:, None, None, None]
+    dy, dx = (gap[..., axis, None] - step * n for axis, n in ((1, along[0]), (0, along[1])))
+    distance = torch.hypot(dy[..., :, None], dx[..., None, :])
+    if device.type == "cpu":  # many are the same, and K is what takes the time there
+        found = torch.empty_like(distance)
+        for n, own in enumerate(distance):
+            unique, which = torch.unique(own, return_inverse=True)
+            found[n] = correlations.at([n])(unique[None])[0][which]
+    else:
+        found = correlations(distance.flatten(1)).view_as(distance)
+    return found if lattice.kept is None else found * lattice.kept[..., None, None]
+
+
+def coefficients(known: torch.Tensor, lattice: Lattice, degree: int) -> torch.Tensor:
+    """A = B^T K B, float64[M, N, N], of the polynomials of a lattice, from K on its differences (:func:`memory`)."""
+    (h, w), tilts, device = lattice.shape, lattice.tilts, known.device
+    if tilts == 1:
+        rows, columns = (folded(count, degree).to(device) for count in (h, w))
+        return (rows @ known @ columns.T).flatten(1)[:, places((h, w), degree).to(device)]
+    rows, columns = (products(count, degree).to(device) for count in (h, w))
+    between = rows @ known @ columns.T  # [M, T, T, m_y^2, m_x^2]
+    turns = torch.from_numpy(polynomials(tilts, degree)).to(device)
+    squares = (tilts, tilts, rows.shape[0] * columns.shape[0])
+    found = (turns.T @ between.reshape(-1, tilts, squares[1] * squares[2])).unflatten(2, squares[1:])
+    found = (found.transpose(2, 3) @ turns).transpose(2, 3)  # [M, t, t, m_y^2 m_x^2]
+    return found.flatten(1)[:, places_of_tilts((tilts, h, w), degree).to(device)]
+
+
+def factor(matrix: torch.Tensor, size: int) -> torch.Tensor:
+    """Cholesky factor L of A, float64[..., N, N], which rounding may have left a little short of definite."""
+    jitter = _JITTER * size * torch.eye(matrix.shape[-1], dtype=matrix.dtype, device=matrix.device)
+    return torch.linalg.cholesky_ex(matrix + jitter)[0]
+
+
+def kept(triangle: torch.Tensor, size: int, tolerance: float) -> torch.Tensor:
+    """Which columns of L to keep, bool[..., N], so that at most ``tolerance`` of the intensity is left out.
+
+    The strongest are, as few as will do; columns of nearly one power are kept or left out together.
+    """
+    power = triangle.square().sum(-2)
+    descending = power.sort(dim=-1, descending=True)[0]
+    left = size - descending.cumsum(-1)
+    following = torch.nn.functional.pad(descending[..., 1:], (0, 1))
+    enough = (left <= tolerance * size) & (following <= _TOGETHER * descending)
+    enough[..., -1] = True
+    least = descending.gather(-1, enough.to(torch.int8).argmax(-1, keepdim=True))
+    return power >= least
+
+
+def reached(triangle: torch.Tensor, size: int) -> torch.Tensor:
+    """Share of the intensity that the polynomials reach, float64[...]."""
+    return triangle.square().sum((-2, -1)) / size
+
+
+@lru_cache(maxsize=16)
+def basis(shape: tuple[int, ...], degree: int, device: torch.device | str = "cpu") -> torch.Tensor:
+    """Products of polynomials over the points of all axes, float64[points, N]."""
+    values = np.ones((1, len(graded(shape, degree))))
+    for count, degrees in zip(shape, graded(shape, degree).T, strict=True):
+        values = (values[:, None] * polynomials(count, degree)[:, degrees]).reshape(-1, len(degrees))
+    return torch.from_numpy(values).to(device)
+
+
+def polynomial_count(shape: tuple[int, ...], degree: int) -> int:
+    """Products of polynomials of total degree at most ``degree``: the columns of :func:`graded`."""
+    by_degree = np.ones(1)
+    for count in shape:
+        by_degree = np.convolve(by_degree, np.ones(min(count, degree + 1)))[: degree + 1]
+    return int(by_degree.sum())
+
+
+def sum_of_squares(correlations: Correlations, lattice: Lattice) -> float:
+    """Squared Frobenius norm of the K of one medium over all pairs of beams, or more.
+
+    A block of it between two base tilts is no larger than their own blocks, since K is positive semidefinite.
+    """
+    h, w = (torch.arange(n, dtype=torch.float64) for n in lattice.shape)
+    pairs = torch.outer(*(torch.where(n > 0, 2.0, 1.0) * (len(n) - n) for n in (h, w)))
+    squares = on_differences(correlations, lattice.shape, lattice.step)[0].square().cpu()
+    return lattice.tilts**2 * float((pairs * squares).sum())
+
+
+def fewest(matrix: torch.Tensor, squares: float, wanted: float) -> float:
+    """Polynomials without which no degree reaches a trace, float: a lower bound, from those of a lower degree.
+
+    ``matrix`` are the coefficients of K there, a block of K in a larger basis. n more columns add the trace of another
+    block of n rows: at most sqrt(n) times the root of the sum of its squares, and those of all K are ``squares``.
+    """
+    left = squares - float(matrix.square().sum())
+    missing = max(wanted - float(matrix.trace()), 0.0)
+    return len(matrix) + missing**2 / (max(left, 0.0) + 1e-9 * squares)
+
+
+def require_room(lattice_shape: tuple[int, ...], degree: int) -> None:
+    """Refuse polynomials that would not fit into memory.
+
+    Raises
+    ------
+    RuleError
+        With the bytes they take.
+    """
+    count, beams = polynomial_count(lattice_shape, degree), math.prod(lattice_shape)
+    per_axis = [min(n, degree + 1) for n in lattice_shape]
+    # K between all products of polynomials, twice; its matrix, factor and index, with what they are made from; values.
+    held = 8 * (2 * math.prod(n**2 for n in per_axis) + 8 * count**2 + 3 * beams * count)
+    require_memory(
+        "object_imaging", "held", held, f"{count} modes of {beams} beams",
+        "Use a smaller field of view in memory-effect ranges, fewer pixels, a longer coherence length, or a larger "
+        "mode_tolerance.",
+    )  # fmt: skip
+
+
+def one_by_one(device: torch.device) -> bool:
+    """Whether media are made one by one: on the CPU, where products of several matrices have other last bits."""
+    return device.type == "cpu"
+
+
+def karhunen_loeve(correlations: Correlations, lattice: Lattice, tolerance: float) -> list[tuple[list[int], Modes]]:
+    """Modes of lattices of beams, one a medium: the media of each degree together, and which they are.
+
+    What the modes of a medium leave out adds up to at most ``tolerance`` of the intensity, and every beam's intensity
+    is then restored to 1. On "meta", where there are no numbers, the first degree is enough.
+
+    Raises
+    ------
+    RuleError
+        If beams are so many, and so independent, that their modes would not fit into memory.
+    """
+    degree, known = first_degree(lattice.full), memory(correlations, lattice)
+    require_room(lattice.full, degree)
+    at_once = 1 if one_by_one(known.device) else max(len(known), 1)
+    found, first = [], []
+    for start in range(0, len(known), at_once):
+        own = slice(start, start + at_once)
+        some = lattice.at(own)
+        triangle = factor(coefficients(known[own], some, degree), lattice.size)
+        enough = _enough(triangle, some, degree, tolerance)
+        if all(enough):
+            first.append(([*range(start, start + len(enough))], _chosen(triangle, some, degree, tolerance)))
+            continue
+        for n, yes in enumerate(enough):
+            one = slice(start + n, start + n + 1)
+            if yes:
+                made = _chosen(triangle[n : n + 1], lattice.at(one), degree, tolerance)
+            else:
+                made = _raised(correlations.at(one), known[one], lattice.at(one), degree, tolerance)
+            found.append(([start + n], made))
+    return first + found
+
+
+def _enough(triangle: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> list[bool]:
+    """Whether the polynomials of a degree will do for each medium; on "meta" they do."""
+    if degree >= sum(lattice.full) - len(lattice.full) or triangle.device.type == "meta":
+        return [True] * len(triangle)
+    return (1 - reached(triangle, lattice.size) <= POLYNOMIAL_SHARE * tolerance).tolist()
+
+
+def _chosen(triangle: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> Modes:
+    chosen = kept(triangle, lattice.size, tolerance)
+    first = torch.sort((~chosen).to(torch.int8), dim=-1, stable=True)[1]
+    rank = chosen.sum(-1)
+    ordered = triangle.gather(2, first[:, None].expand_as(triangle))
+    ordered = ordered * (torch.arange(ordered.shape[-1], device=rank.device) < rank[:, None])[:, None]
+    return Modes(lattice, degree, ordered, rank)
+
+
+def _raised(
+    correlations: Correlations, known: torch.Tensor, lattice: Lattice, degree: int, tolerance: float
+) -> Modes:
+    """Modes of one medium, of the first degree after ``degree`` that is enough: of 6, 9, 13, 19, ..."""
+    squares = sum_of_squares(correlations, lattice)
+    while True:
+        matrix = coefficients(known, lattice, degree)
+        triangle = factor(matrix, lattice.size)
+        if _enough(triangle, lattice, degree, tolerance)[0]:
+            return _chosen(triangle, lattice, degree, tolerance)
+        least = fewest(matrix[0], squares, (1 - POLYNOMIAL_SHARE * tolerance) * lattice.size)
+        degree = degree * 3 // 2
+        while degree < sum(lattice.full) - len(lattice.full) and polynomial_count(lattice.full, degree) < least:
+            degree = degree * 3 // 2
+        require_room(lattice.full, degree)

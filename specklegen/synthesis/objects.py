@@ -1,0 +1,104 @@
+"""The image of hidden objects through one medium after the other: :mod:`imaging` for a batch of one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from specklegen.core.lazy import LazyModule
+from specklegen.core.parallel import one_torch_thread
+from specklegen.core.random_streams import Seed, Stream, stream_key
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+from specklegen.scene.illumination import object_sines
+from specklegen.scene.sensors import FarFieldGrid, require_resolved
+from specklegen.scene.window import Profile
+from specklegen.synthesis.correlations import LightBatch, Tabulated
+from specklegen.synthesis.sight import Sight
+from specklegen.synthesis.spectrum import LightModes
+from specklegen.synthesis.streams import Streams
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.synthesis.imaging import ImagedMedia, Imaging
+else:
+    torch = LazyModule("torch")
+
+
+def object_imaging(
+    kernel: MemoryEffectCorrelation,
+    *,
+    wavelength: float,
+    object_shape: tuple[int, int],
+    object_pitch: float,
+    width: float,
+    grid: FarFieldGrid,
+    profile: Profile = "square",
+    base: ArrayLike = ((0.0, 0.0),),
+    light: LightModes | None = None,
+    pixel_integration: bool = False,
+    tolerance: float = 0.01,
+    device: torch.device | str = "cpu",
+    dtype: torch.dtype | None = None,
+) -> Imaging:
+    """Prepare to image objects of one shape behind one material in front of one camera.
+
+    Parameters
+    ----------
+    kernel
+        K of the material.
+    wavelength, width, profile, grid
+        As in :class:`Scene`.
+    object_shape, object_pitch
+        (h, w), and the direction sine between pixels.
+    base
+        float[T, 2], direction sines (x, y) of the base tilts, added to all the object's beams.
+    light
+        Modes of the light; by default one.
+    pixel_integration
+        Average the intensity over square pixels as wide as the grid's pitch, exactly; otherwise take it at
+        their centres, where the grid must resolve it, pitch <= wavelength / (2 width).
+    tolerance
+        Share of the intensity that the modes may leave out (it is put back evenly).
+    device, dtype
+        Where and in what precision; complex64 (by default) or complex128.
+
+    Raises
+    ------
+    RuleError
+        If the camera undersamples the speckle, and its pixels have no area, or modes would not fit into memory.
+    """
+    from specklegen.synthesis.imaging import imagings
+
+    if not pixel_integration:
+        require_resolved("object_imaging grid pitch", wavelength, width, grid.pitch)
+    object_sines("object_imaging", object_shape, object_pitch)  # refuses pixels beyond the half space
+    host = lambda value: torch.as_tensor(np.asarray(value, np.float64))[None]  # noqa: E731
+    one = lambda value: host(value).to(device)  # noqa: E731
+    sight = Sight(
+        wavelength=wavelength, profile=profile, shape=object_shape, camera=grid.shape, center=grid.center,
+        integrated=pixel_integration, width=host(width), object_pitch=host(object_pitch), camera_pitch=host(grid.pitch),
+        base=host(np.atleast_2d(np.asarray(base, np.float64))),
+    )  # fmt: skip
+    if torch.device(device).type != "cpu":  # which is not asked for its cells
+        sight = replace(sight.on(device), bound=sight.most_cells)
+    known = None
+    if light is not None:
+        known = LightBatch(one(light.shares), tuple(Tabulated([k]) for k in light.kernels), one(light.flat))
+    with one_torch_thread():
+        ((_, made),) = imagings(
+            sight, Tabulated([kernel]), known, tolerance=tolerance, precise=dtype in (torch.complex128, torch.float64)
+        )  # fmt: skip
+    return made
+
+
+def object_media(imaging: Imaging, seed: Seed, number: int = 0) -> ImagedMedia:
+    """Draw one medium: a pure function of (seed, number)."""
+    device = imaging.envelope.device
+    keys = torch.tensor([[[stream_key(seed, Stream.STATIONARY)]]], device=device)
+    still = torch.ones(1, dtype=torch.float64, device=device)
+    with one_torch_thread():
+        return imaging.media(Streams(keys, still, keys.new_empty((1, 1, 0))), number)

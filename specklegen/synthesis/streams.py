@@ -1,0 +1,30 @@
+"""Where the random numbers of a batch of media come from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    import torch
+
+
+class Streams(NamedTuple):
+    """Keys of B media.
+
+    Attributes
+    ----------
+    keys : int64[B, halves, F, 2]
+        Of their fields: of both polarisations, frame by frame.
+    still : float64[B]
+        Correlation of the fields of one frame with the next.
+    words : int64[B, halves, n]
+        The same as seeds, for whoever draws something else than fields.
+    """
+
+    keys: torch.Tensor
+    still: torch.Tensor
+    words: torch.Tensor
+
+    def at(self, places: list[int]) -> Streams:
+        """Those of some of the media."""
+        return Streams(self.keys[places], self.still[places], self.words[places])

@@ -1,0 +1,359 @@
+"""Fields by rays with phases: images in plane facets, and edges by the uniform theory of diffraction.
+
+All paths from a point source to given points are found, none is sampled: up to R reflections, and up to two edges,
+
+    u = sum over paths of a e^{ik |path|},   |u|^2 the power flux,
+
+a = sqrt(P / 4 pi) / |path| for images, times -1 for each reflection if soft (u = 0 there), +1 if hard (du/dn = 0).
+A path by an edge carries u_i(Q) D A e^{iks}, with reflections before and behind; a path by two edges takes the first
+edge's wave as what meets the second, and may be reflected in between. A wave of principal radii r1 and r2, and of
+radius re in the plane of ray and edge, 1/re = cos^2 psi / r1 + sin^2 psi / r2, is diffracted with
+
+    A = sqrt(re / (s (re + s))),   L = s (re + s) r1 r2 sin^2 beta / (re (r1 + s) (r2 + s)).
+
+From a point r1 = r2 = re = s'. From an edge, s behind it, r2 = s across the edge and r1 = s' + s along it: for parallel
+edges L = s1 s2 / (s1 + s2), as of a line of light. Paths by one edge, and by parallel edges, are reciprocal; by others
+not quite, since the first edge's L does not know where the light goes behind the second.
+
+Sources: J. B. Keller, J. Opt. Soc. Am. 52, 116 (1962); R. G. Kouyoumjian, P. H. Pathak, Proc. IEEE 62, 1448 (1974);
+S. Steinberg, M. Pharr, *Wave Tracing*, section on bilinear path tracing. Every surface is perfect, whatever its
+material. Left out: corners, slopes of the incident wave. Light is there or not by ray
+queries, but within 1e-12 rad of a boundary of light and shadow by the angles that the edge's coefficient sees, so that
+nothing is lost or doubled there. Light by two edges may see either side of such a boundary.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from specklegen.core.errors import reject, warn_user
+from specklegen.wavetracing.edges import normals
+from specklegen.wavetracing.emitters import PointEmitter
+from specklegen.wavetracing.facets import facets_of
+from specklegen.wavetracing.geometry import Geometry
+from specklegen.wavetracing.wedge import NEAREST, geometric_shares, wedge_coefficients
+
+_CLEAR = 1e-7  # of a leg's length, at both of its ends, in which nothing blocks it
+_ROUNDING = 1e-12  # radians from a boundary at which its angle, not a query of the ray, says what is seen
+_MOST = 50_000  # combinations of facets and edges
+_ROUNDS = 60  # of unfolding at one edge, then the other
+_STILL = 1e-14  # of an edge's length: a step of that unfolding that is none
+
+
+@dataclass(frozen=True)
+class _Mirrors:
+    """Plane facets of a scene as mirrors."""
+
+    scene: Geometry
+    normal: np.ndarray  # float64[F, 3]
+    point: np.ndarray  # float64[F, 3]
+    facet: np.ndarray  # int32[faces], of each face by its number
+
+    def sequences(self, most: int) -> Iterator[tuple[int, ...]]:
+        """All sequences of up to ``most`` facets without one twice in turn."""
+        for length in range(most + 1):
+            for found in product(range(len(self.normal)), repeat=length):
+                if all(a != b for a, b in zip(found, found[1:], strict=False)):
+                    yield found
+
+    def images(self, point: np.ndarray, sequence: tuple[int, ...]) -> list[np.ndarray]:
+        """The point and its images in the facets in turn; float64[..., 3] each."""
+        found = [point]
+        for f in sequence:
+            last = found[-1]
+            found.append(last - 2 * ((last - self.point[f]) @ self.normal[f])[..., None] * self.normal[f])
+        return found
+
+    def turned(self, direction: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
+        """A direction float64[3] behind reflection in the facets in turn."""
+        for f in sequence:
+            direction = direction - 2 * (direction @ self.normal[f]) * self.normal[f]
+        return direction
+
+    def clear(self, start: np.ndarray, end: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
+        """Whether light from ``start`` gets to ``end``, float64[P, 3] each, by reflection in the facets in turn."""
+        images = self.images(start, sequence)
+        good, here = np.ones(len(end), bool), end
+        for f, image, before in zip(sequence[::-1], images[:0:-1], images[-2::-1], strict=True):
+            step = image - here
+            rate = step @ self.normal[f]
+            t = np.divide((self.point[f] - here) @ self.normal[f], rate, out=np.full(len(here), -1.0), where=rate != 0)
+            good &= (t > _CLEAR) & (t < 1 - _CLEAR)
+            there = here + np.where(good, t, 0.5)[:, None] * step
+            good &= self._hits(here, there - here, f)
+            # The other end must lie on the side that the light came to.
+            good &= ((here - self.point[f]) @ self.normal[f]) * ((before - self.point[f]) @ self.normal[f]) > 0
+            here = there
+        return good & self._free(here, start - here)
+
+    def _hits(self, origin: np.ndarray, step: np.ndarray, facet: int) -> np.ndarray:
+        """Whether the first thing beyond the start is a facet, at the end of the step."""
+        distance, face = self._nearest(origin, step)
+        met = np.where(face >= 0, self.facet[face] if len(self.facet) else -1, -1)
+        return (met == facet) & (np.abs(distance - 1) < _CLEAR)
+
+    def _free(self, origin: np.ndarray, step: np.ndarray) -> np.ndarray:
+        distance, _ = self._nearest(origin, step)
+        return distance > 1 - _CLEAR
+
+    def _nearest(self, origin: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        safe = np.where((step != 0).any(axis=1)[:, None], step, 1.0)
+        return self.scene.ray(origin, safe, near=_CLEAR, threads=1)
+
+
+def _mirrors(scene: Geometry) -> _Mirrors:
+    found = facets_of(scene)
+    of = np.full(int(scene.number.max(initial=-1)) + 1, -1, np.int32)
+    of[scene.number[scene.order]] = found.facet
+    first = np.unique(found.facet, return_index=True)[1]
+    return _Mirrors(scene, found.normals, scene.tree.corners[first, :3], of)
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """An edge as UTD sees it: its line, its length, its wedge, and the 0-face's plane."""
+
+    start: np.ndarray
+    along: np.ndarray
+    length: float
+    n: float
+    normal: np.ndarray
+    inward: np.ndarray
+    facets: frozenset[int]  # in whose planes it lies: none of them mirrors light that comes from it
+    faces: tuple[int, int]  # facets of the 0-face and the n-face; one twice where it ends
+
+    def leaves(self, facets: tuple[int, ...]) -> bool:
+        """Whether light may run between the edge and each of the facets."""
+        return self.facets.isdisjoint(facets)
+
+    def crossing(self, source: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the shortest path by the edge's line meets it, float64[P, 3]; whether that is within the edge."""
+        a, b = source - self.start, point - self.start
+        ta, tb = a @ self.along, b @ self.along
+        ra = np.linalg.norm(a - ta[..., None] * self.along, axis=-1)
+        rb = np.linalg.norm(b - tb[..., None] * self.along, axis=-1)
+        both = ra + rb
+        t = ta + (tb - ta) * np.divide(ra, both, out=np.full(np.shape(both), 0.5), where=both > 0)
+        return self.start + t[..., None] * self.along, (t > 0) & (t < self.length)
+
+    def angle(self, direction: np.ndarray) -> np.ndarray:
+        """Angles of directions float64[P, 3] from the edge, from the 0-face through the air."""
+        phi = np.arctan2(direction @ self.normal, direction @ self.inward) % (2 * np.pi)
+        top = self.n * np.pi
+        # Rounding around the faces: those beyond are inside the wedge, and blocked anyway.
+        return np.where(phi > top, np.where(phi - top < 2 * np.pi - phi, top, 0.0), phi)
+
+    def boundaries(
+        self, came: np.ndarray, goes: np.ndarray
+    ) -> Iterator[tuple[tuple[int, ...], np.ndarray, np.ndarray]]:
+        """Geometric waves that end here: the facets that mirror them, which directions are there, how much is seen."""
+        phi, incidence, (zero, last) = self.angle(goes), self.angle(came), self.faces
+        angles = np.abs(phi - incidence) - np.pi, phi + incidence - np.pi, phi + incidence - (2 * self.n - 1) * np.pi
+        shares = geometric_shares(self.n, phi, incidence)
+        for facets, angle, share in zip(((), (zero,), (last,)), angles, shares.T, strict=True):
+            yield facets, np.abs(angle) <= _ROUNDING, share
+
+
+def _edges(mirrors: _Mirrors) -> list[_Edge]:
+    scene = mirrors.scene
+    found, unit = scene.edges, normals(scene.vertices, scene.faces)
+    edges = []
+    for ends, (face, other), n in zip(found.ends, found.faces, found.wedge, strict=True):
+        length = float(np.linalg.norm(ends[1] - ends[0]))
+        along = (ends[1] - ends[0]) / length
+        inward = scene.vertices[scene.faces[face]].mean(axis=0) - ends[0]
+        inward = inward - (inward @ along) * along
+        heights = np.abs(((ends[:, None] - mirrors.point) * mirrors.normal).sum(axis=2)).max(axis=0)
+        facets = frozenset(np.flatnonzero(heights <= _CLEAR * length).tolist())
+        zero, last = (int(mirrors.facet[scene.number[f]]) for f in (face, other if other >= 0 else face))
+        edges.append(
+            _Edge(ends[0], along, length, float(n), unit[face], inward / np.linalg.norm(inward), facets, (zero, last))
+        )
+    return edges
+
+
+def coherent_rays(
+    geometry: Geometry,
+    source: PointEmitter,
+    points: ArrayLike,
+    reflections: int = 1,
+    diffractions: int = 2,
+    polarisation: Literal["soft", "hard"] = "soft",
+) -> np.ndarray:
+    """Return the field of a point source at points, by all paths of a number of reflections and diffractions.
+
+    Parameters
+    ----------
+    geometry
+        The scene; every surface perfectly reflecting.
+    source
+        Its place, wavelength and power; the beam angle plays no part.
+    points : float64[..., 3]
+    reflections
+        Most reflections on a path.
+    diffractions
+        Most edges on a path: 0, 1 or 2.
+    polarisation
+        "soft": u = 0 on surfaces; "hard": du/dn = 0.
+
+    Returns
+    -------
+    complex128[...]
+        |u|^2 is the power flux, P / 4 pi r^2 in free space.
+
+    Raises
+    ------
+    RuleError
+        For arguments out of range; points or a source nearer to an edge on a path than 1 / k, where there is no ray
+        yet; more than 50000 combinations of facets and edges.
+
+    A `DoubtWarning` says where edges are shorter than the Fresnel zone of the nearest point: corners matter there, from
+    which there are no rays.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import Conductor, Geometry, PointEmitter, perforated_screen, coherent_rays
+    >>> mirror = perforated_screen([[-50, -50], [50, -50], [50, 50], [-50, 50]], material=Conductor())
+    >>> lamp = PointEmitter(position=[0, 0, 10], wavelength=1.0)
+    >>> abs(coherent_rays(Geometry([mirror]), lamp, [[3.0, 0.0, 20.0]], diffractions=0)).round(5)
+    array([0.03075])
+    """
+    points = np.asarray(points, float)
+    if points.ndim < 1 or points.shape[-1] != 3 or not np.isfinite(points).all():
+        reject("coherent_rays points", "finite, float64[..., 3]", points)
+    if not isinstance(source, PointEmitter):
+        reject("coherent_rays source", "a PointEmitter", source)
+    if reflections not in range(5) or diffractions not in (0, 1, 2):
+        reject("coherent_rays reflections, diffractions", "0 to 4, and 0 to 2", (reflections, diffractions))
+    if polarisation not in ("soft", "hard"):
+        reject("coherent_rays polarisation", "'soft' or 'hard'", polarisation)
+    mirrors = _mirrors(geometry)
+    edges = _edges(mirrors) if diffractions else []
+    facets = len(mirrors.normal)
+    # Of r reflections, C(r + m, m) ways to fall before, between and behind m edges.
+    count = sum(
+        len(edges) ** m * sum(math.comb(r + m, m) * facets**r for r in range(reflections + 1))
+        for m in range(diffractions + 1)
+    )
+    if count > _MOST:
+        reject(
+            "coherent_rays reflections, diffractions", f"few enough for {_MOST} combinations of facets and edges",
+            count, "Ask for fewer, or use trace for such scenes.",
+        )  # fmt: skip
+    k = 2 * np.pi / source.wavelength
+    flat = points.reshape(-1, 3)
+    _doubt_corners(edges, flat, source.wavelength)
+    start = np.broadcast_to(source.position, flat.shape)
+    sign = -1.0 if polarisation == "soft" else 1.0
+    sequences = list(mirrors.sequences(reflections))
+    u = np.zeros(len(flat), complex)
+    seen = {sequence: mirrors.clear(start, flat, sequence).astype(float) for sequence in sequences}
+    for edge in edges:
+        for before in sequences:
+            for behind in sequences:
+                if len(before) + len(behind) <= reflections and edge.leaves(before[-1:] + behind[-1:]):
+                    part = _by_edge(mirrors, edge, start, flat, before, behind, k, polarisation, seen)
+                    u += sign ** (len(before) + len(behind)) * part
+    for sequence, share in seen.items():
+        r, good = np.linalg.norm(mirrors.images(start, sequence)[-1] - flat, axis=1), share > 0
+        u[good] += share[good] * sign ** len(sequence) * np.exp(1j * k * r[good]) / r[good]
+    if diffractions == 2:
+        for one, two in product(edges, edges):
+            for before, between, behind in product(sequences, repeat=3):
+                count = len(before) + len(between) + len(behind)
+                apart = one.leaves(before[-1:] + between[:1]) and two.leaves(between[-1:] + behind[-1:])
+                if count <= reflections and apart and (one is not two or between):
+                    part = _by_two(mirrors, one, two, start, flat, before, between, behind, k, polarisation)
+                    u += sign**count * part
+    return (np.sqrt(source.power / (4 * np.pi)) * u).reshape(points.shape[:-1])
+
+
+def _doubt_corners(edges: list[_Edge], points: np.ndarray, wavelength: float) -> None:
+    """Warn of edges shorter than the Fresnel zone of the nearest of the points."""
+    short = 0
+    for edge in edges if len(points) else []:
+        nearest = np.linalg.norm(points - edge.start - edge.length / 2 * edge.along, axis=1).min()
+        short += bool(edge.length < 2 * np.sqrt(wavelength * nearest))
+    if short:
+        warn_user(
+            f"{short} of {len(edges)} edges are shorter than the Fresnel zone of the nearest point: corners matter, "
+            "from which coherent_rays has no rays; use field_on_plane for openings, or trace for power",
+        )  # fmt: skip
+
+
+def _wave(edge: _Edge, q, source, point, radii, k: float, polarisation: str) -> np.ndarray:
+    """D A e^{iks} at points of the wave from ``source`` that meets an edge at q; places float64[P, 3].
+
+    radii : its radii in the plane of ray and edge, and the two principal ones, float64[P] each
+    """
+    came, goes = source - q, point - q
+    s1, s = np.linalg.norm(came, axis=1), np.linalg.norm(goes, axis=1)
+    if (k * s < NEAREST).any() or (k * s1 < NEAREST).any():
+        reject(
+            "coherent_rays points", "1 / k away from edges at least", float(min(s.min(), s1.min())),
+            "The theory describes a ray from the edge, and nearer by there is none.",
+        )  # fmt: skip
+    cosine = (goes @ edge.along) / s
+    sine = np.sqrt(np.maximum(1 - cosine**2, 1e-24))
+    within, one, two = radii
+    length = s * (within + s) / within * one / (one + s) * two / (two + s) * sine**2
+    soft, hard = wedge_coefficients(
+        edge.n, edge.angle(goes), edge.angle(came), length, k, np.arcsin(np.minimum(sine, 1.0))
+    )
+    return (soft if polarisation == "soft" else hard) * np.sqrt(within / (s * (s + within))) * np.exp(1j * k * s)
+
+
+def _by_edge(mirrors, edge, start, end, before, behind, k, polarisation, seen) -> np.ndarray:
+    """Field by one edge, with reflections before and behind it; corrects what is ``seen`` of waves that end there."""
+    source, point = mirrors.images(start, before)[-1], mirrors.images(end, behind)[-1]
+    q, good = edge.crossing(source, point)
+    good &= mirrors.clear(start, q, before)
+    good &= mirrors.clear(end, q, behind)
+    u = np.zeros(len(end), complex)
+    if good.any():
+        q, source, point = q[good], source[good], point[good]
+        r = np.linalg.norm(source - q, axis=1)
+        u[good] = np.exp(1j * k * r) / r * _wave(edge, q, source, point, (r, r, r), k, polarisation)
+        for facets, there, share in edge.boundaries(source - q, point - q):
+            sequence = (*before, *facets, *behind[::-1])
+            if there.any() and sequence in seen:
+                seen[sequence][np.flatnonzero(good)[there]] = share[there]
+    return u
+
+
+def _by_two(mirrors, one, two, start, end, before, between, behind, k, polarisation) -> np.ndarray:
+    """Field by two edges in turn, with reflections before, between and behind them."""
+    source, point = mirrors.images(start, before)[-1], mirrors.images(end, behind)[-1]
+    p, first = np.broadcast_to(one.start + one.length / 2 * one.along, end.shape), np.ones(len(end), bool)
+    q, second = point, first
+    for _ in range(_ROUNDS):
+        before_p = p
+        q, second = two.crossing(mirrors.images(p, between)[-1], point)
+        p, first = one.crossing(source, mirrors.images(q, between[::-1])[-1])
+        if np.abs(p - before_p).max() <= _STILL * one.length:
+            break
+    good = first & second & (np.linalg.norm(mirrors.images(p, between)[-1] - q, axis=1) * k > NEAREST)
+    for a, b, sequence in ((start, p, before), (p, q, between), (end, q, behind)):
+        if good.any():
+            good[good] = mirrors.clear(a[good], b[good], sequence)
+    u = np.zeros(len(end), complex)
+    if good.any():
+        p, q, source, point = p[good], q[good], source[good], point[good]
+        seen, ahead = mirrors.images(p, between)[-1], mirrors.images(q, between[::-1])[-1]
+        r, s = np.linalg.norm(source - p, axis=1), np.linalg.norm(seen - q, axis=1)
+        ray = (q - seen) / s[:, None]
+        u[good] = np.exp(1j * k * r) / r * _wave(one, p, source, ahead, (r, r, r), k, polarisation)
+        # Both edges across the ray: the angle between them is that of their planes with it.
+        first, second = (a - (ray @ a)[:, None] * ray for a in (mirrors.turned(one.along, between), two.along))
+        cosine = (first * second).sum(axis=1)
+        share = cosine**2 / np.maximum((first * first).sum(axis=1) * (second * second).sum(axis=1), 1e-300)
+        within = 1 / (share / (r + s) + (1 - share) / s)
+        u[good] *= _wave(two, q, seen, point, (within, r + s, s), k, polarisation)
+    return u

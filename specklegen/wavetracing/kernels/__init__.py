@@ -1,0 +1,1 @@
+"""Numba kernels of wave tracing alone; the compiler and what all kernels share are in `specklegen.kernels`."""

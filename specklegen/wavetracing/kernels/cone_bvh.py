@@ -1,0 +1,395 @@
+"""Bounding-volume hierarchy over triangles, and its cone queries.
+
+Median split along the longest side of the centroids' box, leaves of LEAF triangles, nodes in depth-first order: the
+left child of node i is i + 1. ``link[i]`` is the right child, or -1 - (first triangle) of a leaf; triangles stand in
+the order of the leaves. Sizes of the left parts are multiples of LEAF, so that all leaves but the last are full.
+
+`closest` visits the nearer child first and shrinks its far depth; `collect` counts first and fills when asked again
+with a list large enough, so that nothing is cut off silently.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from specklegen.kernels import inlined, kernel, spliced
+from specklegen.wavetracing.kernels.cones import box_depth, rounding, triangle_in_cone
+
+LEAF = 4
+DEPTH = 64
+"""Nodes that wait at most: the depth of a median split of 2^31 triangles, twice over."""
+
+
+class Tree(NamedTuple):
+    """Triangles in their hierarchy.
+
+    Attributes
+    ----------
+    boxes, link : float64[m, 6], int32[m]
+        Centre and half extents of each node, and its right child or first triangle.
+    corners : float64[n, 9]
+        Of the triangles, in the order of the leaves.
+    """
+
+    boxes: np.ndarray
+    link: np.ndarray
+    corners: np.ndarray
+
+
+@kernel
+def _select(rows, first, last, middle, axis):
+    """Put the rows [first, last) in such an order that those before ``middle`` are no larger along ``axis``."""
+    low, high = first, last - 1
+    while low < high:
+        pivot = rows[(low + high) // 2, axis]
+        i, j = low, high
+        while i <= j:
+            while rows[i, axis] < pivot:
+                i += 1
+            while rows[j, axis] > pivot:
+                j -= 1
+            if i <= j:
+                for c in range(4):
+                    rows[i, c], rows[j, c] = rows[j, c], rows[i, c]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            return
+
+
+@kernel
+def node_count(triangles):
+    """Nodes of a tree over so many triangles."""
+    leaves = (triangles + LEAF - 1) // LEAF
+    return 2 * leaves - 1 if leaves > 0 else 0
+
+
+@kernel
+def build(vertices, faces, boxes, link, order):
+    """Build the tree.
+
+    vertices : float64[V, 3]
+    faces    : int32[n, 3]
+    boxes    : float64[m, 6]   out, centre and half extents of each node, m = node_count(n)
+    link     : int32[m]        out
+    order    : int32[n]        out, the face that stands at each place of the leaves
+    """
+    n = faces.shape[0]
+    rows = np.empty((n, 4))  # centroid and number, side by side, so that selecting reads memory in order
+    for f in range(n):
+        for c in range(3):
+            rows[f, c] = (vertices[faces[f, 0], c] + vertices[faces[f, 1], c] + vertices[faces[f, 2], c]) / 3.0
+        rows[f, 3] = f
+    waiting = np.empty((DEPTH, 3), np.int64)  # first, last, the node whose right child this is
+    depth, nodes = 0, 0
+    if n > 0:
+        waiting[0, 0], waiting[0, 1], waiting[0, 2] = 0, n, -1
+        depth = 1
+    while depth > 0:
+        depth -= 1
+        first, last, parent = waiting[depth, 0], waiting[depth, 1], waiting[depth, 2]
+        node = nodes
+        nodes += 1
+        if parent >= 0:
+            link[parent] = node
+        count = last - first
+        if count <= LEAF:
+            link[node] = -1 - first
+            continue
+        axis, longest = 0, -1.0
+        for c in range(3):
+            lower, upper = math.inf, -math.inf
+            for r in range(first, last):
+                lower, upper = min(lower, rows[r, c]), max(upper, rows[r, c])
+            if upper - lower > longest:
+                axis, longest = c, upper - lower
+        middle = first + LEAF * ((count // 2 + LEAF - 1) // LEAF)
+        _select(rows, first, last, middle, axis)
+        waiting[depth, 0], waiting[depth, 1], waiting[depth, 2] = middle, last, node
+        waiting[depth + 1, 0], waiting[depth + 1, 1], waiting[depth + 1, 2] = first, middle, -1
+        depth += 2
+    for place in range(n):
+        order[place] = np.int32(rows[place, 3])
+    _bound(vertices, faces, boxes, link, order)
+
+
+@kernel
+def _bound(vertices, faces, boxes, link, order):
+    """Boxes of all nodes, children before their parents."""
+    n, m = faces.shape[0], link.shape[0]
+    corners = np.empty((m, 6))
+    for node in range(m - 1, -1, -1):
+        if link[node] < 0:
+            first = -1 - link[node]
+            for c in range(3):
+                lower, upper = math.inf, -math.inf
+                for place in range(first, min(first + LEAF, n)):
+                    for v in range(3):
+                        value = vertices[faces[order[place], v], c]
+                        lower, upper = min(lower, value), max(upper, value)
+                corners[node, c], corners[node, 3 + c] = lower, upper
+        else:
+            for c in range(3):
+                corners[node, c] = min(corners[node + 1, c], corners[link[node], c])
+                corners[node, 3 + c] = max(corners[node + 1, 3 + c], corners[link[node], 3 + c])
+        for c in range(3):
+            centre = 0.5 * corners[node, c] + 0.5 * corners[node, 3 + c]
+            boxes[node, c] = centre
+            half = max(corners[node, 3 + c] - centre, centre - corners[node, c])
+            # The centre and the difference are rounded: three units in the last place keep the box around its corners.
+            boxes[node, 3 + c] = half * (1.0 + 1e-15) + 4e-16 * abs(centre)
+
+
+@kernel
+def lay_out(vertices, faces, order, corners):
+    """Fill ``corners`` float64[n, 9] with the corners of the triangles in the order of the leaves."""
+    for place in range(order.shape[0]):
+        for v in range(3):
+            for c in range(3):
+                corners[place, 3 * v + c] = vertices[faces[order[place], v], c]
+
+
+@spliced
+def _box(cone, span, slack, slack_y, near, far, boxes, node):
+    lx, ux, ly, uy, lz, uz = span
+    if (
+        boxes[node, 0] - boxes[node, 3] > ux or boxes[node, 0] + boxes[node, 3] < lx
+        or boxes[node, 1] - boxes[node, 4] > uy or boxes[node, 1] + boxes[node, 4] < ly
+        or boxes[node, 2] - boxes[node, 5] > uz or boxes[node, 2] + boxes[node, 5] < lz
+    ):  # fmt: skip
+        return math.inf
+    return box_depth(cone, slack, slack_y, near, far, boxes, node)
+
+
+@inlined
+def _unpacked(cone):
+    """Components of a cone float64[CONE] as a tuple."""
+    return (
+        cone[0], cone[1], cone[2], cone[3], cone[4], cone[5], cone[6], cone[7], cone[8], cone[9], cone[10], cone[11],
+        cone[12], cone[13],
+    )  # fmt: skip
+
+
+@inlined
+def _reach(origin, across, ahead, a, t, near, far, slack):
+    """Least and greatest coordinate of the cone in [near, far] along one axis, which is ``across`` its unit circle."""
+    first = max(near, -a / t) if t > 0.0 else near
+    grows, falls = ahead + t * across, ahead - t * across
+    upper = a * across + (far if grows > 0.0 else first) * grows
+    lower = (far if falls < 0.0 else first) * falls - a * across
+    return origin + lower - 1e-12 * abs(lower) - slack, origin + upper + 1e-12 * abs(upper) + slack
+
+
+@inlined
+def _span(cone, near, far, slack):
+    """Box along the axes of space that holds a cone in [near, far]: least and greatest x, y, z."""
+    ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz, a, t = cone
+    square = yx * yx + yy * yy + yz * yz  # of the stretch, which the scaled y brings twice
+    yx, yy, yz = yx / square, yy / square, yz / square
+    lx, ux = _reach(ox, math.sqrt(xx * xx + yx * yx), zx, a, t, near, far, slack)
+    ly, uy = _reach(oy, math.sqrt(xy * xy + yy * yy), zy, a, t, near, far, slack)
+    lz, uz = _reach(oz, math.sqrt(xz * xz + yz * yz), zz, a, t, near, far, slack)
+    return lx, ux, ly, uy, lz, uz
+
+
+@inlined
+def push_nearer_last(stack, depths, height, left, one, right, two):
+    """Push those of two nodes that are met, at finite depths, so that the nearer is taken first; the new height."""
+    if one > two:
+        left, right, one, two = right, left, two, one
+    if two < math.inf:
+        stack[height], depths[height] = right, two
+        height += 1
+    if one < math.inf:
+        stack[height], depths[height] = left, one
+        height += 1
+    return height
+
+
+@kernel
+def closest(packed, near, far, tree):
+    """Least depth in [near, far] at which the cone meets a triangle, and the triangle's place; (inf, -1) for none.
+
+    packed : float64[CONE]
+
+    Return also the number of nodes visited.
+    """
+    boxes, link, corners = tree
+    n = corners.shape[0]
+    best, place, visited = math.inf, -1, 0
+    if link.shape[0] == 0:
+        return best, place, visited
+    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
+    stack = np.empty(DEPTH, np.int32)
+    depths = np.empty(DEPTH)
+    start = _box(cone, span, slack, slack_y, near, far, boxes, 0)
+    if start == math.inf:
+        return best, place, 1
+    stack[0], depths[0], height = 0, start, 1
+    while height > 0:
+        height -= 1
+        if depths[height] >= best:
+            continue
+        node = stack[height]
+        visited += 1
+        if link[node] < 0:
+            first = -1 - link[node]
+            for f in range(first, min(first + LEAF, n)):
+                low, _ = triangle_in_cone(cone, near, far, corners, f)
+                if low < best:
+                    best, place, far = low, f, low
+            if best <= near:
+                break  # nothing comes before the beginning
+            continue
+        left, right = node + 1, link[node]
+        one = _box(cone, span, slack, slack_y, near, far, boxes, left)
+        two = _box(cone, span, slack, slack_y, near, far, boxes, right)
+        height = push_nearer_last(stack, depths, height, left, one, right, two)
+    return best, place, visited
+
+
+@kernel
+def collect(packed, near, far, tree, out):
+    """Places of all triangles that the cone meets in [near, far]: their number, and as many in ``out`` as it holds.
+
+    packed : float64[CONE]
+    out    : int64[room]
+
+    Return also the number of nodes visited.
+    """
+    boxes, link, corners = tree
+    n, found, visited = corners.shape[0], 0, 0
+    if link.shape[0] == 0:
+        return found, visited
+    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
+    if _box(cone, span, slack, slack_y, near, far, boxes, 0) == math.inf:
+        return found, visited
+    stack = np.empty(DEPTH, np.int32)
+    stack[0], height = 0, 1
+    while height > 0:
+        height -= 1
+        node = stack[height]
+        visited += 1
+        if link[node] < 0:
+            first = -1 - link[node]
+            for f in range(first, min(first + LEAF, n)):
+                low, _ = triangle_in_cone(cone, near, far, corners, f)
+                if low < math.inf:
+                    if found < out.shape[0]:
+                        out[found] = f
+                    found += 1
+            continue
+        left, right = node + 1, link[node]
+        if _box(cone, span, slack, slack_y, near, far, boxes, right) < math.inf:
+            stack[height] = right
+            height += 1
+        if _box(cone, span, slack, slack_y, near, far, boxes, left) < math.inf:
+            stack[height] = left
+            height += 1
+    return found, visited
+
+
+@kernel
+def collect_all(packed, near, far, tree, places):
+    """`collect` into ``places`` int64[room], or into a longer list where it has no room: the list and their number."""
+    count, _ = collect(packed, near, far, tree, places)
+    if count > places.shape[0]:
+        places = np.empty(2 * count, np.int64)
+        count, _ = collect(packed, near, far, tree, places)
+    return places, count
+
+
+@kernel
+def _keep(places, depths, count, near, far):
+    """Keep of ``count`` triangles those with a depth in [near, far], in their order; their number."""
+    kept = 0
+    for n in range(count):
+        if depths[n, 0] <= far and depths[n, 1] >= near:
+            places[kept], depths[kept, 0], depths[kept, 1] = places[n], depths[n, 0], depths[n, 1]
+            kept += 1
+    return kept
+
+
+@kernel
+def first_region(packed, near, touching, tree, places, spans):
+    """What `closest` and then `collect` find, in one search: the least depth d beyond ``near``, and [d, d + 2 a(d)].
+
+    touching : whether a cone that meets something at ``near`` itself is of interest; if not, that alone is found
+    places   : int64[room], out, in rising order;  spans : float64[room, 2], workspace
+
+    Return the depth (inf for none), the end of the region, and its number of triangles; where that is more than the
+    room, it is the room to come again with.
+    """
+    boxes, link, corners = tree
+    n, best, far, found = corners.shape[0], math.inf, math.inf, 0
+    if link.shape[0] == 0:
+        return best, far, 0
+    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
+    start = _box(cone, span, slack, slack_y, near, far, boxes, 0)
+    if start == math.inf:
+        return best, far, 0
+    stack, depths = np.empty(DEPTH, np.int32), np.empty(DEPTH)
+    stack[0], depths[0], height = 0, start, 1
+    while height > 0:
+        height -= 1
+        if depths[height] > far:
+            continue
+        node = stack[height]
+        if link[node] < 0:
+            first = -1 - link[node]
+            for f in range(first, min(first + LEAF, n)):
+                low, high = triangle_in_cone(cone, near, far, corners, f)
+                if low == math.inf:
+                    continue
+                if low < best:
+                    best = low
+                    far = best + 2.0 * (packed[12] + best * packed[13])
+                if found == places.shape[0]:
+                    found = _keep(places, spans, found, near, far)
+                    if 2 * found > places.shape[0]:
+                        return best, far, 4 * found
+                places[found], spans[found, 0], spans[found, 1] = f, low, high
+                found += 1
+            if best <= near and not touching:
+                return best, far, 0
+            continue
+        left, right = node + 1, link[node]
+        one = _box(cone, span, slack, slack_y, near, far, boxes, left)
+        two = _box(cone, span, slack, slack_y, near, far, boxes, right)
+        height = push_nearer_last(stack, depths, height, left, one, right, two)
+    found = _keep(places, spans, found, best, far)
+    for m in range(1, found):
+        place, at = places[m], m
+        while at > 0 and places[at - 1] > place:
+            places[at] = places[at - 1]
+            at -= 1
+        places[at] = place
+    return best, far, found
+
+
+@kernel
+def triangles_in_cones(cones, near, far, corners, low, high):
+    """Depths of triangle n in cone n, for all n; (inf, -inf) for a miss.
+
+    cones : float64[n, CONE];  near, far : float64[n];  corners : float64[n, 9];  low, high : float64[n], out
+    """
+    for n in range(cones.shape[0]):
+        low[n], high[n] = triangle_in_cone(_unpacked(cones[n]), near[n], far[n], corners, n)
+
+
+@kernel
+def boxes_in_cones(cones, near, far, boxes, low):
+    """Depth of box n in cone n, for all n; inf for a miss."""
+    for n in range(cones.shape[0]):
+        cone, box = _unpacked(cones[n]), boxes[n : n + 1]
+        slack = rounding(cones[n], box)
+        slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near[n], far[n], slack)
+        low[n] = _box(cone, span, slack, slack_y, near[n], far[n], box, 0)

@@ -1,0 +1,99 @@
+"""The compiler takes each operator's torch form as one graph, without a break; Inductor's code finds the same."""
+
+import pytest
+import torch
+
+from specklegen.datasets.objects import glyph_batches
+from specklegen.datasets.objects.glyphs import Glyphs
+from specklegen.datasets.recipes import generator, materials
+from specklegen.datasets.recipes.parts import source
+from specklegen.datasets.recipes.parts.atlas_batches import atlas_tables
+from specklegen.datasets.recipes.parts.exposure import numbers_of
+from specklegen.instrument.camera import Camera
+from specklegen.synthesis import fused
+from specklegen.synthesis.fused import FORMS
+from specklegen.synthesis.imaging import BUCKETS
+
+CPU = torch.device("cpu")
+
+
+def double(*shape):
+    return torch.rand(shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+
+
+def arguments():
+    """Small arguments of every operator."""
+    tables = atlas_tables(CPU)
+    outlines = glyph_batches.glyph_tables(Glyphs(), CPU)
+    words = torch.randint(0, 2**32, (3, 2, 7), generator=torch.Generator().manual_seed(0))
+    slabs = torch.tensor([[1000.0, 10.0, 0.9, 1.0], [500.0, 5.0, 0.8, 1.0]], dtype=torch.float64)
+    edges = glyph_batches.turned(outlines.edges, torch.tensor([3, 500]), double(2)) * 0.2 + 4
+    cells = torch.tensor([5, 6])
+    camera = Camera(photons=1.0, background=5.0, dark_current=1.5, full_well=1500.0, read_noise=2.0, gain=1.7,
+                    offset=50.0, bit_depth=12)  # fmt: skip
+    return {
+        "mixture": (9 * double(2, 5), double(2, 6), double(2, 6)),
+        "half_range": (double(2, 6), double(2, 6), 0.1 * double(2)),
+        "slab_kernels": (slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, 0.02),
+        "waves": (double(2, 5), 9 * double(2, 4), double(2, 4), False),
+        "fields": (words[:2, :, :2], 0, double(2), cells, cells, torch.rand(2, 6, 6), 3, [9, 8]),
+        "pair_products": (torch.rand(2, 2, 3, 4, 5, 2),), "mode_maps": (torch.rand(2, 2, 3, 6), torch.rand(2, 2, 3)),
+        "lag_sum": (torch.rand(2, 6, 1, 5, 4, 2), torch.rand(2, 3, 5, 6, 4, 2)),
+        "gaussian_beams": (9 * double(5), double(2) + 1),
+        "window_power": (double(2), cells, 0.1 * double(2), 8, False),
+        "lag_transform": (double(2, 5), double(2), double(2), double(2), 4),
+        "speckle_contrast": (torch.rand(2, 3, 4), double(2, 3, 4)),
+        "turned": (outlines.edges, torch.tensor([3, 500]), double(2)), "coverage": (edges, 20, 20),
+        "exposed": (90 * double(2, 30), words[:2, :, :2].repeat(1, 2, 1), numbers_of(camera)),
+    }  # fmt: skip
+
+
+def test_every_operator_is_tested():
+    assert all((generator, materials, source))  # which import all of them
+    assert set(arguments()) == set(FORMS)
+
+
+@pytest.mark.parametrize("name", sorted(FORMS))
+def test_one_graph(name):
+    """Dynamo with fullgraph refuses what would break; its graph, run as it is, gives the bits of the function."""
+    graphs = []
+
+    def backend(graph, _inputs):
+        graphs.append(graph)
+        return graph.forward
+
+    torch._dynamo.reset()
+    inputs = arguments()[name]
+    found = torch.compile(FORMS[name], fullgraph=True, dynamic=False, backend=backend)(*inputs)
+    assert len(graphs) == 1
+    torch.testing.assert_close(found, FORMS[name](*inputs), rtol=0, atol=0, equal_nan=True)
+
+
+def test_an_operator_is_compiled_for_every_bucket():
+    """Ten ranks, which is more shapes than torch compiles one function for by itself: it would raise an error."""
+    compiled = []
+
+    def backend(graph, _inputs):
+        compiled.append(graph)
+        return graph.forward
+
+    torch._dynamo.reset()
+    run = fused._compiled(FORMS["pair_products"], backend=backend)
+    assert torch._dynamo.config.recompile_limit < len(BUCKETS)
+    for rank in (*BUCKETS, *BUCKETS):
+        views = torch.rand(1, 1, rank, 3, 2, 2)
+        assert torch.equal(run(views), FORMS["pair_products"](views))
+    assert len(compiled) == len(BUCKETS)
+    plain = torch.compile(FORMS["pair_products"], fullgraph=True, dynamic=False, backend=backend)
+    with pytest.raises(torch._dynamo.exc.FailOnRecompileLimitHit):  # power
+        [plain(torch.rand(1, 1, rank, 2, 2, 2)) for rank in BUCKETS]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(FORMS))
+def test_inductor_finds_the_same(name):
+    """To rounding, which for noise means that the compiler has the words right. Needs a C++ compiler."""
+    torch._dynamo.reset()
+    inputs = arguments()[name]
+    found = torch.compile(FORMS[name], fullgraph=True, dynamic=False)(*inputs)
+    torch.testing.assert_close(found, FORMS[name](*inputs), rtol=1e-5, atol=1e-6)

@@ -1,0 +1,343 @@
+"""The contract of the generator: one program, whatever the device, the batch, the order and the program's switches."""
+
+import numpy as np
+import pytest
+import torch
+from plain_forms import as_on_devices
+from quick_recipes import quick_recipe
+from zscore import assert_mean
+
+import specklegen.datasets.recipes.specification as specification
+from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.datasets.addresses import Addresses
+from specklegen.datasets.loading import stream as stream_module
+from specklegen.datasets.recipes import generator as generator_module
+from specklegen.datasets.recipes.generator import SpeckleGenerator
+from specklegen.datasets.recipes.recipe_files import recipe_names
+from specklegen.samplers.screens import objects as screen_objects
+from specklegen.synthesis import imaging as imaging_module
+from specklegen.synthesis import optics
+from specklegen.synthesis.imaging import Imaging
+
+SAMPLES = 4
+CPU = torch.device("cpu")
+CHANGES = {
+    "through-slab": {"media": 3}, "through-slab-lab": {"media": 3}, "two-tilts": {"media": 3},
+    "beyond-memory-effect": {"media": 2},
+    "dynamic-slab": {"camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}},
+    "moving-diffuser": {"camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}, "field": {"pixels": 12.0}},
+    "partially-coherent-slab": {"camera": {"shape": [48, 40]}, "coherence_length": {"log_uniform": [10_000.0, 1e5]}},
+    "masked-light-slab": {"camera": {"shape": [48, 40]}},
+}  # fmt: skip
+SMALL = ("unknown-slab", "tilt-stack", "through-slab", "dynamic-slab", "partially-coherent-slab", "ground-glass")
+
+
+def recipe_of(name, **more):
+    return quick_recipe(name, 2000, **{**CHANGES.get(name, {}), **more})
+
+
+def equal(one, two, pick=slice(None)):
+    """All tensors of two batches, to the bit; of the second only some samples."""
+    assert set(one) == set(two)
+    for key, value in one.items():
+        if isinstance(value, dict):
+            equal(value, two[key], pick)
+        else:
+            other = two[key]
+            assert value.dtype == other.dtype
+            assert np.array_equal(value.numpy(), other.numpy()[pick], equal_nan=True), key
+
+
+def agree(found, expected, parameters=1e-11):
+    """Images within 2e-6 (relative l2), parameters within 1e-11; counts within 1, in less than 1e-3 of pixels.
+
+    A median error of 5e-7 is that of single precision. Parameters are to differ by rounding alone, some 1e-15 times
+    the condition of the half range and what follows from it.
+    """
+    assert set(found) == set(expected)
+    assert set(found["parameters"]) == set(expected["parameters"])
+    for parameter, value in expected["parameters"].items():
+        np.testing.assert_allclose(found["parameters"][parameter], value, rtol=parameters, err_msg=parameter)
+    for key in set(expected) - {"parameters"}:
+        one, two = found[key].numpy(), expected[key].numpy()
+        assert (one.shape, one.dtype) == (two.shape, two.dtype)
+        if one.dtype == np.uint16:
+            off = np.abs(one.astype(int) - two.astype(int))
+            assert off.max() <= 1
+            assert (off > 0).mean() < 1e-3
+        elif key in ("image", "stack", "frames"):
+            axes = tuple(range(1, one.ndim))
+            power = np.square(two.astype(float)).sum(axes)
+            assert np.sqrt(np.square(one - two.astype(float)).sum(axes) / power).max() < 2e-6
+            wrong = np.roll(one, 1, axis=-1) - two  # power
+            assert np.sqrt(np.square(wrong).sum(axes) / power).min() > 1e-3
+        else:
+            np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", recipe_names())
+def test_images_are_those_of_double_precision(name, monkeypatch):
+    """The same program in complex128."""
+    recipe, indices = recipe_of(name), [*range(SAMPLES - 1), 2**40 + 7]
+    found, plain, asked = SpeckleGenerator(recipe, 11, "validation")(indices), imaging_module.imagings, []
+
+    def precise(*arguments, **options):
+        asked.append(len(arguments[0]))
+        return plain(*arguments, **options, precise=True)
+
+    rendered = SpeckleGenerator._rendered
+    monkeypatch.setattr(SpeckleGenerator, "_rendered", lambda *given: rendered(*given).to(torch.float32))
+    for module in (imaging_module, screen_objects):
+        monkeypatch.setattr(module, "imagings", precise)
+    agree(found, SpeckleGenerator(recipe, 11, "validation")(indices))
+    assert asked
+
+
+SLOW = {"beyond-memory-effect"}  # many modes
+BANDS = {"bandwidth of the light": ("through-slab", {"light": {"bandwidth": 0.004}, "media": "new"})}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*(pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in recipe_names()), *BANDS],
+)
+def test_devices_render_what_the_cpu_renders(name, monkeypatch):
+    """What they run, the torch forms on media of few ranks and of one size in chunks that are filled up, on the CPU."""
+    source, changes = BANDS.get(name, (name, {}))
+    lab = source == "through-slab-lab"
+    recipe, indices = recipe_of(source, **({} if lab else {"camera": {"shape": [64, 72]}} | changes)), range(3)
+    found = SpeckleGenerator(recipe, 4)(indices)
+    with as_on_devices(monkeypatch):
+        agree(SpeckleGenerator(recipe, 4)(indices), found)
+
+
+@pytest.mark.parametrize("name", ["unknown-slab", "tilt-stack", "dynamic-slab"])
+def test_companions_do_not_matter_to_devices(name, monkeypatch):
+    """Chunks of one shape, filled up where there are too few: to the bit, in any batch and order."""
+    recipe = recipe_of(name)
+    with as_on_devices(monkeypatch):
+        generator = SpeckleGenerator(recipe, 4)
+        key, whole = next(iter(recipe.layout())), generator(range(12))
+        for some in ([11, 3], [5], [*range(9, 0, -1)]):
+            assert torch.equal(generator(some)[key], whole[key][some])
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_companions_and_order_do_not_matter(name):
+    """On the CPU to the bit: permuted, alone, in another batch, of the recipe itself."""
+    recipe = recipe_of(name)
+    generator = SpeckleGenerator(recipe, 3)
+    whole = generator(range(9))
+    order = np.random.default_rng(0).permutation(9)
+    equal(generator(order), whole, order)
+    equal(generator([7]), whole, slice(7, 8))
+    equal(SpeckleGenerator(recipe_of(name), 3)(np.arange(4, 9)), whole, slice(4, 9))
+    batch = recipe.batch(3, "train", [8, 0])
+    for key in set(batch) - {"parameters"}:
+        np.testing.assert_array_equal(batch[key], whole[key].numpy()[[8, 0]])
+
+
+def _old_and_new():
+    torch.set_float32_matmul_precision("medium")
+    torch.backends.cuda.matmul.allow_tf32 = True
+
+
+SWITCHES = {
+    "all": lambda: torch.set_float32_matmul_precision("medium"),
+    "old and new": _old_and_new,  # torch then refuses to say what the switch of all is
+    "one backend": lambda: setattr(torch.backends.cuda.matmul, "fp32_precision", "tf32"),
+}
+BACKENDS = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul)
+
+
+@pytest.mark.parametrize("name", ["unknown-slab", "through-slab-lab"])
+def test_switches_of_the_program_change_nothing(name, monkeypatch):
+    """TF32, autocast and gradients around the generator; they are left as they were."""
+    generator = SpeckleGenerator(recipe_of(name), 1)
+    plain = generator(range(3))
+    seen, images = [], optics.images
+    monkeypatch.setattr(optics, "images", lambda *a: [seen.append([b.fp32_precision for b in BACKENDS]), images(*a)][1])
+    for switch in SWITCHES.values():
+        try:
+            switch()
+            before = [backend.fp32_precision for backend in BACKENDS]
+            assert before != ["ieee"] * 2
+            with torch.autocast("cpu", dtype=torch.bfloat16):
+                equal(generator(range(3)), plain)
+                assert torch.is_autocast_enabled("cpu")
+            assert [backend.fp32_precision for backend in BACKENDS] == before
+        finally:
+            torch.set_float32_matmul_precision("highest")
+    assert all(each == ["ieee"] * 2 for each in seen)
+    assert len(seen) == 9
+    image = plain["image"]
+    assert not image.requires_grad
+    assert not image.is_inference()
+
+
+@pytest.mark.filterwarnings("ignore::specklegen.DoubtWarning")
+def test_slabs_in_the_atlas_and_beyond_it_share_a_batch():
+    """The tables are not good enough for some slabs of this recipe: the bits of each are those that it has alone."""
+    material = {"kernel_paths": 2000, "kernel_tolerance": 0.008}
+    changes = {"material": material, "camera": {"shape": [16, 16]}, "sampler": "stationary"}
+    recipe = load_recipe("tilt-stack", changes)
+    whole = SpeckleGenerator(recipe, 0)(range(12))
+    assert set(whole["parameters"]["estimator"].tolist()) == {1.0, 2.0}
+    for n in range(12):
+        equal(SpeckleGenerator(recipe, 0)([n]), whole, slice(n, n + 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "sampler", "host"),
+    [
+        ("unknown-slab", {}, "stationary", []),
+        ("through-slab", {}, "stationary", ["the memory effect of every material"]),
+        ("ground-glass", {}, "screens", ["the memory effect of every material"]),
+        ("unknown-slab", {"objects": {"type": "Points", "shape": [12, 12]}}, "stationary", ["pictures of Points"]),
+        ("masked-light-slab", {}, "stationary",
+         ["the memory effect of every material", "masks, and the waves behind them"]),
+        ("through-slab", {"window": {"width": 4000.0}, "camera": {"shape": [16, 16]}, "objects": {"shape": [6, 6]}},
+         "paths", ["the memory effect of every material", "sums over paths"]),
+    ],
+)  # fmt: skip
+def test_the_report_says_who_renders_and_what_the_host_does(name, changes, sampler, host):
+    report = SpeckleGenerator(quick_recipe(name, 2000, **changes), 0).report()
+    assert report == {"sampler": sampler, "device": "cpu", "host": host, "graphs": "none"}
+
+
+def test_unpolarised_light_is_two_halves_of_one_brightness():
+    """Of one beam the mean is 1 and E I^2 = 3/2, over 300 media by Student's t; of one polarisation it is 2."""
+    small = {"material": {"kernel_paths": 2000}, "camera": {"shape": [16, 16]}, "objects": {"shape": [4, 4]}}
+    point = np.zeros((4, 4))
+    point[1, 2] = 1.0
+    found = {}
+    for polarised in (False, True):
+        recipe = load_recipe("through-slab", small | {"light": {"polarised": polarised}})
+        seen = np.stack([recipe.prepare(3, "train", n).images(point)[0] for n in range(300)]).astype(float)
+        found[polarised] = np.square(seen).mean((1, 2))
+        assert_mean(seen.mean((1, 2)), 1.0)
+        assert_mean(found[polarised], 2.0 if polarised else 1.5)
+        with pytest.raises(AssertionError, match="z ="):  # the two halves not halved
+            assert_mean(seen.mean((1, 2)), 0.5)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(found[False], 2.0)
+
+
+def test_frames_are_correlated_as_the_recipe_says(monkeypatch):
+    """A film whose frames were drawn anew, or stood still, would not pass as this one."""
+    recipe = recipe_of("dynamic-slab")
+    right = SpeckleGenerator(recipe, 0)(range(2))["frames"]
+    plain = Imaging.fields
+    for share in (0.0, 1.0):
+        with monkeypatch.context() as patch:
+            patch.setattr(Imaging, "fields", lambda own, k, s, n=0, _share=share: plain(own, k, 0 * s + _share, n))
+            wrong = SpeckleGenerator(recipe, 0)(range(2))["frames"]
+        assert torch.equal(wrong[:, 0], right[:, 0])
+        assert (wrong[:, 1:] - right[:, 1:]).abs().amax() > 0.1
+
+
+def test_media_are_kept_between_calls_up_to_a_number_and_a_size(monkeypatch):
+    recipe = recipe_of("through-slab", media=5)
+    whole = SpeckleGenerator(recipe, 0)(range(10))
+    monkeypatch.setattr(generator_module, "KEPT", 2)
+    few = SpeckleGenerator(recipe, 0)
+    equal(few(range(5)), whole, slice(5))
+    assert [*few._media] == [*few._spectra] == [3, 4]
+    equal(few([9, 8]), whole, [9, 8])
+    monkeypatch.setattr(generator_module, "_KEPT_BYTES", 0)
+    none = SpeckleGenerator(recipe, 0)
+    found = none(range(5))["image"]  # sums over bright pixels, where that is cheaper: other rounding
+    np.testing.assert_allclose(found, whole["image"][:5], rtol=0, atol=1e-5 * float(whole["image"].max()))
+    assert not none._spectra
+
+
+@pytest.mark.parametrize("profile", ["square", "gaussian"])
+@pytest.mark.parametrize("name", ["unknown-slab", "tilt-stack"])
+def test_bounds_of_cells_hold_for_every_medium(name, profile):
+    """Devices know them without asking; they are not far off."""
+    recipe = load_recipe(name, {"window": {"profile": profile}})
+    ((_, media),) = recipe.drawn_media(Addresses(5, "train", CPU), range(300))
+    ((_, there),) = recipe.drawn_media(Addresses(5, "train", torch.device("meta")), range(3))
+    most, bound = media.sight.cells.number.amax(0), torch.tensor(there.sight.bound)
+    assert media.sight.bound == there.sight.bound
+    assert (most <= bound).all()
+    assert (most >= 0.8 * bound).all()
+
+
+@pytest.mark.parametrize("indices", [[], [-1], [3, -2**40], [2**63]])
+def test_bad_indices_are_refused(indices):
+    with pytest.raises(ValueError, match="SpeckleGenerator indices must be at least one index"):
+        SpeckleGenerator(load_recipe("tilt-stack"), 0)(indices)
+
+
+def test_samples_beyond_the_numbers_that_hold_them_are_refused():
+    """By name, not by torch; the last one that there is, is made."""
+    recipe = load_recipe("through-slab", {"material": {"kernel_paths": 1000}, "camera": {"shape": [16, 16]}})
+    assert recipe.sample(0, "train", 2**63 - 1)["index"] == 2**63 - 1
+    with pytest.raises(ValueError, match="sample index must be at least 0 and at most"):
+        recipe.sample(0, "train", 2**63)
+
+
+def test_bad_recipes_and_splits_are_refused():
+    with pytest.raises(ValueError, match="a recipe of this library"):
+        SpeckleGenerator("through-slab", 0)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="split must be one of"):
+        SpeckleGenerator(load_recipe("tilt-stack"), 0, "exam")
+
+
+def test_a_device_that_is_not_there_is_named():
+    with pytest.raises(ValueError, match="SpeckleGenerator.device must be a device that torch has here; got 'gpu'"):
+        SpeckleGenerator(load_recipe("tilt-stack"), 0, device="gpu")
+
+
+def test_a_stream_uses_the_generator_of_its_device(monkeypatch):
+    for module in (stream_module, specification):
+        monkeypatch.setattr(module, "checked_device", lambda _field, device: torch.device(device))
+    monkeypatch.setattr(stream_module, "require_finite", lambda *_: None)  # there are no numbers
+    stream = SpeckleStream(recipe_of("through-slab"), device="meta", batch_size=4)
+    assert stream.report()["device"] == "meta"
+    batch = next(iter(stream))
+    assert batch["image"].device.type == "meta"
+    assert batch["image"].shape == (4, 128, 128)
+    here = SpeckleStream(recipe_of("through-slab"))
+    assert here._generator is None
+    assert here.report() == {"device": "cpu", "host": ["everything"]}
+
+
+class Asked(SpeckleGenerator):
+    """Notes how many samples it is asked for at a time."""
+
+    def __call__(self, indices):
+        self.counts.append(len(indices))
+        return super().__call__(indices)
+
+
+def test_small_batches_are_made_several_at_once_and_resumed_in_the_middle(monkeypatch):
+    """Two of four samples at a time, the last of one: the bits of each batch by itself, in memory of its own."""
+    recipe = load_recipe("tilt-stack", {"samples": {"train": 21}, "camera": {"shape": [8, 8]}})
+    stream = SpeckleStream(recipe, 3, batch_size=4)
+    generator = stream.__dict__["_generator"] = Asked(recipe, 3)
+    monkeypatch.setattr(generator_module, "AT_ONCE", 9)
+    generator.counts = []
+    batches = list(stream)
+    assert generator.counts == [8, 8, 5]
+    for number, batch in enumerate(batches):
+        equal(dict(batch), SpeckleGenerator(recipe, 3)(stream.indices(0, number)))
+        assert batch["stack"].untyped_storage().nbytes() == 4 * batch["stack"].numel()
+    assert stream.report()["batches_at_once"] == 2
+
+    loader = stream.loader()
+    for number, _ in enumerate(loader):
+        if number == 2:  # the first of two
+            state = loader.state_dict()
+            break
+    resumed = stream.loader()
+    resumed.load_state_dict(state)
+    generator.counts.clear()
+    for found, expected in zip(resumed, batches[3:], strict=True):
+        equal(dict(found), dict(expected))
+    assert generator.counts == [8, 1]
+
+    monkeypatch.setattr(generator_module, "AT_ONCE_BYTES", 4 * 5 * 8 * 8 * 3)
+    assert generator.at_once == 3, "fewer of large images"
+    assert stream.report()["batches_at_once"] == 1

@@ -1,0 +1,66 @@
+"""Parts of a class of one's own do the same at every door, or are refused: no file or fingerprint forgets a field."""
+
+import numpy as np
+import pytest
+
+import specklegen as sg
+from specklegen.datasets import load_recipe
+from specklegen.datasets.objects import Glyphs
+from specklegen.datasets.recipes.generator import SpeckleGenerator
+from specklegen.datasets.recipes.parts.light import Light
+from specklegen.datasets.recipes.parts.material import Material
+from specklegen.datasets.recipes.tilt_stack import TiltStack
+from specklegen.instrument.camera import Camera
+
+SMALL = {"camera": {"shape": [64, 64]}}
+
+
+class Darkening(Camera):
+    """Detects less light than it is given."""
+
+    darkening: float = 0.5
+
+
+class Glowing(Light):
+    """Has light of its own."""
+
+    glow: float = 1.0
+
+
+class Layered(Material):
+    """Has something in front."""
+
+    skin: float = 1.0
+
+
+class Dim(Glyphs):
+    """Characters whose upper half is dark."""
+
+    def picture(self, source, rng):
+        half = super().picture(source, rng)
+        half[: half.shape[0] // 2] = 0
+        return half
+
+
+class OwnStack(TiltStack):
+    """A kind that inherits one of the package, and turns its images."""
+
+    def named(self, images, tilts, parameters):
+        return super().named(images.flip(-1), tilts, parameters)
+
+
+@pytest.mark.parametrize("field", ["light", "material"])
+def test_a_further_field_is_refused_by_name(field):
+    recipe = load_recipe("unknown-slab", SMALL | {"exposure": {"photons": 200.0}})
+    part = {"light": Glowing(), "material": Layered(**recipe.material.model_dump(exclude_none=True))}[field]
+    with pytest.raises(sg.RuleError, match=f"Recipe.{field} must be of a class of this library"):
+        recipe.replace(**{field: part})
+
+
+def test_pictures_of_ones_own_are_asked_for():
+    recipe = load_recipe("unknown-slab", SMALL)
+    own = recipe.replace(objects=Dim(shape=recipe.objects.shape))
+    found, plain = (SpeckleGenerator(each, 3)(range(6))["object"].numpy() for each in (own, recipe))
+    np.testing.assert_array_equal(found, [own.objects.image(3, "train", n) for n in range(6)])
+    assert not found[:, : found.shape[1] // 2].any()
+    assert plain[:, : found.shape[1] // 2].any()

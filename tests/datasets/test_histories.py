@@ -1,0 +1,394 @@
+"""Histories: whatever a program has done before, a sample's bits depend on (recipe, seed, split, number) alone.
+
+    HISTORIES=10000 FUZZ_SEED=1 pytest tests/datasets/test_histories.py      # as many others
+
+A machine redefines classes, exchanges folders and links, nests contexts, samples in threads, forks and copies sent by
+pickle, leaves garbage in memory, samples of other sizes and seeds, changes what it was
+handed and whatever state there is. Before all that every sample is rendered once: each later one has these bits, or is
+refused.
+"""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import random
+import subprocess
+import sys
+import threading
+import warnings
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
+
+import numpy as np
+import torch
+from forgotten import forget
+from hypothesis import HealthCheck, Phase, seed, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
+from own_scatterers import defined, forgotten
+from quick_recipes import quick_recipe
+from skimage.io import imsave
+
+from specklegen.core.errors import RuleError
+from specklegen.datasets import SpeckleCache, SpeckleStream
+from specklegen.datasets.recipes.generator import SpeckleGenerator
+from specklegen.datasets.store.generate import generate
+from specklegen.datasets.store.shards import DamagedShard, MissingSample
+from specklegen.memory_effects import cache
+
+HISTORIES, SEED = int(os.environ.get("HISTORIES", "10")), os.environ.get("FUZZ_SEED")
+STEPS = 20
+REFUSED = (RuleError, MissingSample, DamagedShard, pickle.PicklingError)
+LOBES = {"narrow": "(1 + cos) ** 9 + 0 * self.power", "wide": "(1 + cos) ** 8 + 0 * self.power"}
+KINDS = ("own", "slab", "glass", "pictures")
+SEEDS, NUMBERS = st.integers(0, 1), st.integers(0, 2)
+SMALL = {"camera": {"shape": [16, 16]}, "samples": {"train": 3}}
+
+
+def loaded(kind, pictures):
+    """A recipe of a kind, as its parts are defined now."""
+    traced = {"material": {"kernel_paths": 300}}
+    if kind == "own":
+        own = {"material": {"kernel_paths": 300, "scatterer": {"type": "Lobe", "power": {"uniform": [1.0, 2.0]}}}}
+        return quick_recipe("tilt-stack", **SMALL, **own, media="new")
+    if kind == "slab":
+        return quick_recipe("through-slab", **SMALL, **traced)
+    if kind == "glass":
+        return quick_recipe("ground-glass", **SMALL)
+    return quick_recipe("through-slab", **SMALL, **traced, objects={"type": "Folder", "path": str(pictures)})
+
+
+def bits(value):
+    """SHA-256 of a sample or batch: names, types, shapes, bytes."""
+    digest = hashlib.sha256()
+
+    def feed(each):
+        if isinstance(each, dict):
+            for name in sorted(each):
+                digest.update(name.encode())
+                feed(each[name])
+        else:
+            array = np.asarray(each)
+            digest.update(f"{array.dtype} {array.shape}".encode() + array.tobytes())
+
+    feed(value)
+    return digest.hexdigest()
+
+
+def picture_folders(place):
+    for number, name in enumerate(("pictures", "others")):
+        (place / name).mkdir()
+        drawn = np.random.default_rng(number).integers(0, 255, (9, 12, 12), dtype=np.uint8)
+        for n, picture in enumerate(drawn):
+            imsave(place / name / f"{n}.png", picture, check_contrast=False)
+
+
+class Truth:
+    """Every sample, rendered before anything has happened."""
+
+    def __init__(self):
+        self.place = Path(mkdtemp(prefix="histories-"))
+        picture_folders(self.place)
+        self.samples, self.batches, self.recipes = {}, {}, {}
+        for name, source in LOBES.items():
+            defined(source)
+            self.add("own", name)
+        for kind in KINDS[1:3]:
+            self.add(kind, "")
+        for name in ("pictures", "others"):
+            self.add("pictures", name)
+
+    def add(self, kind, name):
+        recipe = loaded(kind, self.place / (name or "pictures"))
+        self.recipes[kind, name] = recipe.fingerprint()
+        for chosen in (0, 1):
+            for number in range(3):
+                sample = recipe.sample(chosen, "train", number)
+                self.samples[recipe.fingerprint(), chosen, number] = bits(sample)
+            if kind == "slab":
+                made = SpeckleGenerator(recipe, chosen, "train")([0, 1, 2])
+                self.batches[recipe.fingerprint(), chosen] = bits(made)
+
+
+def switched(read, write, value):
+    @contextlib.contextmanager
+    def context():
+        before = read()
+        write(value)
+        try:
+            yield
+        finally:
+            write(before)
+
+    return context
+
+
+CONTEXTS = {
+    "autocast": lambda: torch.autocast("cpu", dtype=torch.bfloat16),
+    "no autocast": lambda: torch.autocast("cpu", enabled=False),
+    "meta": lambda: torch.device("meta"),
+    "cpu": lambda: torch.device("cpu"),
+    "inference": torch.inference_mode,
+    "gradients": torch.enable_grad,
+    "errors": lambda: np.errstate(all="raise"),
+    "silence": lambda: np.errstate(all="ignore"),
+    "double": switched(torch.get_default_dtype, torch.set_default_dtype, torch.float64),
+    "half": switched(torch.get_default_dtype, torch.set_default_dtype, torch.bfloat16),
+    "deterministic": switched(
+        torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms, True
+    ),
+    "two threads": switched(torch.get_num_threads, torch.set_num_threads, 2),
+    "coarse": switched(torch.get_float32_matmul_precision, torch.set_float32_matmul_precision, "medium"),
+    "without oneDNN": switched(
+        lambda: torch.backends.mkldnn.enabled, lambda value: torch.backends.mkldnn.set_flags(value), False
+    ),
+    "other order of products": switched(
+        lambda: torch.backends.opt_einsum.enabled, lambda value: setattr(torch.backends.opt_einsum, "enabled", value),
+        False,
+    ),
+    "short buffers": switched(np.getbufsize, np.setbufsize, 16),
+    "denormals": switched(lambda: bool(np.float64(2e-308) / 2 == 0), torch.set_flush_denormal, True),
+}
+STATES = {
+    "NumPy's generator": lambda n: np.random.seed(n),  # noqa: NPY002
+    "torch's generator": torch.manual_seed,
+    "Python's generator": random.seed,
+    "environment": lambda n: os.environ.update(OMP_NUM_THREADS=str(n + 1), MKL_NUM_THREADS=str(n + 1)),
+    "folder": lambda n: os.chdir(("/", "/tmp")[n % 2]),  # noqa: S108
+    "printing": lambda n: np.set_printoptions(precision=n + 1),
+}
+
+
+def leave_garbage(value):
+    """Fill memory with a value and free it: what is allocated next, and not written, holds it."""
+    for power in range(6, 23):
+        for _ in range(4):
+            np.full(2**power // 8, value)
+            torch.full((2**power // 8,), value, dtype=torch.float64)
+
+
+class Histories(RuleBasedStateMachine):
+    """What a program may do between two samples."""
+
+    truth: Truth
+
+    def __init__(self):
+        super().__init__()
+        self.home, self.environment = Path.cwd(), dict(os.environ)
+        self.place = Path(mkdtemp(prefix="history-"))
+        picture_folders(self.place)
+        self.contexts, self.recipes, self.caches, self.sent = [], [], [], []
+        defined(LOBES["narrow"])
+        forget()
+
+    def teardown(self):
+        while self.contexts:
+            self.contexts.pop().__exit__(None, None, None)
+        os.chdir(self.home)
+        os.environ.clear()
+        os.environ.update(self.environment)
+        np.set_printoptions(precision=8)
+        self.caches.clear()
+        rmtree(self.place, ignore_errors=True)
+
+    def check(self, recipe, chosen, number):
+        """One sample of a recipe, which has its bits or is refused."""
+        try:
+            sample = recipe.sample(chosen, "train", number)
+        except REFUSED:
+            return None
+        assert bits(sample) == self.truth.samples[recipe.fingerprint(), chosen, number]
+        return sample
+
+    @rule(name=st.sampled_from(sorted(LOBES)))
+    def redefine(self, name):
+        defined(LOBES[name])
+
+    @rule(kind=st.sampled_from(KINDS))
+    def load(self, kind):
+        recipe = loaded(kind, self.place / "pictures")
+        assert recipe.fingerprint() in self.truth.recipes.values()
+        self.recipes.append(recipe)
+
+    @precondition(lambda self: self.recipes)
+    @rule(which=st.integers(0), chosen=SEEDS, number=NUMBERS)
+    def sample(self, which, chosen, number):
+        self.check(self.recipes[which % len(self.recipes)], chosen, number)
+
+    @precondition(lambda self: self.recipes)
+    @rule(which=st.integers(0), chosen=SEEDS, number=NUMBERS)
+    def change_what_was_handed_out(self, which, chosen, number):
+        recipe = self.recipes[which % len(self.recipes)]
+        sample = self.check(recipe, chosen, number)
+        for name, value in (sample or {}).items():
+            if name == "parameters":
+                value.clear()
+            elif value.ndim:
+                value[...] = 7
+        self.check(recipe, chosen, number)
+
+    @rule(chosen=SEEDS)
+    def generate_on_tensors(self, chosen):
+        recipe = loaded("slab", None)
+        made = SpeckleGenerator(recipe, chosen, "train")([0, 1, 2])
+        assert bits(made) == self.truth.batches[recipe.fingerprint(), chosen]
+
+    @precondition(lambda self: self.recipes)
+    @rule(which=st.integers(0), chosen=SEEDS)
+    def stream(self, which, chosen):
+        recipe = self.recipes[which % len(self.recipes)]
+        try:
+            batch = next(iter(SpeckleStream(recipe, chosen, batch_size=3).loader()))
+        except REFUSED:
+            return
+        single = {name: value[1].numpy() for name, value in batch.items() if name != "parameters"}
+        parameters = {name: float(values[1]) for name, values in batch["parameters"].items()}
+        expected = recipe.sample(chosen, "train", 1)
+        assert bits({**single, "parameters": parameters}) == bits({
+            **{name: value for name, value in expected.items() if name != "parameters"},
+            "parameters": {name: float(value) for name, value in expected["parameters"].items()},
+        })  # fmt: skip
+
+    @rule(name=st.sampled_from(sorted(CONTEXTS)))
+    def enter(self, name):
+        if len(self.contexts) < 6:
+            context = CONTEXTS[name]()
+            context.__enter__()
+            self.contexts.append(context)
+
+    @precondition(lambda self: self.contexts)
+    @rule()
+    def leave(self):
+        self.contexts.pop().__exit__(None, None, None)
+
+    @rule(name=st.sampled_from(sorted(STATES)), n=st.integers(0, 3))
+    def change_state(self, name, n):
+        STATES[name](n)
+
+    @rule(value=st.sampled_from([np.nan, 1e300, -1.0]))
+    def garbage(self, value):
+        leave_garbage(value)
+
+    @rule(shape=st.integers(9, 24), chosen=st.integers(2, 9))
+    def sample_something_else(self, shape, chosen):
+        """Of another size and seed, which takes its place in what is kept."""
+        quick_recipe("tilt-stack", **SMALL | {"camera": {"shape": [shape, 16]}}).sample(chosen, "validation", 0)
+
+    @rule()
+    def forget_all(self):
+        forget()
+
+    @precondition(lambda self: self.recipes)
+    @rule(wanted=st.lists(st.tuples(st.integers(0), SEEDS, NUMBERS), min_size=2, max_size=4), cold=st.booleans())
+    def sample_in_threads(self, wanted, cold):
+        if cold:
+            forget()
+        wrong = []
+
+        def one(which, *where):
+            try:
+                self.check(self.recipes[which % len(self.recipes)], *where)
+            except BaseException as error:  # noqa: BLE001, for the thread that waits
+                wrong.append(error)
+
+        threads = [threading.Thread(target=one, args=each) for each in wanted]
+        for each in threads:
+            each.start()
+        for each in threads:
+            each.join()
+        if wrong:
+            raise wrong[0]
+
+    @precondition(lambda self: self.recipes)
+    @rule(which=st.integers(0), chosen=SEEDS, number=NUMBERS)
+    def sample_in_a_fork(self, which, chosen, number):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads, which is what is tried
+            child = os.fork()
+        if not child:
+            code = 1
+            with contextlib.suppress(BaseException):
+                self.check(self.recipes[which % len(self.recipes)], chosen, number)
+                code = 0
+            os._exit(code)
+        assert os.waitpid(child, 0)[1] == 0
+
+    @precondition(lambda self: self.recipes)
+    @rule(which=st.integers(0))
+    def send(self, which):
+        with contextlib.suppress(*REFUSED):
+            self.sent.append(pickle.dumps(self.recipes[which % len(self.recipes)]))
+
+    @precondition(lambda self: self.sent)
+    @rule(which=st.integers(0))
+    def receive(self, which):
+        with contextlib.suppress(*REFUSED):
+            self.recipes.append(pickle.loads(self.sent[which % len(self.sent)]))
+
+    @rule()
+    def exchange_folders(self):
+        for old, new in (("pictures", "meanwhile"), ("others", "pictures"), ("meanwhile", "others")):
+            (self.place / old).rename(self.place / new)
+
+    @rule(kind=st.sampled_from(KINDS[:2]), chosen=SEEDS)
+    def store(self, kind, chosen):
+        """Fill a store, and move the link to it."""
+        folder = self.place / f"{kind}-{chosen}.zarr"
+        with contextlib.suppress(RuleError):  # it may be there, of another class of the same name
+            generate(loaded(kind, None), seed=chosen, samples=3, folder=folder, processes=1, shard_samples=1)
+        link = self.place / "latest"
+        link.unlink(missing_ok=True)
+        link.symlink_to(folder)
+
+    @precondition(lambda self: (self.place / "latest").exists())
+    @rule()
+    def open_the_latest(self):
+        self.caches.append(SpeckleCache(self.place / "latest"))
+
+    @precondition(lambda self: self.caches)
+    @rule(which=st.integers(0))
+    def send_a_cache(self, which):
+        with contextlib.suppress(*REFUSED):
+            self.caches.append(pickle.loads(pickle.dumps(self.caches[which % len(self.caches)])))
+
+    @precondition(lambda self: self.caches)
+    @rule(which=st.integers(0), number=NUMBERS)
+    def read(self, which, number):
+        cache = self.caches[which % len(self.caches)]
+        try:
+            found = cache.numpy(number)
+        except REFUSED:
+            return
+        stated = cache.identity
+        fingerprint = cache.store.attributes["recipe_fingerprint"]
+        expected = self.truth.samples[fingerprint, stated["seed"], number]
+        found["index"] = np.int64(found["index"])
+        assert bits(found) == expected
+
+
+def run():
+    """All histories; what fails is raised."""
+    cache.folder = lambda: Path(mkdtemp(prefix="histories-"))
+    Histories.truth = Truth()
+    chosen = settings(
+        max_examples=HISTORIES, stateful_step_count=STEPS, deadline=None, database=None, derandomize=SEED is None,
+        suppress_health_check=list(HealthCheck), print_blob=False, phases=[Phase.generate],
+    )  # fmt: skip
+    machine = Histories if SEED is None else seed(int(SEED))(Histories)
+    try:
+        run_state_machine_as_test(machine, settings=chosen)
+    finally:
+        forgotten()
+        rmtree(Histories.truth.place)
+
+
+def test_samples_depend_on_nothing_that_has_happened():
+    """In a process of its own: forks hang where OpenMP's threads have been used, as other tests do."""
+    path = [str(Path(__file__).parent), *sys.path]
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path[:] = {path!r}; import test_histories; test_histories.run()"],
+        capture_output=True, text=True, check=False, timeout=60 * (20 + HISTORIES),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,192 @@
+"""Reflectance and transmittance against radiative transfer: published figures, adding and doubling, closed forms."""
+
+import numpy as np
+import pytest
+from zscore import assert_z
+
+import specklegen as sg
+from specklegen.oracles.adding_doubling import adding_doubling
+
+VAN_DE_HULST = sg.Slab(thickness=2.0, mean_free_path=1.0, albedo=0.9, scatterer=sg.HenyeyGreenstein(0.75))
+GLASS = sg.Faces(inside=1.5, outside=1.0)
+DEEP = 60.0
+"""Mean free paths that stand for a half space: behind them exp(-10) of the light is left at albedo 0.99."""
+
+
+def half_space(albedo, faces=None):
+    return sg.Slab(
+        thickness=DEEP, mean_free_path=1.0, albedo=albedo, scatterer=sg.Isotropic(), faces=faces or sg.Faces()
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def slab_light():
+    return sg.reflectance_transmittance(VAN_DE_HULST, paths=200_000, seed=1)
+
+
+def assert_totals(found, reflectance, transmittance):
+    """Both totals against exact ones, rounded to five digits."""
+    assert_z(
+        [found.reflectance, found.transmittance], [reflectance, transmittance],
+        [found.reflectance_error, found.transmittance_error], slack=5e-6,
+    )  # fmt: skip
+
+
+def test_van_de_hulsts_slab(slab_light):
+    assert_totals(slab_light, 0.09739, 0.66096)
+    assert slab_light.ballistic == pytest.approx(np.exp(-2.0), rel=1e-12)
+    assert slab_light.specular == 0.0
+
+
+def test_a_small_error_of_the_lobe_is_caught():
+    """g = 0.72 instead of 0.75 moves the reflectance by 0.012, eight standard errors of 50 000 paths."""
+    wrong = VAN_DE_HULST.replace(scatterer=sg.HenyeyGreenstein(0.72))
+    with pytest.raises(AssertionError, match="z ="):
+        assert_totals(sg.reflectance_transmittance(wrong, paths=50_000, seed=1), 0.09739, 0.66096)
+
+
+@pytest.mark.parametrize(("albedo", "expected"), [(0.5, 0.11523), (0.9, 0.41495), (0.99, 0.75272)])
+def test_chandrasekhars_half_space(albedo, expected):
+    found = sg.reflectance_transmittance(half_space(albedo), paths=50_000, seed=2)
+    assert_z(found.reflectance, expected, found.reflectance_error, slack=5e-6)
+
+
+def test_giovanellis_half_space_behind_a_step_of_the_index():
+    """The figure, 0.2600, is that of the light that is thrown back altogether: 0.04 of it by the face."""
+    found = sg.reflectance_transmittance(half_space(0.9, GLASS), paths=100_000, seed=3)
+    assert_z(found.reflectance, 0.2600, found.reflectance_error, slack=5e-5)
+    assert found.specular == pytest.approx(0.04, rel=1e-12)
+
+
+@pytest.mark.parametrize(("depth", "g", "albedo"), [(0.5, 0.0, 1.0), (5.0, 0.9, 0.95)])
+def test_slabs_are_those_of_adding_and_doubling(depth, g, albedo):
+    scatterer = sg.HenyeyGreenstein(g) if g else sg.Isotropic()
+    slab = sg.Slab(thickness=3.0, mean_free_path=3.0 / depth, albedo=albedo, scatterer=scatterer)
+    exact = adding_doubling(depth, albedo=albedo, g=g)
+    assert_totals(sg.reflectance_transmittance(slab, paths=50_000, seed=4), exact.reflectance, exact.transmittance)
+
+
+def test_no_light_is_lost(slab_light):
+    """Without absorption every path leaves; with it, what is absorbed is what does not."""
+    for medium, angle in (
+        (VAN_DE_HULST.replace(albedo=1.0), 0.0),
+        (VAN_DE_HULST.replace(albedo=1.0, faces=GLASS), 1.0),
+        (sg.Box(lower=[-1, -1, 0], upper=[1, 1, 2], mean_free_path=1.0, scatterer=sg.Isotropic()), 0.5),
+    ):
+        found = sg.reflectance_transmittance(medium, angle=angle, paths=4000)
+        assert found.reflectance + found.transmittance + found.sides == pytest.approx(1.0, abs=1e-12)
+    total = slab_light.reflectance + slab_light.transmittance + slab_light.absorptance
+    assert total == pytest.approx(1.0, abs=1e-15)
+    assert 0.2 < slab_light.absorptance < 0.28
+
+
+@pytest.mark.parametrize("faces", [sg.Faces(), GLASS])
+def test_densities_add_up_to_the_scattered_light(faces):
+    found = sg.reflectance_transmittance(VAN_DE_HULST.replace(faces=faces), angle=0.4, paths=4000, seed=5)
+    steradians = -2 * np.pi * np.diff(np.cos(found.angles))
+    assert steradians @ found.reflected == pytest.approx(found.reflectance - found.specular, abs=1e-12)
+    assert steradians @ found.transmitted == pytest.approx(found.transmittance - found.ballistic, abs=1e-12)
+
+
+def test_densities_of_single_scattering():
+    """A thin slab of albedo 0.05: what leaves straight ahead is the closed form of one collision, within its square."""
+    depth, albedo = 0.2, 0.05
+    thin = sg.Slab(thickness=1.0, mean_free_path=1.0 / depth, albedo=albedo, scatterer=sg.Isotropic())
+    found = sg.reflectance_transmittance(thin, angles=[0.0, 0.5, 1.0, np.pi / 2], paths=200_000, seed=6)
+    mu = np.linspace(np.cos(found.angles[:-1]), np.cos(found.angles[1:]), 4001)[1:]
+    mu = np.where(np.isclose(mu, 1.0), 1 - 1e-9, np.maximum(mu, 1e-9))
+    back = albedo / (4 * np.pi) * mu * (1 - np.exp(-depth * (1 + 1 / mu))) / (1 + mu)
+    ahead = albedo / (4 * np.pi) * mu * (np.exp(-depth / mu) - np.exp(-depth)) / (mu - 1)
+    for density, error, exact in (
+        (found.reflected, found.reflected_error, back), (found.transmitted, found.transmitted_error, ahead),
+    ):  # fmt: skip
+        once = exact.mean(axis=0)
+        # Of all light once scattered, less than 0.4 is scattered again, and albedo of that goes on.
+        assert_z(density, once, error, slack=0.4 * albedo * once)
+        with pytest.raises(AssertionError, match="z ="):
+            assert_z(1.2 * density, once, error, slack=0.4 * albedo * once)
+
+
+def test_a_clear_slab_between_faces_is_that_of_fresnel_and_its_echoes():
+    clear = sg.Slab(thickness=1.0, mean_free_path=1e9, scatterer=sg.Isotropic(), faces=GLASS)
+    found = sg.reflectance_transmittance(clear, paths=100)
+    assert found.transmittance == pytest.approx((1 - 0.04) / (1 + 0.04), rel=1e-7)
+    slanted = sg.reflectance_transmittance(clear, angle=1.0, paths=100)
+    sine = np.sin(1.0) / 1.5
+    inside, outside = np.sqrt(1 - sine**2), np.cos(1.0)
+    s = (outside - 1.5 * inside) / (outside + 1.5 * inside)
+    p = (1.5 * outside - inside) / (1.5 * outside + inside)
+    r = (s**2 + p**2) / 2
+    assert slanted.specular == pytest.approx(2 * r / (1 + r), rel=1e-7)
+
+
+def test_light_that_cannot_enter_is_reflected():
+    found = sg.reflectance_transmittance(VAN_DE_HULST.replace(faces=sg.Faces(inside=1.0, outside=1.5)), angle=1.0)
+    assert (found.reflectance, found.specular, found.transmittance, found.paths) == (1.0, 1.0, 0.0, 0)
+
+
+def test_voxels_are_the_box_that_they_make():
+    corners = {"lower": [-1, -1, 0], "upper": [1, 1, 2]}
+    box = sg.Box(**corners, mean_free_path=1.0, albedo=0.9, scatterer=sg.HenyeyGreenstein(0.5))
+    grid = sg.VoxelGrid(**corners, extinction=np.ones((4, 3, 5)), albedo=0.9, scatterers=[sg.HenyeyGreenstein(0.5)])
+    one, other = (sg.reflectance_transmittance(medium, angle=0.3, paths=4000, seed=7) for medium in (box, grid))
+    for name in ("reflectance", "transmittance", "sides", "ballistic"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), abs=1e-9)
+
+
+def test_a_wide_box_is_a_slab(slab_light):
+    box = sg.Box(lower=[-1e4, -1e4, 0], upper=[1e4, 1e4, 2], mean_free_path=1.0, albedo=0.9,
+                 scatterer=sg.HenyeyGreenstein(0.75))  # fmt: skip
+    found = sg.reflectance_transmittance(box, paths=50_000, seed=8)
+    assert_totals(found, 0.09739, 0.66096)
+    assert_z(found.ballistic, np.exp(-2.0), np.sqrt(np.exp(-2.0) / 50_000))
+
+
+def test_the_result_is_a_function_of_seed_and_paths_alone():
+    few = {"paths": 9000, "seed": 3}
+    one, two = (sg.reflectance_transmittance(VAN_DE_HULST, **few, threads=threads) for threads in (1, 3))
+    np.testing.assert_array_equal(one.transmitted, two.transmitted)
+    assert one.reflectance == two.reflectance
+    assert one.reflectance != sg.reflectance_transmittance(VAN_DE_HULST, paths=9000, seed=4).reflectance
+
+
+def test_an_error_is_reached():
+    found = sg.reflectance_transmittance(VAN_DE_HULST, rel_error=4e-3, seed=9)
+    errors = found.reflectance_error, found.transmittance_error, found.absorptance_error
+    assert 0.7 * 4e-3 < max(errors) < 4e-3
+    again = sg.reflectance_transmittance(VAN_DE_HULST, paths=found.paths, seed=9)
+    assert again.reflectance == found.reflectance
+
+
+def test_what_was_never_seen_has_an_error():
+    dark = sg.Slab(thickness=1000.0, mean_free_path=1.0, albedo=0.5, scatterer=sg.Isotropic())
+    found = sg.reflectance_transmittance(dark, paths=1000)
+    assert found.transmittance_error == 1e-3
+    assert found.transmittance < 1e-300
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"medium": sg.PhaseScreen(rms_phase=1.0, correlation_length=5.0)}, "medium"),
+        ({"medium": sg.Box(lower=[0, 0], upper=[1, 1], mean_free_path=1.0, scatterer=sg.Isotropic())}, "medium"),
+        ({"angle": np.pi / 2}, "angle"),
+        ({"angle": -0.1}, "angle"),
+        ({"angle": np.nan}, "angle"),
+        ({"angles": [0.0, 1.0]}, "angles"),
+        ({"angles": [0.0, 1.0, 0.5, np.pi / 2]}, "angles"),
+        ({"paths": 0}, "paths"),
+        ({"paths": 10**14}, "paths"),
+        ({"rel_error": 2.0}, "rel_error"),
+    ],
+)
+def test_arguments_out_of_range_are_refused_by_name(change, field):
+    arguments = {"medium": VAN_DE_HULST} | change
+    with pytest.raises(sg.RuleError, match=f"^reflectance_transmittance {field} must be"):
+        sg.reflectance_transmittance(arguments.pop("medium"), **arguments)
+
+
+def test_media_too_deep_to_walk_are_refused():
+    deep = sg.Slab(thickness=1e5, mean_free_path=1.0, scatterer=sg.Isotropic())
+    with pytest.raises(sg.RuleError, match="^Slab.optical_depth must be at most"):
+        sg.reflectance_transmittance(deep, paths=10)

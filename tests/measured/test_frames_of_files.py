@@ -1,0 +1,258 @@
+"""Frames that other libraries wrote come back number by number; what cannot be read is refused by field and remedy."""
+
+import re
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+from scipy.io import savemat
+
+from specklegen.core.errors import RuleError
+from specklegen.measured import read_measurement
+
+COUNTS = np.random.default_rng(0).integers(1, 4000, (3, 24, 31)).astype(np.uint16)
+BYTES = (COUNTS // 16).astype(np.uint8)
+
+
+def pages(path, frames, **options):
+    first, *rest = [Image.fromarray(frame) for frame in frames]
+    first.save(path, save_all=True, append_images=rest, **options)
+
+
+def write_bmp(folder):
+    for n, frame in enumerate(BYTES):
+        Image.fromarray(frame).save(folder / f"frame_{8 + n}.bmp")  # 8, 9, 10: by value, not by letter
+    return folder, BYTES
+
+
+def write_png(folder):
+    for n, frame in enumerate(COUNTS):
+        Image.fromarray(frame).save(folder / f"f{n}.png")
+    return f"{folder}/f*.png", COUNTS
+
+
+def write_lzw(folder):
+    pages(folder / "many.tif", COUNTS, compression="tiff_lzw")
+    return folder / "many.tif", COUNTS
+
+
+def write_tiff(folder):
+    for n, frame in enumerate(COUNTS):
+        tifffile.imwrite(folder / f"{n}.tiff", frame)
+    return [folder / "2.tiff", str(folder / "0.tiff")], COUNTS[[2, 0]]
+
+
+def write_numpy(folder):
+    np.save(folder / "f.npy", COUNTS.astype(np.float64) / 7)
+    return str(folder / "f.npy"), COUNTS / 7
+
+
+def write_matlab(folder):
+    savemat(folder / "data.mat", {"raw": np.moveaxis(COUNTS, 0, -1), "fps": 30.0, "name": "flow"}, do_compression=True)
+    return folder / "data.mat", COUNTS
+
+
+def write_array(folder):
+    return COUNTS[0], COUNTS[:1]
+
+
+WRITERS = [write_bmp, write_png, write_lzw, write_tiff, write_numpy, write_matlab, write_array]
+
+
+@pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
+def test_numbers_are_those_that_were_written(write, tmp_path):
+    source, expected = write(tmp_path)
+    found = read_measurement(source, hot_pixels=False)
+    assert np.array_equal(found.light, expected)
+    assert found.good.all()
+    assert len(found.files) == {write_array: 0, write_tiff: 2, write_bmp: 3, write_png: 3}.get(write, 1)
+
+
+@pytest.fixture
+def h5py():
+    return pytest.importorskip("h5py")
+
+
+def test_hdf5_and_the_newest_matlab(h5py, tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["run/frames"] = COUNTS
+        file["run/time"] = np.arange(3.0)
+        file["elsewhere"] = h5py.ExternalLink("other.h5", "/frames")
+    assert np.array_equal(read_measurement(tmp_path / "a.h5", hot_pixels=False).light, COUNTS)
+    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
+        file["raw"] = COUNTS.transpose(0, 2, 1)  # MATLAB's [h, w, n] from its last axis to its first
+        file["raw"].attrs["MATLAB_class"] = np.bytes_("uint16")
+        file["note"] = np.ones((2, 9), np.uint16)
+        file["note"].attrs["MATLAB_class"] = np.bytes_("char")
+    with (tmp_path / "b.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+    assert np.array_equal(read_measurement(tmp_path / "b.mat", hot_pixels=False).light, COUNTS)
+
+
+def test_hdf5_without_its_library_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "h5py", None)
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF")
+    (tmp_path / "b.mat").write_bytes(b"MATLAB 7.3 MAT-file")
+    for name in ("a.h5", "b.mat"):
+        with pytest.raises(ImportError, match=re.escape('pip install "specklegen-torch[hdf5]"')):
+            read_measurement(tmp_path / name)
+
+
+def test_one_of_several_arrays_is_named(tmp_path):
+    savemat(tmp_path / "d.mat", {"raw": np.moveaxis(COUNTS, 0, -1), "truth": COUNTS[0]})
+    with pytest.raises(RuleError, match="read_measurement source must be files .* variable=.*raw 24 x 31 x 3, truth"):
+        read_measurement(tmp_path / "d.mat")
+    found = read_measurement(tmp_path / "d.mat", variable="truth", hot_pixels=False)
+    assert np.array_equal(found.light, COUNTS[:1])
+    with pytest.raises(RuleError, match='no frames of the name "im"'):
+        read_measurement(tmp_path / "d.mat", variable="im")
+
+
+def test_a_folder_leaves_out_what_are_no_frames_and_doubts_dark_ones(tmp_path):
+    np.save(tmp_path / "light.npy", COUNTS)
+    np.save(tmp_path / "dark_1.npy", COUNTS // 100)
+    (tmp_path / "notes.txt").write_text("Tuesday")
+    found = read_measurement(tmp_path)
+    assert found.light.shape[0] == 6
+    assert any("1 file of" in line and "left out" in line for line in found.assumed)
+    assert any("dark_1.npy sounds like no frame of light" in line for line in found.doubts)
+    assert "doubt: " in found.explain()
+    assert "6 frames of 24 x 31 pixels" in repr(found)
+    assert "<table" in found._repr_html_()
+
+
+def bad_files(folder):
+    np.save(folder / "a.npy", COUNTS)
+    np.save(folder / "small.npy", COUNTS[:, :20])
+    np.save(folder / "words.npy", np.array([["a", "b"]]))
+    (folder / "empty").mkdir()
+    (folder / "photo.jpg").write_bytes(b"\xff\xd8")
+    (folder / "half.tif").write_bytes(b"II*\0\x08\0\0\0")
+    Image.fromarray(np.zeros((20, 20, 3), np.uint8)).save(folder / "colours.png")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("absent.tif", "a file, a folder or a pattern with frames"),
+        ("none_*.tif", "a file, a folder or a pattern with frames"),
+        ("zero\0.tif", "a file, a folder or a pattern"),
+        ("empty", r"A folder holds frames as \.tif"),
+        ("photo.jpg", "compressed with loss"),
+        ("half.tif", "that can be read"),
+        ("colours.png", "colours"),
+        ("words.npy", "read|grey"),
+        ("*.npy", "frames of one size"),
+    ],
+)
+def test_refusals_of_files(name, told, tmp_path):
+    bad_files(tmp_path)
+    if name == "*.npy":
+        (tmp_path / "words.npy").unlink()
+    with pytest.raises(RuleError, match=f"^read_measurement source must be .*({told})"):
+        read_measurement(f"{tmp_path}/{name}")
+
+
+FLAT = np.full((24, 31), 3000.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "given", "told"),
+    [
+        ("source", {"source": b"abc"}, "array"),
+        ("source", {"source": np.ones((2, 2, 2, 2))}, r"\[h, w\]"),
+        ("source", {"source": np.ones((20, 4))}, "at least 8 x 8"),
+        ("source", {"source": np.full((20, 20), np.nan)}, "finite"),
+        ("source", {"source": np.zeros((20, 20))}, "brighter than the black level"),
+        ("source", {"source": COUNTS + 1j}, "real numbers"),
+        ("source", {"source": np.full((20, 20), 1e30)}, "at most 1e.18"),
+        ("variable", {"variable": 3}, "name of an array"),
+        ("hot_pixels", {"hot_pixels": "no"}, "True or False"),
+        ("region", {"region": np.array(4.0)}, "find"),
+        ("frames", {"frames": "a"}, "whole number"),
+        ("bit_depth", {"bit_depth": np.ones(3)}, "whole number"),
+        ("dark", {"dark": 1e6}, "darker than the frames"),
+        ("dark", {"dark": float("nan")}, "finite"),
+        ("dark", {"dark": np.ones((9, 9))}, "24 x 31"),
+        ("dark", {"dark": np.full((24, 31), np.inf)}, "finite everywhere"),
+        ("flat", {"flat": FLAT[:9]}, "24 x 31"),
+        ("flat", {"flat": FLAT, "dark": COUNTS[0] * 0 + 3001, "source": COUNTS + 9000}, "even light"),
+        ("envelope", {"envelope": -FLAT}, "greater than 0"),
+        ("envelope", {"envelope": "gone.tif"}, "file"),
+        ("envelope", {"envelope": "fit", "dark": 1990.0}, "above the black level everywhere"),
+        ("region", {"region": (0, 0, 99, 9)}, "inside the frame of 24 x 31"),
+        ("region", {"region": (0, 0, 4, 9)}, "at least 8 x 8"),
+        ("region", {"region": "all"}, "find"),
+        ("region", {"region": (0.5, 0, 9, 9)}, "whole number"),
+        ("frames", {"frames": 3}, "at most 2"),
+        ("frames", {"frames": slice(7, 9)}, "some of the 3"),
+        ("frames", {"frames": slice("a", None)}, "slice"),
+        ("bit_depth", {"bit_depth": 8}, "enough for counts"),
+        ("bit_depth", {"bit_depth": 40}, "at most 16"),
+        ("bit_depth", {"bit_depth": 12, "source": COUNTS / 7}, "not whole"),
+    ],
+)
+def test_refusals_by_field(field, given, told):
+    arguments = {"source": COUNTS} | given
+    with pytest.raises(RuleError, match=rf"^read_measurement {field} must be .*{told}"):
+        read_measurement(**arguments)
+
+
+def test_the_size_is_judged_before_the_numbers_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr("specklegen.measured.array_files.MOST_PIXELS", 1000)
+    monkeypatch.setattr("specklegen.measured.files.MOST_PIXELS", 1000)
+    savemat(tmp_path / "d.mat", {"raw": COUNTS})
+    np.save(tmp_path / "d.npy", COUNTS)
+    for name in ("d.mat", "d.npy"):
+        with pytest.raises(RuleError, match="1000"):
+            read_measurement(tmp_path / name)
+
+
+@pytest.mark.parametrize("write", [write_bmp, write_png, write_lzw, write_tiff, write_numpy, write_matlab])
+def test_damaged_files_are_refused_or_read_and_nothing_else(write, tmp_path):
+    """Bytes changed, cut off and doubled, 40 times a format: a RuleError or a Measurement."""
+    write(tmp_path)
+    path = sorted(tmp_path.iterdir())[0]
+    whole = path.read_bytes()
+    refused = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        damaged = bytearray(whole)
+        for at in rng.integers(0, min(len(whole), 400 if seed % 2 else len(whole)), rng.integers(1, 9)):
+            damaged[at] = rng.integers(256)
+        if seed % 4 == 0:
+            damaged = damaged[: rng.integers(len(whole))]
+        path.write_bytes(damaged)
+        try:
+            assert read_measurement(path).light.ndim == 3
+        except RuleError:
+            refused += 1
+    assert refused >= 10  # those that were cut off
+
+
+def test_damaged_hdf5(h5py, tmp_path):
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("frames", data=COUNTS, compression="gzip")
+    whole = path.read_bytes()
+    refused = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        damaged = bytearray(whole)
+        for at in rng.integers(0, len(whole), 20):
+            damaged[at] = rng.integers(256)
+        path.write_bytes(damaged)
+        try:
+            assert read_measurement(path).light.ndim == 3
+        except RuleError:
+            refused += 1
+    assert refused >= 10
+
+
+def test_a_small_file_that_unfolds_to_a_large_one_is_refused(tmp_path):
+    header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little")
+    text = b"{'descr': '|u1', 'fortran_order': False, 'shape': (1, 100000, 100000), }"
+    (tmp_path / "bomb.npy").write_bytes(header + text.ljust(117) + b"\n")
+    with pytest.raises(RuleError, match="read_measurement source"):
+        read_measurement(tmp_path / "bomb.npy")

@@ -1,0 +1,123 @@
+"""Odd values for every argument of every public name: an answer, or an error of the library's own.
+
+A part of the table (:mod:`odd_arguments`) each time, all of it under ``slow``: 50 000 calls, a quarter of an hour.
+"""
+
+import numpy as np
+import odd_arguments
+import pytest
+
+import specklegen as sg
+from specklegen.core.errors import RuleError
+
+SLOW = ("render", "covariance", "memory", "finite_path", "trace", "coverage", "coherent_rays", "field_on_plane",
+        "Recipe", "Stream", "recoverable", "likelihood", "materials", "stack_like", "mean_field", "joint",
+        "transmission", "reflectance", "wedge", "aperture", "retrieve", "monte_carlo", "Optics", "evaluate", "sample_",
+        "expose")  # fmt: skip
+"""Calls that take more than a moment, or compile kernels."""
+
+OPEN = {
+    ("LabSetup", "oversampling"), ("coherence.effective_source_modes", "width"), ("aperture_transform", "amplitude"),
+    ("models.Optics", "*"), ("models.SpeckleLikelihood", "*"), ("models.evaluate", "*"), ("models.retrieve", "*"),
+    ("models.recoverable", "*"), ("models.expected_deviance", "*"), ("expected_trials", "*"), ("trace", "*"),
+    ("coverage", "*"), ("coherent_rays", "*"), ("field_on_plane", "*"), ("wedge", "*"), ("geometric_shares", "*"),
+    ("materials", "*"), ("stack_like", "*"), ("Recipe", "*"), ("load_recipe", "*"), ("SpeckleStream", "*"),
+    ("SpeckleCache", "*"), ("CylindricalFocus.physical_optics", "*"), ("Mie.amplitude", "*"), ("lossy_wedge", "*"),
+}  # fmt: skip
+"""Arguments that were not mended, or not yet looked at; "*" is all of a call's whose name begins so."""
+
+
+def is_open(call, argument):
+    return any(call.name.startswith(name) and chosen in ("*", argument) for name, chosen in OPEN)
+
+
+def raw_errors(chosen, share):
+    """Errors that are not the library's own, over calls of the table; of the odd values a share, others each time."""
+    found, tried, turn = [], 0, 0
+    for call in chosen:
+        for argument in call.arguments:
+            if is_open(call, argument):
+                continue
+            turn += 1
+            for name, value in odd_arguments.odd_values()[turn % share :: share]:
+                tried += 1
+                error = odd_arguments.raw_error(call, argument, value)
+                found += [f"{call.name}({argument}={name}): {error}"] if error else []
+    return found, tried
+
+
+def quick(call):
+    return not any(word in call.name for word in SLOW)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_odd_values_are_answered_or_refused_in_the_houses_words():
+    found, tried = raw_errors(filter(quick, odd_arguments.calls()), 4)
+    assert tried > 3000
+    assert found == []
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_all_odd_values_of_all_calls():
+    found, tried = raw_errors(odd_arguments.calls(), 1)
+    assert tried > 30_000
+    assert found == []
+
+
+def test_the_table_has_what_is_public_and_its_calls_are_valid():
+    """Otherwise the odd values were tried on something that is refused anyway."""
+    names = " ".join(call.name for call in odd_arguments.calls())
+    missing = {
+        "Brownian",
+        "CameraFit",
+        "Motion",
+        "TemporalCorrelation",
+        "fit_camera",
+        "temporal_correlation",
+        "DoubtWarning",
+        "RuleError",
+        "materials",
+        "Scatterer",
+        "Sensor",
+        "Stratified",
+        "render_to_zarr",
+    }
+    for name in sorted(set(sg.__all__) - missing):
+        result = name in ("Covariance", "JointCorrelation", "MemoryEffect", "Plan", "ReflectanceTransmittance",
+                          "Replacement", "SpeckleStack")  # fmt: skip
+        assert result or name in names
+    for call in odd_arguments.calls():
+        if quick(call) and "(refused)" not in call.name:
+            call()
+
+
+def test_a_raw_error_is_noticed():
+    """The test of the test: a function that indexes what it is given."""
+    call = odd_arguments.Call("first", lambda several: several[0], {"several": [1]})
+    assert "TypeError" in (odd_arguments.raw_error(call, "several", None) or "")
+    assert odd_arguments.raw_error(call, "several", [2]) is None
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: sg.plan(odd_arguments.SCENE, mean=np.ones(2)), "mean must be True or False"),
+        (lambda: sg.plan(odd_arguments.SCENE, mean="no"), "mean must be True or False"),
+        (lambda: sg.plan(odd_arguments.SCENE, sampler=["paths"]), "sampler must be the name of a sampler"),
+        (lambda: sg.plan(odd_arguments.SCENE, threads=2**63), "threads must be at least 1 and at most 4096"),
+        (lambda: sg.plan(odd_arguments.SCENE, paths=10**400), "plan paths must be a whole number of fewer digits"),
+        (lambda: sg.render(odd_arguments.SCENE, seconds=np.inf), "render seconds must be between 0 and"),
+        (lambda: sg.render(odd_arguments.SCENE, rel_error=1e-300), "render rel_error must be between 1e-09 and 1"),
+        (lambda: sg.PlaneWaves(directions=np.eye(3) * (1 + 0.5j)), "directions must be an array of real numbers"),
+        (lambda: sg.FarField.angles(np.array([1j])), "FarField.angles must be an array of real numbers"),
+        (lambda: sg.memory_effect(odd_arguments.SLAB, wavelength=np.complex64(1), tilts=[0.0]),
+         "wavelength must be a number"),
+        (lambda: odd_arguments.coherence.sample_fields(odd_arguments.W0, 3, seed=np.asmatrix([1, 2])),
+         "sample_fields seed must be a whole number"),
+    ],
+)  # fmt: skip
+def test_what_was_silently_wrong_or_ended_the_process_is_refused(call, says):
+    """Imaginary parts were thrown away, any text was True, a matrix as a seed ended Python with a fault of memory."""
+    with pytest.raises(RuleError, match=says):
+        call()
