@@ -7,6 +7,7 @@ back in the order of the blocks, so that every sum over them is the same for any
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from ctypes import CDLL
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -254,15 +255,29 @@ def _linear_algebra() -> "ThreadpoolController":
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Run torch on one thread, then restore what was set: its sums differ in the last bit between one and two."""
+    """Run torch on one thread, then restore what was set: its sums differ in the last bit between one and two.
+
+    torch counts by OpenMP, its products (MKL) by a number of their own. torch sets both, but other libraries set the
+    first alone: after ``threadpoolctl.threadpool_limits(1)`` torch says 1 and multiplies on two. So both are set here.
+    """
     import torch
 
-    before = torch.get_num_threads()
-    if before == 1:
-        yield
-        return
-    torch.set_num_threads(1)
+    before, products = torch.get_num_threads(), _threads_of_products()
+    products_before = products(1) if products else 0
+    if before != 1 or products is None:
+        torch.set_num_threads(1)
     try:
         yield
     finally:
-        torch.set_num_threads(before)
+        if before != 1:
+            torch.set_num_threads(before)
+        if products:
+            products(products_before)
+
+
+@lru_cache(1)
+def _threads_of_products() -> Callable[[int], int] | None:
+    """Return what sets the threads of torch's MKL for the thread that calls, and returns those before (0: no own)."""
+    import torch
+
+    return getattr(CDLL(torch._C.__file__), "MKL_Set_Num_Threads_Local", None)

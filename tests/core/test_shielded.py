@@ -219,3 +219,28 @@ def test_verbs_give_the_same_under_all_contexts(verb):
             stack.enter_context(context())
         found = VERBS[verb]()
     np.testing.assert_array_equal(found, expected)
+
+
+def test_products_are_on_one_thread_where_only_openmp_was_told():
+    """threadpoolctl sets the threads of OpenMP alone: torch then counts 1, and its products run on two.
+
+    A whole run of the tests failed by it: what ran before in the process had left that state.
+    """
+    from threadpoolctl import threadpool_limits
+
+    rng = torch.Generator().manual_seed(1)
+    left, right = torch.randn(1, 5, 3, generator=rng), torch.randn(1, 3, 896, generator=rng)
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1)
+        expected = torch.bmm(left, right)
+        torch.set_num_threads(2)
+        on_two = torch.bmm(left, right)
+        with threadpool_limits(1, user_api="openmp"):
+            with shielded():
+                inside = torch.bmm(left, right)
+            restored = torch.bmm(left, right)
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(inside, expected)
+    assert torch.equal(restored, on_two)  # the program's own products are as they were
