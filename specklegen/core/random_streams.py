@@ -44,14 +44,14 @@ def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:
 
 
 def seed_words(seed: Seed) -> tuple[int, ...]:
-    """Return the numbers that a seed consists of, which may be a key: 1.0 and True equal 1, and are no seeds.
+    """Return the whole numbers of a seed, one or several.
 
     Raises
     ------
     RuleError
         If the seed is not a non-negative integer or a sequence of them.
     """
-    words = list(seed) if isinstance(seed, Sequence) and not isinstance(seed, str) else [seed]
+    words = list(seed) if isinstance(seed, Sequence) and not isinstance(seed, str | bytes) else [seed]
     if not words or any(isinstance(w, bool) or not isinstance(w, int | np.integer) or w < 0 for w in words):
         reject("seed", "a whole number of at least 0, or a sequence of them", seed)
     return tuple(map(int, words))
