@@ -162,7 +162,7 @@ def _parts(thing: Any, above: list[object]) -> Iterator[bytes]:
     elif callable(_inner(thing, "__wrapped__")):  # such as functools.lru_cache makes
         yield from _all("around", (kind, thing.__wrapped__), above)
     elif hasattr(thing, "__dict__") and not _is_installed(kind.__module__):
-        yield from _all("object", (kind, vars(thing)), above)
+        yield from _all("object", (kind, _given(kind, vars(thing))), above)
     else:
         yield f"{kind.__module__}.{kind.__qualname__} {getattr(thing, '__name__', '')}".encode()
         yield from _pickled(thing, above)
@@ -181,7 +181,14 @@ def _pickled(thing: Any, above: list[object]) -> Iterator[bytes]:
     except Exception:
         return
     if not isinstance(held, str):
-        yield from _all("held", (list(each) if isinstance(each, Iterator) else each for each in held), above)
+        listed = (list(each) if isinstance(each, Iterator) else each for each in held)
+        given = (_given(type(thing), each) if isinstance(each, dict) else each for each in listed)
+        yield from _all("held", given, above)
+
+
+def _given(kind: type, state: Mapping[str, Any]) -> dict[str, Any]:
+    """State of an object without what was worked out of it: asking it something makes it no other."""
+    return {name: each for name, each in state.items() if not isinstance(_inner(kind, str(name)), cached_property)}
 
 
 def _all(kind: str, things: Any, above: list[object]) -> Iterator[bytes]:

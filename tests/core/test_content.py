@@ -8,7 +8,7 @@ import sys
 import threading
 from collections import deque
 from fractions import Fraction
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from specklegen.core.content import Admitted, content_digest
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleStream
 from specklegen.datasets.store.generate import generate
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 
 
 @pytest.fixture(autouse=True)
@@ -306,6 +307,25 @@ def test_what_a_module_of_ones_own_holds_is_part_of_it(tmp_path, monkeypatch):
         assert content_digest(seen) == before
         monkeypatch.setattr(lenses, "FOCUS", lenses.FOCUS + 1)
         assert content_digest(seen) != before
+
+
+def test_what_an_object_has_worked_out_is_no_part_of_it():
+    """Neither of one's own class nor of this package's, whose correlations find their mixture when they are asked."""
+
+    class Square:
+        def __init__(self, side):
+            self.side = side
+
+        @cached_property
+        def area(self):
+            return self.side**2
+
+    correlation = MemoryEffectCorrelation(np.array([400.0]), np.ones((1, 1)), paths=1, single_share=0.0)
+    for thing, asked in ((Square(2), "area"), (correlation, "_mixture")):
+        before = content_digest(thing)
+        getattr(thing, asked)
+        assert content_digest(thing) == before
+    assert content_digest(Square(2)) != content_digest(Square(3))
 
 
 def test_functions_that_call_each_other_have_a_digest():
