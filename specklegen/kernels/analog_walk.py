@@ -11,7 +11,7 @@ Behind layers that refract, a path may be looked at along the axis: each collisi
 
 P+ and P- the shares of light down and up the axis, at the ends of a layer, that leave by the far face
 (:mod:`specklegen.paths.steps`), (n' / n)^2 for the solid angle that refraction to the index n' outside makes wider. Of
-the places where it is sent off, one is kept, by its share of w: E[w e^(-iq.R)] of all is that of the one with their sum.
+the places where it is sent off, one is kept, by its share of w: with the sum of all, it has their E[w e^(-iq.R)].
 """
 
 import math
@@ -54,26 +54,17 @@ class Steps(NamedTuple):
         Of each layer; depths of their faces, 0 first.
     entrance, far : float
         Indices of the walls over both outer faces; those of the layers behind them where there are none.
+    down, up : float64[n]
+        Share of the light at the lower (upper) end of each layer, on its way down (up) the axis, that leaves by the far
+        face, over the square of the layer's index beside that outside, times what the first face lets in.
+    seen : float64[paths, SEEN_COLUMNS], or float64[0, SEEN_COLUMNS] where not asked for
+        Output: what is seen along the axis behind the layers.
     """
 
     indices: np.ndarray
     edges: np.ndarray
     entrance: float
     far: float
-
-
-class Axis(NamedTuple):
-    """What is seen along the axis behind layers.
-
-    Attributes
-    ----------
-    down, up : float64[n]
-        Share of the light at the lower (upper) end of each layer, on its way down (up) the axis, that leaves by the far
-        face, over the square of the layer's index beside that outside, times what the first face lets in.
-    seen : float64[paths, SEEN_COLUMNS]
-        Output.
-    """
-
     down: np.ndarray
     up: np.ndarray
     seen: np.ndarray
@@ -106,13 +97,12 @@ class Ends(NamedTuple):
 
 
 @kernel
-def walk_analog(key0, key1, first, volume, table, outer, steps, axis, light, found):
+def walk_analog(key0, key1, first, volume, table, outer, steps, light, found):
     """Walk the paths ``first`` ... and write where each of them ends.
 
     volume, table : Volume, PhaseTable   in three dimensions
     outer : (float, float, float)        refractive indices inside, of the wall, outside
     steps : Steps or None                of layers; None leaves all that belongs to them out of the compiled walk
-    axis : Axis or None                  what is seen along the axis behind them, where it is asked for
     light : float64[3]                   direction of the light in the first layer, light[2] > 0
     found : Ends                         output
     """
@@ -136,8 +126,8 @@ def walk_analog(key0, key1, first, volume, table, outer, steps, axis, light, fou
         weight, events, end, total = 1.0, 0, ENDED, 0.0
         dimension, bounce = _ONE, _BOUNCE
         layer = 0
-        if axis is not None:
-            axis.seen[n, :] = 0.0
+        if steps is not None:
+            steps.seen[n : n + 1] = 0.0
         while weight > 0.0:
             flight, azimuth, polar, second = uniforms(k0, k1, zero, path, dimension)
             choice, coin, pick, other_pick = uniforms(k0, k1, zero, path, dimension + _ONE)
@@ -197,20 +187,20 @@ def walk_analog(key0, key1, first, volume, table, outer, steps, axis, light, fou
             here = voxel(bounds, cells, per_length, x, y, z) if steps is None else layer
             weight *= albedo[here]
             kind = choose_type(table, material[here], choice)
-            if axis is not None:
+            if steps is not None:
                 for side, u in ((1.0, pick), (-1.0, other_pick)):
-                    gain = axis.down[here] if side > 0.0 else axis.up[here]
-                    if gain == 0.0:
+                    gain = steps.down[here] if side > 0.0 else steps.up[here]
+                    if steps.seen.shape[0] == 0 or gain == 0.0:
                         continue
                     reach = steps.edges[here + 1] - z if side > 0.0 else z - steps.edges[here]
                     w = weight * power(table, kind, side * dz) * gain * math.exp(-extinction[here] * max(reach, 0.0))
-                    axis.seen[n, SEEN] += w
+                    steps.seen[n, SEEN] += w
                     if events == 1:
-                        axis.seen[n, SEEN_ONCE] += w
-                    if u * axis.seen[n, SEEN] < w:
-                        axis.seen[n, SEEN_X], axis.seen[n, SEEN_Y] = x, y
+                        steps.seen[n, SEEN_ONCE] += w
+                    if u * steps.seen[n, SEEN] < w:
+                        steps.seen[n, SEEN_X], steps.seen[n, SEEN_Y] = x, y
                         if transfers:
-                            axis.seen[n, SEEN_TURNED] = total + (1.0 - side * dz) * mobility[here]
+                            steps.seen[n, SEEN_TURNED] = total + (1.0 - side * dz) * mobility[here]
             if weight < _LIGHT:
                 weight = weight / _KEPT if coin < _KEPT else 0.0
             sine, cosine = sincos_turns(azimuth)

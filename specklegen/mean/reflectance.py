@@ -137,8 +137,8 @@ def reflectance_transmittance(
     Parameters
     ----------
     medium
-        A slab or layers, with all steps of their refractive index, under light of any width. Or a box or voxels in space, lit evenly over the whole
-        face at the lower end of z; what enters at no other face.
+        A slab or layers, with all steps of their refractive index, under light of any width. Or a box or voxels in
+        space, lit evenly over the whole face at the lower end of z; what enters at no other face.
     angle
         Of the light from the normal, radians, *outside* the medium; towards +x.
     angles
@@ -205,7 +205,7 @@ def _balance(
     share = 1.0
     straight: tuple[Any, ...] = 0.0, *(np.where(exits.straight(face), 1.0, 0.0) for face in (FAR, SIDE))
     if not medium.has_sides:
-        straight = *_unscattered(medium, angle, float(light[2])), 0.0
+        straight = *_unscattered(medium, angle, float(light[2])), 0.0  # type: ignore[arg-type]
         share, exits = 1 - sum(straight), exits.select(exits.collisions > 0)
     scattered = [share * exits.scattered(face) for face in (ENTRANCE, FAR, SIDE)]
     least = share / max(len(exits.face), 1) if np.any(medium.albedo) else 0.0

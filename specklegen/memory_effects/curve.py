@@ -125,7 +125,7 @@ def aimed(
 
 
 def small_tilts(medium: PlaneMedium, wavelength: float, tilts: np.ndarray) -> bool:
-    """Whether the lateral ways of paths along the axis are all that tilts turn: small beside the lobe, or keeping to it."""
+    """Whether tilts turn but the lateral ways of paths along the axis: small beside the lobe, or keeping to it."""
     largest = steepest(medium, tilts)
     return lobe_loss(medium, wavelength, largest).spurious or largest <= _largest_small(medium)
 
@@ -250,7 +250,8 @@ def memory_effect(
     ----------
     medium
         The slab or layers; where layers differ and refract, in transmission along the axis, at tilts small beside the
-        scatterers' lobe. Or thin screens, of which the curve is a closed form: paths, errors and reversed paths are none.
+        scatterers' lobe. Or thin screens, of which the curve is a closed form: paths, errors and reversed paths are
+        none.
     wavelength
         Inside the medium, in the slab's unit of length; of layers in the index ``faces.inside``.
     tilts

@@ -87,8 +87,8 @@ def estimate_oblique_correlation(
 ) -> ObliqueCorrelation:  # fmt: skip
     """Estimate K_v of a slab about a light and a view float64[3] (unit vectors of travel) from ``paths`` paths.
 
-    It does not depend on the wavelength: q R does. ``transfer`` collects what motion needs. Of layers that refract it is
-    that of both along the axis, whatever they are.
+    It does not depend on the wavelength: q R does. ``transfer`` collects what motion needs. Layers that refract are
+    known with both along the axis alone.
     """
     if refracting_layers(medium):
         return _of_axial_light(medium, paths, seed, threads)

@@ -14,7 +14,7 @@ from specklegen.core.nanoseconds import NANOSECONDS
 from specklegen.core.parallel import Threads, map_blocks, slices
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import analog_walk
-from specklegen.kernels.analog_walk import SEEN, SEEN_COLUMNS, SEEN_ONCE, SEEN_TURNED, SEEN_X, SEEN_Y, Axis, Ends, Steps
+from specklegen.kernels.analog_walk import SEEN, SEEN_COLUMNS, SEEN_ONCE, SEEN_TURNED, SEEN_X, SEEN_Y, Ends, Steps
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.faces import reflectance
 from specklegen.paths.phase_tables import phase_table
@@ -62,7 +62,8 @@ class Exits(NamedTuple):
 
     def select(self, chosen: np.ndarray) -> Self:
         """The same of the paths bool[P]."""
-        return type(self)(*(each[chosen] for each in self[:-1]), self.seen[chosen] if len(self.seen) else self.seen)
+        seen = self.seen[chosen] if len(self.seen) else self.seen
+        return type(self)(*(each[chosen] for each in self[:-1]), seen=seen)
 
 
 def require_walkable(owner: str, medium: Medium, paths: int, beside: float = 0.0) -> None:
@@ -100,10 +101,10 @@ def walk(
     exits = np.empty((paths, analog_walk.COLUMNS))
     collisions, face = np.empty((2, paths), np.int64)
     turned = np.zeros(paths if len(volume.mobility) else 0)
-    seen, steps, gains = np.empty((paths if axis else 0, SEEN_COLUMNS)), None, None
+    seen, steps = np.empty((paths if axis else 0, SEEN_COLUMNS)), None
     if medium.indices or axis:
-        known = optics(medium)
-        steps, gains = Steps(known.indices, known.edges, *known.walls), crossed(known) if axis else None
+        known = optics(medium)  # type: ignore[arg-type]
+        steps = Steps(known.indices, known.edges, *known.walls, *crossed(known), seen)
 
     def block(part: slice) -> None:
         analog_walk.walk_analog(
@@ -112,8 +113,7 @@ def walk(
             volume,
             table,
             medium.faces.indices,
-            steps,
-            None if gains is None else Axis(*gains, seen[part]),
+            None if steps is None else steps._replace(seen=seen[part]),
             light,
             Ends(exits[part], collisions[part], face[part], turned[part]),
         )

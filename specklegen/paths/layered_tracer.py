@@ -40,7 +40,7 @@ def trace_layers(
     if medium.refracts:
         reject(
             f"{medium.type}.{'layers' if medium.indices else 'faces'}", "of one index where light interferes",
-            medium.indices or medium.faces, "Leave the steps out; small tilts in transmission along the axis know them.",
+            medium.indices or medium.faces, "Leave the steps out: in transmission along the axis alone they are known.",
         )  # fmt: skip
     particles, light = materials(medium), -proposal.reference[None]
     kinds = np.full(1 + len(proposal.probes), volume_walk.FAR, np.int64)

@@ -1,15 +1,15 @@
 """Layers whose refractive indices differ, and what goes straight through them and their echoes.
 
 Light that is not scattered meets the faces j = 0 ... n of n layers with reflectances R_j, and passes layer k with
-b_k = e^(-OD_k / mu_k). Its echoes add up as powers. What all that lies before layer k sends back to light on its way up,
-at the layer's upper end, and of light on its way down at its lower end what leaves by the far face:
+b_k = e^(-OD_k / mu_k). Its echoes add up as powers. What all that lies before layer k sends back to light on its way
+up, at the layer's upper end, and of light on its way down at its lower end what leaves by the far face:
 
     rho_0 = R_0,     rho_k = R_k + (1 - R_k)^2 b_(k-1)^2 rho_(k-1) / (1 - R_k b_(k-1)^2 rho_(k-1)),
     P_k (1 - R_(k+1) b_k^2 rho_k) = (1 - R_(k+1)) b_(k+1) P_(k+1),     b_n P_n = 1.
 
-Of light on its way up, at the upper end of layer k, rho_k b_k P_k leaves there. Of one layer these are the sums of a slab
-between its faces (:mod:`specklegen.mean.reflectance`). R is that of unpolarised light, as at outer faces; mu_k follows
-from n_k sin theta_k, which all faces keep. Born and Wolf, *Principles of Optics*, sec. 1.5 and 1.6.
+Of light on its way up, at the upper end of layer k, rho_k b_k P_k leaves there. Of one layer these are the sums of a
+slab between its faces (:mod:`specklegen.mean.reflectance`). R is that of unpolarised light, as at outer faces; mu_k
+follows from n_k sin theta_k, which all faces keep. Born and Wolf, *Principles of Optics*, sec. 1.5 and 1.6.
 """
 
 from typing import NamedTuple
@@ -64,7 +64,8 @@ def refracting_layers(medium: PlaneMedium) -> bool:
 
 def end_indices(medium: Medium) -> tuple[float, float]:
     """Refractive indices of the first and of the last layer."""
-    return (medium.indices[0], medium.indices[-1]) if medium.indices else (medium.faces.inside,) * 2
+    indices = medium.indices or (medium.faces.inside,)
+    return indices[0], indices[-1]
 
 
 def unscattered(known: Optics, sine: float) -> tuple[float, float]:

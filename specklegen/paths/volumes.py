@@ -94,8 +94,9 @@ def _layered(medium: Stratified, dimension: int) -> Volume:
     bounds[1, 2], bounds[2:, 2] = medium.thickness, inner
     extinction = np.array([1 / layer.mean_free_path for layer in layers])
     mobility = speeds(medium, layers)
-    if medium.indices and len(mobility):  # motion turns phases by the wavenumber of its layer, squared
-        mobility = mobility * [np.square((layer.index or medium.faces.inside) / medium.faces.inside) for layer in layers]
+    if medium.indices and len(mobility):  # motion turns phases by the square of its layer's wavenumber
+        inside = medium.faces.inside
+        mobility = mobility * np.square([(layer.index or inside) / inside for layer in layers])
     return Volume(
         bounds, np.array([[1, 1, len(layers)], [1, 1, 1], [dimension, 1, 0]]), extinction,
         np.array([layer.albedo for layer in layers]),
