@@ -138,8 +138,8 @@ def _by_light(layout: Layout, bank: PathBank, bidirectional: bool, reverse: bool
 
     def amplitudes(some: PathBank) -> np.ndarray:
         out = np.empty((len(layout.lights), len(layout.views), len(some)), np.complex128)
-        for light, own, seen in each_light(layout, some):
-            ends = endpoint_factors(own, seen, own.lights, "entry", threads) * np.sqrt(seen.weight)
+        for light, own, seen, phases in each_light(layout, some, np.ones(len(some), np.complex128)):
+            ends = endpoint_factors(own, seen, own.lights, "entry", threads) * (np.sqrt(seen.weight) * phases)
             out[light] = endpoint_factors(own, seen, own.views, "exit", threads) * ends
         return out.reshape(-1, len(some))
 

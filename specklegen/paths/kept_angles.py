@@ -5,13 +5,19 @@
 i_0 is the middle of all lights. In the near field of a lobe the ladder of multiple scattering conserves the difference
 k t of two waves at every collision (:mod:`specklegen.paths.far_field`), so that the path of light i_t has every
 direction turned by the tilt: w_1 as i_0 is turned to i_t, w_(B-1) by t in direction sines, which is what its lobe sees
-of v - t. Phases, attenuation, profile and faces stay those of i_t and v. All light then moves with its beam,
-I_t(v) = I_0(v - t), and the correlation of two lights is that of lateral ways, K = E[w e^(-i k dt . R)] / E[w].
-Single scattering is a function of i_t . v, which is that of i_0 . (v - t). docs/physics.md 10.
+of v - t. Phases, attenuation, profile and faces stay those of i_t and v. Between both ends every segment advances more
+slowly along z, by what the tilt adds in second order, which the ends alone would take from long paths only in part:
+
+    e^(i k c (z_B - z_1)),    c = i_t,z - i_0,z + t . i_0 / i_0,z,    -t^2 / 2 about the axis
+
+All light then moves with its beam, I_t(v) = I_0(v - t), and the correlation of two lights is that of lateral ways,
+K = E[w e^(-i k dt . R)] / E[w], whatever lies in their middle. Single scattering is a function of i_t . v, which is
+that of i_0 . (v - t). docs/physics.md 10.
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,18 +29,49 @@ _ENTRY = slice(walk.ENTRY_DIRECTION, walk.ENTRY_DIRECTION + 3)
 _EXIT = slice(walk.EXIT_DIRECTION, walk.EXIT_DIRECTION + 3)
 
 
-def each_light(layout: Layout, bank: PathBank) -> Iterator[tuple[slice, Layout, PathBank]]:
-    """Lights, their layout, and the bank as they see it: all at once, or one by one where they keep their angles.
+class Seen(NamedTuple):
+    """Connections as some lights see them.
+
+    Attributes
+    ----------
+    lights : slice
+        Which lights of the layout.
+    layout : Layout
+        With these alone.
+    bank : PathBank
+    phases : complex128[M]
+        Of the connections, whatever random ones they have.
+    """
+
+    lights: slice
+    layout: Layout
+    bank: PathBank
+    phases: np.ndarray
+
+
+def each_light(layout: Layout, bank: PathBank, phases: np.ndarray) -> Iterator[Seen]:
+    """Connections as all lights see them at once, or as one after the other does, where they keep their angles.
 
     Of paths walked backwards, give those (:meth:`specklegen.paths.bank.PathBank.reversed`).
     """
     if layout.middle is None:
-        yield slice(0, len(layout.lights)), layout, bank
+        yield Seen(slice(0, len(layout.lights)), layout, bank, phases)
         return
     for n in range(len(layout.lights)):
         one = slice(n, n + 1)
         own = layout.of_lights(one)
-        yield one, own, _turned(bank, layout.middle, -own.lights.vectors[0])
+        light = -own.lights.vectors[0]
+        turns = advance(layout.middle, light) / layout.wavelength * depth_between(layout, bank)
+        turned = phases * np.exp(2j * np.pi * (turns - np.rint(turns)))
+        yield Seen(one, own, _turned(bank, layout.middle, light), turned)
+
+
+def advance(middle: np.ndarray, light: np.ndarray) -> float:
+    """i_t,z - i_0,z beyond first order in the tilt: what each length of depth adds to the phase, over k."""
+    tilt = light[:2] - middle[:2]
+    first = -float(tilt @ middle[:2]) / middle[2]
+    # i_t,z - i_0,z = -t . (i_t + i_0) / (i_t,z + i_0,z), without cancellation
+    return -float(tilt @ (light[:2] + middle[:2])) / (light[2] + middle[2]) - first
 
 
 def spread_exits(layout: Layout, bank: PathBank) -> PathBank:
@@ -49,6 +86,14 @@ def spread_exits(layout: Layout, bank: PathBank) -> PathBank:
     own = aside[few[np.arange(len(bank)) // 2 % len(few)]]  # either half of a pilot has all of them
     records[multiple, _EXIT] = _sideways(bank.exit_direction[multiple], own[multiple])
     return replace(bank, records=records)
+
+
+def depth_between(layout: Layout, bank: PathBank) -> np.ndarray:
+    """z_B - z_1 float64[M] of paths that arrive forwards, as they lie in the medium; else 0."""
+    thickness = layout.volume.bounds[1, 2]
+    first, last = (np.mod(each[:, 2], 2 * thickness) for each in (bank.entry, bank.exit))  # reflections are unfolded
+    between = np.minimum(last, 2 * thickness - last) - np.minimum(first, 2 * thickness - first)
+    return np.where(bank.exit_direction[:, 2] > 0, between, 0.0)
 
 
 def _turned(bank: PathBank, middle: np.ndarray, light: np.ndarray) -> PathBank:

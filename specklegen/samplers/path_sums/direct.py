@@ -62,12 +62,12 @@ def direct_field(
         parts.append((multiple.reversed(), backward[~once] * reversal_phases(layout, multiple), back))
     with one_blas_thread():
         for some, factors, displaced in parts:
-            for light, own, seen in each_light(layout, some):
+            for lights, own, seen, phased in each_light(layout, some, factors):
                 if displaced is None:
-                    add(own, seen, factors, field[light], threads)
+                    add(own, seen, phased, field[lights], threads)
                 else:
-                    moving = factors * displaced.turns(seen, -own.lights.vectors[0])
-                    _add(own, seen, moving, field[light], threads, displaced.last)
+                    moving = phased * displaced.turns(seen, -own.lights.vectors[0])
+                    _add(own, seen, moving, field[lights], threads, displaced.last)
     return field / np.sqrt(max(bank.count, 1))
 
 

@@ -143,8 +143,8 @@ def nufft_field(
     field = np.zeros((len(layout.lights), *summation.grid.shape), summation.dtype)
     tiles = summation.tiling.tiles
     inside = threads if len(tiles) == 1 else 1
-    for light, own, seen in each_light(layout, bank):
-        lights = _lights(own, seen, phases, summation, threads)
+    for light, own, seen, phased in each_light(layout, bank, phases):
+        lights = _lights(own, seen, phased, summation, threads)
 
         def fill(tile: Tile, light: slice = light, own: Layout = own, lights: list[_Light] = lights) -> None:
             field[light, tile.rows, tile.columns] = _tile_field(own, lights, tile, summation, inside)
@@ -165,8 +165,8 @@ def nufft_tile(
 ) -> np.ndarray:
     """The part of :func:`nufft_field` on one of the summation's tiles, complex[T, h, w]: the same bits."""
     parts = [
-        _tile_field(own, _lights(own, seen, phases, summation, threads), tile, summation, threads)
-        for _, own, seen in each_light(layout, bank)
+        _tile_field(own, _lights(own, seen, phased, summation, threads), tile, summation, threads)
+        for _, own, seen, phased in each_light(layout, bank, phases)
     ]
     field = np.concatenate(parts)
     field *= 1 / np.sqrt(max(bank.count, 1))
@@ -193,8 +193,8 @@ def nufft_frame(
     along = aside @ reference[:2] + moved.last[:, 2] / tile.middle[2]
     records = bank.records.copy()
     records[:, EXIT : EXIT + 2] += aside * (layout.wavelength / (2 * np.pi))
-    ((_, _, seen),) = each_light(layout, bank)
-    turned = phases * moved.turns(seen, -layout.lights.vectors[0]) * np.exp(-1j * along)
+    (seen,) = each_light(layout, bank, phases)
+    turned = phases * moved.turns(seen.bank, -layout.lights.vectors[0]) * np.exp(-1j * along)
     return nufft_tile(layout, replace(bank, records=records), turned, summation, tile, threads=threads)
 
 
