@@ -80,14 +80,18 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
 
 
 @remembered(64)
-def slab_tracer(scene: Scene, reverse: bool) -> SlabTracer:
-    """Tracer of beams through a slab."""
+def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
+    """Tracer of beams through a slab.
+
+    Its roulette judges views as they are, or, where lights keep their angles to lobes, those ``aside`` too as which the
+    middle light sees them.
+    """
     if scene.film:
-        return _filming(slab_tracer(scene.at_rest, reverse), scene)
+        return _filming(slab_tracer(scene.at_rest, reverse, aside), scene)
     views, layout = probe_views(scene), scene_layout(scene)
     if reverse:
         require_reflection(scene.slab, views)
-    if layout.middle is not None:
+    if aside and layout.middle is not None:
         views = judged_views(views, scene.beams.directions[:, :2] - layout.middle[:2])
     proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse)
     tracer = SlabTracer(layout, scene.slab, proposal)

@@ -124,10 +124,10 @@ def scene_stationary_error(
 ) -> StationaryError:
     """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
     envelope = scene_envelope(scene, oblique) if enveloped else None
-    return stationary_error(scene, slab_tracer(scene, False), tolerance, oblique=oblique, envelope=envelope)
+    return stationary_error(scene, slab_tracer(scene, False, aside=False), tolerance, oblique=oblique, envelope=envelope)
 
 
 @remembered(64)
 def scene_envelope(scene: Scene, oblique: bool) -> Envelope | None:
     """The envelope of a scene about the axis, or about the middle of its beams and views."""
-    return pilot_envelope(scene, slab_tracer(scene, False), oblique=oblique)
+    return pilot_envelope(scene, slab_tracer(scene, False, aside=False), oblique=oblique)
