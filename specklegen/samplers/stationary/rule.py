@@ -124,7 +124,8 @@ def scene_stationary_error(
 ) -> StationaryError:
     """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
     envelope = scene_envelope(scene, oblique) if enveloped else None
-    return stationary_error(scene, slab_tracer(scene, False, aside=False), tolerance, oblique=oblique, envelope=envelope)
+    tracer = slab_tracer(scene, False, aside=False)
+    return stationary_error(scene, tracer, tolerance, oblique=oblique, envelope=envelope)
 
 
 @remembered(64)
