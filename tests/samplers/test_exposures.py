@@ -190,6 +190,15 @@ def test_verbs_that_have_no_exposure():
         sg.plan(exposed(1e4))
 
 
+@pytest.mark.filterwarnings("ignore::specklegen.DoubtWarning")
+def test_no_light_and_no_beams():
+    black = THIN.replace(thickness=4000.0, albedo=0.01)
+    dark = sg.temporal_correlation(black, wavelength=1.0, lags=[0.0], paths=3, mode="reflection", reverse=False)
+    assert np.isnan(dark.contrast([0.0, 1.0]).squared).all()
+    nothing = sg.CollimatedBeams.tilts([], width=200.0, times=[], exposure=1.0)
+    assert sg.render(exposed().replace(illumination=nothing)).intensity.shape == (0, 16, 16)
+
+
 def test_the_contrast_of_any_exposure():
     known, field = law(THIN, 4000)
     exposures = np.array([[0.0, 1e-4], [0.3, 50.0]])
