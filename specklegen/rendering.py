@@ -121,8 +121,9 @@ class SpeckleStack(Pictured):
             reject(
                 "SpeckleStack.field",
                 "asked of coherent illumination",
-                "an IncoherentObject, or beams with an exposure",
-                "Intensities add, of pixels or of instants, and no one field exists: use .intensity.",
+                "IncoherentObject, or an exposure",
+                "Its beams or instants are mutually incoherent, so intensities add and no one field exists: "
+                "use .intensity.",
             )
         return self._field
 
