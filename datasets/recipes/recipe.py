@@ -108,7 +108,9 @@ class Recipe(Specification):
     def rendering_note(self) -> str:
         """What renders the samples and what is idealised, in sentences."""
         told = self.idealisations(self.extremes()[0].probe)
-        return " ".join([self._rendered_by, *(f"Left out: {each.part}, {each.reason}." for each in told)])
+        kept = [f"{each.part.capitalize()}: {each.reason}." for each in told if each.needed]
+        left = [f"Left out: {each.part}, {each.reason}." for each in told if not each.needed]
+        return " ".join([self._rendered_by, *kept, *left])
 
     @property
     def _rendered_by(self) -> str:
@@ -133,6 +135,11 @@ class Recipe(Specification):
     def frames(self) -> int:
         """Frames of a sample in which the medium is another one."""
         return 1
+
+    @property
+    def moving(self) -> bool:
+        """Whether particles move from frame to frame, so that frames are asked of a sampler together."""
+        return False
 
     @property
     def pictures(self) -> int:

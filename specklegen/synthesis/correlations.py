@@ -106,6 +106,26 @@ class Mixtures:
 
 
 @dataclass(frozen=True)
+class FilmBatch:
+    """The memory effect in time of M media that are filmed: of every two frames K(q, x), which falls with x everywhere.
+
+    Attributes
+    ----------
+    lags : tuple of Correlations
+        K(q, x) at each lag between two frames; the first is 0.
+    between : int64[F, F]
+        Which lag lies between two frames, the same of all media.
+    """
+
+    lags: tuple[Correlations, ...]
+    between: np.ndarray
+
+    def at(self, places: Places) -> Self:
+        """Of some of the media."""
+        return type(self)(tuple(lag.at(places) for lag in self.lags), self.between)
+
+
+@dataclass(frozen=True)
 class LightBatch:
     """Modes of the light behind M media, which do not interfere.
 
