@@ -15,22 +15,20 @@ from pydantic import SerializerFunctionWrapHandler, model_serializer, model_vali
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
-from specklegen.core.random_streams import Stream
-from specklegen.core.values import Positive, PositiveInt, Value
+from specklegen.core.values import Positive, PositiveInt
 from specklegen.datasets.distributions import Draw, UnboundedDraw, ends, require_above
+from specklegen.datasets.recipes import brownian as _brownian
+from specklegen.datasets.recipes.brownian import Speed
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.media import DrawnMedia
 from specklegen.datasets.recipes.parts.diffuser import Diffuser
-from specklegen.datasets.recipes.parts.material import known_motion
 from specklegen.datasets.recipes.tilted import Tilted
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose
-from specklegen.memory_effects.moving import MovingCorrelation
 from specklegen.samplers.screens.film import frame_correlation
 from specklegen.scene.layers import left_out
 from specklegen.scene.scene import Scene
 from specklegen.scene.window import Window
-from specklegen.synthesis.correlations import FilmBatch, Mixtures
 
 if TYPE_CHECKING:
     import torch
@@ -38,10 +36,8 @@ if TYPE_CHECKING:
 
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.medium import Medium
-    from specklegen.synthesis import mixtures as _mixtures
 else:
     torch, optimize = LazyModule("torch"), LazyModule("scipy.optimize")
-    _mixtures = LazyModule("specklegen.synthesis.mixtures")
 
 MODELS = {
     "autoregression": "the fields of two frames are correlated by e^(-t / correlation_time), whatever ways the light "
@@ -50,13 +46,11 @@ MODELS = {
     "brownian": "independent Brownian particles, every path with its own momentum transfer",
 }
 """Laws by which the field of a medium decorrelates, and what each assumes."""
-TIMES = ("diffusion", "tau0", "correlation_time")
-"""What says how fast Brownian particles move, one of them."""
 _TIMES = (-20.0, 40.0)
 """Logarithms of times, in frames, between which a correlation time is looked for."""
 
 
-class Dynamics(Value):
+class Dynamics(Speed):
     """How a medium changes from image to image.
 
     Parameters
@@ -92,8 +86,6 @@ class Dynamics(Value):
     model: str = "autoregression"
     correlation_time: UnboundedDraw | None = None
     interval: Positive | None = None
-    diffusion: Draw | None = None
-    tau0: Draw | None = None
     velocities: tuple[tuple[Draw, Draw], ...] | None = None
 
     @model_validator(mode="after")
@@ -116,26 +108,15 @@ class Dynamics(Value):
     def _check_brownian(self) -> Self:
         if self.velocities is not None:
             reject("Dynamics.velocities", 'left out of model = "brownian"', self.velocities, "They are of screens.")
-        given = [name for name in TIMES if getattr(self, name) is not None]
-        if len(given) != 1:
-            reject("Dynamics", f'of model = "brownian" given by one of {", ".join(TIMES)}', given)
         if self.interval is None:
             reject("Dynamics.interval", 'given with model = "brownian"', None, "Say the time from frame to frame.")
-        require_above(f"Dynamics.{given[0]}", self.speed, 0)
-        if not np.isfinite(ends(self.speed)[1]):
-            reject(f"Dynamics.{given[0]}", 'finite where model = "brownian"', self.speed,
-                   "A medium at rest is that of a recipe without dynamics.")  # fmt: skip
+        self.require_speed("Dynamics", ' of model = "brownian"')
         return self
 
     @property
     def brownian(self) -> bool:
         """Whether particles move."""
         return self.model == "brownian"
-
-    @property
-    def speed(self) -> Any:
-        """What says how fast: the number that was given."""
-        return next(found for found in (self.diffusion, self.tau0, self.correlation_time, 0.0) if found is not None)
 
     @model_serializer(mode="wrap")
     def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -166,17 +147,7 @@ class DynamicSlab(HiddenObject):
     def _check_particles(self) -> Self:
         if not self.dynamics.brownian:
             return self
-        owner, asked = "Dynamics.model", self.dynamics.model
-        if isinstance(self.material, Diffuser):
-            reject(owner, "of a medium of scatterers", asked, "Screens drift by velocities.")
-        if self.material.kernel != "estimate":
-            reject("Material.kernel", '"estimate" where particles move, for the atlas knows no momentum transfer',
-                   self.material.kernel)  # fmt: skip
-        if self.wavenumber_bandwidth:
-            reject("Recipe.light.bandwidth", '0 where [dynamics] model = "brownian"', self.light.bandwidth,
-                   "Motion of the modes of a band is not modelled.")  # fmt: skip
-        if not all(self._in_motion(slab).moves for slab in self.material.extremes()):
-            reject("Material.layers", f'given one that moves, of model = "{asked}"', "all at rest")
+        _brownian.require_moving(self, 'of [dynamics] model = "brownian"')
         return self
 
     def idealisations(self, scene: Scene) -> list[Decision]:
@@ -218,12 +189,7 @@ class DynamicSlab(HiddenObject):
 
     def later_frames(self, drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor | None:
         """Keys int64[M, halves, F - 1, 2] of the fields of all frames but the first."""
-        halves, later = len(self.medium_purposes), self.frames - 1
-        if not later:
-            return None
-        moved = drawn.words(numbers, [Purpose.DYNAMICS])[:, :, None].expand(-1, halves, later, -1)
-        number = torch.stack(torch.meshgrid(torch.arange(halves), torch.arange(1, later + 1), indexing="ij"), -1)
-        return drawn.keys(Stream.STATIONARY, torch.cat([moved, number.expand(len(numbers), -1, -1, -1)], -1))
+        return None if self.frames == 1 else _brownian.frame_keys(self, drawn, numbers)
 
     def tilts_of(
         self, drawn: Addresses, numbers: Sequence[int]
@@ -258,38 +224,11 @@ class DynamicSlab(HiddenObject):
 
     def _filmed(self, drawn: Addresses, numbers: Sequence[int], media: DrawnMedia) -> DrawnMedia:
         """Draw the speed of particles, and ask the paths of every material what it does to fields."""
-        dynamics, host = self.dynamics, replace(drawn, device=torch.device("cpu"))
-        assert dynamics.interval is not None
-        (speed,) = (each.numpy() for each in host.numbers(Purpose.DYNAMICS, [dynamics.speed], numbers))
-        known = [self._moving(make()) for make in media.materials.slabs]
-        decay, square = np.array([each.decay() for each in known]), np.square(2 * np.pi / self.wavelength)
-        if dynamics.diffusion is not None:
-            tau0 = 1 / (speed * square)
-        else:
-            tau0 = speed if dynamics.tau0 is not None else speed / decay
-        if not (tau0 > 0).all():
-            place = int(np.flatnonzero(~(tau0 > 0))[0])
-            kept = f"A share of {known[place].static_share:.3g} of the light meets nothing that moves."
-            reject("Dynamics.correlation_time", "left out where what rests keeps g1 above 1/e", float(speed[place]),
-                   f"{kept} Give tau0.")  # fmt: skip
-        steps = np.arange(dynamics.frames)
-        x = steps * dynamics.interval / tau0[:, None]
-        shares = np.stack([each.shares(own) for each, own in zip(known, x, strict=True)], 1)
-        put = lambda rows: torch.from_numpy(rows).to(drawn.device, non_blocking=True)  # noqa: E731
-        radius = put(np.stack([each.radius for each in known]))
-        lags = tuple(Mixtures(radius, put(lag), _mixtures.mixture) for lag in shares)
-        between = np.abs(steps[:, None] - steps)
-        told = {"diffusion": 1 / (square * tau0), "tau0": tau0, "correlation_time": decay * tau0,
-                "static_share": np.array([each.static_share for each in known])}  # fmt: skip
-        parameters = media.parameters | {name: put(rows) for name, rows in told.items()}
-        still = torch.zeros_like(media.still)
-        return replace(media, parameters=parameters, still=still, film=FilmBatch(lags, between))
-
-    def _moving(self, slab: Any) -> MovingCorrelation:
-        return known_motion(self._in_motion(slab), self.material.kernel_paths)
-
-    def _in_motion(self, slab: Any) -> Any:
-        return cast(Any, self.material).in_motion(slab)
+        assert self.dynamics.interval is not None
+        steps = np.arange(self.dynamics.frames)
+        return _brownian.filmed_media(
+            self, self.dynamics, drawn, numbers, media, steps * self.dynamics.interval, np.abs(steps[:, None] - steps)
+        )
 
     def _correlation_time(self, media: DrawnMedia, place: int, motion: list[list[float]]) -> float:
         """Frames over which the correlation of a field falls to 1/e, of one medium whose screens drift."""
@@ -308,8 +247,8 @@ class DynamicSlab(HiddenObject):
         steps, told = np.arange(self.dynamics.frames), ready.parameters
         if self.dynamics.brownian:
             assert self.dynamics.interval is not None
-            slab = ready.ready.drawn.materials.slabs[0]()
-            return self._moving(slab).field(steps * self.dynamics.interval / told["tau0"])
+            known = _brownian.moving(self.material, ready.ready.drawn.materials.slabs[0]())
+            return known.field(steps * self.dynamics.interval / told["tau0"])
         if self.dynamics.correlation_time is not None:
             return np.exp(-steps / told["correlation_time"])
         assert isinstance(self.material, Diffuser)

@@ -41,12 +41,19 @@ class MovingCorrelation:
     joint: np.ndarray
 
     def shares(self, x: np.ndarray) -> np.ndarray:
-        """Shares float64[n, m] of the light, by bins of r, that are left at x float64[n]: K(q, x) = shares J0(q r)."""
-        return np.exp(-2 * np.asarray(x)[:, None] * self.transfer) @ self.joint.T
+        """Shares float64[n, m] of the light, by bins of r, that are left at x float64[n]: K(q, x) = shares J0(q r).
+
+        At infinity those of what nothing moves.
+        """
+        return self._left(x) @ self.joint.T
 
     def field(self, x: np.ndarray) -> np.ndarray:
         """g1 float64[...] at x float64[...]."""
-        return np.exp(-2 * np.asarray(x)[..., None] * self.transfer) @ self.joint.sum(axis=0)
+        return self._left(x) @ self.joint.sum(axis=0)
+
+    def _left(self, x: np.ndarray) -> np.ndarray:
+        with np.errstate(invalid="ignore"):  # of an endless time at rest
+            return np.exp(-2 * np.where(self.transfer > 0, np.asarray(x)[..., None] * self.transfer, 0.0))
 
     @property
     def static_share(self) -> float:

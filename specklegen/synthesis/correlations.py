@@ -111,18 +111,29 @@ class FilmBatch:
 
     Attributes
     ----------
-    lags : tuple of Correlations
-        K(q, x) at each lag between two frames; the first is 0.
+    radius : float64[M, m]
+        Distances of which K is a mixture.
+    shares : float64[M, n, m]
+        What is left of the light at each of n different lags between frames, by distances; the first lag is 0.
+    mixture : function
+        As of :class:`Mixtures`.
     between : int64[F, F]
         Which lag lies between two frames, the same of all media.
     """
 
-    lags: tuple[Correlations, ...]
+    radius: torch.Tensor
+    shares: torch.Tensor
+    mixture: Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
     between: np.ndarray
+
+    @property
+    def lags(self) -> list[Mixtures]:
+        """K(q, x) at each lag."""
+        return [Mixtures(self.radius, lag.contiguous(), self.mixture) for lag in self.shares.unbind(1)]
 
     def at(self, places: Places) -> Self:
         """Of some of the media."""
-        return type(self)(tuple(lag.at(places) for lag in self.lags), self.between)
+        return type(self)(self.radius[places], self.shares[places], self.mixture, self.between)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,10 @@ def film_root(modes: Modes, rank: int, film: FilmBatch) -> torch.Tensor:
         "Dynamics.frames", "held", 8 * 4 * (frames * rank) ** 2, f"{frames} frames of {counted(rank, 'mode')}",
         "Use fewer frames, or a larger mode_tolerance.",
     )  # fmt: skip
-    first, *later = (modes.covariance(rank, lag) for lag in film.lags)
+    if modes.lattice.size == 1:  # of one beam K(0, x) alone is asked
+        first, *later = film.shares.sum(-1)[..., None, None].unbind(1)
+    else:
+        first, *later = (modes.covariance(rank, lag) for lag in film.lags)
     one = torch.eye(rank, dtype=first.dtype, device=first.device)
     # Least squares leave M(0) a little off 1, and columns beyond a medium's own rank at 0: those are fields of nothing.
     unused = (modes.columns[:, :, :rank].square().sum(1) == 0)[..., None] * one

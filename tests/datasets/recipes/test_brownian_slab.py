@@ -9,6 +9,7 @@ from zscore import assert_mean, assert_z
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
+from specklegen.datasets.recipes.brownian import moving
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.parts.material import known_motion
 from specklegen.models.recoverability.verdict import conditions_of
@@ -37,7 +38,7 @@ def recipe_of(depth=10.0, g=0.9, *, paths=20_000, **dynamics):
 def test_the_paths_of_a_material_say_what_other_programs_do(case):
     """Squared g1 at times over that of 1/e; 100 000 paths leave 1 % of x there, and of the figures what they change."""
     recipe = recipe_of(*case, paths=100_000)
-    known = recipe._moving(recipe.material.extremes()[0])
+    known = moving(recipe.material, recipe.material.extremes()[0])
     found = known.field(known.decay() * TIMES) ** 2
     slope = known.field(known.decay() * TIMES * 1.02) ** 2 - found
     assert_z(found, TABLE[case], np.hypot(slope, 0.003))
@@ -53,8 +54,8 @@ def test_frames_forget_as_the_engine_says(case):
     told, lags = media[0].parameters, np.array([0, 1, 2, 4, 8])
     products = [(frames[:, : 9 - lag] * frames[:, lag:]).mean(axis=(1, 2, 3)) for lag in lags]
     mean, spread = np.mean(products, axis=1), np.std(products, axis=1, ddof=1) / np.sqrt(len(media))
-    moving = recipe.material.in_motion(recipe.material.extremes()[0])
-    slab = moving.replace(motion=sg.Brownian(diffusion=told["diffusion"]))
+    medium = recipe.material.in_motion(recipe.material.extremes()[0])
+    slab = medium.replace(motion=sg.Brownian(diffusion=told["diffusion"]))
     expected = sg.temporal_correlation(
         slab, wavelength=told["wavelength"], lags=lags * recipe.dynamics.interval, paths=40_000, seed=9
     )
@@ -160,8 +161,8 @@ def test_layers_at_rest_keep_their_share():
         "dynamics": {"model": "brownian", "frames": 2, "interval": 1e-3, "tau0": 1e-3}, "camera": {"shape": [24, 24]},
     })  # fmt: skip
     told = recipe.sample(0, "train", 0)["parameters"]
-    moving = recipe.material.in_motion(recipe.material.extremes()[0])
-    expected = sg.temporal_correlation(moving, wavelength=0.5, lags=[0.0], paths=40_000, seed=4).static_share
+    medium = recipe.material.in_motion(recipe.material.extremes()[0])
+    expected = sg.temporal_correlation(medium, wavelength=0.5, lags=[0.0], paths=40_000, seed=4).static_share
     assert told["static_share"] == pytest.approx(expected, abs=0.02)
     assert told["static_share"] > 1.1 * told["single_share"]
     assert "at_rest" not in recipe.material.layers[1].model_dump()
