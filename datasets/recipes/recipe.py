@@ -150,6 +150,10 @@ class Recipe(Specification):
         """Keys int64[M, halves, F - 1, 2] of the fields of all frames but the first; None of media at rest."""
         return None
 
+    def exposed(self, images: "torch.Tensor") -> "torch.Tensor":
+        """Pictures real[B, pictures, H, W] of the images of all frames or tilts real[B, T or F, H, W]."""
+        return images
+
     def host_work(self) -> list[str]:
         """What is made on the host, whatever the device, in words."""
         said = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
