@@ -79,7 +79,10 @@ class Request:
 
 
 class Realization(NamedTuple):
-    """One medium: fields complex64[T, *sensor], or the image float32[*sensor] of an incoherent object; its paths."""
+    """One medium: fields complex64[T, *sensor], or images float32[..., *sensor] of light without a field; its paths.
+
+    Those are the one image [*sensor] of an incoherent object, or one an exposure, [T, *sensor].
+    """
 
     image: np.ndarray
     connections: int = 0
@@ -326,10 +329,10 @@ def _reject_range(intensity: float) -> NoReturn:
 
 
 def image_of(scene: Scene, field: np.ndarray) -> np.ndarray:
-    """Field [T, ...] of one medium as complex64[T, *sensor], or the image float32[*sensor] of an incoherent object."""
+    """Field [n, ...] of one medium as complex64[n, *sensor]; of light without one, its images float32[..., *sensor]."""
     field = field.reshape(len(field), *scene.sensor.shape)
-    if scene.illumination.coherent:
+    light = scene.illumination
+    if light.coherent:
         return field.astype(np.complex64)
-    brightness = scene.illumination.brightness
     power = np.square(field.real) + np.square(field.imag)
-    return np.tensordot(brightness[brightness > 0], power, axes=1).astype(np.float32)
+    return np.tensordot(light.shares, power, axes=1).reshape(*light.images, *scene.sensor.shape).astype(np.float32)
