@@ -1,8 +1,8 @@
-"""Recipe kind "exposure-stack": the speckle of one medium in motion, exposed for several times (laser speckle contrast).
+"""Recipe kind "exposure-stack": speckle of one medium in motion, exposed for several times (laser speckle contrast).
 
 A camera adds up light while the speckle moves; what is left of the contrast says how fast (Fercher and Briers, Opt.
-Commun. 37, 326, 1981), and several exposures tell what moves from what rests (Parthasarathy et al., Opt. Express 16, 1975,
-2008). An exposure is the mean of as many instants, at the midpoints of its parts, as its K^2 needs
+Commun. 37, 326, 1981), and several exposures tell what moves from what rests (Parthasarathy et al., Opt. Express 16,
+1975, 2008). An exposure is the mean of as many instants, at the midpoints of its parts, as its K^2 needs
 (:func:`specklegen.theory.speckle_contrast.sub_frames`). Exposures of one medium are so far apart that what moves is
 forgotten in between; what rests is the same in all.
 """
@@ -146,7 +146,8 @@ class ExposureStack(Recipe):
         parameters = materials.parameters | {"width": whole(seen.width), "camera_pitch": whole(seen.grid.pitch)}
         sight = self.sight(drawn, (1, 1), whole(seen.grid.pitch), base)
         media = DrawnMedia(materials, sight, seen.bandwidth, base, parameters, whole(1.0))
-        steps = [np.arange(n) * duration / n for n, duration in zip(self.instants, self.exposures.durations, strict=True)]
+        pairs = zip(self.instants, self.exposures.durations, strict=True)
+        steps = [np.arange(count) * duration / count for count, duration in pairs]
         firsts = np.cumsum([0, *self.instants])
         between = np.full((self.frames, self.frames), self.frames)  # the last lag: endless
         for first, own in zip(firsts, steps, strict=False):
@@ -154,9 +155,9 @@ class ExposureStack(Recipe):
             between[first : first + len(own), first : first + len(own)] = np.where(apart > 0, first + apart, 0)
         lags = np.concatenate([*steps, [np.inf]])
         filmed = brownian.filmed_media(self, self.exposures, drawn, numbers, media, lags, between)
-        return replace(filmed, parameters=filmed.parameters | self._contrasts(drawn, materials, filmed))
+        return replace(filmed, parameters=filmed.parameters | self._contrasts(drawn, filmed))
 
-    def _contrasts(self, drawn: Addresses, materials: Materials, media: DrawnMedia) -> dict[str, torch.Tensor]:
+    def _contrasts(self, drawn: Addresses, media: DrawnMedia) -> dict[str, torch.Tensor]:
         """K^2 of every exposure as it is drawn."""
         assert media.film is not None
         left = media.film.shares.sum(-1).square()

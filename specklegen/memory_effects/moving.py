@@ -10,7 +10,7 @@ of correlations, so positive semidefinite over any beams and times.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from specklegen.core.random_streams import Seed
 from specklegen.memory_effects.correlation import axial_tracer, lateral_distance
@@ -66,7 +66,7 @@ class MovingCorrelation:
             return np.inf
         mean = self.transfer @ self.joint.sum(axis=0)
         above = lambda log_x: float(self.field(np.exp(log_x) / mean)) - level  # noqa: E731
-        return float(np.exp(brentq(above, _LEAST, _MOST, xtol=1e-12)) / mean)
+        return float(np.exp(root_scalar(above, bracket=(_LEAST, _MOST), xtol=1e-12).root) / mean)
 
 
 def estimate_moving_correlation(

@@ -26,6 +26,7 @@ CHANGES = {
     "beyond-memory-effect": {"media": 2},
     "dynamic-slab": {"camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}},
     "brownian-slab": {"camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}},
+    "lsci-slab": {"camera": {"shape": [48, 40]}, "exposures": {"durations": [1e-4, 1e-3]}},
     "moving-diffuser": {"camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}, "field": {"pixels": 12.0}},
     "partially-coherent-slab": {"camera": {"shape": [48, 40]}, "coherence_length": {"log_uniform": [10_000.0, 1e5]}},
     "masked-light-slab": {"camera": {"shape": [48, 40]}},
