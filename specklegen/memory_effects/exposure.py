@@ -138,6 +138,6 @@ def light_classes(
     there, number = np.unique(bins, return_inverse=True)
     size = np.bincount(number, np.abs(weights), len(there))
     mean = np.bincount(number, np.abs(weights) * transfer, len(there))
-    transfer = np.divide(mean, size, where=size > 0, out=0 * size)
+    transfer = np.divide(mean, size, where=size > 0, out=np.zeros(len(there)))
     shares = np.bincount(batch * len(there) + number, weights, batches * len(there)).reshape(batches, len(there))
     return LightClasses(shares, transfer, motion, wavelength)

@@ -159,10 +159,10 @@ def planned(
         reject("field_tolerance", "between 0 and 1", field_tolerance)
     mean, streamed, envelope = flag("mean", mean), flag("streamed", streamed), flag("envelope", envelope)
     tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
-    scene, exposed = with_sub_frames(scene, tolerance)
     grid = scene.sensor.regular_grid
     if grid is not None and scene.illumination.limited:
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
+    scene, exposed = with_sub_frames(scene, tolerance)
     if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
         _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
 

@@ -227,9 +227,9 @@ class Scene(Value, Pictured):
     def film(self) -> bool:
         """Whether the beams see scatterers move between their times, or during their exposures."""
         times = getattr(self.illumination, "times", None)  # beams alone have any
-        if self.thin is not None or times is None:
+        if self.thin is not None or times is None or not len(times):
             return False
-        return not self.illumination.coherent or bool(np.ptp(times) if len(times) else 0)
+        return not self.illumination.coherent or bool(np.ptp(times))
 
     @property
     def at_rest(self) -> Self:
