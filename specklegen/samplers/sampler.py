@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from specklegen.scene.media import Slab
     from specklegen.scene.screens import ScreenStack
-    from specklegen.synthesis.correlations import Correlations, LightBatch, Places
+    from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatch, Places
     from specklegen.synthesis.sight import Sight
     from specklegen.synthesis.streams import Streams
 
@@ -173,6 +173,8 @@ class MediaRequest:
         Whether many objects look through each medium.
     contrast : Contrast or None
         What tells the contrast of images, where the memory effect does not.
+    film : FilmBatch or None
+        Memory effect in time, of media that move: asked of samplers that say ``films``.
     """
 
     sight: "Sight"
@@ -184,6 +186,7 @@ class MediaRequest:
     moved: "torch.Tensor | None" = None
     shared: bool = False
     contrast: "Contrast | None" = None
+    film: "FilmBatch | None" = None
 
 
 class Sampler(ABC):
@@ -214,11 +217,14 @@ class Sampler(ABC):
         Whether it draws thin screens alone; or volumes alone; None of one that draws either.
     medium_by_medium : bool
         Whether it is planned for the scene of each medium with every beam, not once for all media of a recipe.
+    films : bool
+        Whether :meth:`prepare_media` knows the frames of media that move (``MediaRequest.film``).
     """
 
     name: ClassVar[str]
     thin: ClassVar[bool | None] = None
     medium_by_medium: ClassVar[bool] = False
+    films: ClassVar[bool] = False
     scene: Scene
     paths = 0
     expected_error = 0.0

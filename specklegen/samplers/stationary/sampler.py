@@ -71,6 +71,7 @@ class Stationary(Sampler, name="stationary"):
     summation = "FFT or matrix products"
     error_of = "intensity scale"
     thin = False
+    films = True
     reverse = False
 
     @classmethod
@@ -135,7 +136,9 @@ class Stationary(Sampler, name="stationary"):
         """Make media ready, whose memory effect is known."""
         from specklegen.synthesis.imaging import imagings
 
-        return imagings(request.sight, request.correlations, request.light, tolerance=request.tolerance)
+        return imagings(
+            request.sight, request.correlations, request.light, tolerance=request.tolerance, film=request.film
+        )
 
     def prepare(self, seed: Seed, threads: int | None) -> "StationaryRenderer":
         """Make ready to draw; the memory-effect correlation is estimated at the first draw."""
