@@ -78,6 +78,8 @@ class Scene(Value, Pictured):
                        "Only a ScreenStack with velocities moves, and a medium with a motion.")  # fmt: skip
             if self.thin is None:
                 self._require_film(self.illumination.times)
+        if self.sensor.focused:
+            self._require_lens()
         if self.thin is not None:
             self._require_thin()
             return self
@@ -95,6 +97,15 @@ class Scene(Value, Pictured):
         self._require_lengths()
         self._require_crossing()
         return self
+
+    def _require_lens(self) -> None:
+        """Refuse a lens before what it does not serve, an aperture that nothing fills, and pixels too large."""
+        if not isinstance(self.medium, PlaneParallel) or not self.illumination.limited:
+            reject(
+                "Scene.sensor", "FarField or NearField before this medium and light", self.sensor.type,
+                "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.",
+            )  # fmt: skip
+        self.sensor.require_lens(self.wavelength, self.medium.faces.largest_sine)  # type: ignore[attr-defined]
 
     def _require_film(self, times: np.ndarray) -> None:
         """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""
@@ -301,6 +312,8 @@ class Scene(Value, Pictured):
     @property
     def side(self) -> float:
         """Sign of z on the side that most of a far-field sensor's views look from; a grid's has one."""
+        if self.sensor.focused:
+            return self.sensor.sign  # type: ignore[attr-defined]
         if self.sensor.regular_grid is not None:
             return self.sensor.regular_grid.sign
         return 1.0 if np.sum(self.views[:, -1]) >= 0 else -1.0

@@ -63,6 +63,8 @@ class Stationary(Sampler, name="stationary"):
     error_of = "intensity scale"
     thin = False
     reverse = False
+    images = True
+    from_face = True
 
     @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
