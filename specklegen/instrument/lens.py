@@ -1,6 +1,7 @@
 """A lens as a linear map: the far field over its pupil in, the field on the plane in focus out.
 
-    E(x) = (1 / lambda) sum over s of P(s) u(s) / sqrt(cos cos_out) e^(ik [s . x + (cos - 1) d] + ik_out (cos_out - 1) f) ds^2
+    E(x) = (ds^2 / lambda) sum over s of P(s) u(s) / sqrt(cos cos_out) e^(i phase)
+    phase = k [s . x + (cos - 1) d] + k_out (cos_out - 1) f
 
 on a square grid of sines. u belongs to z = 0, so that d is the thickness of a medium seen in transmission, and 0 in
 reflection; where it belongs to the face, d is 0. Behind a refracting face the angle outside is cos_out, and k_out f is

@@ -1,9 +1,9 @@
-"""What a lens sees of the light behind a slab: how far it reaches on the plane in focus, and how many paths make a pixel.
+"""What a lens sees of the light behind a slab: how far it reaches in focus, and how many paths make a pixel.
 
-Pilot paths say both. A connection reaches as far from where it entered as it comes sideways inside, and on from its last
-particle along the steepest ray that the lens takes to the plane in focus: the plane is lit over X, the window and twice
-what 99 % of the light keep to. Its image there is a disc, of the area A that a point out of focus has; it adds nothing
-to pixels elsewhere, so that a pixel is made of far fewer paths than a view in the far field.
+Pilot paths say both. A connection reaches as far from where it entered as it comes sideways inside, and on from its
+last particle along the steepest ray that the lens takes to the plane in focus: the plane is lit over X, the window and
+twice what 99 % of the light keep to. Its image there is a disc, of the area A that a point out of focus has; it adds
+nothing to pixels elsewhere, so that a pixel is made of far fewer paths than a view in the far field.
 """
 
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.statistics import effective_count
 from specklegen.core.values import remembered
 from specklegen.instrument.lens import Lens
 from specklegen.paths.bank import PathBank
@@ -66,9 +67,9 @@ def lens_of(scene: Scene) -> Lens:
     if views < least:
         reject(
             "Imaging.views", f"at least {least}", views,
-            f"The plane in focus is lit over {lit.extent:.4g} and seen over {2 * camera.reach:.4g}: with sines more than "
-            f"wavelength / {asked:.4g} = {scene.wavelength / asked:.3g} apart, light from one side would be seen on the "
-            "other. Leave views out, or use a narrower window or a smaller |focus|.",
+            f"The plane in focus is lit over {lit.extent:.4g} and seen over {2 * camera.reach:.4g}: with sines more "
+            f"than wavelength / {asked:.4g} = {scene.wavelength / asked:.3g} apart, light from one side would be seen "
+            "on the other. Leave views out, or use a narrower window or a smaller |focus|.",
         )  # fmt: skip
     return Lens(scene, camera, camera.pupil_grid(views))
 
@@ -135,12 +136,13 @@ def _sideways(bank: PathBank, light: np.ndarray) -> np.ndarray:
 def _moments(weights: np.ndarray, count: int, lit: float, areas: np.ndarray) -> PathMoments:
     """Of connections that each light a disc of their own ``areas`` float64[M] of what is ``lit``."""
     relative = weights / (weights.sum() / count)
-    squares = float((np.square(relative) * np.maximum(lit / areas, 1.0)).sum() / count)
-    return PathMoments(squares, squares)
+    each = relative * np.sqrt(np.maximum(lit / areas, 1.0))
+    squares = float(np.square(each).sum() / count)
+    return PathMoments(squares, squares, float(effective_count(each))).stated()
 
 
 def _turned(scene: Scene, layout: Layout, bank: PathBank) -> float:
-    """Largest |C_v - C| of the outermost tilts over four views v at the rim, C that in the middle: what moves with them.
+    """Largest |C_v - C| of the outermost tilts over four views v at the rim, C that in the middle of the pupil.
 
     A pattern that moves with the tilt has a correlation that turns with the view.
     """

@@ -103,19 +103,14 @@ class Plan(Pictured):
     @property
     def expected_error(self) -> float:
         """Relative error that so many paths leave, between views far apart; ``chosen.error_of`` says of what."""
-        return max(self.chosen.expected_error, self._pixel_error(False))
+        return self.chosen.expected_error if self.pixel is None else (self.pixel.relative_variance / self.paths) ** 0.5
 
     @property
     def image_error(self) -> float:
         """The same between views of one image, up to sqrt 2 times as large by path sums; ``rel_error`` bounds it."""
-        return max(getattr(self.chosen, "image_error", self.expected_error), self._pixel_error(True))
-
-    def _pixel_error(self, within_image: bool) -> float:
-        """What a finite number of paths leaves at a pixel behind a lens, 0 where there is none."""
-        if self.pixel is None:
-            return 0.0
-        variance = self.pixel.image_variance if within_image else self.pixel.relative_variance
-        return float((variance / self.paths) ** 0.5)
+        if self.pixel is not None:
+            return (self.pixel.image_variance / self.paths) ** 0.5
+        return getattr(self.chosen, "image_error", self.expected_error)
 
     @property
     def gaussianity(self) -> Gaussianity:

@@ -21,6 +21,7 @@ from specklegen.core.shielded import shielded
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.lit_plane import LitPlane, lens_of, lit_plane
+from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.plan import Plan
@@ -234,8 +235,14 @@ def _planned_image(
         )  # fmt: skip
     wanted = PathSums if few is not None and asked is None else asked
     made = _planned(lens.pupil_scene, budget, wanted, mean, field_tolerance)
-    told = [d for d in made.decisions if few is None or d.reason != "as asked" or asked is not None]
     pixel = lit.moments if made.chosen.medium_by_medium else None
+    pilot = getattr(made.chosen, "pilot", None)  # which judges views up to the corners of the square around the pupil
+    judged = () if pilot is None or pixel is None else pilot.decisions
+    told = [
+        d for d in made.decisions
+        if d not in judged and d.part != "iris" and (d.reason != "as asked" or asked is not None)
+    ]  # fmt: skip
+    rare = None if pixel is None else rare_paths_decision(pixel.effective_paths)
     if pixel is not None and budget.rel_error is not None:
         paths = pixel.paths_for(budget.rel_error, within_image=True)
         if paths > made.paths:
@@ -251,7 +258,7 @@ def _planned_image(
         f"{lens.camera.focus:.4g} behind the face, is lit over {lit.extent:.4g} and repeats after {lens.period:.4g}",
     )  # fmt: skip
     return replace(
-        made, scene=scene, lens=lens, pixel=pixel, decisions=(seen, *([few] if few else []), *told),
+        made, scene=scene, lens=lens, pixel=pixel, decisions=(seen, *(d for d in (few, rare) if d), *told),
         operations=operations, seconds=seconds(operations, thread_count(budget.threads)), memory_bytes=memory,
     )  # fmt: skip
 

@@ -35,9 +35,9 @@ class Scene(Value, Pictured):
     medium, illumination, sensor
         See :class:`Slab`, :class:`Layers`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`,
         :class:`CollimatedBeams`, :class:`PointSources`, :class:`IncoherentObject`; :class:`FarField`,
-        :class:`NearField`. All of them in space, or all in flatland: the length of their vectors says which. Thin media
-        (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an object, and seen by a
-        far-field grid in transmission.
+        :class:`NearField`, :class:`Imaging`. All of them in space, or all in flatland: the length of their vectors
+        says which. Thin media (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an
+        object, and seen by a far-field grid in transmission.
 
     Examples
     --------
