@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.memory import require_memory
 from specklegen.core.statistics import effective_count
 from specklegen.core.values import remembered
 from specklegen.instrument.lens import Lens
@@ -71,6 +72,10 @@ def lens_of(scene: Scene) -> Lens:
             f"than wavelength / {asked:.4g} = {scene.wavelength / asked:.3g} apart, light from one side would be seen "
             "on the other. Leave views out, or use a narrower window or a smaller |focus|.",
         )  # fmt: skip
+    require_memory(
+        "Imaging.views", "held", (8 * len(scene.lights) + 80) * float(views) ** 2, f"{views} directions across",
+        f"The plane in focus is lit over {lit.extent:.4g}: use a smaller aperture, window or |focus|.", share=0.9,
+    )  # fmt: skip
     return Lens(scene, camera, camera.pupil_grid(views))
 
 

@@ -105,7 +105,9 @@ class Scene(Value, Pictured):
                 "Scene.sensor", "FarField or NearField before this medium and light", self.sensor.type,
                 "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.",
             )  # fmt: skip
-        self.sensor.require_lens(self.wavelength, self.medium.faces.largest_sine)  # type: ignore[attr-defined]
+        camera = self.sensor
+        require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})  # type: ignore[attr-defined]
+        camera.require_lens(self.wavelength, self.medium.faces.largest_sine)  # type: ignore[attr-defined]
 
     def _require_film(self, times: np.ndarray) -> None:
         """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""
