@@ -46,8 +46,8 @@ class Pupil(Value):
     >>> import specklegen as sg
     >>> ring = sg.Pupil(stop=0.5)
     >>> blurred = sg.Pupil(zernike=[0.0, 0.0, 0.0, 0.25])  # a quarter of a wave of defocus, rms
-    >>> abs(ring.transmission(0.0, 0.1)), abs(blurred.transmission(0.0, 0.1))  # in the middle and a tenth off
-    (0.0, 1.0)
+    >>> bool(ring.transmission(0.0, 0.1)), round(float(abs(blurred.transmission(0.0, 0.1))), 6)  # near the middle
+    (False, 1.0)
     """
 
     stop: Annotated[float, Field(ge=0, lt=1)] = 0.0
