@@ -29,6 +29,8 @@ from .scene.illumination import CollimatedBeams as CollimatedBeams
 from .scene.illumination import IncoherentObject as IncoherentObject
 from .scene.illumination import PlaneWaves as PlaneWaves
 from .scene.illumination import PointSources as PointSources
+from .scene.imaging import Imaging as Imaging
+from .scene.imaging import Pupil as Pupil
 from .scene.layers import Layer as Layer
 from .scene.layers import Layers as Layers
 from .scene.layers import Stratified as Stratified

@@ -28,7 +28,7 @@ from specklegen.mean.field import mean_field
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import planned
-from specklegen.samplers.sampler import AnySampler, require_finite
+from specklegen.samplers.sampler import AnySampler, image_of, require_finite
 from specklegen.scene.scene import Scene
 
 
@@ -258,9 +258,12 @@ def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
     images, connections, unfinished = np.empty(0), 0, 0
     with one_blas_thread():
         for r, each in enumerate(made.chosen.prepare(seed, threads).media(realizations)):
+            image = each.image
+            if made.lens is not None:
+                image = image_of(made.scene, made.lens.image(image, from_face=made.chosen.from_face))
             if r == 0:
-                images = np.empty((realizations, *each.image.shape), each.image.dtype)
-            images[r] = each.image
+                images = np.empty((realizations, *image.shape), image.dtype)
+            images[r] = image
             connections += each.connections
             unfinished += each.unfinished
     return images, connections, unfinished

@@ -145,7 +145,9 @@ def values() -> Iterator[Call]:
         sg.Mixture(types=(ISOTROPIC, sg.HenyeyGreenstein(g=0.5)), fractions=(0.5, 0.5)),
         sg.Tabulated(theta=np.linspace(0, np.pi, 5), amplitude=np.ones(5)),
         sg.GroundGlass(grit=220, index=1.5, unit=1e-6), sg.FarField(directions=[[0.0, 0.0, 1.0]]),
-        sg.NearField(points=[[0.0, 0.0, 30.0]]), instrument.Camera(photons=10.0), laboratory(),
+        sg.NearField(points=[[0.0, 0.0, 30.0]]), sg.Imaging(shape=[4, 4], pitch=1.0, aperture=0.1), sg.Pupil(
+            stop=0.2, waist=1.0, zernike=(0.0, 0.1), measured=np.ones((2, 2))
+        ), instrument.Camera(photons=10.0), laboratory(),
         coherence.AxialDetector(z=[1.0, 2.0], pixel_width=1.0),
         coherence.TransverseDetector(half_width=1.0, n_pixels=4),
         focus(), models.Training(), models.Retrieval(), EMITTER, PLANE, WAVE, wavetracing.Absorber(),

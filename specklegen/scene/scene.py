@@ -36,9 +36,9 @@ class Scene(Value, Pictured):
     medium, illumination, sensor
         See :class:`Slab`, :class:`Layers`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`,
         :class:`CollimatedBeams`, :class:`PointSources`, :class:`IncoherentObject`; :class:`FarField`,
-        :class:`NearField`. All of them in space, or all in flatland: the length of their vectors says which. Thin media
-        (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an object, and seen by a
-        far-field grid in transmission.
+        :class:`NearField`, :class:`Imaging`. All of them in space, or all in flatland: the length of their vectors
+        says which. Thin media (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an
+        object, and seen by a far-field grid in transmission.
 
     Examples
     --------
@@ -79,6 +79,8 @@ class Scene(Value, Pictured):
                        "Only a ScreenStack with velocities moves, and a medium with a motion.")  # fmt: skip
             if self.thin is None:
                 self._require_film()
+        if self.sensor.focused:
+            self._require_lens()
         if self.thin is not None:
             self._require_thin()
             return self
@@ -96,6 +98,20 @@ class Scene(Value, Pictured):
         self._require_lengths()
         self._require_crossing()
         return self
+
+    def _require_lens(self) -> None:
+        """Refuse a lens before what it does not serve, an aperture that nothing fills, and pixels too large."""
+        if not isinstance(self.medium, PlaneParallel) or not self.illumination.limited:
+            reject(
+                "Scene.sensor", "FarField or NearField before this medium and light", self.sensor.type,
+                "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.",
+            )  # fmt: skip
+        if getattr(self.illumination, "exposure", None) is not None:  # beams alone have any
+            reject("CollimatedBeams.exposure", "left out before a lens", "an exposure",
+                   "Render the instants, and average their intensities.")  # fmt: skip
+        camera = self.sensor
+        require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})  # type: ignore[attr-defined]
+        camera.require_lens(self.wavelength, self.medium.faces.largest_sine)  # type: ignore[attr-defined]
 
     def _require_film(self) -> None:
         """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""
@@ -316,6 +332,8 @@ class Scene(Value, Pictured):
     @property
     def side(self) -> float:
         """Sign of z on the side that most of a far-field sensor's views look from; a grid's has one."""
+        if self.sensor.focused:
+            return self.sensor.sign  # type: ignore[attr-defined]
         if self.sensor.regular_grid is not None:
             return self.sensor.regular_grid.sign
         return 1.0 if np.sum(self.views[:, -1]) >= 0 else -1.0

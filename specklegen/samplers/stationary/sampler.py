@@ -73,6 +73,8 @@ class Stationary(Sampler, name="stationary"):
     thin = False
     films = True
     reverse = False
+    images = True
+    from_face = True
 
     @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
