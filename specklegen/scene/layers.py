@@ -96,24 +96,17 @@ def left_out(content: dict[str, Any], **nothing: bool) -> dict[str, Any]:
     return {name: value for name, value in content.items() if not nothing.get(name)}
 
 
-class PlaneParallel(Value):
-    """A medium between the planes z = 0 and z = thickness, infinite sideways: a slab, or layers.
-
-    It answers what every medium does, so that nobody has to ask for its type, and has ``layers``.
-    """
+class Bulk(Value):
+    """A medium with particles inside, of any shape; it answers what nobody then has to ask its type for."""
 
     stack: ClassVar[None] = None
     """Screens in its place: none."""
-    has_sides: ClassVar[bool] = False
-    """Whether light can leave sideways."""
     homogeneous: ClassVar[bool] = True
     """Whether it is the same everywhere."""
-    dimension: ClassVar[int | None] = None
-    voxel_counts: ClassVar[tuple[int, ...]] = (1, 1, 1)
+    has_sides: ClassVar[bool]
+    """Whether light can leave sideways."""
 
     if TYPE_CHECKING:  # fields stand where they are written
-        thickness: float
-        mean_free_path: float
         faces: Faces
 
     @property
@@ -128,13 +121,25 @@ class PlaneParallel(Value):
 
     @property
     def motions(self) -> tuple[Motion | None, ...]:
-        """Motion of every layer."""
+        """Motion of every layer or material."""
         return ()
 
     @property
     def moves(self) -> bool:
         """Whether any of its particles does."""
         return fastest(self.motions) is not None
+
+
+class PlaneParallel(Bulk):
+    """A medium between the planes z = 0 and z = thickness, infinite sideways: a slab, or layers. It has ``layers``."""
+
+    has_sides: ClassVar[bool] = False
+    dimension: ClassVar[int | None] = None
+    voxel_counts: ClassVar[tuple[int, ...]] = (1, 1, 1)
+
+    if TYPE_CHECKING:  # fields stand where they are written
+        thickness: float
+        mean_free_path: float
 
     @property
     def extinction(self) -> float:
