@@ -106,19 +106,6 @@ class Bulk(Value):
     has_sides: ClassVar[bool]
     """Whether light can leave sideways."""
 
-    if TYPE_CHECKING:  # fields stand where they are written
-        faces: Faces
-
-    @property
-    def indices(self) -> tuple[float, ...]:
-        """Refractive index of each layer, where any has another than ``faces.inside``; else of none."""
-        return ()
-
-    @property
-    def refracts(self) -> bool:
-        """Whether light meets a step of the refractive index anywhere."""
-        return bool(self.indices) or not self.faces.matched
-
     @property
     def motions(self) -> tuple[Motion | None, ...]:
         """Motion of every layer or material."""
@@ -140,6 +127,17 @@ class PlaneParallel(Bulk):
     if TYPE_CHECKING:  # fields stand where they are written
         thickness: float
         mean_free_path: float
+        faces: Faces
+
+    @property
+    def indices(self) -> tuple[float, ...]:
+        """Refractive index of each layer, where any has another than ``faces.inside``; else of none."""
+        return ()
+
+    @property
+    def refracts(self) -> bool:
+        """Whether light meets a step of the refractive index anywhere."""
+        return bool(self.indices) or not self.faces.matched
 
     @property
     def extinction(self) -> float:

@@ -28,6 +28,8 @@ class _Bounded(Bulk):
     """A medium between two corners, its index that of what is around."""
 
     has_sides: ClassVar[bool] = True
+    refracts: ClassVar[bool] = False
+    indices: ClassVar[tuple[float, ...]] = ()
 
     if TYPE_CHECKING:  # fields stand where they are written
         lower: Array
