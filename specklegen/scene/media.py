@@ -28,6 +28,8 @@ class _Bounded(Bulk):
     """A medium between two corners, its index that of what is around."""
 
     has_sides: ClassVar[bool] = True
+    refracts: ClassVar[bool] = False
+    indices: ClassVar[tuple[float, ...]] = ()
 
     if TYPE_CHECKING:  # fields stand where they are written
         lower: Array
@@ -145,9 +147,14 @@ PlaneMedium = Slab | Stratified
 
 
 def as_slab(medium: PlaneMedium) -> Slab | None:
-    """Return the slab that a plane-parallel medium is, where all its layers are alike; None where they are not."""
+    """Return the slab that a plane-parallel medium is, where all its layers are alike; None where they are not.
+
+    Nor where they have another index than the one in which wavelengths are measured.
+    """
     if isinstance(medium, Slab):
         return medium
+    if medium.indices:
+        return None
     layers = merged(medium.layers)
     if len(layers) > 1:
         return None
