@@ -11,11 +11,14 @@ import signal
 import sys
 import time
 import warnings
+from atexit import register
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import cache
 from itertools import chain
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +28,8 @@ import specklegen as sg
 from specklegen import coherence, instrument, materials, models, wavetracing
 from specklegen.core.errors import ToldError
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
+from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.store.generate import generate
 
 SECONDS = 5  # within which every call answers; none is meant to take one
 
@@ -116,6 +121,22 @@ IMAGES = torch.from_numpy(np.random.default_rng(0).exponential(size=(1, 2, 32, 3
 def recipe():
     """A recipe that renders at once."""
     return load_recipe("tilt-stack", {"camera": {"shape": [16, 16]}, "samples": {"train": 4}})
+
+
+@cache
+def hidden():
+    """Batches of hidden objects."""
+    small = load_recipe("through-slab", {"camera": {"shape": [32, 32]}, "material": {"kernel_paths": 300}})
+    return [tensors(small.batch(0, "test", [0, 1]))]
+
+
+@cache
+def stored():
+    """A small store."""
+    folder = Path(mkdtemp(prefix="odd-arguments-"))
+    register(rmtree, folder)
+    generate(recipe(), samples=4, folder=folder / "a.zarr", processes=1)
+    return folder / "a.zarr"
 
 
 @cache
@@ -322,7 +343,10 @@ def others() -> Iterator[Call]:
     yield Call(
         "materials.memory_range",
         materials.memory_range,
-        {"name": "milk", "wavelength": 0.633, "thickness": 500.0, "paths": 300},
+        {
+            "name": "intralipid", "wavelength": 0.633, "thickness": 500.0, "outside": (1.0, None), "unit": 1e-6,
+            "draws": 1, "paths": 300, "seed": 0,
+        },
         ("name",),
     )
     for name, given in {
@@ -387,7 +411,7 @@ def others() -> Iterator[Call]:
             "graphs": True,
         },
     )
-    yield Call("SpeckleCache (refused)", SpeckleCache, {"folder": "/nonexistent", "missing": "raise", "recipe": None})
+    yield Call("SpeckleCache", SpeckleCache, {"folder": Lazy(stored), "missing": "raise", "recipe": Lazy(recipe)})
     yield Call(
         "models.periodogram",
         models.periodogram,
@@ -441,7 +465,7 @@ def others() -> Iterator[Call]:
     yield Call(
         "models.evaluate",
         models.evaluate,
-        {"methods": {"one": lambda sample: sample["image"]}, "batches": [], "profile": "square"},
+        {"methods": {"one": lambda batch: batch["image"]}, "batches": Lazy(hidden), "profile": "square"},
     )
 
 
