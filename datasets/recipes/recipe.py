@@ -13,7 +13,6 @@ import numpy as np
 from specklegen.core.arguments import whole_number, whole_numbers
 from specklegen.core.content import is_own
 from specklegen.core.decision import Decision
-from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
 from specklegen.core.random_streams import seed_words
 from specklegen.core.registry import Registry

@@ -166,9 +166,10 @@ def retrieve(
     """
     retrieval = Retrieval() if retrieval is None else instance("retrieve retrieval", retrieval, Retrieval)
     real_tensor("retrieve autocorrelation", autocorrelation)
-    if autocorrelation.ndim != 3 or autocorrelation.shape[1] != autocorrelation.shape[2] or autocorrelation.shape[1] % 2:
-        reject("retrieve autocorrelation", "of shape [B, n, n], n even", tuple(autocorrelation.shape))
-    n = autocorrelation.shape[-1]
+    shape = tuple(autocorrelation.shape)
+    n = shape[-1] if shape else 1
+    if len(shape) != 3 or shape[1:] != (n, n) or n % 2:
+        reject("retrieve autocorrelation", "of shape [B, n, n], n even", shape)
     if transfer is not None and real_tensor("retrieve transfer", transfer).shape != (n, n):
         reject("retrieve transfer", f"of shape [{n}, {n}], as the autocorrelation", tuple(transfer.shape))
     if memory_effect is not None:

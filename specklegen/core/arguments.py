@@ -4,7 +4,9 @@ A field of a value is checked by its type; what a function takes beside it is ch
 reads like any other broken rule.
 """
 
+import os
 from collections.abc import Collection
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -65,6 +67,19 @@ def whole_numbers(field: str, value: object, least: int = 0, most: int | None = 
     if not isinstance(numbers, list) or not numbers or isinstance(value, str | bytes | dict | set):
         reject(field, "at least one whole number", value)
     return [whole_number(field, number, least, most) for number in numbers]
+
+
+def file_path(field: str, value: object) -> Path:
+    """Return the path of a file or folder, given as text or as such.
+
+    Raises
+    ------
+    RuleError
+        If it is something else, or no text.
+    """
+    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str) or not os.fspath(value):
+        reject(field, "a path", value)
+    return Path(value)
 
 
 def several(field: str, value: object, kind: type[T]) -> tuple[T, ...]:
