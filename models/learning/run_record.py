@@ -112,8 +112,8 @@ def alone(folder: Path) -> Iterator[Callable[[], None]]:
                 if patiently(owner.read_bytes) == mine:
                     return
             reject("train.folder", _ALONE, str(folder),
-                   "Another one has begun there since, and goes on from the last checkpoint; this one wrote nothing after "
-                   "it. The folder's locks exclude nobody: train in one of this machine's.")  # fmt: skip
+                   "Another one has begun there since, and goes on from the last checkpoint; this one wrote nothing "
+                   "after it. The folder's locks exclude nobody: train in one of this machine's.")  # fmt: skip
 
         yield require_own
 
