@@ -140,8 +140,7 @@ def keys_of_split(keys: Iterable[str], split: Split) -> tuple[str, ...]:
 
 def position_in_pass(seed: Seed, split: Split, index: int, count: int) -> int:
     """Which of ``count`` sources sample ``index`` uses: every source once a pass, shuffled anew each pass."""
-    key = tuple(seed) if isinstance(seed, Sequence) else seed
-    return int(_pass_order(key, split, index // count, count)[index % count])
+    return int(_pass_order(seed_words(seed), split, index // count, count)[index % count])
 
 
 @lru_cache(maxsize=32)

@@ -274,7 +274,7 @@ class Recipe(Specification):
         seed = words if isinstance(seed, Sequence) else words[0]
         split_number(split)
         self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
-        batch = arrays(_generator.generator_of(self, seed, cast(Split, split), self.device)(numbers))
+        batch = arrays(_generator.generator_of(self, seed_words(seed), cast(Split, split), self.device)(numbers))
         require_finite(batch, self, seed, split)
         return batch
 

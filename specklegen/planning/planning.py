@@ -6,6 +6,7 @@ scene's fingerprint. Predicted seconds may differ between machines, choices may 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -171,14 +172,9 @@ def planned(
     )  # fmt: skip
     decisions = [decision for rule in SCENE_RULES for decision in rule(scene)]
     decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
-    chosen, told, preferred = None, [], PREFERRED if scene.thin is None else THIN
-    for kind in preferred if asked is None else (asked,):
-        chosen, told = kind.propose(scene, request)
-        decisions += told
-        if chosen is not None:
-            break
-    if chosen is None:  # one of a user's own: path sums serve every scene
-        reject("sampler", "one that serves the scene", request.asked, "; ".join(d.reason for d in told))
+    preferred = PREFERRED if scene.thin is None else THIN
+    chosen, told = _proposed(scene, request, preferred if asked is None else (asked,))
+    decisions += told
     if asked is PathSums:
         decisions.append(Decision("stationary sampler", False, "as asked"))
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
@@ -200,6 +196,29 @@ def planned(
         seconds=seconds(counted, threads),
         memory_bytes=needed,
         alternatives={way: seconds(some, threads) for way, some in chosen.alternatives().items()},
+    )
+
+
+def _proposed(
+    scene: Scene, request: Request, kinds: tuple[type[Sampler], ...]
+) -> tuple[Sampler, list[Decision]]:
+    """The first sampler that serves, and what all that were asked say; one before it where that states less error."""
+    said: list[Decision] = []
+    for n, kind in enumerate(kinds):
+        chosen, told = kind.propose(scene, request)
+        said += told
+        if chosen is None:
+            continue
+        lost = max((each.error for each in told if each.doubt), default=0.0)
+        if lost <= request.tolerance:
+            return chosen, said
+        for other in kinds[:n]:
+            surer, told = other.propose(scene, replace(request, beside=lost))
+            if surer is not None:
+                return surer, told
+        return chosen, said
+    reject(  # one of a user's own: path sums serve every scene
+        "sampler", "one that serves the scene", request.asked, "; ".join(each.reason for each in said)
     )
 
 

@@ -66,6 +66,9 @@ class Request:
         Whether the stack comes piece by piece.
     envelope : bool
         Whether fields may be drawn under an envelope that turns with the tilt.
+    beside : float
+        Error that another sampler states, which would serve instead: one that states less may, within the tolerance or
+        not.
     """
 
     paths: int | None
@@ -76,6 +79,7 @@ class Request:
     asked: str = "auto"
     streamed: bool = False
     envelope: bool = True
+    beside: float = 0.0
 
 
 class Realization(NamedTuple):
