@@ -299,9 +299,8 @@ class SpeckleLikelihood(nn.Module):
 def _each(name: str, value: float | Tensor, count: int, dtype: torch.dtype) -> Tensor:
     """One number for each object."""
     field = f"Optics.{name}"
-    if not isinstance(value, Tensor):
-        value = torch.from_numpy(real_array(field, value).copy())
-    found = real_tensor(field, value).to(dtype)
+    given = value if isinstance(value, Tensor) else torch.from_numpy(real_array(field, value).copy())
+    found = real_tensor(field, given).to(dtype)
     if found.ndim > 1 or (found.ndim == 1 and len(found) != count) or not ((found > 0) & found.isfinite()).all():
         reject(field, f"finite and above 0, one number or one for each of {count} objects", value)
     return found.expand(count)
