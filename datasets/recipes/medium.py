@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from specklegen.core.random_streams import seed_words
 from specklegen.core.shielded import shielded
 from specklegen.datasets.recipes.generator import ReadyMedia, generator_of
 from specklegen.datasets.split import Split
@@ -64,7 +65,7 @@ class Medium:
 def medium_of_recipe(recipe: "Recipe", seed: int, split: Split, number: int) -> Medium:
     """Prepare a medium of a recipe."""
     with shielded():
-        ready = generator_of(recipe, seed, split, recipe.device).media([number])
+        ready = generator_of(recipe, seed_words(seed), split, recipe.device).media([number])
         imaging = ready.groups[0][1]
         parameters = {name: float(value[0]) for name, value in ready.parameters.items()}
         tilts = ready.drawn.tilts[0].cpu().numpy()

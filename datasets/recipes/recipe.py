@@ -15,6 +15,7 @@ from specklegen.core.content import is_own
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
+from specklegen.core.random_streams import seed_words
 from specklegen.core.registry import Registry
 from specklegen.core.shielded import shielded
 from specklegen.datasets.recipes.media import (
@@ -274,7 +275,7 @@ class Recipe(Specification):
             reject("batch indices", "at least one index", numbers)
         split_number(split)
         self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
-        batch = arrays(_generator.generator_of(self, seed, cast(Split, split), self.device)(numbers))
+        batch = arrays(_generator.generator_of(self, seed_words(seed), cast(Split, split), self.device)(numbers))
         require_finite(batch, self, seed, split)
         return batch
 

@@ -29,21 +29,21 @@ from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.core.statistics import BATCHES, jackknife
-from specklegen.memory_effects.curve import Aim, Mode, aimed, require_tilts
+from specklegen.memory_effects.curve import Aim, Mode, aimed, require_tilts, small_tilts
 from specklegen.memory_effects.oblique import estimate_oblique_correlation
+from specklegen.paths.analog_walk import require_walkable
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.far_field import lobe_loss
+from specklegen.paths.far_field import lobe_loss, steepest
 from specklegen.paths.momentum import CLASSES, momentum_classes, momentum_transfer
 from specklegen.paths.rare_paths import warn_of_rare_paths
 from specklegen.paths.slab_tracer import events_across, events_per_path
+from specklegen.paths.steps import refracting_layers
 from specklegen.paths.stretching import draws_across, relative_variance
 from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import PlaneMedium, as_slab
 from specklegen.scene.motion import fastest, reduced_time
-
-_SMALL = 0.02  # tilts beside 1 - |g| up to which a path's directions stay as they are
 
 
 @dataclass(frozen=True)
@@ -210,6 +210,8 @@ def temporal_correlation(
         require_reach(owner, relative_variance(medium), count)
     drawn = aim.side > 0 and medium.faces.matched and not aim.reversal.needed and draws_across(medium)
     events = count * (events_across(medium) if drawn else events_per_path(medium))
+    if refracting_layers(medium):
+        require_walkable(owner, medium, count)
     ends = 2.0 * (1 + len(angles)) * count * (2 if aim.reversal.needed else 1)
     work = {"path": count, "event": events, "end": ends, "phasor": float(x.size * count)}
     require_time(
@@ -264,18 +266,13 @@ class _Asked(NamedTuple):
     @property
     def near(self) -> bool:
         """Whether tilts keep their angle to the lobe (docs/physics.md 10)."""
-        return lobe_loss(self.medium, self.wavelength, self.largest).spurious
-
-    @property
-    def largest(self) -> float:
-        """Tilt."""
-        return float(np.abs(self.angles).max(initial=0.0))
+        return lobe_loss(self.medium, self.wavelength, steepest(self.medium, self.angles)).spurious
 
     @property
     def keeps_directions(self) -> bool:
         """Whether the lateral ways of paths are all that a tilt turns."""
-        small = self.largest <= _SMALL * (1 - abs(self.medium.scatterer.mean_cosine()))
-        return not self.aim.reversal.needed and (self.near or (small and (self.largest == 0 or self.on_axis)))
+        small = small_tilts(self.medium, self.wavelength, self.angles)
+        return not self.aim.reversal.needed and (self.near or (small and (not self.angles.any() or self.on_axis)))
 
     @property
     def on_axis(self) -> bool:

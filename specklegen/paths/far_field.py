@@ -60,10 +60,19 @@ class LobeLoss(NamedTuple):
         return not self.negligible and self.far_field < FAR
 
 
+def steepest(medium: PlaneMedium, tilts: np.ndarray) -> float:
+    """Largest of some tilts, radians: where it is steepest, in the layer of the least refractive index."""
+    largest = float(np.abs(tilts).max(initial=0.0))
+    if not medium.indices:
+        return largest
+    return float(np.arcsin(min(np.sin(largest) * medium.faces.inside / min(medium.indices), 1.0)))
+
+
 def lobe_loss(medium: PlaneMedium, wavelength: float, tilt: float) -> LobeLoss:
     """What endpoint factors lose between two lights a ``tilt`` (radians) apart."""
     loss = 1 - overlap(medium.scatterer, float(f"{abs(tilt):.9g}")) ** 4
     turns = 2 * np.pi * medium.mean_free_path / wavelength
+    turns *= max(medium.indices, default=medium.faces.inside) / medium.faces.inside
     return LobeLoss(loss, turns * lobe_width(medium.scatterer) ** 2)
 
 

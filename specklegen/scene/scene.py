@@ -110,12 +110,15 @@ class Scene(Value, Pictured):
 
     def _require_crossing(self) -> None:
         """Refuse what a slab with refracting faces does not serve, and directions that do not cross them."""
-        if self.medium.faces.matched:
+        if not self.medium.refracts:
             return
         if not self.medium.homogeneous:
+            indices = self.volume.indices
             reject(
-                f"{self.medium.type}.faces", "matched in a scene", self.medium.faces,
-                "Leave them out; reflectance_transmittance and joint_correlation know the faces of layers.",
+                f"{self.medium.type}.{'layers' if indices else 'faces'}",
+                f"{'of one index' if indices else 'matched'} in a scene", indices or self.medium.faces,
+                "Leave the steps out; memory_effect, temporal_correlation, joint_correlation and "
+                "reflectance_transmittance know those of layers.",
             )  # fmt: skip
         if not self.illumination.limited or self.sensor.near or self.dimension == 2:
             reject(
