@@ -274,7 +274,9 @@ def test_no_scene_falls_to_the_sampler_of_the_larger_error(g, depth, part):
     reach = part * float(np.interp(-0.5, -curve, tilts))
     beams = sg.CollimatedBeams.tilts(np.linspace(-0.5, 0.5, 5) * reach, width=WIDTH)
     sensor = sg.FarField.grid((16, 16), PITCH)
-    made = sg.plan(sg.Scene(wavelength=1.0, medium=medium, illumination=beams, sensor=sensor))
+    scene = sg.Scene(wavelength=1.0, medium=medium, illumination=beams, sensor=sensor)
+    made, other = sg.plan(scene), far_field_decision(scene)
     stated = max((each.error for each in made.decisions if each.doubt), default=0.0)
-    assert stated < 0.05
+    # Path sums beyond .1 rad are off by as much as they say; the stationary sampler is taken where it is off by less.
+    assert stated < 0.05 or (made.sampler == "stationary" and stated < other.error)
     assert not made.doubts or reach > 0.1  # farther apart there may be no correlation left to be wrong
