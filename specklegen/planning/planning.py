@@ -22,6 +22,7 @@ from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.reversal import scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
+from specklegen.planning.exposure import with_sub_frames
 from specklegen.planning.plan import Plan
 from specklegen.samplers.covariance.sampler import Eigenfields
 from specklegen.samplers.path_sums.sampler import PathSums
@@ -162,6 +163,7 @@ def planned(
     grid = scene.sensor.regular_grid
     if grid is not None and scene.illumination.limited:
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
+    scene, exposed = with_sub_frames(scene, tolerance)
     if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
         _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
 
@@ -170,7 +172,7 @@ def planned(
         budget.paths, budget.rel_error, reversal.needed, tolerance, field_tolerance,
         "auto" if asked is None else asked.name, streamed, envelope,
     )  # fmt: skip
-    decisions = [decision for rule in SCENE_RULES for decision in rule(scene)]
+    decisions = exposed + [decision for rule in SCENE_RULES for decision in rule(scene)]
     decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
     preferred = PREFERRED if scene.thin is None else THIN
     chosen, told = _proposed(scene, request, preferred if asked is None else (asked,))
@@ -235,6 +237,8 @@ def _checked(scene: Scene, sampler: AnySampler) -> type[Sampler] | None:
 
 def streaming_obstacle(scene: Scene) -> str | None:
     """Why :func:`specklegen.render_tiles` does not serve a scene; None where it does."""
+    if scene.sensor.regular_grid is not None and getattr(scene.illumination, "exposure", None) is not None:
+        return "beams with an exposure, whose images hold no field"
     if scene.sensor.regular_grid is None or not (scene.illumination.limited and scene.illumination.coherent):
         return f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
     return lock_step_obstacle(scene)
