@@ -24,6 +24,7 @@ from specklegen.paths.lit_plane import LitPlane, lens_of, lit_plane
 from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
+from specklegen.planning.exposure import with_sub_frames
 from specklegen.planning.plan import Plan
 from specklegen.samplers.covariance.sampler import Eigenfields
 from specklegen.samplers.path_sums.sampler import PathSums
@@ -174,6 +175,7 @@ def _planned(
         reject("field_tolerance", "between 0 and 1", field_tolerance)
     mean, streamed, envelope = flag("mean", mean), flag("streamed", streamed), flag("envelope", envelope)
     tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
+    scene, exposed = with_sub_frames(scene, tolerance)
     if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
         _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
 
@@ -182,7 +184,7 @@ def _planned(
         budget.paths, budget.rel_error, reversal.needed, tolerance, field_tolerance,
         "auto" if asked is None else asked.name, streamed, envelope,
     )  # fmt: skip
-    decisions = [decision for rule in SCENE_RULES for decision in rule(scene)]
+    decisions = exposed + [decision for rule in SCENE_RULES for decision in rule(scene)]
     decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
     preferred = PREFERRED if scene.thin is None else THIN
     chosen, told = _proposed(scene, request, preferred if asked is None else (asked,))
@@ -311,6 +313,8 @@ def _checked(scene: Scene, sampler: AnySampler) -> type[Sampler] | None:
 
 def streaming_obstacle(scene: Scene) -> str | None:
     """Why :func:`specklegen.render_tiles` does not serve a scene; None where it does."""
+    if scene.sensor.regular_grid is not None and getattr(scene.illumination, "exposure", None) is not None:
+        return "beams with an exposure, whose images hold no field"
     if scene.sensor.regular_grid is None or not (scene.illumination.limited and scene.illumination.coherent):
         return f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
     return lock_step_obstacle(scene)
