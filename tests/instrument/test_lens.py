@@ -269,3 +269,28 @@ def test_dark_media_make_dark_images(medium):
     stack = sg.render(scene(medium, light=sg.CollimatedBeams.tilts([], width=40.0)), paths=100, seed=0)
     assert stack.field.shape == (0, 24, 20)
     assert np.isfinite(sg.render(scene(medium), paths=100, seed=0, threads=1).field).all()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::specklegen.DoubtWarning")
+def test_an_image_moves_with_the_tilt_as_the_joint_correlation_says():
+    """|C| of images under a tilt delta = 13.1 / (k L), shifted by 0 and by L delta / 2: .652 and .890, not alike.
+
+    Over all of the lit plane, so that every view and every way counts, whatever the window. A beam's own tilt is taken
+    off the second image, as the joint correlation does.
+    """
+    thickness, concentration = 400.0, (K * 4.0) ** 2 / 2
+    forward = sg.Slab(thickness=thickness, mean_free_path=80.0, scatterer=sg.VonMisesFisher(concentration))
+    tilt = 13.1 / (K * thickness)
+    shift = thickness * tilt / 2
+    expected = sg.joint_correlation(forward, wavelength=1.0, tilts=[tilt], shifts=[0.0, shift], paths=20_000, seed=0)
+    seen = scene(forward, width=20.0, tilts=(0.0, tilt), shape=(480, 480), pitch=shift / 2, aperture=0.4)
+    fields = sg.render(seen, paths=20_000, realizations=6, sampler="paths", seed=20).field
+    fields[:, 1] *= np.exp(-1j * K * np.sin(tilt) * seen.sensor.positions[0])
+    found = []
+    for one, other in fields:
+        norm = np.sqrt(np.square(np.abs(one)).sum() * np.square(np.abs(other)).sum())
+        found.append([np.abs(np.vdot(one[:, : 480 - s], other[:, s:])) / norm for s in (0, 2)])
+    assert expected.magnitude[0] == pytest.approx([0.652, 0.890], abs=0.01)
+    assert_mean(np.array(found), expected.magnitude[0])
+    assert (np.diff(found) > 0).mean() > 0.8
