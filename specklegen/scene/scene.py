@@ -1,7 +1,7 @@
 """The scene: what is simulated, in one frozen value."""
 
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 from pydantic import model_validator
@@ -10,6 +10,7 @@ from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
 from specklegen.core.values import Positive, Value
 from specklegen.scene.illumination import CollimatedBeams, Illumination
+from specklegen.scene.imaging import Imaging
 from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import AnyMedium, Medium, Slab, require_medium
 from specklegen.scene.motion import fastest, reduced_time
@@ -107,11 +108,11 @@ class Scene(Value, Pictured):
                 "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.",
             )  # fmt: skip
         if getattr(self.illumination, "exposure", None) is not None:  # beams alone have any
-            reject("CollimatedBeams.exposure", "left out before a lens", "an exposure",
-                   "Render the instants, and average their intensities.")  # fmt: skip
-        camera = self.sensor
-        require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})  # type: ignore[attr-defined]
-        camera.require_lens(self.wavelength, self.medium.faces.largest_sine)  # type: ignore[attr-defined]
+            reject("CollimatedBeams.exposure", "left out before a camera with a lens", self.illumination.exposure,
+                   "Render a film, and add up its intensities.")  # fmt: skip
+        camera = cast(Imaging, self.sensor)
+        require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})
+        camera.require_lens(self.wavelength, self.medium.faces.largest_sine)
 
     def _require_film(self) -> None:
         """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""

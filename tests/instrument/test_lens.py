@@ -190,7 +190,7 @@ def test_the_lit_plane_grows_with_the_focus_and_wrapping_around_is_refused():
     assert plan.lens.period >= near.extent
 
 
-@pytest.mark.parametrize("focus", [-20.0, 0.0, 30.0])
+@pytest.mark.parametrize("focus", [-20.0, 30.0])
 def test_path_sums_show_speckle_of_contrast_one_at_any_focus(focus):
     """<I^2> / <I>^2 - 2, by the paths that a pixel is made of: as the plan says, within its noise and half of it."""
     seen = scene(width=40.0, shape=(12, 12), pitch=1.25, focus=focus)
@@ -284,14 +284,13 @@ def test_an_image_moves_with_the_tilt_as_the_joint_correlation_says():
     tilt = 13.1 / (K * thickness)
     shift = thickness * tilt / 2
     expected = sg.joint_correlation(forward, wavelength=1.0, tilts=[tilt], shifts=[0.0, shift], paths=20_000, seed=0)
-    seen = scene(forward, width=20.0, tilts=(0.0, tilt), shape=(480, 480), pitch=shift, aperture=0.4)
-    fields = sg.render(seen, paths=20_000, realizations=8, sampler="paths", seed=20).field
+    seen = scene(forward, width=20.0, tilts=(0.0, tilt), shape=(480, 480), pitch=shift / 2, aperture=0.4)
+    fields = sg.render(seen, paths=20_000, realizations=6, sampler="paths", seed=20).field
     fields[:, 1] *= np.exp(-1j * K * np.sin(tilt) * seen.sensor.positions[0])
     found = []
     for one, other in fields:
         norm = np.sqrt(np.square(np.abs(one)).sum() * np.square(np.abs(other)).sum())
-        found.append([np.abs(np.vdot(one[:, : 480 - s], other[:, s:])) / norm for s in (0, 1)])
+        found.append([np.abs(np.vdot(one[:, : 480 - s], other[:, s:])) / norm for s in (0, 2)])
     assert expected.magnitude[0] == pytest.approx([0.652, 0.890], abs=0.01)
-    print(np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / np.sqrt(8))
     assert_mean(np.array(found), expected.magnitude[0])
     assert (np.diff(found) > 0).mean() > 0.8

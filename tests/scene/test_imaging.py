@@ -2,6 +2,8 @@
 
 import math
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -69,6 +71,12 @@ def test_a_camera_is_a_value_that_is_written_and_read():
     x, y = first.sensor.positions
     assert (x[0], y[-1]) == (-7.5, 7.5)
     first.plot()
+
+
+def test_files_with_a_camera_are_read_before_anybody_has_asked_for_one():
+    read = "import sys; from specklegen.scene.scene import Scene; print(Scene.from_toml(sys.stdin.read()).sensor.type)"
+    told = subprocess.run([sys.executable, "-c", read], input=scene().to_toml(), capture_output=True, text=True)
+    assert told.stdout.strip() == "Imaging", told.stderr
 
 
 @pytest.mark.parametrize(
