@@ -12,7 +12,7 @@ import numpy as np
 
 STEPS = 60
 _ENOUGH = 1e-4  # change of chi squared; convergence is quadratic, so that less is left
-_HIGHEST = 1e6  # damping
+_WHOLE, _HIGHEST = 0.03, 1e6  # damping
 
 Model = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Residuals over their errors float64[B, M] and their derivatives float64[B, M, n], at unknowns float64[B, n]."""
@@ -81,9 +81,10 @@ def minimize(model: Model, start: np.ndarray, low: np.ndarray, high: np.ndarray,
         new = np.where(inside, np.square(found).sum(-1), np.inf)
         better = new < cost[some]
         gain = cost[some] - new
-        done = (better & (gain < _ENOUGH * (1 + cost[some] / 100))) | (~better & (damping[some] > _HIGHEST))
-        # At a minimum no step helps, of whatever size.
-        done |= ~better & inside & (np.abs(gain) < _ENOUGH)
+        # A small gain says that the minimum is near only of a step that damping did not shorten.
+        whole = damping[some] < _WHOLE
+        done = (np.abs(gain) < _ENOUGH * (1 + cost[some] / 100)) & whole
+        done |= ~better & (damping[some] > _HIGHEST)
         damping[some] = np.where(better, damping[some] / 10, damping[some] * 10)
         taken = some[better]
         at[taken], cost[taken] = trial[better], new[better]
