@@ -39,7 +39,7 @@ class Addresses:
     def words(self, numbers: Sequence[int], purposes: Sequence[Purpose]) -> torch.Tensor:
         """Words int64[B, purposes, n] of :func:`specklegen.datasets.split.substream`, on the host."""
         chosen = [int(p) for p in purposes]
-        return random_words.substreams(split_number(self.split), chosen, torch.tensor(numbers), self._tail)
+        return random_words.substreams(split_number(self.split), chosen, numbers, self._tail)
 
     def numbers(self, purpose: Purpose, sources: Sequence[Draw], numbers: Sequence[int]) -> list[torch.Tensor]:
         """One number float64[B] of each source, as :func:`drawn` draws one after the other; at most four at once."""

@@ -18,9 +18,9 @@ from typing import Literal, get_args
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.random_streams import Seed, seed_words
 
 Split = Literal["train", "validation", "test"]
-Seed = int | Sequence[int]
 
 SPLITS: tuple[Split, ...] = get_args(Split)
 SHARES: dict[Split, float] = {"train": 0.8, "validation": 0.1, "test": 0.1}
@@ -80,14 +80,12 @@ def substream(seed: Seed, split: Split, purpose: Purpose, number: int) -> tuple[
     RuleError
         If the split is unknown, or the seed or the number is not a whole number in its range.
     """
-    parts = list(seed) if isinstance(seed, Sequence) and not isinstance(seed, str) else [seed]
-    if not parts or not all(_is_natural(part) for part in parts):
-        reject("seed", "a whole number of at least 0, or a sequence of them", seed)
+    parts = seed_words(seed)
     if not _is_natural(number) or number >= 2**64:
         reject("number", "a whole number from 0 to 2**64 - 1", number)
     head = (split_number(split), int(Purpose(purpose)), int(number) % 2**32, int(number) >> 32, len(parts))
     # Lengths go first: SeedSequence pads with zeros, so that (1,) and (1, 0) would be one seed.
-    return head + tuple(word for part in parts for word in _counted_words(int(part)))
+    return head + tuple(word for part in parts for word in _counted_words(part))
 
 
 def generator(words: Sequence[int]) -> np.random.Generator:
@@ -142,8 +140,7 @@ def keys_of_split(keys: Iterable[str], split: Split) -> tuple[str, ...]:
 
 def position_in_pass(seed: Seed, split: Split, index: int, count: int) -> int:
     """Which of ``count`` sources sample ``index`` uses: every source once a pass, shuffled anew each pass."""
-    key = tuple(seed) if isinstance(seed, Sequence) else seed
-    return int(_pass_order(key, split, index // count, count)[index % count])
+    return int(_pass_order(seed_words(seed), split, index // count, count)[index % count])
 
 
 @lru_cache(maxsize=32)

@@ -10,6 +10,7 @@ from .mean.reflectance import ReflectanceTransmittance as ReflectanceTransmittan
 from .mean.reflectance import reflectance_transmittance as reflectance_transmittance
 from .memory_effects.curve import MemoryEffect as MemoryEffect
 from .memory_effects.curve import memory_effect as memory_effect
+from .memory_effects.exposure import ExposureContrast as ExposureContrast
 from .memory_effects.joint import JointCorrelation as JointCorrelation
 from .memory_effects.joint import joint_correlation as joint_correlation
 from .memory_effects.temporal import TemporalCorrelation as TemporalCorrelation

@@ -286,6 +286,8 @@ def verbs() -> Iterator[Call]:
         {"scene": SCENE, "realization": 0, "mean": False} | shared | drawn | {"sampler": "paths"},
     )
     yield Call("CollimatedBeams.tilts", sg.CollimatedBeams.tilts, {"angles": [0.0, 0.1], "width": 40.0})
+    filmed = {"directions": np.eye(3)[[2, 2]], "width": 40.0, "times": [0.0, 1.0]}
+    yield Call("CollimatedBeams", sg.CollimatedBeams, filmed | {"exposure": [0.5, 1.0], "sub_frames": 3})
     yield Call("PlaneWaves.tilts", sg.PlaneWaves.tilts, {"angles": [0.0, 0.1]})
     yield Call("FarField.angles", sg.FarField.angles, {"angles": [0.0, 0.1]})
     yield Call(

@@ -11,6 +11,7 @@ from deepinv.physics import LinearPhysics  # pyright: ignore[reportMissingImport
 from deepinv.physics.generator import PhysicsGenerator  # pyright: ignore[reportMissingImports]
 
 from specklegen.core.errors import reject
+from specklegen.core.random_streams import seed_words
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.split import Split, split_number
 from specklegen.synthesis.imaging import ImagedMedia
@@ -52,7 +53,7 @@ class SpecklePhysics(LinearPhysics):
             reject("SpecklePhysics.recipe", "one with hidden objects", type(recipe).__name__)
         split_number(split)
         super().__init__(img_size=(1, *recipe.objects.shape), device=recipe.device, **options)
-        self.recipe, self.seed, self.split = recipe, seed, split
+        self.recipe, self.seed, self.split = recipe, seed_words(seed), split
         first = torch.zeros(1, dtype=torch.int64, device=recipe.device)
         self.register_buffer("medium", first if medium is None else medium.to(first))
 
@@ -95,7 +96,7 @@ class MediumGenerator(PhysicsGenerator):
 
 
 @lru_cache(maxsize=64)
-def _operators(recipe: HiddenObject, seed: int, split: Split, medium: int) -> tuple[ObjectOperator, ...]:
+def _operators(recipe: HiddenObject, seed: tuple[int, ...], split: Split, medium: int) -> tuple[ObjectOperator, ...]:
     """The maps of one medium, a frame each."""
     seen = recipe.prepare(seed, split, medium).seen
     if not isinstance(seen, ImagedMedia) or seen.imaging.polynomials is not None:

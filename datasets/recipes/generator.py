@@ -15,6 +15,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from operator import index
 from threading import Lock
 from typing import TYPE_CHECKING, Any, cast
 
@@ -22,7 +23,7 @@ import torch
 
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
-from specklegen.core.random_streams import Stream
+from specklegen.core.random_streams import Stream, seed_words
 from specklegen.core.shielded import shielded
 from specklegen.datasets.addresses import Addresses
 from specklegen.datasets.recipes.media import DrawnMedia, Rendering, planned_whole, renderings
@@ -100,8 +101,8 @@ class SpeckleGenerator:
             reject("SpeckleGenerator.recipe", "a recipe of this library", type(recipe).__name__)
         counted = str(device) == "meta"  # holds no numbers: there, batches are counted
         self.device = torch.device(device) if counted else checked_device("SpeckleGenerator.device", device)
-        self.recipe, self.seed, self.split = recipe.on("cpu"), seed, cast(Split, split)
-        self.drawn = Addresses(seed, self.split, self.device)
+        self.recipe, self.seed, self.split = recipe.on("cpu"), seed_words(seed), cast(Split, split)
+        self.drawn = Addresses(self.seed, self.split, self.device)
         self.run = Graphs(self.device) if graphs and self.device.type == "cuda" else each_time
         self.one_by_one = one_by_one(self.device)  # whether objects may be looked at before they are transformed
         self.recipe.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
@@ -118,7 +119,10 @@ class SpeckleGenerator:
         indices
             Numbers of the samples, on the host.
         """
-        numbers = [int(n) for n in indices]
+        try:
+            numbers = [index(n) for n in indices]
+        except TypeError:
+            reject("SpeckleGenerator indices", "whole numbers", indices)
         if not numbers or min(numbers) < 0 or max(numbers) >= 2**63:  # samples hold them as int64
             reject("SpeckleGenerator indices", "at least one index, each from 0 to 2**63 - 1", numbers)
         with shielded():
@@ -237,8 +241,8 @@ class SpeckleGenerator:
         if recipe.exposure is not None:
             keys = self.drawn.keys(Stream.CAMERA, self.drawn.words(numbers, exposure.NOISES))
             images = exposure.expose(recipe.exposure, images, keys)
-        index = {"index": self.drawn.put(numbers)}
-        return recipe.named(images, tilts, parameters) | lit.arrays | index | {"parameters": parameters}
+        named = recipe.named(images, tilts, parameters) | lit.arrays
+        return named | {"index": self.drawn.put(numbers), "parameters": parameters}
 
     def _images(self, media: list[int], ready: list[tuple[ReadyMedia, int]], lit: Lit) -> torch.Tensor:
         """Images over their expected value, float32[B, T or F, H, W]."""
@@ -262,15 +266,18 @@ class SpeckleGenerator:
         if not isinstance(some, Imaging) or lit.step is not None:
             drawn = some.media(made.streams.at(places))
             seen = drawn.images(lit.light) if lit.step is None else drawn.superposed(lit.light, lit.step)
-            return seen.to(torch.float32)
+            return self.recipe.exposed(seen).to(torch.float32)
         own = {} if self.recipe.media_alike else some.tensors()  # what all media share is not copied
         if self._keeps(imaging):
             held = [self._spectra_of(m, imaging, made, place) for m, place in zip(media, places, strict=True)]
             inputs = {"spectra": torch.cat(held), "light": lit.light} | own
-            return self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
+            seen = self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
+            return self.recipe.exposed(seen)
         streams = made.streams.at(places)
         inputs = {"keys": streams.keys, "still": streams.still, "light": lit.light} | own
-        return self.run(("drawn", *some.statics), partial(_drawn_and_seen, some, self.one_by_one), inputs)
+        return self.recipe.exposed(self.run(
+            ("drawn", *some.statics), partial(_drawn_and_seen, some, self.one_by_one), inputs
+        ))  # fmt: skip
 
     def _keeps(self, imaging: Imaging) -> bool:
         frames = self.recipe.frames
@@ -367,6 +374,6 @@ def _chunks(places: list[int], size: int) -> Iterator[list[int]]:
 
 
 @lru_cache(maxsize=4)
-def generator_of(recipe: "Recipe", seed: Any, split: Split, device: str) -> SpeckleGenerator:
-    """Return the generator that makes a recipe's samples one by one, or the one that is there."""
+def generator_of(recipe: "Recipe", seed: tuple[int, ...], split: Split, device: str) -> SpeckleGenerator:
+    """Return the generator that makes a recipe's samples one by one, or the one that is there; of ``seed_words``."""
     return SpeckleGenerator(recipe, seed, split, device)

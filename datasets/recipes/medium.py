@@ -1,11 +1,13 @@
 """One medium of a recipe, ready to be looked through: a batch of one, for whoever wants to see it by himself."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
+from specklegen.core.random_streams import seed_words
 from specklegen.core.shielded import shielded
 from specklegen.datasets.recipes.generator import ReadyMedia, generator_of
 from specklegen.datasets.split import Split
@@ -30,6 +32,8 @@ class Medium:
         Tilts of the illumination, radians.
     polarisation : float
         What polarisation leaves of the contrast.
+    exposed : function
+        What the camera adds up, of :meth:`Recipe.exposed`.
     """
 
     ready: ReadyMedia
@@ -37,6 +41,7 @@ class Medium:
     parameters: dict[str, float]
     tilts: np.ndarray
     polarisation: float
+    exposed: Callable[[torch.Tensor], torch.Tensor]
 
     @property
     def imaging(self) -> Any:
@@ -46,7 +51,8 @@ class Medium:
     def images(self, brightness: np.ndarray) -> np.ndarray:
         """Expected intensity over its mean, float32[frames or tilts, H, W], of an object real[h, w]."""
         with shielded():
-            return self.seen.images(torch.as_tensor(np.array(brightness))[None])[0].to(torch.float32).cpu().numpy()
+            seen = self.seen.images(torch.as_tensor(np.array(brightness))[None])
+            return self.exposed(seen)[0].to(torch.float32).cpu().numpy()
 
     def superposed(self, amplitudes: np.ndarray, step: float) -> np.ndarray:
         """Intensity of interfering beams over its mean, float32[H, W]; complex[h, w] amplitudes, ``step`` apart."""
@@ -64,8 +70,8 @@ class Medium:
 def medium_of_recipe(recipe: "Recipe", seed: int, split: Split, number: int) -> Medium:
     """Prepare a medium of a recipe."""
     with shielded():
-        ready = generator_of(recipe, seed, split, recipe.device).media([number])
+        ready = generator_of(recipe, seed_words(seed), split, recipe.device).media([number])
         imaging = ready.groups[0][1]
         parameters = {name: float(value[0]) for name, value in ready.parameters.items()}
         tilts = ready.drawn.tilts[0].cpu().numpy()
-        return Medium(ready, imaging.media(ready.streams), parameters, tilts, recipe.light.halves**-0.5)
+        return Medium(ready, imaging.media(ready.streams), parameters, tilts, recipe.light.halves**-0.5, recipe.exposed)

@@ -15,6 +15,7 @@ from specklegen.core.content import is_own
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
+from specklegen.core.random_streams import seed_words
 from specklegen.core.registry import Registry
 from specklegen.core.shielded import shielded
 from specklegen.datasets.recipes.media import (
@@ -108,7 +109,9 @@ class Recipe(Specification):
     def rendering_note(self) -> str:
         """What renders the samples and what is idealised, in sentences."""
         told = self.idealisations(self.extremes()[0].probe)
-        return " ".join([self._rendered_by, *(f"Left out: {each.part}, {each.reason}." for each in told)])
+        kept = [f"{each.part.capitalize()}: {each.reason}." for each in told if each.needed]
+        left = [f"Left out: {each.part}, {each.reason}." for each in told if not each.needed]
+        return " ".join([self._rendered_by, *kept, *left])
 
     @property
     def _rendered_by(self) -> str:
@@ -135,6 +138,11 @@ class Recipe(Specification):
         return 1
 
     @property
+    def moving(self) -> bool:
+        """Whether particles move from frame to frame, so that frames are asked of a sampler together."""
+        return False
+
+    @property
     def pictures(self) -> int:
         """Images of a sample: frames, or tilts."""
         return self.frames
@@ -142,6 +150,10 @@ class Recipe(Specification):
     def later_frames(self, drawn: "Addresses", numbers: Sequence[int]) -> "torch.Tensor | None":  # noqa: ARG002
         """Keys int64[M, halves, F - 1, 2] of the fields of all frames but the first; None of media at rest."""
         return None
+
+    def exposed(self, images: "torch.Tensor") -> "torch.Tensor":
+        """Pictures real[B, pictures, H, W] of the images of all frames or tilts real[B, T or F, H, W]."""
+        return images
 
     def host_work(self) -> list[str]:
         """What is made on the host, whatever the device, in words."""
@@ -274,7 +286,7 @@ class Recipe(Specification):
             reject("batch indices", "at least one index", numbers)
         split_number(split)
         self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
-        batch = arrays(_generator.generator_of(self, seed, cast(Split, split), self.device)(numbers))
+        batch = arrays(_generator.generator_of(self, seed_words(seed), cast(Split, split), self.device)(numbers))
         require_finite(batch, self, seed, split)
         return batch
 

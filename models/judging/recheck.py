@@ -41,6 +41,12 @@ def write_answers(file: Path, results: "Results") -> None:
     np.savez_compressed(file, stated=json.dumps(stated), **arrays)  # type: ignore[arg-type]
 
 
+def samples_of(file: Path) -> int:
+    """Return how many images a task the answers of a file are for, as it states."""
+    with np.load(file, allow_pickle=False) as content:
+        return int(json.loads(str(content["stated"]))["samples"])
+
+
 def recheck(file: Path) -> dict[tuple[str, str], float]:
     """Score the answers of a file anew.
 
@@ -57,7 +63,8 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
     Raises
     ------
     RuleError
-        If the file is of another version or of other images, or a score is not the one that it states.
+        If the file is of another version or of other images, or of fewer than it states, or a score is not the one
+        that it states.
     """
     with np.load(file, allow_pickle=False) as content:
         stated: dict[str, Any] = json.loads(str(content["stated"]))
@@ -73,9 +80,10 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
         asked = stated["fingerprints"][name]
         if asked != recipe.fingerprint():
             reject(f"answers of {name!r}", f"to images {recipe.fingerprint()[:12]}", asked[:12])
-        own = {function: iter(made) for (of, function), made in answers.items() if of == name}
+        made = {function: batches for (of, function), batches in answers.items() if of == name}
+        sizes = _sizes(name, made, stated["samples"])
+        own = {function: iter(batches) for function, batches in made.items()}
         methods = {function: lambda batch, made=made: torch.from_numpy(next(made)) for function, made in own.items()}
-        sizes = [len(made) for made in next(made for (of, _), made in answers.items() if of == name)]
         ends = np.cumsum([0, *sizes]).tolist()
         batches = (
             batch for first, last in zip(ends, ends[1:], strict=False)
@@ -91,3 +99,14 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
                        claimed.tolist()[worst : worst + 1])  # fmt: skip
             found[name, function] = float(scores.mean())
     return found
+
+
+def _sizes(task: str, answers: dict[str, list[np.ndarray]], samples: int) -> list[int]:
+    """Images of each batch: those that every function answered, as many as are stated, and no choice of them."""
+    sizes = {function: [len(each) for each in made] for function, made in answers.items()}
+    for function, found in sizes.items():
+        if sum(found) != samples or found != next(iter(sizes.values())):
+            reject(f"answers of {function!r} to {task!r}", f"to all of {samples} images, as stated", sum(found))
+    if not sizes:
+        reject(f"answers to {task!r}", f"to all of {samples} images, as stated", "none")
+    return next(iter(sizes.values()))

@@ -199,8 +199,9 @@ def smoothed_moments(frames: Tensor, grain: float, noise: float) -> tuple[float,
     """
     sigma = _SMOOTHED * grain
     light = frames.double() / frames.double().mean((-2, -1), keepdim=True)
-    rows, columns = (torch.fft.fftfreq(light.shape[-2]), torch.fft.rfftfreq(light.shape[-1]))
-    passed = torch.exp(-2 * (torch.pi * sigma) ** 2 * (rows[:, None].square() + columns.square()).double())
+    rows = torch.fft.fftfreq(light.shape[-2], dtype=torch.float64)
+    columns = torch.fft.rfftfreq(light.shape[-1], dtype=torch.float64)
+    passed = torch.exp(-2 * (torch.pi * sigma) ** 2 * (rows[:, None].square() + columns.square()))
     slow = torch.fft.irfft2(torch.fft.rfft2(light) * passed, s=light.shape[-2:]) - 1
     variance = max(float(slow.square().mean()) - noise * float(_mean_square(passed, light.shape[-1])), _TINY)
     return variance, float(slow.pow(3).mean()) / variance**1.5

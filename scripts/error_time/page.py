@@ -122,11 +122,12 @@ def ratios(path: Path) -> str:
         )
         for row in stored["rows"]
     ]  # fmt: skip
-    crowded = " **Busy with other work.**" if machine.busy(stored["about"]) else ""
+    said = ["Busy with other work."] * machine.busy(stored["about"]) + [stored["about"].get("note", "")]
+    doubts = "".join(f" **{each}**" for each in said if each)
     return (
         f"## Speed\n\nSlab of optical depth 10, g = 0.9, five tilts, 101 × 101 views, 10⁵ paths; one thread, both "
         f"sides of a ratio run in turn. {stored['about']['machine']}, load {stored['about']['load']:g}, commit "
-        f"{stored['about']['commit']}.{crowded}\n\n"
+        f"{stored['about']['commit']}.{doubts}\n\n"
         + _table(("quantity", "median", "least to most", "must", "aim", ""), lines)
     )
 

@@ -46,9 +46,11 @@ def benchmark(
                 typer.echo(f"{row['task']:26s} {row['asks']}")
         return
     if check is not None:
-        from specklegen.models.judging.recheck import recheck
+        from specklegen.models.judging.recheck import recheck, samples_of
 
-        for (name, function), score in recheck(check).items():
+        scores = recheck(check)
+        typer.echo(f"mean Pearson correlations, found anew on {samples_of(check)} images a task")
+        for (name, function), score in scores.items():
             typer.echo(f"{name:26s} {function:26s} {score:.3f}")
         return
     names = [task(name).name for name in tasks] if tasks else [each.name for each in TASKS]

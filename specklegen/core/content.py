@@ -13,6 +13,7 @@ import sys
 import sysconfig
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from copyreg import dispatch_table
 from functools import cached_property, partial
 from pathlib import Path
 from types import CodeType, FunctionType, MethodType, ModuleType
@@ -25,6 +26,8 @@ from specklegen.core.errors import reject
 from specklegen.core.values import CONTENT, CONTENT_KEY, Value
 
 _WRAPPED = (property, staticmethod, classmethod, cached_property)
+_MACHINERY = re.compile(r"__|_abc_|_\w*_$")
+"""How attributes of a class begin, or end, that Python, pydantic and enumerations write themselves."""
 _INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 
 
@@ -33,9 +36,10 @@ def content_digest(*things: object) -> str:
 
     Numbers, texts, arrays and containers of them count by value; values by their canonical JSON; functions and classes
     by their compiled code with its constants and defaults and whatever it refers to, as it is now: other functions,
-    global variables, base classes. What belongs to Python or an installed package counts by its name. Where a function
-    stands, what it is called and what its docstring says do not matter. Another minor version of Python compiles
-    otherwise.
+    global variables, base classes, what it looks up in modules of a user's own. Other objects count by what a pickle
+    would hold. What belongs to Python or an installed package, and what cannot be pickled, counts by its name; a module
+    that is imported within a function does not count. Where a function stands, what it is called and what its docstring
+    says do not matter. Another minor version of Python compiles otherwise.
 
     Examples
     --------
@@ -126,7 +130,11 @@ def _parts(thing: Any, above: list[object]) -> Iterator[bytes]:
     if isinstance(thing, np.ndarray | np.generic):
         array = np.ascontiguousarray(thing)
         yield f"array {array.dtype.str} {np.shape(thing)}".encode()
-        yield array.tobytes() if array.dtype != object else repr(array.tolist()).encode()
+        yield from _parts(array.tolist(), above) if array.dtype == object else [array.tobytes()]
+    elif _is_tensor(thing):
+        yield f"tensor {thing.dtype} {tuple(thing.shape)}".encode()
+        plain = thing.detach().cpu().resolve_conj().resolve_neg().contiguous().reshape(-1)
+        yield plain.view(sys.modules["torch"].uint8).numpy().tobytes()
     elif isinstance(thing, Value):
         yield thing.canonical_json().encode()
     elif isinstance(thing, Mapping):
@@ -151,10 +159,36 @@ def _parts(thing: Any, above: list[object]) -> Iterator[bytes]:
         yield from _class(thing, above)
     elif _inner(thing, "py_func") is not None:  # compiled by Numba
         yield from _parts(_inner(thing, "py_func"), above)
+    elif callable(_inner(thing, "__wrapped__")):  # such as functools.lru_cache makes
+        yield from _all("around", (kind, thing.__wrapped__), above)
     elif hasattr(thing, "__dict__") and not _is_installed(kind.__module__):
-        yield from _all("object", (kind, vars(thing)), above)
+        yield from _all("object", (kind, _given(kind, vars(thing))), above)
     else:
         yield f"{kind.__module__}.{kind.__qualname__} {getattr(thing, '__name__', '')}".encode()
+        yield from _pickled(thing, above)
+
+
+def _is_tensor(thing: Any) -> bool:
+    torch = sys.modules.get("torch")
+    return torch is not None and isinstance(thing, torch.Tensor) and thing.layout == torch.strided and not thing.is_meta
+
+
+def _pickled(thing: Any, above: list[object]) -> Iterator[bytes]:
+    """What a pickle would hold of an object; nothing of one that is known by its name, or cannot be pickled."""
+    reduce = dispatch_table.get(type(thing))
+    try:
+        held = reduce(thing) if reduce else thing.__reduce_ex__(2)
+    except Exception:
+        return
+    if not isinstance(held, str):
+        listed = (list(each) if isinstance(each, Iterator) else each for each in held)
+        given = (_given(type(thing), each) if isinstance(each, dict) else each for each in listed)
+        yield from _all("held", given, above)
+
+
+def _given(kind: type, state: Mapping[str, Any]) -> dict[str, Any]:
+    """State of an object without what was worked out of it: asking it something makes it no other."""
+    return {name: each for name, each in state.items() if not isinstance(_inner(kind, str(name)), cached_property)}
 
 
 def _all(kind: str, things: Any, above: list[object]) -> Iterator[bytes]:
@@ -173,10 +207,19 @@ def _function(function: FunctionType, above: list[object]) -> Iterator[bytes]:
         yield f"function {function.__module__}.{function.__qualname__}".encode()
         return
     closure = [cell.cell_contents for cell in function.__closure__ or () if _is_filled(cell)]
-    names = sorted(_names(function.__code__))
-    known = [(name, function.__globals__[name]) for name in names if name in function.__globals__]
+    known = _known(sorted(_names(function.__code__)), function.__globals__, [])
     yield from _code(function.__code__, above, function.__doc__)
     yield from _all("refers to", (function.__defaults__, function.__kwdefaults__, closure, known), above)
+
+
+def _known(names: list[str], space: Mapping[str, Any], modules: list[object]) -> list[tuple[str, Any]]:
+    """What names stand for in a module, and in the modules of a user's own that stand there."""
+    found = [(name, space[name]) for name in names if name in space]
+    for _, module in list(found):
+        if isinstance(module, ModuleType) and module not in modules and not _is_installed(module.__name__):
+            modules.append(module)
+            found += _known(names, vars(module), modules)
+    return found
 
 
 def _is_filled(cell: Any) -> bool:
@@ -204,8 +247,10 @@ def _class(kind: type, above: list[object]) -> Iterator[bytes]:
         return
     own = {
         name: each for name, each in vars(kind).items()
-        if isinstance(each, (FunctionType, *_WRAPPED)) or not name.startswith(("_", "model_"))
+        if isinstance(each, (FunctionType, *_WRAPPED)) or not (name.startswith("model_") or _MACHINERY.match(name))
     }  # fmt: skip
+    hidden = kind.__dict__.get("__private_attributes__", {})
+    own |= {name: (each.default, each.default_factory) for name, each in hidden.items()}
     # A representation may tell where an object lies in memory, which is no content.
     said = {name: repr(field) for name, field in kind.__dict__.get("__pydantic_fields__", {}).items()}
     fields = {name: re.sub(r" at 0x[0-9a-fA-F]+", "", text) for name, text in said.items()}

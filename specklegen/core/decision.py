@@ -18,11 +18,14 @@ class Decision:
         Why, for a reader of ``plan(...).explain()``.
     doubt : bool
         Whether the part was asked for although its rule is against it.
+    error : float
+        How far off intensity correlations or means are by it, where the rule tells.
     """
 
     part: str
     needed: bool
     reason: str
     doubt: bool = False
+    error: float = 0.0
 
 

@@ -18,7 +18,7 @@ NANOSECONDS = {
     "normal": 7,  # a complex normal number
     "flop": 0.052,  # of the stationary sampler's products and transforms
     "stack view": 7.3,
-    "phasor": 35,  # of a oblique kernel
+    "phasor": 35,  # of an oblique kernel
     "volume path": 1300,
     "volume event": 140,  # a scattering event in any geometry
     "voxel": 16,  # one that a flight or a connection crosses

@@ -40,10 +40,21 @@ def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:
     RuleError
         If the seed is not a non-negative integer or a sequence of them.
     """
-    words = list(seed) if isinstance(seed, Sequence) and not isinstance(seed, str) else [seed]
+    return _key(int(stream), seed_words(seed))
+
+
+def seed_words(seed: Seed) -> tuple[int, ...]:
+    """Return the whole numbers of a seed, one or several.
+
+    Raises
+    ------
+    RuleError
+        If the seed is not a non-negative integer or a sequence of them.
+    """
+    words = list(seed) if isinstance(seed, Sequence) and not isinstance(seed, str | bytes) else [seed]
     if not words or any(isinstance(w, bool) or not isinstance(w, int | np.integer) or w < 0 for w in words):
         reject("seed", "a whole number of at least 0, or a sequence of them", seed)
-    return _key(int(stream), tuple(map(int, words)))
+    return tuple(map(int, words))
 
 
 @lru_cache(256)  # stack after stack asks for the same

@@ -101,8 +101,9 @@ WITH_CONTENT = {CONTENT: True}
 def _one_zero(value: Any) -> Any:
     """The same with 0.0 for -0.0, which equals it and is written otherwise: equal values have one fingerprint."""
     if type(value) in (list, tuple):  # of numbers; deeper ones are arrays, or tables that come here by themselves
-        return type(value)(item or 0.0 if isinstance(item, float) else item for item in value)
-    return value or 0.0 if isinstance(value, float) else value
+        return type(value)(map(_one_zero, value))
+    number = isinstance(value, float | np.floating) or (isinstance(value, np.ndarray) and value.ndim == 0)
+    return 0.0 if number and value == 0 else value
 
 
 class Value(BaseModel, metaclass=Legible):

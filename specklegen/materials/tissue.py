@@ -96,7 +96,7 @@ MUSCLE = _tissue(
 
 _CITED = "Jacques (2013), table 1, as cited in a program of Monte Carlo transport through skin"
 _BASHKATOV = "Bashkatov, Genina, Kochubey and Tuchin, Journal of Physics D 38, 2543 (2005)"
-_LEFT = "Steps of the index between layers are left out by sg.Layers."
+_LEFT = "Layers of it say no index: steps between them are left out unless they are given theirs."
 
 
 def _layer_of_skin(

@@ -8,7 +8,8 @@ and b = e^(-OD / mu) inside,
 
     T_ballistic = (1 - r)^2 b / (1 - r^2 b^2),     R_specular = r + (1 - r)^2 r b^2 / (1 - r^2 b^2).
 
-What is left is absorbed, A = 1 - R - T, exactly. Definitions and figures: van de Hulst, *Multiple Light Scattering*
+Of layers whose indices differ they are the sums of :mod:`specklegen.paths.steps`. What is left is absorbed,
+A = 1 - R - T, exactly. Definitions and figures: van de Hulst, *Multiple Light Scattering*
 (1980); Wang, Jacques and Zheng, Computer Methods and Programs in Biomedicine 47, 131 (1995).
 """
 
@@ -30,7 +31,8 @@ from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.kernels.analog_walk import ENTRANCE, FAR, SIDE
 from specklegen.paths.analog_walk import Exits, require_walkable, walk
 from specklegen.paths.faces import reflectance
-from specklegen.scene.media import Medium, require_medium
+from specklegen.paths.steps import end_indices, optics, unscattered
+from specklegen.scene.media import Medium, PlaneMedium, require_medium
 
 _STEPS = 30  # of angle, three degrees each
 
@@ -135,8 +137,8 @@ def reflectance_transmittance(
     Parameters
     ----------
     medium
-        A slab, with its ``faces``, under light of any width. Or a box or voxels in space, lit evenly over the whole
-        face at the lower end of z; what enters at no other face.
+        A slab or layers, with all steps of their refractive index, under light of any width. Or a box or voxels in
+        space, lit evenly over the whole face at the lower end of z; what enters at no other face.
     angle
         Of the light from the normal, radians, *outside* the medium; towards +x.
     angles
@@ -189,8 +191,8 @@ def reflectance_transmittance(
 def _balance(
     medium: Medium, angle: float, edges: np.ndarray, paths: int, seed: Seed, stream: Stream, threads: int | None
 ) -> ReflectanceTransmittance:
-    inside, _, outside = medium.faces.indices
-    sine = np.sin(angle) * outside / inside
+    (first, last), outside = end_indices(medium), medium.faces.outside
+    sine = np.sin(angle) * outside / first
     if sine >= 1:  # the light is reflected as a whole, and none is walked
         none = np.zeros(len(edges) - 1)
         return ReflectanceTransmittance(
@@ -199,15 +201,18 @@ def _balance(
             reflected=none, transmitted=none, reflected_error=none, transmitted_error=none, paths=0,
         )  # fmt: skip
     light = np.array([sine, 0.0, np.sqrt(1 - sine**2)])
-    exits = walk(medium, medium.faces, light, paths, seed, stream=stream, threads=threads)
+    exits = walk(medium, light, paths, seed, stream=stream, threads=threads)
     share = 1.0
     straight: tuple[Any, ...] = 0.0, *(np.where(exits.straight(face), 1.0, 0.0) for face in (FAR, SIDE))
     if not medium.has_sides:
-        straight = *_unscattered(medium, float(light[2])), 0.0
+        straight = *_unscattered(medium, angle, float(light[2])), 0.0  # type: ignore[arg-type]
         share, exits = 1 - sum(straight), exits.select(exits.collisions > 0)
     scattered = [share * exits.scattered(face) for face in (ENTRANCE, FAR, SIDE)]
     least = share / max(len(exits.face), 1) if np.any(medium.albedo) else 0.0
-    reflected, transmitted = (_density(some, exits, edges, inside / outside, least) for some in scattered[:2])
+    reflected, transmitted = (
+        _density(some, exits, edges, index / outside, least)
+        for some, index in zip(scattered[:2], (first, last), strict=True)
+    )
     back, through, beside = (_total(some, part, least) for some, part in zip(scattered, straight, strict=True))
     left = _total(sum(scattered), sum(straight), least)
     return ReflectanceTransmittance(
@@ -230,8 +235,13 @@ def _balance(
     )
 
 
-def _unscattered(medium: Medium, cosine: float) -> tuple[float, float]:
-    """Shares of the incident light that a slab throws back and lets through unscattered, echoes included."""
+def _unscattered(medium: PlaneMedium, angle: float, cosine: float) -> tuple[float, float]:
+    """Shares of the incident light that a slab throws back and lets through unscattered, echoes included.
+
+    The angle is that outside, the cosine that in the first layer.
+    """
+    if medium.indices:
+        return unscattered(optics(medium), float(np.sin(angle)))
     r, b = float(reflectance(medium.faces, np.array([cosine]))[0]), float(np.exp(-medium.optical_depth / cosine))
     echoes = (1 - r) ** 2 * b / (1 - (r * b) ** 2)
     return r + r * b * echoes, echoes

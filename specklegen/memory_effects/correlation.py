@@ -20,10 +20,12 @@ from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.core.values import remembered
 from specklegen.kernels.bessel import bessel_mixture
+from specklegen.paths.analog_walk import axial_light
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.slab_tracer import SlabTracer
+from specklegen.paths.steps import refracting_layers
 from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import Slab
 
@@ -164,9 +166,12 @@ def _one_minus_bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
 
 @remembered(64)
-def axial_tracer(medium: Slab) -> SlabTracer:
-    """Paths of a plane wave along the axis, seen along the axis; of wavelength 1, which decides nothing."""
-    return plane_tracer(medium, 1.0, AXIS[None], AXIS[None], reverse=False)
+def axial_tracer(medium: Slab, transfer: bool = False) -> SlabTracer:
+    """Paths of a plane wave along the axis, seen along the axis; of wavelength 1, which decides nothing.
+
+    ``transfer`` collects what motion needs, along the same paths.
+    """
+    return plane_tracer(medium, 1.0, AXIS[None], AXIS[None], reverse=False, transfer=transfer)
 
 
 def estimate_correlation(
@@ -176,6 +181,8 @@ def estimate_correlation(
 
     K does not depend on the wavelength: q r does.
     """
+    if refracting_layers(medium):
+        return _of_axial_light(medium, paths, seed, threads)
     tracer = axial_tracer(medium)
     edges = np.log(_told_apart(medium))
     rows = np.zeros((min(BATCHES, max(paths, 1)), _BINS))
@@ -189,12 +196,34 @@ def estimate_correlation(
         part = slice(starts[n], starts[n + 1])
         some = bank.select(part)
         radius[part], weight[part] = lateral_distance(some), contributions(tracer.layout, some)
-        with np.errstate(divide="ignore"):
-            bins = (np.log(radius[part]) - edges[0]) / (edges[1] - edges[0]) * (_BINS - 1)
-        place[part] = np.where(radius[part] > 0, np.clip(bins, 0, _BINS - 2) + 1, 0)
+        place[part] = _bins(radius[part], edges)
         rows[n] = np.bincount(place[part], weight[part], minlength=_BINS)
 
     map_blocks(batch, range(len(rows)), threads)
+    return _of_bins(rows, radius, weight, place, weight[bank.orders == 1].sum(), paths)
+
+
+def _of_axial_light(medium: Slab, paths: int, seed: Seed, threads: int | None) -> MemoryEffectCorrelation:
+    """K of layers that refract, from light that is not aimed (:mod:`specklegen.kernels.analog_walk`)."""
+    light, batches = axial_light(medium, paths, seed, threads), min(BATCHES, max(paths, 1))
+    radius = np.hypot(*light.displacement.T)
+    place = _bins(radius, np.log(_told_apart(medium)))
+    batch = np.arange(paths) * batches // max(paths, 1)
+    rows = np.bincount(batch * _BINS + place, light.weight, batches * _BINS).reshape(batches, _BINS)
+    return _of_bins(rows, radius, light.weight, place, light.once.sum(), paths)
+
+
+def _bins(radius: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Bin int64[n] of each radius, between ``edges`` of its logarithm; 0 is that of radius 0 alone."""
+    with np.errstate(divide="ignore"):
+        bins = (np.log(radius) - edges[0]) / (edges[1] - edges[0]) * (_BINS - 1)
+    return np.where(radius > 0, np.clip(bins, 0, _BINS - 2) + 1, 0).astype(np.int64)
+
+
+def _of_bins(
+    rows: np.ndarray, radius: np.ndarray, weight: np.ndarray, place: np.ndarray, single: float, paths: int
+) -> MemoryEffectCorrelation:
+    """K of radii and weights float64[M] in bins int64[M], of which batches hold ``rows`` float64[batches, bins]."""
     squares = np.bincount(place, weight * radius**2, minlength=_BINS)
     share = rows.sum(axis=0)
     total = share.sum()
@@ -202,7 +231,7 @@ def estimate_correlation(
         radius=np.sqrt(np.divide(squares, share, out=np.zeros(_BINS), where=share > 0)),
         weights=rows,
         paths=paths,
-        single_share=float(weight[bank.orders == 1].sum() / total) if total else 0.0,
+        single_share=float(single / total) if total else 0.0,
     )
 
 

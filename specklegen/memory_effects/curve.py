@@ -31,13 +31,15 @@ from specklegen.core.shielded import shielded
 from specklegen.core.statistics import BATCHES, batch_sums, jackknife
 from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.memory_effects.oblique import estimate_oblique_correlation
+from specklegen.paths.analog_walk import require_walkable
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss
+from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss, steepest
 from specklegen.paths.rare_paths import warn_of_rare_paths
 from specklegen.paths.reversal import reversal_decision
 from specklegen.paths.slab_tracer import events_across, events_per_path
+from specklegen.paths.steps import refracting_layers
 from specklegen.paths.stretching import draws_across, relative_variance
 from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.illumination import directions_of_sines
@@ -50,6 +52,7 @@ from specklegen.theory.phase_screens import index_correlation, lobes, tilt_ways
 
 Mode = Literal["transmission", "reflection"]
 _OFF_BACKSCATTER = np.deg2rad(5.0)
+_SMALL = 0.02  # tilts beside 1 - |g| up to which a path's directions stay as they are
 _TILTS = "radians between -pi/2 and pi/2, of shape {}"
 
 
@@ -114,8 +117,40 @@ def aimed(
         reject(f"{owner} view", f"a unit vector of shape (3,) on the side of {mode}", view)
     light = directions_of_sines(f"{owner} tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines(f"{owner} view + tilts", view[:2] + light[:, :2], side)
-    medium.faces.require_crossing(f"{owner} tilts and view", np.concatenate([light, views, view[None]]))
+    if refracting_layers(medium):
+        _require_axial(owner, medium, wavelength, tilts, mode, view, reverse)
+    else:
+        medium.faces.require_crossing(f"{owner} tilts and view", np.concatenate([light, views, view[None]]))
     return Aim(light, view, views, side, reversal_decision(medium, wavelength, light, views, reverse, tolerance))
+
+
+def small_tilts(medium: PlaneMedium, wavelength: float, tilts: np.ndarray) -> bool:
+    """Whether tilts turn but the lateral ways of paths along the axis: small beside the lobe, or keeping to it."""
+    largest = steepest(medium, tilts)
+    return lobe_loss(medium, wavelength, largest).spurious or largest <= _largest_small(medium)
+
+
+def _largest_small(medium: PlaneMedium) -> float:
+    return _SMALL * (1 - abs(medium.scatterer.mean_cosine()))
+
+
+def _require_axial(
+    owner: str, medium: PlaneMedium, wavelength: float, tilts: np.ndarray, mode: Mode, view: np.ndarray,
+    reverse: Reverse,
+) -> None:  # fmt: skip
+    """Refuse what layers with steps of the index do not serve: all but small tilts of light straight along the axis."""
+    what = "where layers refract"
+    if mode != "transmission":
+        reject(f"{owner} mode", f'"transmission" {what}', mode, "Of light that comes back leave the steps out.")
+    if not np.array_equal(view, AXIS):
+        reject(f"{owner} view", f"left out {what}: the axis", view, "joint_correlation knows all views together.")
+    if reverse is True:
+        reject(f"{owner} reverse", f'False or "auto" {what}', reverse,
+               "There is no backscattering direction behind layers, so reversed paths add nothing.")  # fmt: skip
+    if not small_tilts(medium, wavelength, tilts):
+        most = _largest_small(medium) * min((*medium.indices, medium.faces.inside)) / medium.faces.inside
+        reject(f"{owner} tilts", f"at most {most:.3g} {what}, small beside the scatterers' lobe",
+               float(np.abs(tilts).max()), "joint_correlation takes larger ones, to first order.")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -214,11 +249,13 @@ def memory_effect(
     Parameters
     ----------
     medium
-        The slab; or thin screens, of which the curve is a closed form: paths, errors and reversed paths are none.
+        The slab or layers; where layers differ and refract, in transmission along the axis, at tilts small beside the
+        scatterers' lobe. Or thin screens, of which the curve is a closed form: paths, errors and reversed paths are
+        none.
     wavelength
-        Inside the medium, in the slab's unit of length.
+        Inside the medium, in the slab's unit of length; of layers in the index ``faces.inside``.
     tilts
-        float[T], radians, in the x-z plane.
+        float[T], radians, in the x-z plane; as the wavelength.
     mode
         "transmission" looks along the axis; "reflection" back through the entrance face.
     paths, seconds, seed, reverse, tolerance, threads
@@ -262,13 +299,13 @@ def memory_effect(
     light, view, views, side, reversal = aimed(
         "memory_effect", medium, wavelength, tilts, mode, view, reverse, tolerance
     )
-    largest = np.abs(tilts).max(initial=0.0)
+    largest = steepest(medium, tilts)
     lobe = lobe_loss(medium, wavelength, largest)
     near = lobe.spurious and medium.albedo > 0
     unsure = near and largest**2 > SLANT
     if unsure:
         _warn_of_neither(lobe, largest)
-    small = near or largest <= 0.02 * (1 - abs(medium.scatterer.mean_cosine()))
+    small = near or largest <= _largest_small(medium)
     symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
     lateral = near and not reversal.needed
     curve = _axial if symmetric else _lateral if lateral else partial(_exact, near=near)
@@ -280,6 +317,8 @@ def memory_effect(
     count = budget.count(lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0)))
     if mode == "transmission" and (reversal.needed or not medium.faces.matched or as_slab(medium) is None):
         require_reach("memory_effect", relative_variance(medium), count)
+    if refracting_layers(medium):
+        require_walkable("memory_effect", medium, count)
     ends = 2.0 * (1 + len(light)) * count * (2 if reversal.needed else 1)
     drawn = side > 0 and medium.faces.matched and not reversal.needed and draws_across(medium)
     events = count * (events_across(medium) if drawn else events_per_path(medium))

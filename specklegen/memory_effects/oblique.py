@@ -15,12 +15,14 @@ import numpy as np
 
 from specklegen.core.parallel import one_torch_thread, slices
 from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.paths.analog_walk import axial_light
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.layout import plane_layout
 from specklegen.paths.momentum import momentum_transfer
 from specklegen.paths.roulette import slab_roulette
 from specklegen.paths.slab_tracer import SlabTracer, plane_proposal
+from specklegen.paths.steps import refracting_layers
 from specklegen.scene.media import PlaneMedium
 
 _AT_ONCE = 2**22  # phasors in memory
@@ -85,8 +87,11 @@ def estimate_oblique_correlation(
 ) -> ObliqueCorrelation:  # fmt: skip
     """Estimate K_v of a slab about a light and a view float64[3] (unit vectors of travel) from ``paths`` paths.
 
-    It does not depend on the wavelength: q R does. ``transfer`` collects what motion needs.
+    It does not depend on the wavelength: q R does. ``transfer`` collects what motion needs. Layers that refract are
+    known with both along the axis alone.
     """
+    if refracting_layers(medium):
+        return _of_axial_light(medium, paths, seed, threads)
     layout = plane_layout(medium, 1.0, light[None], view[None])
     tracer = SlabTracer(layout, medium, replace(plane_proposal(medium, light, view), transfer=transfer))
     tracer = slab_roulette(tracer, light, pilot_seed(medium.unitless_fingerprint()))
@@ -96,3 +101,14 @@ def estimate_oblique_correlation(
     single = float(weights[bank.orders == 1].sum() / total) if total else 0.0
     turned = momentum_transfer(layout, bank) if transfer else None
     return ObliqueCorrelation(face_to_face(bank, medium, light, view), weights, bank.paths, paths, single, turned)
+
+
+def _of_axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: int | None) -> ObliqueCorrelation:
+    """K from light that is not aimed (:mod:`specklegen.kernels.analog_walk`): a connection a path."""
+    found = axial_light(medium, paths, seed, threads)
+    lit = found.weight > 0
+    total = found.weight.sum()
+    return ObliqueCorrelation(
+        found.displacement[lit], found.weight[lit], np.flatnonzero(lit), paths,
+        float(found.once.sum() / total) if total else 0.0, found.transfer[lit],
+    )  # fmt: skip

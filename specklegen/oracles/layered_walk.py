@@ -4,7 +4,8 @@ Flights are exponential and end anew in every layer; angles are those of Henyey 
 with roulette. At a step of the refractive index a photon is reflected with Fresnel's probability for unpolarised light,
 else refracted [L. Wang, S. L. Jacques, L. Zheng, *MCML*, Comput. Methods Programs Biomed. 47, 131 (1995)]. At every
 collision the light that would leave straight along the axis is noted with its place, whose distribution is the
-memory-effect correlation: K(q) = E[w J0(q r)] / E[w].
+memory-effect correlation: K(q) = E[w J0(q r)] / E[w]. It goes there either way, reflected by chance at every step; from
+a layer of index n it spreads outside over (n / outside)^2 times its solid angle.
 """
 
 import math
@@ -31,7 +32,7 @@ class LayeredLight:
         Diffusely reflected, and transmitted, shares; means of batches of photons.
     radii, weights, batch : float64[M], float64[M], int64[M]
         Places r at which light leaves along the axis behind the layers, its radiance there times the photons traced,
-        and its batch; empty between layers of different indices.
+        and its batch.
     """
 
     specular: float
@@ -64,13 +65,12 @@ def walk_layers(
     table = np.array(layers, np.float64)
     indices = np.concatenate([[outside], table[:, 4], [outside]])
     edges, each = np.append(0.0, np.cumsum(table[:, 0])), paths // BATCHES
-    matched = bool((indices == indices[0]).all())
     back, through = np.zeros(BATCHES), np.zeros(BATCHES)
     room = 64 * paths
     while True:
         places, weights, batch = np.empty(room), np.empty(room), np.empty(room, np.int64)
         back[:], through[:] = 0.0, 0.0
-        found = _walk(table, edges, indices, each, seed, matched, back, through, places, weights, batch)
+        found = _walk(table, edges, indices, each, seed, back, through, places, weights, batch)
         if found <= room:
             break
         room = found
@@ -95,7 +95,7 @@ def _reflectance(before, behind, cosine):
 
 
 @njit
-def _walk(table, edges, indices, each, seed, matched, back, through, places, weights, batch):
+def _walk(table, edges, indices, each, seed, back, through, places, weights, batch):
     np.random.seed(seed)  # noqa: NPY002 (Numba's own generator)
     last, found = len(table) - 1, 0
     for number in range(each * len(back)):
@@ -127,13 +127,14 @@ def _walk(table, edges, indices, each, seed, matched, back, through, places, wei
             x, y, z = x + left * u, y + left * v, z + left * w
             weight *= table[k, 2]
             g = table[k, 3]
-            if matched:
-                depth = (edges[k + 1] - z) / table[k, 1]
-                for n in range(k + 1, last + 1):
-                    depth += table[n, 0] / table[n, 1]
+            for way in (1.0, -1.0):
+                left = _left_along_axis(table, edges, indices, k, z, way)
+                if left == 0.0:
+                    continue
                 if found < len(places):
-                    lobe = (1.0 - g * g) / (4.0 * math.pi * (1.0 + g * g - 2.0 * g * w) ** 1.5)
-                    places[found], weights[found] = math.hypot(x, y), weight * lobe * math.exp(-depth)
+                    lobe = (1.0 - g * g) / (4.0 * math.pi * (1.0 + g * g - 2.0 * g * w * way) ** 1.5)
+                    narrower = (indices[0] / indices[k + 1]) ** 2
+                    places[found], weights[found] = math.hypot(x, y), weight * lobe * narrower * left
                     batch[found] = owner
                 found += 1
             if weight < _FAINT:
@@ -141,7 +142,26 @@ def _walk(table, edges, indices, each, seed, matched, back, through, places, wei
                     break
                 weight /= _SURVIVES
             u, v, w = _scattered(u, v, w, g)
-    return found if matched else 0
+    return found
+
+
+@njit
+def _left_along_axis(table, edges, indices, k, z, way):
+    """What leaves by the far face of light that goes straight along the axis, its reflections chosen by chance."""
+    depth = ((edges[k + 1] - z) if way > 0.0 else (z - edges[k])) / table[k, 1]
+    while depth < 700.0:
+        other = k + 1 if way > 0.0 else k - 1
+        r = _reflectance(indices[k + 1], indices[other + 1], 1.0)[0]
+        if r > 0.0 and np.random.random() < r:  # noqa: NPY002
+            way = -way
+        else:
+            k = other
+        if k < 0:
+            return 0.0
+        if k == len(table):
+            return math.exp(-depth)
+        depth += table[k, 0] / table[k, 1]
+    return 0.0
 
 
 @njit

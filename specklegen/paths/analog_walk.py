@@ -14,12 +14,13 @@ from specklegen.core.nanoseconds import NANOSECONDS
 from specklegen.core.parallel import Threads, map_blocks, slices
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import analog_walk
+from specklegen.kernels.analog_walk import SEEN, SEEN_COLUMNS, SEEN_ONCE, SEEN_TURNED, SEEN_X, SEEN_Y, Ends, Steps
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.faces import reflectance
 from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.slab_tracer import events_per_path, require_traceable
+from specklegen.paths.steps import crossed, optics
 from specklegen.paths.volumes import materials, volume_of
-from specklegen.scene.faces import Faces
 from specklegen.scene.media import Medium, PlaneMedium
 
 _BLOCK = 4096  # paths
@@ -39,6 +40,8 @@ class Exits(NamedTuple):
         Scattering events; ENTRANCE, FAR, SIDE or ENDED of :mod:`specklegen.kernels.analog_walk`.
     transfer : float64[P]
         Momentum transfer Y (:mod:`specklegen.paths.momentum`); 0 of a medium at rest.
+    seen : float64[P, SEEN_COLUMNS], or float64[0, SEEN_COLUMNS]
+        What is seen of each path along the axis, where it is asked for.
     """
 
     position: np.ndarray
@@ -47,6 +50,7 @@ class Exits(NamedTuple):
     collisions: np.ndarray
     face: np.ndarray
     transfer: np.ndarray
+    seen: np.ndarray
 
     def scattered(self, face: int) -> np.ndarray:
         """Weights float64[P] of the light that was scattered and left by a face, 0 of all other."""
@@ -58,7 +62,8 @@ class Exits(NamedTuple):
 
     def select(self, chosen: np.ndarray) -> Self:
         """The same of the paths bool[P]."""
-        return type(self)(*(each[chosen] for each in self))
+        seen = self.seen[chosen] if len(self.seen) else self.seen
+        return type(self)(*(each[chosen] for each in self[:-1]), seen=seen)
 
 
 def require_walkable(owner: str, medium: Medium, paths: int, beside: float = 0.0) -> None:
@@ -84,15 +89,22 @@ def require_walkable(owner: str, medium: Medium, paths: int, beside: float = 0.0
 
 
 def walk(
-    medium: Medium, faces: Faces, light: np.ndarray, paths: int, seed: Seed, *, stream: Stream = Stream.PATHS,
+    medium: Medium, light: np.ndarray, paths: int, seed: Seed, *, axis: bool = False, stream: Stream = Stream.PATHS,
     threads: Threads = None,
 ) -> Exits:  # fmt: skip
-    """Walk paths through a medium of three dimensions, from the direction float64[3] of the light inside."""
+    """Walk paths through a medium of three dimensions, from the direction float64[3] of the light in its first layer.
+
+    ``axis`` asks what is seen of light along the axis, straight behind layers.
+    """
     volume, table = volume_of(medium, 3), phase_table(materials(medium), 3)
     key = stream_key(seed, stream)
     exits = np.empty((paths, analog_walk.COLUMNS))
     collisions, face = np.empty((2, paths), np.int64)
     turned = np.zeros(paths if len(volume.mobility) else 0)
+    seen, steps = np.empty((paths if axis else 0, SEEN_COLUMNS)), None
+    if medium.indices or axis:
+        known = optics(medium)  # type: ignore[arg-type]
+        steps = Steps(known.indices, known.edges, *known.walls, *crossed(known), seen)
 
     def block(part: slice) -> None:
         analog_walk.walk_analog(
@@ -100,18 +112,16 @@ def walk(
             part.start,
             volume,
             table,
-            faces.indices,
+            medium.faces.indices,
+            None if steps is None else steps._replace(seen=seen[part]),
             light,
-            exits[part],
-            collisions[part],
-            face[part],
-            turned[part],
+            Ends(exits[part], collisions[part], face[part], turned[part]),
         )
 
     map_blocks(block, slices(paths, _BLOCK), threads)
     return Exits(exits[:, : analog_walk.DX], exits[:, analog_walk.DX : analog_walk.WEIGHT],
                  exits[:, analog_walk.WEIGHT], collisions, face,
-                 turned if len(turned) else np.zeros(paths))  # fmt: skip
+                 turned if len(turned) else np.zeros(paths), seen)  # fmt: skip
 
 
 def transmittance(slab: PlaneMedium, paths: int, seed: Seed) -> tuple[float, float]:
@@ -120,7 +130,7 @@ def transmittance(slab: PlaneMedium, paths: int, seed: Seed) -> tuple[float, flo
     Of a slab with faces, the share of the light that has entered it. The error is at least one path's, since none that
     was lost does not mean that none can be.
     """
-    weights = walk(slab, slab.faces, AXIS, paths, seed).scattered(analog_walk.FAR)
+    weights = walk(slab, AXIS, paths, seed).scattered(analog_walk.FAR)
     error = max(float(weights.std() / np.sqrt(paths)), 1 / paths)
     straight, back = np.exp(-slab.optical_depth), float(reflectance(slab.faces, np.ones(1))[0])
     return float((1 - back) * straight / (1 - (back * straight) ** 2) + weights.mean()), error
@@ -131,7 +141,38 @@ def walked(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Lateral walks float64[P, 2], directions float64[P, 2], weights float64[P], 0 of light that is not seen, and Y.
 
-    Of scattered light behind a slab, from a beam along the axis.
+    Of scattered light behind a slab, from a beam along the axis; directions as they are in ``faces.inside``.
     """
-    exits = walk(slab, slab.faces, AXIS, paths, seed, threads=threads)
-    return exits.position[:, :2], exits.direction[:, :2], exits.scattered(analog_walk.FAR), exits.transfer
+    exits = walk(slab, AXIS, paths, seed, threads=threads)
+    ways = exits.direction[:, :2]
+    if slab.indices:
+        ways = ways * (slab.indices[-1] / slab.faces.inside)
+    return exits.position[:, :2], ways, exits.scattered(analog_walk.FAR), exits.transfer
+
+
+class AxialLight(NamedTuple):
+    """What is seen along the axis behind layers, of each path.
+
+    Attributes
+    ----------
+    displacement : float64[P, 2]
+        R, the way of its light from where it came in to where it leaves.
+    weight : float64[P]
+        Whose mean is the intensity per unit area and steradian outside.
+    once : float64[P]
+        The part of it that was scattered once.
+    transfer : float64[P]
+        Momentum transfer Y.
+    """
+
+    displacement: np.ndarray
+    weight: np.ndarray
+    once: np.ndarray
+    transfer: np.ndarray
+
+
+def axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: Threads = None) -> AxialLight:
+    """Walk a plane wave along the axis through layers, seen along the axis: also where they refract."""
+    require_traceable(medium, events_per_path(medium))
+    seen = walk(medium, AXIS, paths, seed, axis=True, threads=threads).seen
+    return AxialLight(seen[:, [SEEN_X, SEEN_Y]], seen[:, SEEN], seen[:, SEEN_ONCE], seen[:, SEEN_TURNED])

@@ -15,6 +15,7 @@ from specklegen.kernels import walk
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoints import Endpoints
 from specklegen.paths.faces import crossing_factors
+from specklegen.paths.kept_angles import each_light
 from specklegen.paths.layout import Layout
 from specklegen.paths.phases import reversal_phases
 
@@ -116,6 +117,8 @@ def multiple_amplitudes(
     Where paths serve both ways, ``reverse`` adds both amplitudes into one column; without it the two ways
     are columns of their own, incoherent with each other.
     """
+    if layout.middle is not None:
+        return _by_light(layout, bank, bidirectional, reverse, threads)
     root = np.sqrt(bank.weight)
     forward = _pairs(
         endpoint_factors(layout, bank, layout.lights, "entry", threads) * root,
@@ -127,6 +130,23 @@ def multiple_amplitudes(
         endpoint_factors(layout, bank, layout.lights, "exit", threads) * (root * reversal_phases(layout, bank)),
         endpoint_factors(layout, bank, layout.views, "entry", threads),
     )
+    return forward + backward if reverse else np.concatenate([forward, backward], axis=1)
+
+
+def _by_light(layout: Layout, bank: PathBank, bidirectional: bool, reverse: bool, threads: Threads) -> np.ndarray:
+    """The same where lights keep their angles to lobes: of each by the ends that it sees."""
+
+    def amplitudes(some: PathBank) -> np.ndarray:
+        out = np.empty((len(layout.lights), len(layout.views), len(some)), np.complex128)
+        for light, own, seen, phases in each_light(layout, some, np.ones(len(some), np.complex128)):
+            ends = endpoint_factors(own, seen, own.lights, "entry", threads) * (np.sqrt(seen.weight) * phases)
+            out[light] = endpoint_factors(own, seen, own.views, "exit", threads) * ends
+        return out.reshape(-1, len(some))
+
+    forward = amplitudes(bank)
+    if not bidirectional:
+        return forward
+    backward = amplitudes(bank.reversed()) * reversal_phases(layout, bank)
     return forward + backward if reverse else np.concatenate([forward, backward], axis=1)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from specklegen.core.decision import Decision
 from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import remembered
+from specklegen.scene.illumination import reference_direction
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
@@ -59,10 +60,19 @@ class LobeLoss(NamedTuple):
         return not self.negligible and self.far_field < FAR
 
 
+def steepest(medium: PlaneMedium, tilts: np.ndarray) -> float:
+    """Largest of some tilts, radians: where it is steepest, in the layer of the least refractive index."""
+    largest = float(np.abs(tilts).max(initial=0.0))
+    if not medium.indices:
+        return largest
+    return float(np.arcsin(min(np.sin(largest) * medium.faces.inside / min(medium.indices), 1.0)))
+
+
 def lobe_loss(medium: PlaneMedium, wavelength: float, tilt: float) -> LobeLoss:
     """What endpoint factors lose between two lights a ``tilt`` (radians) apart."""
     loss = 1 - overlap(medium.scatterer, float(f"{abs(tilt):.9g}")) ** 4
     turns = 2 * np.pi * medium.mean_free_path / wavelength
+    turns *= max(medium.indices, default=medium.faces.inside) / medium.faces.inside
     return LobeLoss(loss, turns * lobe_width(medium.scatterer) ** 2)
 
 
@@ -105,22 +115,46 @@ def lobe_width(scatterer: Scatterer) -> float:
     return float(high)
 
 
+def middle_light(scene: Scene) -> np.ndarray | None:
+    """The light float64[3] whose angles to the lobes all lights of path sums keep; None where each has its own.
+
+    The direction in the middle of the lights, where they are apart beside narrow lobes in whose near field paths go on
+    (:mod:`specklegen.paths.kept_angles`), and near enough for slants and depths to stay. A film has that of its rest.
+    """
+    found = _apart(scene)
+    if found is None or not found[1].spurious or found[0] ** 2 > SLANT:
+        return None
+    return reference_direction(scene.at_rest.lights)
+
+
 def far_field_decision(scene: Scene) -> Decision | None:
-    """A doubt where path sums of several tilts lose what light keeps; None where they do not.
+    """What path sums of several tilts do beside narrow lobes; a doubt where that loses what light keeps, else None.
 
     Views of one tilt do not matter: their grains are far finer than any lobe.
     """
-    if scene.medium.has_sides or scene.dimension == 2 or len(scene.lights) < 2 or scene.slab.albedo == 0:
+    found = _apart(scene)
+    if found is None or not found[1].spurious:
         return None
-    medium = scene.slab
-    reach = float(np.linalg.norm(np.ptp(scene.lights[:, :2], axis=0)))
-    found = lobe_loss(medium, scene.wavelength, reach)
-    if not found.spurious:
-        return None
+    reach, lost = found
+    part = "far field of the scatterers"
+    said = (
+        f"not reached within a mean free path, {lost.far_field:.2g} of what it takes: between tilts as far apart as "
+        f"{reach:.2g} beside a lobe {lobe_width(scene.slab.scatterer):.2g} wide, "
+    )
+    if middle_light(scene) is not None:
+        return Decision(part, False, said + "light keeps its angle to the lobe, which is that of the tilts' middle")
     return Decision(
-        "far field of the scatterers", False,
-        f"not reached within a mean free path, {found.far_field:.2g} of what it takes: between tilts as far apart as "
-        f"{reach:.2g} beside a lobe {lobe_width(medium.scatterer):.2g} wide, path sums lose up to {found.loss:.2g} of "
-        "the intensity correlation that light keeps; the stationary sampler and memory_effect keep it",
-        doubt=True,
+        part, False,
+        said + f"path sums lose up to {lost.loss:.2g} of the intensity correlation that light keeps, for beyond "
+        f"{SLANT**0.5:g} rad it keeps no angle to the lobe either", doubt=True, error=lost.loss,
     )  # fmt: skip
+
+
+def _apart(scene: Scene) -> tuple[float, LobeLoss] | None:
+    """Largest distance of the lights, in sines, and what it makes of lobes; None where there is none to speak of."""
+    if scene.medium.has_sides or scene.dimension == 2 or scene.illumination.near or len(scene.lights) < 2:
+        return None
+    if scene.slab.albedo == 0:
+        return None
+    reach = float(np.linalg.norm(np.ptp(scene.lights[:, :2], axis=0)))
+    return reach, lobe_loss(scene.slab, scene.wavelength, reach)

@@ -37,10 +37,10 @@ def trace_layers(
     threads: Threads,
 ) -> PathBank:
     """Trace paths ``first`` ... ``first + count - 1`` as a proposal says (`specklegen.paths.slab_tracer`)."""
-    if not medium.faces.matched:
+    if medium.refracts:
         reject(
-            f"{medium.type}.faces", "matched where light interferes", medium.faces,
-            "Leave them out; reflectance_transmittance and joint_correlation know them.",
+            f"{medium.type}.{'layers' if medium.indices else 'faces'}", "of one index where light interferes",
+            medium.indices or medium.faces, "Leave the steps out: in transmission along the axis alone they are known.",
         )  # fmt: skip
     particles, light = materials(medium), -proposal.reference[None]
     kinds = np.full(1 + len(proposal.probes), volume_walk.FAR, np.int64)

@@ -8,6 +8,7 @@ import numpy as np
 from specklegen.kernels.phase_table import PhaseTable
 from specklegen.kernels.volume import Volume
 from specklegen.paths.endpoints import Endpoints, light_endpoints, plane_endpoints, view_endpoints
+from specklegen.paths.far_field import middle_light
 from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.volumes import materials, volume_of
 from specklegen.scene.faces import Faces
@@ -28,6 +29,9 @@ class Layout:
     wavelength : float
     faces : Faces
         Of a slab; those of other media are matched.
+    middle : float64[3] or None
+        The light whose angles to the particles' lobes all lights keep (:mod:`specklegen.paths.kept_angles`); None where
+        each has its own.
     """
 
     volume: Volume
@@ -36,6 +40,7 @@ class Layout:
     views: Endpoints
     wavelength: float
     faces: Faces = field(default_factory=Faces)
+    middle: np.ndarray | None = None
 
     def of_ends(self, lights: np.ndarray | slice, views: np.ndarray | slice) -> Self:
         """The same with only the lights and views of these numbers."""
@@ -79,6 +84,7 @@ def scene_layout(scene: Scene) -> Layout:
         views=view_endpoints(scene),
         wavelength=scene.wavelength,
         faces=scene.medium.faces,
+        middle=middle_light(scene),
     )
 
 

@@ -57,7 +57,7 @@ def reversal_decision(
     part = "reversed paths"
     if isinstance(reverse, bool):
         return Decision(part, reverse, "asked for" if reverse else "as asked")
-    if not medium.faces.matched and (views[..., -1] > 0).any():
+    if medium.refracts and (views[..., -1] > 0).any():
         return Decision(part, False, "behind a slab between refracting faces no light comes back the way it went")
     dimension = views.shape[-1]
     nearest = _nearest_sum(light.reshape(-1, dimension), views.reshape(-1, dimension))

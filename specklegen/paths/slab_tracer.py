@@ -82,7 +82,7 @@ def events_per_path(medium: Medium) -> float:
     """
     albedos = medium.albedo if medium.has_sides else [layer.albedo for layer in medium.layers]
     lost = 1 - float(np.max(albedos, initial=0.0))
-    step = max(1.0, medium.faces.inside / medium.faces.outside)
+    step = max(1.0, *((index / medium.faces.outside) for index in (medium.faces.inside, *medium.indices)))
     return min(1 + 2.5 * medium.optical_depth * step**2, 1 / lost if lost > 0 else math.inf)
 
 

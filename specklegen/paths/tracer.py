@@ -24,6 +24,7 @@ from specklegen.paths.slab_tracer import (
 from specklegen.paths.starts import close_points, scene_sources
 from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.paths.volumes import materials
+from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.scene import Scene
@@ -79,15 +80,21 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
 
 
 @remembered(64)
-def slab_tracer(scene: Scene, reverse: bool) -> SlabTracer:
-    """Tracer of beams through a slab."""
+def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
+    """Tracer of beams through a slab.
+
+    Its roulette judges views as they are, or, where lights keep their angles to lobes, those ``aside`` too as which the
+    middle light sees them.
+    """
     if scene.film:
-        return _filming(slab_tracer(scene.at_rest, reverse), scene)
-    views = probe_views(scene)
+        return _filming(slab_tracer(scene.at_rest, reverse, aside), scene)
+    views, layout = probe_views(scene), scene_layout(scene)
     if reverse:
         require_reflection(scene.slab, views)
+    if aside and layout.middle is not None:
+        views = judged_views(views, scene.beams.directions[:, :2] - layout.middle[:2])
     proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse)
-    tracer = SlabTracer(scene_layout(scene), scene.slab, proposal)
+    tracer = SlabTracer(layout, scene.slab, proposal)
     if not len(views) or not len(scene.beams.directions):
         return tracer
     return slab_roulette(tracer, proposal.reference, pilot_seed(scene.unitless_fingerprint()))
@@ -159,3 +166,15 @@ def probe_views(scene: Scene) -> np.ndarray:
     center, corners = sensor.center_direction[None], sensor.corner_directions
     narrow = np.ptp(corners, axis=0).max() < 0.05 * (1 - abs(scene.slab.scatterer.mean_cosine()))
     return center if narrow else np.concatenate([center, corners])
+
+
+def judged_views(views: np.ndarray, tilts: np.ndarray) -> np.ndarray:
+    """Views float64[n, 3] as the light in the middle sees them where every light keeps its angles: v - t.
+
+    The first view, and the corners of the rectangle of sines around all of them.
+    """
+    seen = (views[:, None, :2] - tilts).reshape(-1, 2)
+    (x0, y0), (x1, y1) = seen.min(axis=0), seen.max(axis=0)
+    corners = np.unique([(x, y) for x in (x0, x1) for y in (y0, y1)], axis=0)
+    corners = corners[np.square(corners).sum(axis=1) < 1]
+    return np.concatenate([views[:1], directions_of_sines("view", corners, np.sign(views[0, 2]))])

@@ -93,11 +93,15 @@ def _layered(medium: Stratified, dimension: int) -> Volume:
     bounds[0, :2], bounds[1, :2] = -np.inf, np.inf
     bounds[1, 2], bounds[2:, 2] = medium.thickness, inner
     extinction = np.array([1 / layer.mean_free_path for layer in layers])
+    mobility = speeds(medium, layers)
+    if medium.indices and len(mobility):  # motion turns phases by the square of its layer's wavenumber
+        inside = medium.faces.inside
+        mobility = mobility * np.square([(layer.index or inside) / inside for layer in layers])
     return Volume(
         bounds, np.array([[1, 1, len(layers)], [1, 1, 1], [dimension, 1, 0]]), extinction,
         np.array([layer.albedo for layer in layers]),
         np.array([known.index(layer.scatterer.canonical_json()) for layer in layers]), extinction.max(keepdims=True),
-        np.zeros(3), speeds(medium, layers),
+        np.zeros(3), mobility,
     )  # fmt: skip
 
 

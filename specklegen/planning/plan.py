@@ -137,7 +137,8 @@ class Plan(Pictured):
 def _lit(scene: Scene) -> str:
     """A few words about the lights."""
     light = scene.illumination
-    words = counted(len(scene.lights), _LIGHTS.get(type(light).__name__, "tilt"))
+    number = light.images[0] if light.images else len(scene.lights)
+    words = counted(number, _LIGHTS.get(type(light).__name__, "tilt"))
     if light.limited:
         words += f" through a window {light.width:.4g} wide"
     return words

@@ -6,6 +6,7 @@ scene's fingerprint. Predicted seconds may differ between machines, choices may 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.reversal import scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
+from specklegen.planning.exposure import with_sub_frames
 from specklegen.planning.plan import Plan
 from specklegen.samplers.covariance.sampler import Eigenfields
 from specklegen.samplers.path_sums.sampler import PathSums
@@ -161,6 +163,7 @@ def planned(
     grid = scene.sensor.regular_grid
     if grid is not None and scene.illumination.limited:
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
+    scene, exposed = with_sub_frames(scene, tolerance)
     if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
         _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
 
@@ -169,16 +172,11 @@ def planned(
         budget.paths, budget.rel_error, reversal.needed, tolerance, field_tolerance,
         "auto" if asked is None else asked.name, streamed, envelope,
     )  # fmt: skip
-    decisions = [decision for rule in SCENE_RULES for decision in rule(scene)]
+    decisions = exposed + [decision for rule in SCENE_RULES for decision in rule(scene)]
     decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
-    chosen, told, preferred = None, [], PREFERRED if scene.thin is None else THIN
-    for kind in preferred if asked is None else (asked,):
-        chosen, told = kind.propose(scene, request)
-        decisions += told
-        if chosen is not None:
-            break
-    if chosen is None:  # one of a user's own: path sums serve every scene
-        reject("sampler", "one that serves the scene", request.asked, "; ".join(d.reason for d in told))
+    preferred = PREFERRED if scene.thin is None else THIN
+    chosen, told = _proposed(scene, request, preferred if asked is None else (asked,))
+    decisions += told
     if asked is PathSums:
         decisions.append(Decision("stationary sampler", False, "as asked"))
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
@@ -203,6 +201,29 @@ def planned(
     )
 
 
+def _proposed(
+    scene: Scene, request: Request, kinds: tuple[type[Sampler], ...]
+) -> tuple[Sampler, list[Decision]]:
+    """The first sampler that serves, and what all that were asked say; one before it where that states less error."""
+    said: list[Decision] = []
+    for n, kind in enumerate(kinds):
+        chosen, told = kind.propose(scene, request)
+        said += told
+        if chosen is None:
+            continue
+        lost = max((each.error for each in told if each.doubt), default=0.0)
+        if lost <= request.tolerance:
+            return chosen, said
+        for other in kinds[:n]:
+            surer, told = other.propose(scene, replace(request, beside=lost))
+            if surer is not None:
+                return surer, told
+        return chosen, said
+    reject(  # one of a user's own: path sums serve every scene
+        "sampler", "one that serves the scene", request.asked, "; ".join(each.reason for each in said)
+    )
+
+
 def _checked(scene: Scene, sampler: AnySampler) -> type[Sampler] | None:
     """Refuse what :func:`plan` cannot mean; the sampler that is asked for, None of "auto"."""
     instance("plan scene", scene, Scene)
@@ -216,6 +237,8 @@ def _checked(scene: Scene, sampler: AnySampler) -> type[Sampler] | None:
 
 def streaming_obstacle(scene: Scene) -> str | None:
     """Why :func:`specklegen.render_tiles` does not serve a scene; None where it does."""
+    if scene.sensor.regular_grid is not None and getattr(scene.illumination, "exposure", None) is not None:
+        return "beams with an exposure, whose images hold no field"
     if scene.sensor.regular_grid is None or not (scene.illumination.limited and scene.illumination.coherent):
         return f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
     return lock_step_obstacle(scene)

@@ -9,6 +9,12 @@ from specklegen.core.errors import reject
 from specklegen.core.values import Positive, Value
 
 
+def require_index(field: str, index: float) -> None:
+    """Refuse a refractive index that nothing has."""
+    if not 0.1 <= index <= 10:
+        reject(field, "a refractive index between 0.1 and 10", index)
+
+
 class Faces(Value):
     """Both faces of a slab: smooth, alike, and between two refractive indices. By default matched: no step.
 
@@ -39,8 +45,8 @@ class Faces(Value):
     def _check(self) -> Self:
         for name in ("inside", "outside", "wall"):
             index = getattr(self, name)
-            if index is not None and not 0.1 <= index <= 10:
-                reject(f"Faces.{name}", "a refractive index between 0.1 and 10", index)
+            if index is not None:
+                require_index(f"Faces.{name}", index)
         return self
 
     @property

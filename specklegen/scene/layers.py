@@ -32,7 +32,7 @@ from specklegen.core.errors import reject
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry, is_import_path
 from specklegen.core.values import Positive, UnitInterval, Value, remembered
-from specklegen.scene.faces import Faces
+from specklegen.scene.faces import Faces, require_index
 from specklegen.scene.motion import AnyMotion, Motion, fastest
 from specklegen.scene.scatterers import AnyScatterer, Mixture, Scatterer
 from specklegen.scene.unitless import unitless_fingerprint
@@ -43,7 +43,7 @@ def _is_stratified(found: Any) -> bool:
 
 
 class Layer(Value):
-    """One layer of a medium, homogeneous, of the refractive index of its neighbours.
+    """One layer of a medium, homogeneous.
 
     Parameters
     ----------
@@ -57,6 +57,9 @@ class Layer(Value):
         What one particle does with the light that it scatters.
     motion
         How its particles move; by default they are at rest.
+    index
+        Its refractive index; left out, that of the medium's ``faces.inside``, as of all neighbours that say none. Where
+        two layers differ, the face between them reflects and refracts.
 
     Examples
     --------
@@ -70,10 +73,17 @@ class Layer(Value):
     albedo: UnitInterval = 1.0
     scatterer: AnyScatterer
     motion: AnyMotion | None = None
+    index: Positive | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.index is not None:
+            require_index("Layer.index", self.index)
+        return self
 
     @model_serializer(mode="wrap")
-    def _without_rest(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return left_out(write(self), motion=self.motion is None)
+    def _without_what_does_nothing(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return left_out(write(self), motion=self.motion is None, index=self.index is None)
 
     @property
     def optical_depth(self) -> float:
@@ -86,34 +96,48 @@ def left_out(content: dict[str, Any], **nothing: bool) -> dict[str, Any]:
     return {name: value for name, value in content.items() if not nothing.get(name)}
 
 
-class PlaneParallel(Value):
-    """A medium between the planes z = 0 and z = thickness, infinite sideways: a slab, or layers.
-
-    It answers what every medium does, so that nobody has to ask for its type, and has ``layers``.
-    """
+class Bulk(Value):
+    """A medium with particles inside, of any shape; it answers what nobody then has to ask its type for."""
 
     stack: ClassVar[None] = None
     """Screens in its place: none."""
-    has_sides: ClassVar[bool] = False
-    """Whether light can leave sideways."""
     homogeneous: ClassVar[bool] = True
     """Whether it is the same everywhere."""
-    dimension: ClassVar[int | None] = None
-    voxel_counts: ClassVar[tuple[int, ...]] = (1, 1, 1)
-
-    if TYPE_CHECKING:  # fields stand where they are written
-        thickness: float
-        mean_free_path: float
+    has_sides: ClassVar[bool]
+    """Whether light can leave sideways."""
 
     @property
     def motions(self) -> tuple[Motion | None, ...]:
-        """Motion of every layer."""
+        """Motion of every layer or material."""
         return ()
 
     @property
     def moves(self) -> bool:
         """Whether any of its particles does."""
         return fastest(self.motions) is not None
+
+
+class PlaneParallel(Bulk):
+    """A medium between the planes z = 0 and z = thickness, infinite sideways: a slab, or layers. It has ``layers``."""
+
+    has_sides: ClassVar[bool] = False
+    dimension: ClassVar[int | None] = None
+    voxel_counts: ClassVar[tuple[int, ...]] = (1, 1, 1)
+
+    if TYPE_CHECKING:  # fields stand where they are written
+        thickness: float
+        mean_free_path: float
+        faces: Faces
+
+    @property
+    def indices(self) -> tuple[float, ...]:
+        """Refractive index of each layer, where any has another than ``faces.inside``; else of none."""
+        return ()
+
+    @property
+    def refracts(self) -> bool:
+        """Whether light meets a step of the refractive index anywhere."""
+        return bool(self.indices) or not self.faces.matched
 
     @property
     def extinction(self) -> float:
@@ -140,8 +164,8 @@ class Stratified(PlaneParallel, Registered):
     A subclass is a frozen value with fields of its own and one property, ``layers``: what light meets from z = 0 on.
     The name of the class is its ``type``; what it is known by, in fingerprints and stores, are its layers. One that
     changes steadily is as many thin layers as it takes: the step between two should be small beside what either does to
-    light. All layers have one refractive index; a field ``faces`` of type :class:`Faces` gives the medium a step of it
-    at both outer faces.
+    light. A field ``faces`` of type :class:`Faces` gives the medium a step of the refractive index at both outer faces;
+    layers that say an ``index`` make steps between them.
 
     What the layers are together follows from them: ``thickness``, ``optical_depth``, ``mean_free_path`` (the shortest),
     ``albedo`` (the mean over collisions straight through) and ``scatterer`` (the mixture of the particles that scatter
@@ -224,6 +248,13 @@ class Stratified(PlaneParallel, Registered):
         return min(layer.thickness for layer in self.layers)
 
     @property
+    def indices(self) -> tuple[float, ...]:
+        """Refractive index of each layer, where any has another than ``faces.inside``; else of none."""
+        inside = self.faces.inside
+        found = tuple(inside if layer.index is None else layer.index for layer in self.layers)
+        return () if set(found) == {inside} else found
+
+    @property
     def edges(self) -> np.ndarray:
         """Depths of the faces of all layers, float64[n + 1], 0 first."""
         return np.append(0.0, np.cumsum([layer.thickness for layer in self.layers]))
@@ -267,8 +298,10 @@ class Layers(Stratified):
     layers
         :class:`Layer` after :class:`Layer`, from the one that light enters first.
     faces
-        The step of the refractive index at both outer faces; by default there is none. `reflectance_transmittance` and
-        `joint_correlation` know it; scenes and `memory_effect` refuse it.
+        The step of the refractive index at both outer faces, which layers with an ``index`` of their own have to what
+        is outside, of index 1 if nothing is said. Wavelengths and tilts are those in ``faces.inside``, 1 again.
+        `reflectance_transmittance`, `joint_correlation`, `memory_effect` and `temporal_correlation` know all steps;
+        scenes refuse them.
 
     Examples
     --------
@@ -294,7 +327,7 @@ def merged(layers: Sequence[Layer]) -> list[Layer]:
 
     def kind(layer: Layer) -> tuple:
         moving = layer.motion and layer.motion.canonical_json()
-        return layer.mean_free_path, layer.albedo, layer.scatterer.canonical_json(), moving
+        return layer.mean_free_path, layer.albedo, layer.scatterer.canonical_json(), moving, layer.index
 
     alike = (list(group) for _, group in groupby(layers, kind))
     return [group[0].replace(thickness=math.fsum(layer.thickness for layer in group)) for group in alike]

@@ -7,34 +7,33 @@ import numpy as np
 from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.values import Array, NonNegative, Positive, UnitInterval, Value, position_vectors
+from specklegen.core.values import Array, NonNegative, Positive, UnitInterval, position_vectors
 from specklegen.scene.faces import Faces
-from specklegen.scene.layers import AnyStratified, Layer, PlaneParallel, Stratified, is_stratified, left_out, merged
+from specklegen.scene.layers import (
+    AnyStratified,
+    Bulk,
+    Layer,
+    PlaneParallel,
+    Stratified,
+    is_stratified,
+    left_out,
+    merged,
+)
 from specklegen.scene.motion import AnyMotion, Motion, fastest
 from specklegen.scene.scatterers import AnyScatterer
 from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack
 
 
-class _Bounded(Value):
-    """A medium between two corners, its index that of what is around; it answers what a plane-parallel one does."""
+class _Bounded(Bulk):
+    """A medium between two corners, its index that of what is around."""
 
-    stack: ClassVar[None] = None
-    homogeneous: ClassVar[bool] = True
     has_sides: ClassVar[bool] = True
+    refracts: ClassVar[bool] = False
+    indices: ClassVar[tuple[float, ...]] = ()
 
     if TYPE_CHECKING:  # fields stand where they are written
         lower: Array
         upper: Array
-
-    @property
-    def motions(self) -> tuple[Motion | None, ...]:
-        """Motion of every material."""
-        return ()
-
-    @property
-    def moves(self) -> bool:
-        """Whether any of its particles does."""
-        return fastest(self.motions) is not None
 
     @property
     def faces(self) -> Faces:
@@ -148,9 +147,14 @@ PlaneMedium = Slab | Stratified
 
 
 def as_slab(medium: PlaneMedium) -> Slab | None:
-    """Return the slab that a plane-parallel medium is, where all its layers are alike; None where they are not."""
+    """Return the slab that a plane-parallel medium is, where all its layers are alike; None where they are not.
+
+    Nor where they have another index than the one in which wavelengths are measured.
+    """
     if isinstance(medium, Slab):
         return medium
+    if medium.indices:
+        return None
     layers = merged(medium.layers)
     if len(layers) > 1:
         return None

@@ -23,6 +23,7 @@ NEAREST = 0.01
 """Wavelengths between a sensor point and a source inside the medium, at least."""
 LARGEST = 1e60
 """Largest length, in any unit, and the inverse of the smallest one: what is squared twice is still a float64."""
+_TOUCHING = 1e-9  # of an exposure: one may end where the next begins, up to rounding
 
 
 class Scene(Value, Pictured):
@@ -71,13 +72,13 @@ class Scene(Value, Pictured):
                 ", ".join(f"{name} of {d} coordinates" for name, d in known.items()),
                 "Flatland vectors are (x, z), those of space (x, y, z).",
             )
-        if isinstance(self.illumination, CollimatedBeams) and self.illumination.times is not None:
+        if getattr(self.illumination, "times", None) is not None:  # beams alone have any
             moves = self.medium.moves if self.thin is None else self.thin.velocities is not None
             if not moves:
                 reject("CollimatedBeams.times", "left out before a medium that does not move", "times",
                        "Only a ScreenStack with velocities moves, and a medium with a motion.")  # fmt: skip
             if self.thin is None:
-                self._require_film(self.illumination.times)
+                self._require_film()
         if self.thin is not None:
             self._require_thin()
             return self
@@ -96,10 +97,19 @@ class Scene(Value, Pictured):
         self._require_crossing()
         return self
 
-    def _require_film(self, times: np.ndarray) -> None:
+    def _require_film(self) -> None:
         """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""
+        times, instants = np.asarray(self.illumination.times), np.asarray(self.beams.times)
         if (times[1:] < times[:-1]).any():
             reject("CollimatedBeams.times", "in their order before a medium that moves", times)
+        if not self.illumination.coherent:
+            exposure, apart = np.asarray(self.illumination.exposure), np.diff(times)
+            if (apart < (1 - _TOUCHING) * exposure[:-1]).any():
+                shortest = (apart / exposure[:-1]).argmin()
+                reject("CollimatedBeams.times", "an exposure apart, at least, before a medium that moves",
+                       float(apart[shortest]),
+                       f"A beam that is on for {exposure[shortest]:g} goes off before the next.")  # fmt: skip
+            times = np.concatenate([instants[:1], times + exposure])
         if self.sensor.near:
             reject("Scene.sensor", "in the far field, for films of a medium that moves", self.sensor.type)
         law, _ = fastest(self.volume.motions) or (None, None)
@@ -110,12 +120,15 @@ class Scene(Value, Pictured):
 
     def _require_crossing(self) -> None:
         """Refuse what a slab with refracting faces does not serve, and directions that do not cross them."""
-        if self.medium.faces.matched:
+        if not self.medium.refracts:
             return
         if not self.medium.homogeneous:
+            indices = self.volume.indices
             reject(
-                f"{self.medium.type}.faces", "matched in a scene", self.medium.faces,
-                "Leave them out; reflectance_transmittance and joint_correlation know the faces of layers.",
+                f"{self.medium.type}.{'layers' if indices else 'faces'}",
+                f"{'of one index' if indices else 'matched'} in a scene", indices or self.medium.faces,
+                "Leave the steps out; memory_effect, temporal_correlation, joint_correlation and "
+                "reflectance_transmittance know those of layers.",
             )  # fmt: skip
         if not self.illumination.limited or self.sensor.near or self.dimension == 2:
             reject(
@@ -215,19 +228,21 @@ class Scene(Value, Pictured):
 
     @property
     def film(self) -> bool:
-        """Whether the beams see scatterers move between their times."""
+        """Whether the beams see scatterers move between their times, or during their exposures."""
         times = getattr(self.illumination, "times", None)  # beams alone have any
-        return self.thin is None and times is not None and bool(np.ptp(times) if len(times) else 0)
+        if self.thin is not None or times is None or not len(times):
+            return False
+        return not self.illumination.coherent or bool(np.ptp(times))
 
     @property
     def at_rest(self) -> Self:
         """The scene that decides how a film's paths are drawn: every direction of its beams, once and at no time.
 
-        The motion of its medium is then nobody's business. A film with more frames has the same.
+        The motion of its medium is then nobody's business. A film with more frames, or longer exposures, has the same.
         """
         if self.thin is not None or getattr(self.illumination, "times", None) is None:
             return self
-        directions = self.lights
+        directions = self.illumination.vectors
         if self.film:
             first = np.unique(directions, axis=0, return_index=True)[1]
             directions = directions[np.sort(first)]
@@ -245,10 +260,10 @@ class Scene(Value, Pictured):
 
     @property
     def beams(self) -> CollimatedBeams:
-        """The coherent beams that carry light: the illumination's own, or those of an object's lit pixels."""
+        """The coherent beams that carry light: the illumination's own, those of an object's lit pixels, or instants."""
         if not self.illumination.coherent:
             return self.illumination.beams
-        if not isinstance(self.illumination, CollimatedBeams):
+        if not isinstance(self.illumination, CollimatedBeams):  # plane waves, points
             kind = type(self.illumination).__name__
             reject("Scene.illumination", "CollimatedBeams or an IncoherentObject here", kind)
         return self.illumination
@@ -313,7 +328,7 @@ class Scene(Value, Pictured):
 
 def require_no_film(owner: str, scene: Scene) -> None:
     """Refuse films of media that move where nothing of time is known."""
-    if scene.film:
+    if scene.film or not (scene.illumination.coherent or scene.illumination.images == ()):
         reject(f"{owner} scene", "one without times of its beams", "CollimatedBeams.times",
                "Render its film, or ask temporal_correlation for what is left of the field after a time.")  # fmt: skip
 

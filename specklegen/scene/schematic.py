@@ -69,7 +69,7 @@ def _draw_light(axes: "Axes", scene: "Scene") -> None:
         axes.plot(*_placed(scene, light.points), "*", color="C3", ms=8)
         axes.text(-1.65, -1.3, counted(len(light.points), "point source"), fontsize=8)
         return
-    if not light.coherent:
+    if light.images == ():
         axes.imshow(light.brightness, extent=(-1.65, -1.05, -0.3, 0.3), cmap="gray", vmin=0, aspect="auto")
         axes.text(-1.65, -1.3, "{}x{} mutually incoherent beams".format(*light.brightness.shape), fontsize=8)
     else:

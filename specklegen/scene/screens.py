@@ -35,6 +35,7 @@ class _Thin(Value):
     homogeneous: ClassVar[bool] = True
     dimension: ClassVar[int | None] = 3
     faces: ClassVar[Faces] = Faces()
+    refracts: ClassVar[bool] = False
 
 
 class PhaseScreen(_Thin):

@@ -166,6 +166,9 @@ def _disc_lags(sight: Sight, wavevector: torch.Tensor) -> torch.Tensor:
 
 
 def _contrast_on_the_cpu(light: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
+    if light.shape[1:] == (1, 1):  # of one point, the beam of a stack: there is nothing to transform
+        brightness, own = light[:, 0, 0].double().numpy(), variance[:, 0, 0].numpy()
+        return torch.from_numpy(np.sqrt(np.maximum(np.square(brightness) * own, 0.0)) / brightness)
     found = []
     for brightness, own in zip(light.double().numpy(), variance.numpy(), strict=True):
         rows, columns = brightness.shape

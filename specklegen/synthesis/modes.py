@@ -116,10 +116,14 @@ class Modes:
 
         Found among the polynomials by least squares, and right where the other K's modes lie in the span of these.
         """
+        values, vectors = torch.linalg.eigh(self.covariance(rank, correlations))
+        return (vectors * values.clamp(min=0).sqrt()[:, None]) @ vectors.mT  # symmetric: the only one
+
+    def covariance(self, rank: int, correlations: Correlations) -> torch.Tensor:
+        """Other K in terms of these modes, M float64[M, rank, rank] with phi M phi^T near its matrix; see above."""
         matrix = coefficients(memory(correlations, self.lattice), self.lattice, self.degree)
         back = torch.linalg.pinv(self.columns[:, :, :rank])
-        values, vectors = torch.linalg.eigh(back @ matrix @ back.mT)
-        return (vectors * values.clamp(min=0).sqrt()[:, None]) @ vectors.mT  # symmetric: the only one
+        return back @ matrix @ back.mT
 
 
 def first_degree(shape: tuple[int, ...]) -> int:
@@ -223,10 +227,12 @@ def coefficients(known: torch.Tensor, lattice: Lattice, degree: int) -> torch.Te
     if tilts == 1:
         rows, columns = (folded(count, degree).to(device) for count in (h, w))
         return (rows @ known @ columns.T).flatten(1)[:, places((h, w), degree).to(device)]
-    rows, columns = (products(count, degree).to(device) for count in (h, w))
-    between = rows @ known @ columns.T  # [M, T, T, m_y^2, m_x^2]
+    between = known  # [M, T, T, m_y^2, m_x^2]; the one polynomial of one beam is 1
+    if (h, w) != (1, 1):
+        rows, columns = (products(count, degree).to(device) for count in (h, w))
+        between = rows @ known @ columns.T
     turns = torch.from_numpy(polynomials(tilts, degree)).to(device)
-    squares = (tilts, tilts, rows.shape[0] * columns.shape[0])
+    squares = (tilts, tilts, between.shape[-2] * between.shape[-1])
     found = (turns.T @ between.reshape(-1, tilts, squares[1] * squares[2])).unflatten(2, squares[1:])
     found = (found.transpose(2, 3) @ turns).transpose(2, 3)  # [M, t, t, m_y^2 m_x^2]
     return found.flatten(1)[:, places_of_tilts((tilts, h, w), degree).to(device)]

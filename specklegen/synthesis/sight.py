@@ -144,7 +144,6 @@ class Sight:
         count = torch.ceil(SUPPORT[self.profile] * self.width[:, None] / size - 1e-9).to(torch.int64).clamp(min=1)
         return Cells(count, size)
 
-
     @cached_property
     def most_cells(self) -> tuple[int, int]:
         """Most cells along (y, x) of any of the media, or the bound."""

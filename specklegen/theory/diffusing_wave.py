@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import root_scalar
 
+from specklegen.core.arguments import positive_number, real_array, real_number
 from specklegen.core.errors import reject
 
 EXTRAPOLATION = 2 / 3
@@ -45,7 +46,7 @@ def transmitted_field(x: ArrayLike, transport_depths: float, *, extrapolation: f
     [1.0, 0.7896, 0.362, 0.0039]
     """
     a = _root(x, "transmitted_field")
-    depths = _above("transmitted_field transport_depths", transport_depths)
+    depths = positive_number("transmitted_field transport_depths", transport_depths)
     return _through(a, depths, _length("transmitted_field", extrapolation))
 
 
@@ -112,9 +113,9 @@ def inferred_depths(field: float, x: float, *, extrapolation: float = EXTRAPOLAT
     >>> round(inferred_depths(float(transmitted_field(0.01, 12.0)), 0.01), 6)
     12.0
     """
-    if not 0 < field < 1:
+    if not 0 < real_number("inferred_depths field", field) < 1:
         reject("inferred_depths field", "between 0 and 1", field)
-    a = np.sqrt(6 * _above("inferred_depths x", x))
+    a = np.sqrt(6 * positive_number("inferred_depths x", x))
     h = _length("inferred_depths", extrapolation)
 
     def excess(log_depths: float) -> float:
@@ -130,19 +131,14 @@ def inferred_depths(field: float, x: float, *, extrapolation: float = EXTRAPOLAT
 
 
 def _root(x: ArrayLike, owner: str) -> np.ndarray:
-    found = np.asarray(x, dtype=np.float64)
+    found = real_array(f"{owner} x", x)
     if not (np.isfinite(found) & (found >= 0)).all():
         reject(f"{owner} x", "finite and at least 0", found)
     return np.sqrt(6 * found)
 
 
-def _above(field: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0):
-        reject(field, "finite and greater than 0", value)
-    return float(value)
-
-
 def _length(owner: str, value: float) -> float:
-    if not (np.isfinite(value) and value >= 0):
+    length = real_number(f"{owner} extrapolation", value)
+    if not 0 <= length < np.inf:
         reject(f"{owner} extrapolation", "finite and at least 0", value)
-    return float(value)
+    return length

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import toeplitz
 from scipy.special import gammainc
 
+from specklegen.core.arguments import real_array, real_number, whole_number
 from specklegen.core.errors import reject
 from specklegen.core.quadrature import gauss_legendre
 
@@ -221,8 +222,8 @@ def contrast_squared(field: FieldCorrelation, exposure: float) -> float:
     0.5677
     """
     exposure = float(_checked("contrast_squared exposure", exposure))
-    u, weight = _graded(_HALVINGS)
-    return float(2 * (weight * (1 - u)) @ _power("contrast_squared field", field, exposure * u))
+    u, weight = exposure_nodes()
+    return float(weight @ _power("contrast_squared field", field, exposure * u))
 
 
 def class_contrast_squared(transfer: ArrayLike, shares: ArrayLike, exposure: ArrayLike) -> np.ndarray:
@@ -256,8 +257,8 @@ def class_contrast_squared(transfer: ArrayLike, shares: ArrayLike, exposure: Arr
     found = np.empty(exposure.shape)
     for at, time in np.ndenumerate(exposure):
         fastest = 4 * float(y.max()) * float(time)
-        u, weight = _graded(min(int(np.ceil(np.log2(max(fastest, 1.0)))) + 1, _HALVINGS))
-        found[at] = 2 * (weight * (1 - u)) @ np.square(_decay(y, p, time * u))
+        u, weight = exposure_nodes(min(int(np.ceil(np.log2(max(fastest, 1.0)))) + 1, _HALVINGS))
+        found[at] = weight @ np.square(_decay(y, p, time * u))
     return found
 
 
@@ -309,11 +310,10 @@ def sub_frame_contrast_squared(field: FieldCorrelation, exposure: float, frames:
     >>> [round(sub_frame_contrast_squared(lambda t: np.exp(-t), 3.0, n) / whole - 1, 3) for n in (4, 8, 16)]
     [0.25, 0.065, 0.016]
     """
-    if frames != int(frames) or not 1 <= frames <= _MOST_FRAMES:
-        reject("sub_frame_contrast_squared frames", f"a whole number from 1 to {_MOST_FRAMES}", frames)
+    frames = whole_number("sub_frame_contrast_squared frames", frames, 1, _MOST_FRAMES)
     exposure = float(_checked("sub_frame_contrast_squared exposure", exposure))
-    share = np.arange(int(frames)) / int(frames)
-    weight = np.where(share > 0, 2 * (1 - share), 1.0) / int(frames)
+    share = np.arange(frames) / frames
+    weight = np.where(share > 0, 2 * (1 - share), 1.0) / frames
     return float(weight @ _power("sub_frame_contrast_squared field", field, exposure * share))
 
 
@@ -457,6 +457,22 @@ def motion_contrast_estimate(field: FieldCorrelation, exposure: float, grains: A
     return ContrastEstimate(two + (3 * two**2 - 4 * three) / n, np.sqrt(variance / n))
 
 
+def exposure_nodes(halvings: int = _HALVINGS) -> tuple[np.ndarray, np.ndarray]:
+    """Lags over the exposure u and weights float64[n], so that K^2 = sum weights |g1(uT)|^2 (2 (1 - u) du).
+
+    Gauss panels that halve towards lag 0 so often.
+
+    Examples
+    --------
+    >>> from specklegen.theory.speckle_contrast import exposure_nodes
+    >>> u, weight = exposure_nodes()
+    >>> round(float(weight.sum()), 12)
+    1.0
+    """
+    u, weight = _graded(halvings)
+    return u, 2 * weight * (1 - u)
+
+
 def _graded(halvings: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss nodes and weights on [0, 1], on panels that halve towards 0 so often."""
     edges = np.append(0.0, 0.5 ** np.arange(halvings, -1, -1.0))
@@ -488,7 +504,7 @@ def _classes(owner: str, transfer: ArrayLike, shares: ArrayLike) -> tuple[np.nda
 
 
 def _shares(owner: str, dynamic_share: float, beta: float) -> tuple[float, float]:
-    rho, beta = float(dynamic_share), float(beta)
+    rho, beta = real_number(f"{owner} dynamic_share", dynamic_share), real_number(f"{owner} beta", beta)
     if not 0 <= rho <= 1:
         reject(f"{owner} dynamic_share", "from 0 to 1", dynamic_share)
     if not 0 < beta <= 1:
@@ -505,10 +521,7 @@ def _grains(owner: str, grains: ArrayLike) -> np.ndarray:
 
 def _checked(field: str, value: ArrayLike, above: bool = False) -> np.ndarray:
     """Numbers at least 0 (or above 0)."""
-    try:
-        found = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        reject(field, "numbers", value)
+    found = real_array(field, value)
     if not ((found > 0) if above else (found >= 0)).all():
         reject(field, "above 0" if above else "at least 0", found)
     return found

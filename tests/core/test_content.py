@@ -1,22 +1,31 @@
 """Content: parts of a user's own are known by what they do, in fingerprints, caches, pickles and stores."""
 
+import importlib
 import pickle
+import re
 import subprocess
 import sys
-from functools import partial
+import threading
+from collections import deque
+from fractions import Fraction
+from functools import cached_property, lru_cache, partial
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from fake_recipe import assert_same
 from forgotten import forget
 from own_scatterers import defined, forgotten
 from quick_recipes import quick_recipe
+from scipy.interpolate import CubicSpline
 
 import specklegen as sg
 from specklegen.core.content import Admitted, content_digest
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleStream
 from specklegen.datasets.store.generate import generate
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 
 
 @pytest.fixture(autouse=True)
@@ -123,6 +132,7 @@ class Lobe(sg.Scatterer):
 SEND = """
 import lobes, pickle, sys
 from quick_recipes import quick_recipe
+from scipy.interpolate import CubicSpline
 pickle.dump({}, sys.stdout.buffer)
 """
 RUN = """
@@ -198,12 +208,39 @@ def doubled(x):
     return FACTOR * x
 
 
+def hiding(value):
+    class Hiding:
+        _factor = value
+
+        def picture(self, x):
+            return self._factor * x
+
+    return Hiding
+
+
+def admitted(value):
+    class Hiding(Admitted):
+        _factor: float = value
+
+        def picture(self, x):
+            return self._factor * x
+
+    return Hiding
+
+
 ALIKE = [
     (lambda x: x + 1, lambda x: x + 1),
     ({"a": 1, "b": 2}, {"b": 2, "a": 1}),
     (np.arange(3), np.arange(3)),
     (partial(doubled, 2), partial(doubled, 2)),
     (sg.Isotropic(), sg.Isotropic()),
+    (torch.arange(9)[3:6], torch.arange(3, 6)),
+    (re.compile("a"), re.compile("a")),
+    (CubicSpline([0, 1, 2], [0, 1, 2]), CubicSpline([0, 1, 2], [0, 1, 2])),
+    (np.array([[1], None], dtype=object), np.array([[1], None], dtype=object)),
+    (threading.Lock(), threading.Lock()),  # which cannot be pickled
+    (hiding(1), hiding(1)),
+    (admitted(1), admitted(1)),
 ]
 DIFFERENT = [
     (lambda x: x + 1, lambda x: x + 2),
@@ -219,6 +256,18 @@ DIFFERENT = [
     ("1", 1),
     (0.0, -0.0),
     (partial(doubled, 2), partial(doubled, 3)),
+    (torch.zeros(2), torch.ones(2)),
+    (torch.ones(2, dtype=torch.complex64), 1j * torch.ones(2)),
+    (re.compile("a"), re.compile("b")),
+    (CubicSpline([0, 1, 2], [0, 1, 2]), CubicSpline([0, 1, 2], [0, 1, 3])),
+    (Fraction(1, 2), Fraction(1, 3)),
+    (Path("a"), Path("b")),
+    (range(3), range(4)),
+    (deque([1]), deque([2])),
+    (lru_cache(lambda x: x), lru_cache(lambda x: x + 1)),
+    (np.vectorize(lambda x: x), np.vectorize(lambda x: x + 1)),
+    (hiding(1), hiding(2)),
+    (admitted(1), admitted(2)),
 ]  # fmt: skip
 
 
@@ -239,6 +288,44 @@ def test_code_is_followed_to_what_it_refers_to(monkeypatch):
     before = content_digest(inner)
     monkeypatch.setitem(globals(), "FACTOR", 3.0)
     assert content_digest(inner) != before
+
+
+def test_what_a_module_of_ones_own_holds_is_part_of_it(tmp_path, monkeypatch):
+    """By ``import lenses``, from a package too; what a function does not look up there is not."""
+    (tmp_path / "optics").mkdir()
+    (tmp_path / "optics" / "__init__.py").write_text("")
+    (tmp_path / "optics" / "lenses.py").write_text("FOCUS, OTHER = 1.0, 1.0\ndef bent(x):\n    return FOCUS * x\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    lenses = importlib.import_module("optics.lenses")
+    for name in ("optics", "optics.lenses"):
+        monkeypatch.setitem(sys.modules, name, sys.modules[name])
+    space = {"optics": sys.modules["optics"], "lenses": lenses}
+    for code in ("lambda x: lenses.bent(x)", "lambda x: optics.lenses.bent(x)"):
+        seen = eval(code, space)  # noqa: S307
+        before = content_digest(seen)
+        monkeypatch.setattr(lenses, "OTHER", 2.0)
+        assert content_digest(seen) == before
+        monkeypatch.setattr(lenses, "FOCUS", lenses.FOCUS + 1)
+        assert content_digest(seen) != before
+
+
+def test_what_an_object_has_worked_out_is_no_part_of_it():
+    """Neither of one's own class nor of this package's, whose correlations find their mixture when they are asked."""
+
+    class Square:
+        def __init__(self, side):
+            self.side = side
+
+        @cached_property
+        def area(self):
+            return self.side**2
+
+    correlation = MemoryEffectCorrelation(np.array([400.0]), np.ones((1, 1)), paths=1, single_share=0.0)
+    for thing, asked in ((Square(2), "area"), (correlation, "_mixture")):
+        before = content_digest(thing)
+        getattr(thing, asked)
+        assert content_digest(thing) == before
+    assert content_digest(Square(2)) != content_digest(Square(3))
 
 
 def test_functions_that_call_each_other_have_a_digest():

@@ -398,7 +398,7 @@ def test_there_is_one_zero():
     fields = '"thickness": 1.0, "mean_free_path": 1.0'
     lobe = '"scatterer": {"type": "HenyeyGreenstein", "g": '
     for plus, minus in (
-        (sg.HenyeyGreenstein(0.0), sg.HenyeyGreenstein(-0.0)),
+        *((sg.HenyeyGreenstein(0.0), sg.HenyeyGreenstein(zero)) for zero in (-0.0, np.float32(-0.0), np.array(-0.0))),
         (sg.FarField.grid((2, 2), 1e-3, center=(0.0, 0.0)), sg.FarField.grid((2, 2), 1e-3, center=(-0.0, 0.0))),
         tuple(sg.Slab.from_json("{" + f"{fields}, {lobe}{g}" + "}}") for g in ("0.0", "-0.0")),
         (sg.NearField([[0.0, 0.0, 1.0]]), sg.NearField([[0.0, -0.0, 1.0]])),

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
+from specklegen.core.errors import RuleError
+from specklegen.datasets import load_recipe
 from specklegen.datasets.split import (
     SHARES,
     SPLITS,
@@ -134,3 +136,20 @@ def test_a_pass_shows_every_source_once_and_passes_differ():
     assert passes[0] != passes[1] != passes[2]
     assert passes[0] != [position_in_pass(1, "train", n, 17) for n in range(17)]
     assert passes[0] == [position_in_pass([0], "train", n, 17) for n in range(17)]
+
+
+@pytest.mark.parametrize("wrong", [1.0, True, (1.0,), "1", np.array(1), []])
+def test_what_only_equals_a_seed_is_refused_and_leaves_nothing_behind(wrong):
+    """1.0 and 1 are one key of a dictionary: a generator that was kept for either would serve, or refuse, the other."""
+    recipe = load_recipe("ground-glass", {"camera": {"shape": [16, 16]}})
+    for _ in range(2):
+        with pytest.raises(RuleError, match="seed"):
+            recipe.sample(wrong, "train", 0)
+        right = [recipe.sample(seed, "train", 0)["image"] for seed in (1, np.int64(1), (1,), [1])]
+        assert all(np.array_equal(image, right[0]) for image in right)
+
+
+@pytest.mark.parametrize("wrong", [0.7, 0.0, "0", None])
+def test_numbers_of_samples_are_whole(wrong):
+    with pytest.raises(RuleError, match="indices"):
+        load_recipe("ground-glass", {"camera": {"shape": [16, 16]}}).batch(0, "train", [wrong])

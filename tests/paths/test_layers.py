@@ -86,8 +86,8 @@ def test_layers_in_air_are_those_of_mcml():
     assert_z(found.transmittance, 0.0964896, found.transmittance_error, slack=4e-4)
     with pytest.raises(sg.RuleError, match=r"Layers.faces must be matched"):
         scene(medium)
-    with pytest.raises(sg.RuleError, match=r"Layers.faces must be matched"):
-        sg.memory_effect(medium, wavelength=1e-4, tilts=[1e-3], paths=64)
+    with pytest.raises(sg.RuleError, match=r"Layers.faces must be of one index"):
+        plane_tracer(medium, 1.0, AXIS[None], -AXIS[None], False).trace(1, 64)
 
 
 def test_adding_equal_layers_is_doubling():

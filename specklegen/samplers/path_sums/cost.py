@@ -35,6 +35,8 @@ class Work:
         Whether the direct sum is the fused one of a slab of one closed kind of particle.
     streamed : bool
         Whether the stack comes piece by piece.
+    one_by_one : bool
+        Whether every light sees connections of its own (:mod:`specklegen.paths.kept_angles`).
     """
 
     scene: Scene
@@ -46,6 +48,7 @@ class Work:
     ways: int
     plain: bool = True
     streamed: bool = False
+    one_by_one: bool = False
 
     @property
     def chunks(self) -> Chunks:
@@ -110,9 +113,12 @@ def operations(work: Work) -> dict[str, float]:
     if work.lock_step:
         if work.streamed and work.connections > CONNECTIONS_KEPT:
             tracing = {name: _pieces(work) * count for name, count in tracing.items()}
+        together, groups = (1, work.lights) if work.one_by_one else (work.lights, 1)
         if work.nufft:
-            return tracing | nufft_operations(work.nufft, work.lights, work.connections, work.chunks.count)
-        return tracing | direct_operations(work.lights, work.connections * work.ways, work.views, work.plain)
+            found = nufft_operations(work.nufft, together, work.connections, work.chunks.count)
+        else:
+            found = direct_operations(together, work.connections * work.ways, work.views, work.plain)
+        return tracing | {name: groups * count for name, count in found.items()}
     both = work.connections * work.ways
     light, sensor = work.scene.illumination, work.scene.sensor
     near = both * ((work.lights if light.near else 0) + (work.views if sensor.near else 0))
@@ -142,6 +148,7 @@ def memory_bytes(work: Work, threads: int) -> int:
     if work.streamed:
         return _streamed_bytes(work, threads)
     connections, bank = work.chunks.connections, work.chunks.connections * RECORD_BYTES * 2
+    bank *= 1.5 if work.one_by_one else 1.0
     beside = work.chunks.side_by_side(threads, tilts * views)
     if work.nufft:
         per = np.dtype(work.nufft.dtype).itemsize

@@ -14,6 +14,7 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.displacements import Moved
 from specklegen.paths.endpoint_factors import endpoint_factors, light_strengths, single_factors
 from specklegen.paths.faces import crossing_factors
+from specklegen.paths.kept_angles import each_light
 from specklegen.paths.layout import Layout
 from specklegen.paths.phases import random_phases, reversal_phases
 from specklegen.paths.tracer import Tracer
@@ -61,11 +62,12 @@ def direct_field(
         parts.append((multiple.reversed(), backward[~once] * reversal_phases(layout, multiple), back))
     with one_blas_thread():
         for some, factors, displaced in parts:
-            if displaced is None:
-                add(layout, some, factors, field, threads)
-            else:
-                factors = factors * displaced.turns(some, -layout.lights.vectors[0])
-                _add(layout, some, factors, field, threads, displaced.last)
+            for lights, own, seen, phased in each_light(layout, some, factors):
+                if displaced is None:
+                    add(own, seen, phased, field[lights], threads)
+                else:
+                    moving = phased * displaced.turns(seen, -own.lights.vectors[0])
+                    _add(own, seen, moving, field[lights], threads, displaced.last)
     return field / np.sqrt(max(bank.count, 1))
 
 

@@ -20,6 +20,7 @@ from specklegen.paths.chunks import CONNECTIONS
 from specklegen.paths.displacements import Moved
 from specklegen.paths.endpoint_factors import BLOCK, light_strengths, single_factors, turned_over
 from specklegen.paths.endpoints import offsets
+from specklegen.paths.kept_angles import each_light
 from specklegen.paths.layout import Layout
 from specklegen.samplers.path_sums.tiling import Tile, Tiling
 from specklegen.samplers.path_sums.view_factor import (
@@ -139,15 +140,16 @@ def nufft_field(
     complex64 for tolerances of 1e-4 and above, complex128 below. Every transform runs on one thread
     (finufft with more is not reproducible); tiles, or transforms of one tile, run side by side.
     """
-    lights = _lights(layout, bank, phases, summation, threads)
     field = np.zeros((len(layout.lights), *summation.grid.shape), summation.dtype)
     tiles = summation.tiling.tiles
     inside = threads if len(tiles) == 1 else 1
+    for light, own, seen, phased in each_light(layout, bank, phases):
+        lights = _lights(own, seen, phased, summation, threads)
 
-    def fill(tile: Tile) -> None:
-        field[:, tile.rows, tile.columns] = _tile_field(layout, lights, tile, summation, inside)
+        def fill(tile: Tile, light: slice = light, own: Layout = own, lights: list[_Light] = lights) -> None:
+            field[light, tile.rows, tile.columns] = _tile_field(own, lights, tile, summation, inside)
 
-    map_blocks(fill, tiles, threads)
+        map_blocks(fill, tiles, threads)
     field *= 1 / np.sqrt(max(bank.count, 1))
     return field
 
@@ -162,8 +164,11 @@ def nufft_tile(
     threads: Threads = None,
 ) -> np.ndarray:
     """The part of :func:`nufft_field` on one of the summation's tiles, complex[T, h, w]: the same bits."""
-    lights = _lights(layout, bank, phases, summation, threads)
-    field = np.ascontiguousarray(_tile_field(layout, lights, tile, summation, threads))
+    parts = [
+        _tile_field(own, _lights(own, seen, phased, summation, threads), tile, summation, threads)
+        for _, own, seen, phased in each_light(layout, bank, phases)
+    ]
+    field = np.concatenate(parts)
     field *= 1 / np.sqrt(max(bank.count, 1))
     return field
 
@@ -188,7 +193,8 @@ def nufft_frame(
     along = aside @ reference[:2] + moved.last[:, 2] / tile.middle[2]
     records = bank.records.copy()
     records[:, EXIT : EXIT + 2] += aside * (layout.wavelength / (2 * np.pi))
-    turned = phases * moved.turns(bank, -layout.lights.vectors[0]) * np.exp(-1j * along)
+    (seen,) = each_light(layout, bank, phases)
+    turned = phases * moved.turns(seen.bank, -layout.lights.vectors[0]) * np.exp(-1j * along)
     return nufft_tile(layout, replace(bank, records=records), turned, summation, tile, threads=threads)
 
 

@@ -84,6 +84,7 @@ class PathSums(Sampler, name="paths"):
             ways=2 if pilot.tracer.bidirectional else 1,
             plain=is_plain_slab(pilot.tracer.layout),
             streamed=request.streamed,
+            one_by_one=pilot.tracer.layout.middle is not None,
         )
         doubt = far_field_decision(scene)
         return cls(scene, work, pilot, request.reverse), [decision] + ([doubt] if doubt else [])

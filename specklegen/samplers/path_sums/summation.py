@@ -30,12 +30,13 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
     rows, columns = scene.sensor.shape
     per_path = len(pilot.bank) / max(pilot.bank.count, 1)
     connections = _PATHS * per_path
+    at_once = 1 if layout.middle is not None else tilts  # lights that see the same connections
 
     def cost(summation: NufftPlan) -> float:
         chunks = Chunks(_PATHS, per_path, summation.points).count
-        return seconds(nufft_operations(summation, tilts, connections, chunks), 1)
+        return seconds(nufft_operations(summation, at_once, connections, chunks), 1)
 
-    best, least = None, seconds(direct_operations(tilts, connections, rows * columns, is_plain_slab(layout)), 1)
+    best, least = None, seconds(direct_operations(at_once, connections, rows * columns, is_plain_slab(layout)), 1)
     with one_blas_thread():
         for tiling in tilings(scene.grid):
             flat = constant_factor(tiling)

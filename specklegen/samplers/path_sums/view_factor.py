@@ -23,6 +23,7 @@ from specklegen.kernels import walk
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors, single_factors
 from specklegen.paths.endpoints import AXIS
+from specklegen.paths.kept_angles import spread_exits
 from specklegen.paths.layout import Layout
 from specklegen.samplers.path_sums.tiling import Tile, Tiling
 
@@ -99,6 +100,7 @@ def multiple_factor(layout: Layout, bank: PathBank, tiling: Tiling, tolerance: f
     """
     tilts = -layout.lights.vectors
     tilt = tilts.mean(axis=0) if len(tilts) else AXIS
+    bank = spread_exits(layout, bank)
     centre = tiling.grid.center_direction
     power = np.zeros(len(bank))
     if len(bank):

@@ -52,9 +52,10 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
         if asked:
             reject("sampler", '"paths" or "auto" for this scene', request.asked, f"The stationary sampler {obstacle}.")
         return None, Decision(_PART, False, obstacle)
+    allowed = max(request.tolerance, request.beside)
     errors: dict[Model, StationaryError] = {}
     for model in _models(scene, request.envelope):
-        if model.enveloped and not errors[Model(model.kernel)].correlated(request.tolerance):
+        if model.enveloped and not errors[Model(model.kernel)].correlated(allowed):
             continue  # an envelope leaves correlations as they are
         if model.enveloped and scene_envelope(scene, model.kernel == "oblique") is None:
             continue
@@ -73,6 +74,11 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     accepted = errors[best].accepts(request.tolerance)
     if asked:
         return best, Decision(_PART, True, f"asked for; {said}", doubt=not accepted)
+    least = min(errors, key=lambda model: errors[model].largest)
+    if not accepted and errors[least].accepts(request.beside):
+        lost = errors[least].largest
+        said += f"; {lost:.2g} with the {least} is less than the {request.beside:.2g} that path sums lose"
+        return least, Decision(_PART, True, said, doubt=True, error=lost)
     return best if accepted else None, Decision(_PART, accepted, said)
 
 
@@ -118,10 +124,11 @@ def scene_stationary_error(
 ) -> StationaryError:
     """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
     envelope = scene_envelope(scene, oblique) if enveloped else None
-    return stationary_error(scene, slab_tracer(scene, False), tolerance, oblique=oblique, envelope=envelope)
+    tracer = slab_tracer(scene, False, aside=False)
+    return stationary_error(scene, tracer, tolerance, oblique=oblique, envelope=envelope)
 
 
 @remembered(64)
 def scene_envelope(scene: Scene, oblique: bool) -> Envelope | None:
     """The envelope of a scene about the axis, or about the middle of its beams and views."""
-    return pilot_envelope(scene, slab_tracer(scene, False), oblique=oblique)
+    return pilot_envelope(scene, slab_tracer(scene, False, aside=False), oblique=oblique)

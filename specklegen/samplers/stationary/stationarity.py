@@ -22,7 +22,8 @@ from specklegen.core.statistics import BATCHES, batch_sums, jackknife
 from specklegen.memory_effects.oblique import face_to_face
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.far_field import lobe_loss
+from specklegen.paths.far_field import SLANT, lobe_loss
+from specklegen.paths.kept_angles import advance, depth_between
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.stationary.envelope import Envelope, fit_envelope
 from specklegen.scene.illumination import IncoherentObject, directions_of_sines, reference_direction
@@ -113,10 +114,10 @@ def pilot_error(
                 other = view - tilt - kappa
                 if max(np.hypot(*other), np.hypot(*(pilot.light[:2] - tilt))) < 1:
                     # Tilted light keeps its angle to a lobe that is narrower, where the lobe is not in its far field.
-                    kept = lobe_loss(scene.slab, scene.wavelength, float(np.hypot(*tilt))).spurious
+                    kept = _kept(scene, np.hypot(*tilt))
                     like = view if kept else other
                     root = np.sqrt(pilot.weight(view) * pilot.weight(like))
-                    product = pilot.sums(root * np.exp(1j * pilot.phase(view, other, tilt)))
+                    product = pilot.sums(root * np.exp(1j * pilot.phase(view, other, tilt, kept)))
                     sums.append([product, pilot.intensity(view), pilot.intensity(like), modelled, norm])
                     gains.append(gain)
     n, gain = len(gains), np.array(gains)
@@ -137,9 +138,12 @@ def pilot_error(
     whole = np.array([pilot.is_rigid_shift(light) for light in lights])
     seen = n + np.flatnonzero(~whole | (np.abs(value[n:]) > 3 * error[n:]))
     worst, brightest = np.abs(value[:n]).argmax(), seen[np.abs(value[seen]).argmax()]
+    # Beyond the tilts that leave slants and depths as they are, neither the model nor what judges it is better known.
+    unknown = max((reach**2 for reach in np.hypot(*tilts.T) if _kept(scene, reach) and reach**2 > SLANT), default=0.0)
     return StationaryError(
-        float(abs(value[worst])), float(error[worst]), float(abs(value[brightest])), float(error[brightest])
-    )
+        max(float(abs(value[worst])), float(unknown)), float(error[worst]),
+        float(abs(value[brightest])), float(error[brightest]),
+    )  # fmt: skip
 
 
 def pilot_envelope(scene: Scene, tracer: SlabTracer, *, oblique: bool = False) -> Envelope | None:
@@ -185,18 +189,22 @@ class _Bank:
 
     def is_rigid_shift(self, light: np.ndarray) -> bool:
         """Whether a tilt to these sines moves all light by as much: lobes do not stay behind (physics.md 10)."""
-        tilt = float(np.hypot(*(light - self.light[:2])))
-        return lobe_loss(self.scene.slab, self.scene.wavelength, tilt).spurious
+        return _kept(self.scene, np.hypot(*(light - self.light[:2])))
 
     def _contributions(self, sines: np.ndarray, light: np.ndarray) -> np.ndarray:
         return contributions(self.layout.at(light, self._view(sines)), self.bank)
 
-    def phase(self, view: np.ndarray, other: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-        """Phase of the exact correlation of (light, view) with (light - tilt, other), less that of the window."""
+    def phase(self, view: np.ndarray, other: np.ndarray, tilt: np.ndarray, kept: bool) -> np.ndarray:
+        """Phase of the exact correlation of (light, view) with (light - tilt, other), less that of the window.
+
+        ``kept`` says whether light keeps its angle to lobes (:mod:`specklegen.paths.kept_angles`).
+        """
         one, two = self._view(view), self._view(other)
         light = directions_of_sines("tilt", self.light[:2] - tilt)
         depth = self.bank.exit[:, 2] - (self.scene.slab.thickness if self.scene.side > 0 else 0.0)
         along = (self.light[2] - light[2]) * self.bank.entry[:, 2] - (one[2] - two[2]) * depth
+        if kept:
+            along = along - advance(self.light, light) * depth_between(self.layout, self.bank)
         lateral = self.bank.exit[:, :2] - self.bank.entry[:, :2]
         return self.scene.wavenumber * (along - lateral @ (view - other))
 
@@ -206,6 +214,11 @@ class _Bank:
     def sums(self, values: np.ndarray) -> np.ndarray:
         """Sums over 64 batches of paths, complex128[64]."""
         return batch_sums(values, self.bank.paths, self._paths)
+
+
+def _kept(scene: Scene, tilt: float) -> bool:
+    """Whether light keeps its angle to lobes under a tilt, in sines."""
+    return lobe_loss(scene.slab, scene.wavelength, float(tilt)).spurious
 
 
 def _probe_views(scene: Scene) -> np.ndarray:

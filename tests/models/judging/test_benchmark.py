@@ -224,6 +224,17 @@ def test_results_can_be_checked_by_others(found, tmp_path):
     np.savez(tmp_path / "forged.npz", **arrays | {"stated": json.dumps(stated)})
     with pytest.raises(RuleError, match="score of 'even' on 'thin', image 7"):
         recheck(tmp_path / "forged.npz")
+    stated = json.loads(str(arrays["stated"]))
+    for number, (_, _, count) in enumerate(stated["answers"]):  # the best images alone
+        stated["answers"][number][2] = 1
+        assert count > 1
+    np.savez(tmp_path / "chosen.npz", **arrays | {"stated": json.dumps(stated)})
+    with pytest.raises(RuleError, match=r"answers of '\w+' to 'thin' must be to all of"):
+        recheck(tmp_path / "chosen.npz")
+    stated["answers"] = []
+    np.savez(tmp_path / "none.npz", **arrays | {"stated": json.dumps(stated)})
+    with pytest.raises(RuleError, match="answers to 'thin' must be to all of"):
+        recheck(tmp_path / "none.npz")
     stated["fingerprints"]["thin"] = "0" * 64
     np.savez(tmp_path / "other.npz", **arrays | {"stated": json.dumps(stated)})
     with pytest.raises(RuleError, match="answers of 'thin' must be to images"):

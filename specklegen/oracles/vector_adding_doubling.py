@@ -1,0 +1,211 @@
+"""Transfer of polarised light through a plane slab by adding and doubling: exact, without a random number.
+
+A layer is two operators on the Stokes vectors (I, Q, U, V) of all directions: what it sends back, what it sends on.
+Around the axis of the slab they depend on differences of azimuths alone, so that each harmonic e^(im phi) is
+transferred by itself; those of one layer so thin that light scatters in it at most once come from the phase matrix by
+sums over azimuths. Two layers on top of each other are added as scalar ones are. Nodes of weight 0 are directions in
+which light arrives or is seen, and into which it never scatters.
+
+Stokes vectors belong to the frame (theta, phi) of their direction: Q is what lies along theta, in the plane of
+direction and axis, minus what lies along phi; U what lies at 45 degrees between the two, minus the rest.
+
+Sources: van de Hulst, *Multiple Light Scattering* (1980), ch. 15; de Haan, Bosma, Hovenier, Astron. Astrophys. 183, 371
+(1987); for the frames Bohren and Huffman, *Absorption and Scattering of Light by Small Particles* (1983), ch. 3.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from specklegen.core.errors import reject
+from specklegen.core.quadrature import gauss_legendre
+
+PhaseMatrix = Callable[[np.ndarray], np.ndarray]
+"""F11, F12, F33, F34 of cosines of the scattering angle, float64[4, ...], in the frame of the scattering plane."""
+THINNEST = 1e-8
+"""Optical depth from which layers are doubled; a layer's double scattering is left out there."""
+
+
+def rayleigh(cosine: np.ndarray) -> np.ndarray:
+    """Phase matrix of small spheres, float64[4, ...], of mean 1 over the sphere."""
+    squared = np.square(cosine)
+    return np.array([0.75 * (1 + squared), -0.75 * (1 - squared), 1.5 * cosine, 0 * cosine])
+
+
+def projected(lobe: Callable[[np.ndarray], np.ndarray]) -> PhaseMatrix:
+    """Phase matrix of particles that scatter by a scalar lobe and project the field: S2 = cos(theta) S1.
+
+    ``lobe`` gives F11 of mean 1 over the sphere; of 3/4 (1 + cos^2) it makes :func:`rayleigh`.
+    """
+
+    def matrix(cosine: np.ndarray) -> np.ndarray:
+        share, squared = lobe(cosine), np.square(cosine)
+        return share * np.array([1 + 0 * cosine, (squared - 1) / (1 + squared), 2 * cosine / (1 + squared), 0 * cosine])
+
+    return matrix
+
+
+@dataclass(frozen=True)
+class PolarisedLight:
+    """Scattered light of a slab, for an irradiance of pi on planes across the incident beam.
+
+    Attributes
+    ----------
+    transmitted, reflected : float64[views, azimuths, 4, 4]
+        Matrices from the Stokes vector of the beam to that of the radiance behind and before the slab.
+    """
+
+    transmitted: np.ndarray
+    reflected: np.ndarray
+
+
+def vector_adding_doubling(
+    optical_depth: float,
+    matrix: PhaseMatrix,
+    *,
+    albedo: float = 1.0,
+    incidence: float = 1.0,
+    views: Sequence[float] = (1.0,),
+    azimuths: Sequence[float] = (0.0,),
+    nodes: int = 16,
+    orders: int = 3,
+) -> PolarisedLight:
+    """Scattered light of a slab of particles that are spheres, or turned at random.
+
+    Parameters
+    ----------
+    optical_depth, albedo
+        Of the slab.
+    matrix
+        Phase matrix of its particles, of mean 1 over the sphere.
+    incidence, views
+        Cosines, above 0, of the angles to the axis of the beam, which travels at azimuth 0, and of the views.
+    azimuths
+        Of the views, radians.
+    nodes
+        Gauss nodes of the cosine, from 0 to 1.
+    orders
+        Harmonics of the azimuth, m = 0, ..., orders - 1: 3 are all of Rayleigh's; narrower lobes have more. Light along
+        the axis, seen along the axis, needs no more than 3.
+
+    Raises
+    ------
+    RuleError
+        For an optical depth that is not above 0, or cosines that are none.
+    """
+    if not 0 < optical_depth < np.inf:
+        reject("vector_adding_doubling optical_depth", "greater than 0 and finite", optical_depth)
+    for cosine in (incidence, *views):
+        if not 0 < cosine <= 1:
+            reject("vector_adding_doubling cosines", "above 0 and at most 1", cosine)
+    x, w = gauss_legendre(nodes)
+    mu = np.concatenate([(1 + x) / 2, [incidence], views])
+    weight = np.concatenate([w * mu[:nodes], np.zeros(1 + len(views))])  # 2 mu dmu over [0, 1]
+    found = np.zeros((2, len(views), len(azimuths), 4, 4))
+    harmonics = _harmonics(matrix, mu, orders)
+    for m in range(orders):
+        through, back, *_ = _layer(harmonics[m], mu, np.repeat(weight, 4), optical_depth, albedo)
+        phase = np.exp(1j * m * np.asarray(azimuths, np.float64)) * (1 if m == 0 else 2)  # -m is the conjugate of m
+        for n, kernel in enumerate((through, back)):
+            seen = kernel.reshape(len(mu), 4, len(mu), 4)[nodes + 1 :, :, nodes]
+            found[n] += (phase[:, None, None] * seen[:, None]).real
+    return PolarisedLight(*(mu[nodes] * found))
+
+
+def _harmonics(matrix: PhaseMatrix, mu: np.ndarray, orders: int) -> np.ndarray:
+    """Harmonics of the phase matrix, complex128[orders, 4, n, 4, n, 4]: down to down, to up; up to down, to up."""
+    count = 2 * 2 ** int(np.ceil(np.log2(4 * orders + 2 * len(mu))))  # of azimuths
+    azimuth = 2 * np.pi * np.arange(count) / count
+    found = np.empty((orders, 4, len(mu), 4, len(mu), 4), complex)
+    for n, (arriving, leaving) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
+        for j, cosine in enumerate(mu):
+            turned = _turned(matrix, arriving * cosine, leaving * mu[:, None], azimuth)  # [n, azimuths, 4, 4]
+            found[:, n, :, :, j] = np.moveaxis(np.fft.fft(turned, axis=1)[:, :orders], 1, 0) / count
+    return found
+
+
+def _frame(cosine: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Direction, and unit vectors along theta and phi there, float64[..., 3]."""
+    cosine, azimuth = np.broadcast_arrays(cosine, azimuth)
+    sine, zero = np.sqrt(np.maximum(1 - np.square(cosine), 0)), np.zeros(cosine.shape)
+    east, north = np.cos(azimuth), np.sin(azimuth)
+    along = (sine * east, sine * north, cosine), (cosine * east, cosine * north, -sine), (-north, east, zero)
+    direction, theta, phi = (np.stack(parts, axis=-1) for parts in along)
+    return direction, theta, phi
+
+
+def _turned(matrix: PhaseMatrix, arriving: float, leaving: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Phase matrix float64[..., 4, 4] between the frames of two directions, the first at azimuth 0."""
+    before, theta, phi = _frame(np.asarray(arriving), np.asarray(0.0))
+    after, theta_after, phi_after = _frame(leaving, azimuth)
+    cosine = np.clip(after @ before, -1, 1)
+    plane = after - cosine[..., None] * before  # across the incident light, in the scattering plane
+    length = np.linalg.norm(plane, axis=-1, keepdims=True)
+    plane = np.where(length > 1e-9, plane / np.maximum(length, 1e-300), theta)  # straight on and back: any plane
+    normal = np.cross(before, plane)
+    f11, f12, f33, f34 = matrix(cosine)
+    found = np.zeros((*cosine.shape, 4, 4))
+    found[..., 0, 0] = found[..., 1, 1] = f11
+    found[..., 0, 1] = found[..., 1, 0] = f12
+    found[..., 2, 2] = found[..., 3, 3] = f33
+    found[..., 2, 3], found[..., 3, 2] = f34, -f34
+    into = _rotation((plane * theta).sum(-1), (plane * phi).sum(-1))
+    plane = np.cross(normal, after)
+    outof = _rotation((plane * theta_after).sum(-1), (plane * phi_after).sum(-1))
+    return np.swapaxes(outof, -1, -2) @ found @ into
+
+
+def _rotation(cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
+    """Stokes vectors of a frame turned by an angle, float64[..., 4, 4]."""
+    found = np.zeros((*np.shape(cosine), 4, 4))
+    found[..., 0, 0] = found[..., 3, 3] = 1
+    found[..., 1, 1] = found[..., 2, 2] = np.square(cosine) - np.square(sine)
+    found[..., 1, 2] = 2 * sine * cosine
+    found[..., 2, 1] = -found[..., 1, 2]
+    return found
+
+
+Layer = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Sent on and back of light from above, the same of light from below, and what goes straight on."""
+
+
+def _layer(harmonic: np.ndarray, mu: np.ndarray, weight: np.ndarray, depth: float, albedo: float) -> Layer:
+    """One harmonic of a layer, by doubling."""
+    doublings = int(np.ceil(np.log2(max(depth / THINNEST, 1.0))))
+    thin, size = depth / 2**doublings, 4 * len(mu)
+    out, into = mu[:, None], mu[None]
+    both = -np.expm1(-thin * (1 / out + 1 / into)) / (out + into)
+    middle = thin * (1 / out + 1 / into) / 2  # (e^(-d/a) - e^(-d/b)) / (a - b), which is d / a^2 e^(-d/a) for a = b
+    half = thin * (1 / into - 1 / out) / 2
+    ratio = np.divide(np.sinh(half), half, out=np.ones_like(half), where=half != 0)
+    along = np.exp(-middle) * thin / (out * into) * ratio
+    down, up, fall, rise = (albedo / 4 * each for each in harmonic)
+    on, back = along[:, None, :, None], both[:, None, :, None]
+    kernels = [(k * share).reshape(size, size) for k, share in ((down, on), (up, back), (rise, on), (fall, back))]
+    straight = np.repeat(np.exp(-thin / mu), 4)
+    layer = (*kernels, straight)
+    for _ in range(doublings):
+        layer = _added(layer, layer, weight)
+    return layer
+
+
+def _added(top: Layer, below: Layer, weight: np.ndarray) -> Layer:
+    """One layer on top of another."""
+    on, back, on_up, back_up, straight = top
+    onward, returned, onward_up, returned_up, further = below
+
+    def sent(first: tuple[np.ndarray, ...], second: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
+        (on, back, inside, way), (onward, returned, out, further) = first, second
+        twice = (inside * weight) @ returned  # down again after two reflections between the layers
+        again = np.linalg.solve(np.eye(len(weight)) - twice * weight, twice)
+        down = on + (again * weight) @ on + again * way
+        up = (returned * weight) @ down + returned * way
+        return (
+            (onward * weight) @ down + onward * way + further[:, None] * down,
+            back + (out * weight) @ up + way[:, None] * up,
+        )
+
+    through = sent((on, back, back_up, straight), (onward, returned, on_up, further))
+    upward = sent((onward_up, returned_up, returned, further), (on_up, back_up, onward, straight))
+    return (*through, *upward, straight * further)
