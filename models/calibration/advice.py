@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from specklegen.core.arguments import instance, positive_number, several
+from specklegen.core.arguments import positive_number, several
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
 from specklegen.core.shielded import shielded
@@ -26,7 +26,8 @@ from specklegen.measured.observations import (
 from specklegen.models.calibration.material_fit import WORDS, covariance_of, degeneracies, standard_errors
 from specklegen.models.calibration.prediction import predict
 from specklegen.models.calibration.unknowns import COMBINATIONS, NAMES, Unknowns, logarithm_of, unknowns_of
-from specklegen.scene.media import Slab
+from specklegen.scene.layers import PlaneParallel
+from specklegen.scene.media import Slab, as_slab
 
 _POINTS, _ERROR, _RELATIVE = 25, 0.01, 0.02
 
@@ -147,7 +148,8 @@ def advise(
     0.13
     """
     owner = "advise"
-    slab = instance(f"{owner} slab", slab, Slab)
+    if not isinstance(slab, PlaneParallel) or as_slab(slab) is None:
+        reject(f"{owner} slab", "a Slab", slab)
     wavelength = positive_number(f"{owner} wavelength", wavelength)
     if not slab.faces.matched or slab.scatterer.type not in ("HenyeyGreenstein", "Isotropic"):
         reject(f"{owner} slab", "of Henyey-Greenstein scatterers and matched faces, as those of the tables", slab)
