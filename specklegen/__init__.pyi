@@ -15,6 +15,10 @@ from .memory_effects.joint import JointCorrelation as JointCorrelation
 from .memory_effects.joint import joint_correlation as joint_correlation
 from .memory_effects.temporal import TemporalCorrelation as TemporalCorrelation
 from .memory_effects.temporal import temporal_correlation as temporal_correlation
+from .models.calibration.advice import Advice as Advice
+from .models.calibration.advice import advise as advise
+from .models.calibration.material_fit import MaterialFit as MaterialFit
+from .models.calibration.material_fit import fit_material as fit_material
 from .planning.planning import Plan as Plan
 from .planning.planning import plan as plan
 from .rendering import SpeckleStack as SpeckleStack

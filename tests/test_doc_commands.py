@@ -99,6 +99,7 @@ def setup(tmp_path_factory) -> Path:
     (folder / "setup.toml").write_text(next(b.text for b in blocks() if b.language == "toml" and "my-setup" in b.text))
     (folder / "scripts").symlink_to(ROOT / "scripts")
     (folder / "tests").symlink_to(ROOT / "tests")
+    (folder / "docs").symlink_to(ROOT / "docs")
     return folder
 
 

@@ -93,6 +93,7 @@ def setup(tmp_path_factory) -> Path:
         if module_of(block):
             (folder / f"{module_of(block)}.py").write_text(block.text)
     (folder / "setup.toml").write_text(next(b.text for b in blocks() if b.language == "toml" and "my-setup" in b.text))
+    (folder / "docs").symlink_to(ROOT / "docs")
     generate(load_recipe("through-slab"), samples=64, folder=folder / "data" / "a.zarr", processes=1)
     return folder
 

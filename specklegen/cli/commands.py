@@ -13,6 +13,7 @@ from specklegen.cli import (
     compare,
     explore,
     fit_camera,
+    fit_material,
     learning,
     recipes,
     reconstruct,
@@ -61,6 +62,7 @@ app.command()(learning.evaluate)
 app.command()(recoverable.recoverable)
 app.command()(reconstruct.reconstruct)
 app.command("fit-camera", cls=fit_camera.ManyFiles)(fit_camera.fit_camera)
+app.command("fit-material")(fit_material.fit_material)
 app.command("compare")(compare.compare_command)
 app.command()(benchmark.benchmark)
 app.command()(explore.explore)

@@ -2,3 +2,9 @@ from .curve import MeasuredCurve as MeasuredCurve
 from .curve import read_curve as read_curve
 from .measurement import Measurement as Measurement
 from .measurement import read_measurement as read_measurement
+from .observations import BallisticFraction as BallisticFraction
+from .observations import ContrastVersusBandwidth as ContrastVersusBandwidth
+from .observations import MemoryCurve as MemoryCurve
+from .observations import Observation as Observation
+from .observations import TemporalCurve as TemporalCurve
+from .observations import Transmittance as Transmittance

@@ -29,6 +29,8 @@ class MeasuredCurve(Pictured):
     names : tuple of str
         Heads of the columns, as the file has them; empty without.
     file : str
+    lines : tuple of int
+        Where each value stands in the file, from 1; empty where nothing was read.
 
     Examples
     --------
@@ -43,6 +45,7 @@ class MeasuredCurve(Pictured):
     errors: np.ndarray | None
     names: tuple[str, ...]
     file: str
+    lines: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         return f"MeasuredCurve({counted(len(self.at), 'value')} from {self.at[0]:g} to {self.at[-1]:g})"
@@ -96,6 +99,7 @@ def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> Measur
     chosen = _columns(columns)
     names: tuple[str, ...] = ()
     rows: list[list[float]] = []
+    lines: list[int] = []
     separator: str | None = None
     for number, line in enumerate(_text(path).splitlines(), 1):
         text = line.strip().lstrip("\ufeff")
@@ -125,11 +129,12 @@ def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> Measur
         if len(row) == 3 and not row[2] > 0:
             reject(where, "of a standard error greater than 0", row[2], "Leave the column out by columns=(0, 1).")
         rows.append(row)
+        lines.append(number)
     if len(rows) < 2:
         reject(f"read_curve {path}", "of at least two lines of numbers", len(rows))
     table = np.array(rows).T
     kept = tuple(names[column] for column in chosen or range(len(table)) if column < len(names))
-    return MeasuredCurve(table[0], table[1], table[2] if len(table) == 3 else None, kept, str(path))
+    return MeasuredCurve(table[0], table[1], table[2] if len(table) == 3 else None, kept, str(path), tuple(lines))
 
 
 def _columns(columns: Sequence[int] | None) -> tuple[int, ...]:

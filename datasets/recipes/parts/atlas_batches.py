@@ -50,6 +50,24 @@ def _stencil(x: torch.Tensor, nodes: torch.Tensor) -> tuple[torch.Tensor, torch.
     return below.clamp(0, len(nodes) - 2), place, ratio.masked_fill(same, 1.0).prod(-1)
 
 
+def stencils(
+    depth: torch.Tensor, drop: torch.Tensor, albedo: torch.Tensor, axes: list[torch.Tensor]
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Where slabs float64[B] are in a table: whether inside, their cells, 64 nodes int64[B, 64] and their weights."""
+    order = depth * (1 + 0.5 * depth * drop)
+    coordinates = [torch.log(depth), torch.log(drop), torch.sqrt(1 - torch.log(albedo) * order) - 1]
+    inside = torch.ones_like(depth, dtype=torch.bool)
+    cell = torch.zeros_like(depth, dtype=torch.int64)
+    place, weight = cell[:, None], torch.ones_like(depth)[:, None]
+    for x, nodes in zip(coordinates, axes, strict=True):
+        inside = inside & (nodes[0] <= x) & (x <= nodes[-1])
+        below, four, along = _stencil(x.contiguous(), nodes)
+        cell = cell * (len(nodes) - 1) + below
+        place = (place[:, :, None] * len(nodes) + four[:, None, :]).flatten(1)
+        weight = (weight[:, :, None] * along[:, None, :]).flatten(1)
+    return inside, cell, place, weight
+
+
 @dataclass(frozen=True)
 class Kernels:
     """Memory-effect kernels of a batch, in the form of :class:`MemoryEffectCorrelation`.
@@ -107,17 +125,7 @@ def slab_kernels(
     """
     thickness, depth, g, albedo = slabs.unbind(-1)
     drop = 1 - g
-    order = depth * (1 + 0.5 * depth * drop)
-    coordinates = [torch.log(depth), torch.log(drop), torch.sqrt(1 - torch.log(albedo) * order) - 1]
-    inside = torch.ones_like(depth, dtype=torch.bool)
-    cell = torch.zeros_like(depth, dtype=torch.int64)
-    place, weight = cell[:, None], torch.ones_like(depth)[:, None]
-    for x, nodes in zip(coordinates, axes, strict=True):
-        inside = inside & (nodes[0] <= x) & (x <= nodes[-1])
-        below, four, along = _stencil(x.contiguous(), nodes)
-        cell = cell * (len(nodes) - 1) + below
-        place = (place[:, :, None] * len(nodes) + four[:, None, :]).flatten(1)
-        weight = (weight[:, :, None] * along[:, None, :]).flatten(1)
+    inside, cell, place, weight = stencils(depth, drop, albedo, axes)
     row = (table[place].to(weight.dtype) * weight[:, :, None]).sum(1)
     single = single_radiance(depth, drop, albedo)
     multiple = albedo.square() * torch.exp(row[:, -1])

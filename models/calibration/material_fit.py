@@ -1,0 +1,563 @@
+"""Your material from your own measurements: :func:`fit_material`.
+
+Least squares in logarithms of thickness, optical depth, 1 - g and diffusion, and in -ln albedo, over everything that
+was observed at once. Where a valley is curved, pulls of a covariance claim too much: intervals are those of profiles,
+the values at which the least chi squared with that value held has risen by the quantile of chi squared of one degree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+from numpy.typing import ArrayLike
+from scipy.stats import chi2
+
+from specklegen.core.arguments import choice, instance, positive_number, real_array, real_number, several
+from specklegen.core.display.plot import Pictured
+from specklegen.core.errors import reject
+from specklegen.core.shielded import shielded
+from specklegen.measured.observations import MemoryCurve, Observation, TemporalCurve
+from specklegen.models.calibration.least_squares import Held, Minimum, minimize, nothing_held
+from specklegen.models.calibration.prediction import DEPTH, DIFFUSION, DROP, LOSS, THICKNESS, predict
+from specklegen.models.calibration.unknowns import COMBINATIONS, Unknowns, logarithm_of, unknowns_of, value_of
+from specklegen.scene.faces import Faces
+from specklegen.scene.media import Slab
+from specklegen.scene.motion import Brownian
+from specklegen.scene.scatterers import HenyeyGreenstein
+
+LOBES = ("henyey-greenstein",)
+VAGUE = 0.5
+"""Standard error of a logarithm above which a number is not determined."""
+_DOUBTFUL = 1e-3  # chance of a chi squared as large
+_STARTS = 6
+_SCAN = 9  # values of a curve that are looked at
+_FAR = 0.2  # C_I at the first tilt below which tilts are beyond the memory effect
+_CLOSE = 0.01  # of the root of a rise of chi squared
+
+WORDS = {
+    "thickness": "thickness", "mean_free_path": "mean free path", "optical_depth": "optical depth", "g": "1 - g",
+    "transport_mean_free_path": "transport mean free path", "transport_depth": "transport depth L (1 - g) / l",
+    "albedo": "-ln albedo", "diffusion": "diffusion",
+}  # fmt: skip
+
+
+class Interval(NamedTuple):
+    """Ends of an interval; one that the data leave open ends where the tables do, or at infinity.
+
+    Examples
+    --------
+    >>> from specklegen.models.calibration.material_fit import Interval
+    >>> 0.9 in Interval(0.8, 0.95), 0.9 in Interval(0.2, 0.5)
+    (True, False)
+    """
+
+    low: float
+    high: float
+
+    def __contains__(self, value: object) -> bool:
+        return self.low <= real_number("Interval value", value) <= self.high
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Data and unknowns.
+
+    Attributes
+    ----------
+    observations : tuple of Observation
+    wavelength : float
+    unknowns : Unknowns
+    """
+
+    observations: tuple[Observation, ...]
+    wavelength: float
+    unknowns: Unknowns
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """What was measured, float64[M]."""
+        return np.concatenate([each.values for each in self.observations])
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """Standard errors float64[M]."""
+        return np.concatenate([each.errors for each in self.observations])
+
+    def model(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (model less data) over errors, and their derivatives, at unknowns float64[B, n]."""
+        found = predict(self.observations, self.wavelength, self.unknowns.slabs(at), self.unknowns.moved)
+        residual = (found.values - self.values) / self.errors
+        residual = np.where(found.inside[:, None], residual, np.inf)
+        slopes = (found.slopes @ self.unknowns.matrix) / self.errors[:, None]
+        return np.nan_to_num(residual, posinf=1e150), np.nan_to_num(slopes)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MaterialFit(Pictured):
+    """A fitted material.
+
+    Attributes
+    ----------
+    slab : Slab
+        The one that fits best.
+    observations : tuple of Observation
+        What it was fitted to.
+    predicted : tuple of float64[M]
+        What of each the slab would show.
+    residuals : tuple of float64[M]
+        Measured less predicted, in standard errors.
+    free : tuple of str
+        What was looked for.
+    covariance : float64[n, n]
+        Of the logarithms of the free numbers (of g that of 1 - g, of the albedo -ln), where chi squared is a parabola.
+    chi_squared : float
+        Of the residuals, with ``degrees`` of freedom.
+    p_value : float
+        Chance of a chi squared as large, if model and errors are right.
+    degenerate : tuple of str
+        What the data do not determine, and what they do instead; empty where all is determined.
+    doubts : tuple of str
+        What speaks against the model or the data.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import specklegen as sg
+    >>> from specklegen.measured import MemoryCurve, Transmittance
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> tilts = np.linspace(2e-5, 5e-4, 25)
+    >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=tilts, paths=20_000)
+    >>> fit = sg.fit_material([MemoryCurve(tilts, curve.intensity, 0.01), Transmittance(0.68, 0.01)],
+    ...                       wavelength=0.5, known={"thickness": 1000.0}, free=("mean_free_path", "g"))
+    >>> 100 in fit.interval(0.999)["mean_free_path"], 0.9 in fit.interval(0.999)["g"]
+    (True, True)
+    """
+
+    slab: Slab
+    observations: tuple[Observation, ...]
+    predicted: tuple[np.ndarray, ...]
+    residuals: tuple[np.ndarray, ...]
+    free: tuple[str, ...]
+    covariance: np.ndarray
+    chi_squared: float
+    degrees: int
+    p_value: float
+    degenerate: tuple[str, ...]
+    doubts: tuple[str, ...]
+    problem: Problem = field(repr=False)
+    spread: np.ndarray = field(repr=False)
+    at: np.ndarray = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"MaterialFit({self.slab!r}, chi_squared={self.chi_squared:.3g} of {self.degrees})"
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The free numbers and what follows from them, by name."""
+        x = self.problem.unknowns.slabs(self.at)
+        return {name: value_of(name, float(COMBINATIONS[name] @ x)) for name in self.problem.unknowns.names()}
+
+    def interval(self, level: float = 0.95) -> dict[str, Interval]:
+        """Profile intervals that hold the truth in a share ``level`` of experiments, by name as in ``values``.
+
+        Parameters
+        ----------
+        level
+            Between 0 and 1, both excluded.
+
+        Raises
+        ------
+        RuleError
+            For another level.
+        """
+        level = real_number("MaterialFit.interval level", level)
+        if not 0 < level < 1:
+            reject("MaterialFit.interval level", "between 0 and 1, both excluded", level)
+        rise = float(chi2.ppf(level, 1))
+        with shielded():
+            found = _profile_intervals(self, rise)
+        return found
+
+    def profile(self, name: str, values: ArrayLike) -> np.ndarray:
+        """Rise of the least chi squared where a number is held at given values, the others fitted, float64[V].
+
+        Parameters
+        ----------
+        name
+            As in ``values``.
+        values
+            float[V].
+
+        Raises
+        ------
+        RuleError
+            For a name that is none of these, and values that it cannot have.
+        """
+        unknowns = self.problem.unknowns
+        choice("MaterialFit.profile name", name, unknowns.names())
+        values = np.atleast_1d(real_array("MaterialFit.profile values", values))
+        ends = (-1, 1) if name == "g" else (0, 1 + 1e-12) if name == "albedo" else (0, np.inf)
+        if values.ndim != 1 or not ((values > ends[0]) & (values < ends[1])).all():
+            reject("MaterialFit.profile values", f"numbers between {ends[0]:g} and {ends[1]:g}", values)
+        weights = np.broadcast_to(unknowns.weights(name), (len(values), len(self.at)))  # type: ignore[arg-type]
+        goals = np.array([logarithm_of(name, value) for value in values]) - COMBINATIONS[name] @ unknowns.base
+        with shielded():
+            return np.maximum(_held(self, weights, goals, np.repeat(self.at[None], len(values), 0)).cost
+                              - self.chi_squared, 0.0)  # fmt: skip
+
+    def recipe(self, name: str) -> str:
+        """Write a recipe of tilt stacks of this material under the tilts that were measured, as TOML.
+
+        Parameters
+        ----------
+        name
+            Of the recipe.
+
+        Raises
+        ------
+        RuleError
+            For a name that is no text.
+        """
+        instance("MaterialFit.recipe name", name, str)
+        slab, scatterer = self.slab, self.slab.scatterer
+        tilts = [each.at for each in self.observations if isinstance(each, MemoryCurve)]
+        largest = float(tilts[0][-1]) if tilts else 0.0
+        count = min(len(tilts[0]), 16) if tilts else 5
+        step = largest / max(count - 1, 1) or 0.1 * self.problem.wavelength / slab.thickness
+        bounds = self.interval(0.95)
+        told = "".join(f"# {key}: {self.values[key]:.5g}, 95 %: {low:.5g} to {high:.5g}\n"
+                       for key, (low, high) in bounds.items())  # fmt: skip
+        doubts = "".join(f"# {each}\n" for each in (*self.degenerate, *self.doubts))
+        table = {
+            "inherits": "tilt-stack", "name": name,
+            "description": "Speckle of a material that was fitted to measurements, under tilts.",
+            "material": {
+                "wavelength": self.problem.wavelength, "thickness": slab.thickness,
+                "optical_depth": slab.optical_depth, "g": scatterer.mean_cosine(), "albedo": slab.albedo,
+            },
+            "window": {"width": 30 * (slab.thickness + slab.transport_length)},
+            "tilts": {"count": count, "step": step},
+        }  # fmt: skip
+        heading = f"# chi squared {self.chi_squared:.4g} of {self.degrees} degrees of freedom\n"
+        return heading + told + doubts + tomli_w.dumps(table)
+
+    def _facts(self) -> Mapping[str, object]:
+        found: dict[str, object] = {}
+        for name, (low, high) in self.interval(0.95).items():
+            found[name] = f"{self.values[name]:.4g} (95 %: {low:.4g} to {high:.4g})"
+        found["χ²"] = f"{self.chi_squared:.4g} of {self.degrees} (p = {self.p_value:.2g})"
+        found["not determined"] = "; ".join(self.degenerate) or "nothing"
+        found["doubts"] = "; ".join(self.doubts) or "none"
+        return found
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Residuals in standard errors, one observation behind the other."""
+        start = 0
+        for each, residual in zip(self.observations, self.residuals, strict=True):
+            place = start + np.arange(len(residual))
+            axes.plot(place, residual, "o", ms=3, label=f"{label + ': ' if label else ''}{type(each).__name__}")
+            start += len(residual)
+        axes.axhspan(-2, 2, color="grey", alpha=0.15)
+        axes.set(xlabel="number of the value", ylabel="measured - fitted, in standard errors")
+        axes.legend()
+        axes.grid(alpha=0.3)
+
+
+@shielded()
+def fit_material(
+    observations: Observation | Sequence[Observation],
+    *,
+    wavelength: float,
+    known: Mapping[str, float] | None = None,
+    free: Sequence[str] = ("thickness", "mean_free_path", "g"),
+    faces: Faces | None = None,
+    lobe: str = "henyey-greenstein",
+) -> MaterialFit:
+    """Fit a slab to what was measured of it.
+
+    Parameters
+    ----------
+    observations
+        Values of :mod:`specklegen.measured`: `MemoryCurve`, `Transmittance`, `TemporalCurve`, `BallisticFraction`,
+        `ContrastVersusBandwidth`.
+    wavelength
+        Inside the medium, in the unit of length of all lengths.
+    known
+        Numbers that are known, by name: "thickness", "mean_free_path", "g", "albedo", "diffusion". Without it the
+        albedo is 1.
+    free
+        Names of those to be found.
+    faces
+        Matched ones: the tables know no step of the index.
+    lobe
+        "henyey-greenstein", the lobes that the tables are of.
+
+    Raises
+    ------
+    RuleError
+        For fewer values than free numbers, numbers neither known nor free, known ones outside the tables, faces with a
+        step, and tilts at which no slab of the known thickness would be correlated.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> from specklegen.measured import BallisticFraction, Transmittance
+    >>> fit = sg.fit_material([Transmittance(0.68, 0.01), BallisticFraction(4.5e-5, 2e-6)], wavelength=0.5,
+    ...                       known={"thickness": 1000.0}, free=("mean_free_path", "g"))
+    >>> round(fit.slab.optical_depth, 1), fit.degrees
+    (10.0, 0)
+    """
+    owner = "fit_material"
+    seen = several(f"{owner} observations", observations, Observation)
+    for each in seen:
+        if each.planned:
+            reject(f"{owner} observations", "measured", each, "Ask advise about what is planned.")
+    wavelength = positive_number(f"{owner} wavelength", wavelength)
+    choice(f"{owner} lobe", lobe, LOBES)
+    if faces is not None and not instance(f"{owner} faces", faces, Faces).matched:
+        reject(f"{owner} faces", "matched, as those of the tables", faces,
+               "A step at n = 1.33 looks like twice the optical depth: match it by an immersion liquid.")  # fmt: skip
+    moving = any(isinstance(each, TemporalCurve) for each in seen)
+    unknowns = unknowns_of(owner, {} if known is None else known, free, moving)
+    problem = Problem(seen, wavelength, unknowns)
+    if len(problem.values) < len(unknowns.free):
+        reject(f"{owner} observations", f"at least {len(unknowns.free)} values, as many as there are free numbers",
+               len(problem.values), "Measure more, or name fewer in free.")  # fmt: skip
+    starts = _starts(problem)
+    found = minimize(problem.model, starts, unknowns.low, unknowns.high, nothing_held(len(starts), starts.shape[1]))
+    best = int(np.argmin(found.cost))
+    if not np.isfinite(found.cost[best]):
+        reject(f"{owner} observations", "such that a slab of the tables could show them", seen)
+    fit = _fit_at(problem, found.at[best], float(found.cost[best]))
+    if fit.p_value < _DOUBTFUL:
+        _require_correlation(owner, problem)
+    return fit
+
+
+def _fit_at(problem: Problem, at: np.ndarray, cost: float) -> MaterialFit:
+    residual, slope = (each[0] for each in problem.model(at[None]))
+    covariance = covariance_of(slope)
+    slab = slab_of(problem.unknowns.slabs(at))
+    ends = np.cumsum([len(each.values) for each in problem.observations])[:-1]
+    predicted = np.split(problem.values + residual * problem.errors, ends)
+    degrees = len(problem.values) - len(at)
+    chance = float(chi2.sf(cost, degrees)) if degrees else 1.0
+    return MaterialFit(
+        slab, problem.observations, tuple(predicted), tuple(np.split(-residual, ends)), problem.unknowns.free,
+        _of_names(problem.unknowns, covariance), cost, degrees, chance, degeneracies(problem.unknowns, covariance),
+        _doubts(problem, at, slab, cost, degrees, chance), problem, covariance, at,
+    )  # fmt: skip
+
+
+def covariance_of(slope: np.ndarray) -> np.ndarray:
+    """(J^T J)^-1 float64[n, n] of residuals' derivatives float64[M, n]; directions without data get 1e12."""
+    values, vectors = np.linalg.eigh(slope.T @ slope)
+    return (vectors / np.maximum(values, 1e-12)) @ vectors.T
+
+
+def _of_names(unknowns: Unknowns, covariance: np.ndarray) -> np.ndarray:
+    weights = np.array([unknowns.weights(name) for name in unknowns.free])
+    return weights @ covariance @ weights.T
+
+
+def degeneracies(unknowns: Unknowns, covariance: np.ndarray) -> tuple[str, ...]:
+    """Say what is not determined to e^.5, and what is instead."""
+    errors = standard_errors(unknowns, covariance)
+    vague = [name for name in unknowns.free if errors[name] > VAGUE and name != "albedo"]
+    if not vague:
+        return ()
+    sure = [f"{WORDS[name]} (± {100 * error:.2g} %)" for name, error in errors.items()
+            if error <= VAGUE and name != "albedo"]  # fmt: skip
+    lost = " and ".join(f"{WORDS[name]} (ln ± {min(errors[name], 1e6):.2g})" for name in vague)
+    instead = ", ".join(sure) if sure else "nothing else"
+    return (f"{lost} {'is' if len(vague) == 1 else 'are'} not determined by these data; determined: {instead}",)
+
+
+def standard_errors(unknowns: Unknowns, covariance: np.ndarray) -> dict[str, float]:
+    """Standard errors of the logarithms of all combinations that are not known, by name."""
+    found = {}
+    for name in unknowns.names():
+        weights = unknowns.weights(name)
+        found[name] = float(np.sqrt(max(weights @ covariance @ weights, 0.0)))  # type: ignore[operator]
+    return found
+
+
+def slab_of(x: np.ndarray) -> Slab:
+    """Return the slab of columns float64[5]."""
+    thickness = float(np.exp(x[THICKNESS]))
+    moves = Brownian(diffusion=float(np.exp(x[DIFFUSION]))) if x[DIFFUSION] else None
+    return Slab(
+        thickness=thickness, mean_free_path=float(np.exp(x[THICKNESS] - x[DEPTH])), albedo=float(np.exp(-x[LOSS])),
+        scatterer=HenyeyGreenstein(g=1 - float(np.exp(x[DROP]))), motion=moves,
+    )  # fmt: skip
+
+
+def _doubts(
+    problem: Problem, at: np.ndarray, slab: Slab, cost: float, degrees: int, chance: float
+) -> tuple[str, ...]:  # fmt: skip
+    unknowns, doubts = problem.unknowns, []
+    if degrees and chance < _DOUBTFUL:
+        doubts.append(
+            f"chi squared is {cost:.4g} of {degrees} (p = {chance:.1g}): no slab of Henyey-Greenstein scatterers and "
+            "matched faces shows these data within their errors"
+        )
+    for name, value, low, high in zip(unknowns.free, at, unknowns.low, unknowns.high, strict=True):
+        if name != "albedo" and min(value - low, high - value) < 1e-6:
+            doubts.append(f"{name} lies at the end of the tables: the truth may be beyond")
+    if slab.mean_free_path < problem.wavelength:
+        doubts.append(
+            f"a mean free path of {slab.mean_free_path:.2g} is below the wavelength of {problem.wavelength:.2g}: are "
+            "tilts in radians, and lengths in one unit?"
+        )
+    return tuple(doubts)
+
+
+def _grid(unknowns: Unknowns) -> np.ndarray:
+    """Unknowns float64[n, u] all over the tables, thickness and diffusion 1 where they scale what is seen."""
+    rows = []
+    for low, high, name in zip(unknowns.low, unknowns.high, unknowns.free, strict=True):
+        rows.append([0.0] if name == "diffusion" or (name == "thickness" and not unknowns.matrix[DEPTH].any()) else
+                    [0.0] if name == "thickness" and "mean_free_path" in unknowns.free else
+                    [1e-4, 0.01, 0.05] if name == "albedo" else np.linspace(low + 0.1, high - 0.1, 9))  # fmt: skip
+    return np.stack([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")], -1).astype(np.float64)
+
+
+def _starts(problem: Problem) -> np.ndarray:
+    """Unknowns float64[n, u] to start from: the best of a grid, thickness and diffusion the best of many each."""
+    unknowns = problem.unknowns
+    grid = _grid(unknowns)
+    total = np.zeros(len(grid))
+    chosen = grid.copy()
+    for column, name in ((THICKNESS, "thickness"), (DIFFUSION, "diffusion"), (-1, "")):
+        scales = name in unknowns.free and not (name == "thickness" and unknowns.matrix[DEPTH] @ (
+            np.array(unknowns.free) == name))  # fmt: skip
+        some = [each for each in problem.observations if _scaled_by(each) == column]
+        if not some:
+            continue
+        steps = _scales(problem, some, column) if scales and column >= 0 else np.zeros(1)
+        tried = np.repeat(grid[:, None], len(steps), axis=1)
+        if scales:
+            tried[:, :, unknowns.free.index(name)] = steps
+        slabs = unknowns.slabs(tried.reshape(-1, grid.shape[1]))
+        found = np.zeros(len(slabs))
+        for each in some:
+            few = np.unique(np.linspace(0, len(each.values) - 1, _SCAN).astype(int))
+            value = predict([each], problem.wavelength, slabs, ())
+            miss = (value.values - each.values)[:, few] / each.errors[few]
+            found += np.where(value.inside, np.square(miss).sum(-1), np.inf)
+        found = found.reshape(len(grid), len(steps))
+        total += found.min(axis=1)
+        if scales:
+            chosen[:, unknowns.free.index(name)] = steps[np.argmin(found, axis=1)]
+    order = np.argsort(np.nan_to_num(total, nan=np.inf))[: _STARTS * 3]
+    return chosen[order[: _STARTS // 2].tolist() + order[_STARTS // 2 :: 5].tolist()]
+
+
+def _scaled_by(each: Observation) -> int:
+    """Column of x that stretches what is observed; -1 where none does."""
+    if isinstance(each, TemporalCurve):
+        return DIFFUSION
+    return THICKNESS if hasattr(each, "at") else -1
+
+
+def _scales(problem: Problem, some: Sequence[Observation], column: int) -> np.ndarray:
+    """Logarithms of thicknesses, or of diffusions, at which something is seen where it was measured."""
+    wavenumber = 2 * np.pi / problem.wavelength
+    if column == DIFFUSION:
+        middle = [np.median(each.at[each.at > 0]) for each in some]
+        return np.log(np.geomspace(1e-3, 10, 16) / (wavenumber**2 * min(middle)))
+    middle = [np.median(each.at[each.at > 0]) * (wavenumber if isinstance(each, MemoryCurve) else 1) for each in some]
+    return np.log(np.geomspace(0.2, 200, 20) / np.median(middle))
+
+
+def _require_correlation(owner: str, problem: Problem) -> None:
+    """Refuse tilts at which next to no slab of the known thickness is correlated, though the data are."""
+    if THICKNESS in problem.unknowns.moved:
+        return
+    slabs = problem.unknowns.slabs(_grid(problem.unknowns))
+    for each in problem.observations:
+        if not isinstance(each, MemoryCurve) or not (each.at > 0).any():
+            continue
+        first = int(np.flatnonzero(each.at > 0)[0])
+        middle = float(np.median(predict([each], problem.wavelength, slabs, ()).values[:, first]))
+        if middle < _FAR < each.values[first]:
+            reject(f"{owner} tilts", "in radians, and the thickness in the unit of the wavelength",
+                   f"{float(each.at[first]):g} at first, where C_I of slabs that thick is {middle:.2g}, not "
+                   f"{float(each.values[first]):.2g}", "Use np.deg2rad.")  # fmt: skip
+
+
+def _held(fit: MaterialFit, weights: np.ndarray, goals: np.ndarray, near: np.ndarray) -> Minimum:
+    """Minima where combinations ``weights`` float64[B, n] are held at ``goals`` float64[B], sought from ``near``."""
+    problem, covariance = fit.problem, fit.spread
+    turned = weights @ covariance
+    # Of the unknowns, where the combination moves by 1.
+    along = turned / np.einsum("bn,bn->b", turned, weights)[:, None]
+    start = near + (goals - np.einsum("bn,bn->b", weights, near))[:, None] * along
+    held = Held(weights, np.argmax(np.abs(weights), axis=1), goals)
+    return minimize(problem.model, start, problem.unknowns.low, problem.unknowns.high, held)
+
+
+def _profile_intervals(fit: MaterialFit, rise: float) -> dict[str, Interval]:
+    """Where the profile of each combination has risen by ``rise``, sought on both sides of all at once."""
+    unknowns, covariance = fit.problem.unknowns, fit.spread
+    names = unknowns.names()
+    weights = np.repeat([unknowns.weights(name) for name in names], 2, axis=0)  # type: ignore[arg-type]
+    side = np.tile([-1.0, 1.0], len(names))
+    middle = weights @ fit.at
+    low, high = _reach(weights, unknowns)
+    end = np.where(side < 0, low, high)
+    spread = np.sqrt(np.maximum(np.einsum("bn,np,bp->b", weights, covariance, weights), 1e-24))
+    goal = math.sqrt(rise)
+    inner, inner_rise = np.zeros(len(side)), np.zeros(len(side))
+    outer = np.full(len(side), np.inf)
+    outer_rise = np.full(len(side), np.inf)
+    step = goal * np.minimum(spread, 1.0 / goal)
+    at = np.repeat(fit.at[None], len(side), axis=0)
+    found = np.full(len(side), np.nan)
+    most = np.abs(end - middle)
+    step = np.minimum(step, most)
+    for _ in range(24):
+        some = np.flatnonzero(np.isnan(found))
+        if not len(some):
+            break
+        minimum = _held(fit, weights[some], middle[some] + side[some] * step[some], at[some])
+        root = np.sqrt(np.maximum(minimum.cost - fit.chi_squared, 0.0))
+        for n, b in enumerate(some):
+            s, r = step[b], root[n]
+            if r <= goal:
+                inner[b], inner_rise[b], at[b] = s, r, minimum.at[n]
+            else:
+                outer[b], outer_rise[b] = s, r
+            if abs(r - goal) < _CLOSE:
+                found[b] = s
+            elif r <= goal and s >= most[b] * (1 - 1e-9):
+                found[b] = np.inf
+            elif not np.isfinite(outer[b]):
+                step[b] = min(most[b], s * min(max(1.05 * goal / max(r, 1e-9), 1.2), 3.0))
+            elif not np.isfinite(outer_rise[b]) or outer_rise[b] > 1e3:
+                step[b] = (inner[b] + outer[b]) / 2
+            else:
+                share = (goal - inner_rise[b]) / (outer_rise[b] - inner_rise[b])
+                step[b] = inner[b] + float(np.clip(share, 0.05, 0.95)) * (outer[b] - inner[b])
+            if np.isfinite(outer[b]) and outer[b] - inner[b] < 1e-4 * spread[b]:
+                found[b] = outer[b]
+    found = np.where(np.isnan(found), np.where(np.isfinite(outer), outer, np.inf), found)
+    ends = middle + side * np.minimum(found, most)
+    base = COMBINATIONS
+    result = {}
+    for n, name in enumerate(names):
+        known = float(base[name] @ unknowns.base)
+        result[name] = Interval(*sorted(value_of(name, known + float(ends[2 * n + i])) for i in (0, 1)))
+    return result
+
+
+def _reach(weights: np.ndarray, unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest values of combinations within the bounds."""
+    one, other = weights * unknowns.low, weights * unknowns.high
+    return np.minimum(one, other).sum(-1), np.maximum(one, other).sum(-1)

@@ -1,0 +1,138 @@
+"""Coverage of the intervals of :func:`specklegen.fit_material`, and how often chi squared tells a wrong model.
+
+Synthetic benches of four materials, whose curves come from paths (not from the tables that the fit reads): C_I at 25
+tilts to 3 half ranges, +- .01, and the transmittance, +- 2 %. A profile interval holds the truth where chi squared,
+with the truth held, has risen by less than its quantile. Wilson's limits are those of 99 %.
+
+    python scripts/material_coverage.py sphere --benches 100
+"""
+
+import argparse
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+import specklegen as sg
+from specklegen.measured import MemoryCurve, Transmittance
+from specklegen.memory_effects.correlation import estimate_correlation
+
+WAVELENGTH, THICKNESS = 0.5, 1000.0
+FREE = ("thickness", "mean_free_path", "g")
+LEVELS = 0.68, 0.95
+MATERIALS = {
+    "OD 5, g .9": (5.0, 0.9, 1.0), "OD 10, g .9": (10.0, 0.9, 1.0), "OD 3, g .6, albedo .99": (3.0, 0.6, 0.99),
+    "OD 20, g .8": (20.0, 0.8, 1.0),
+}  # fmt: skip
+
+
+class Bench(NamedTuple):
+    """A slab, its tilts float64[25], and what is exact: C_I float64[25] and the transmittance."""
+
+    slab: sg.Slab
+    tilts: np.ndarray
+    c_i: np.ndarray
+    transmittance: float
+
+    def measured(self, rng: np.random.Generator, sphere: bool = True, error: float = 0.01) -> list:
+        """Noisy observations, with the transmittance if it was measured too."""
+        curve = MemoryCurve(self.tilts, self.c_i + error * rng.normal(size=len(self.tilts)), error)
+        light = self.transmittance * (1 + 0.02 * rng.normal())
+        return [curve, Transmittance(light, 0.02 * self.transmittance)] if sphere else [curve]
+
+
+def bench_of(slab: sg.Slab, paths: int = 1_000_000) -> Bench:
+    """A bench of a slab, by paths."""
+    estimate = estimate_correlation(slab, paths, seed=1)
+    tilts = np.arcsin(estimate.half_range() * np.arange(1, 26) * (3 / 25) * WAVELENGTH / (2 * np.pi))
+    light = sg.reflectance_transmittance(slab, paths=min(paths, 200_000), seed=2)
+    c_i, _, _ = estimate.intensity(2 * np.pi / WAVELENGTH * np.sin(tilts))
+    return Bench(slab, tilts, c_i, light.transmittance)
+
+
+def slab_of(depth: float, g: float, albedo: float = 1.0) -> sg.Slab:
+    """A slab of Henyey-Greenstein scatterers."""
+    return sg.Slab(
+        thickness=THICKNESS, mean_free_path=THICKNESS / depth, albedo=albedo, scatterer=sg.HenyeyGreenstein(g)
+    )
+
+
+def fitted(bench: Bench, observations: list, free: tuple[str, ...] = FREE) -> sg.MaterialFit:
+    """Fit one bench; what is not free is known."""
+    slab = bench.slab
+    known = {"thickness": slab.thickness, "mean_free_path": slab.mean_free_path, "g": slab.scatterer.mean_cosine()}
+    known = {name: value for name, value in known.items() if name not in free} | {"albedo": slab.albedo}
+    return sg.fit_material(observations, wavelength=WAVELENGTH, known=known, free=free)
+
+
+def rises(bench: Bench, fit: sg.MaterialFit) -> np.ndarray:
+    """Rise of chi squared, float64[free], with each free number in turn held at the truth."""
+    slab = bench.slab
+    truth = {"thickness": slab.thickness, "mean_free_path": slab.mean_free_path, "g": slab.scatterer.mean_cosine()}
+    return np.array([fit.profile(name, [truth[name]])[0] for name in fit.free])
+
+
+def wilson(share: float, count: int, level: float = 0.99) -> tuple[float, float]:
+    """Wilson's limits of an observed share."""
+    z = norm.isf((1 - level) / 2)
+    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
+    half = z / (1 + z**2 / count) * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
+    return middle - half, middle + half
+
+
+def coverage(count: int, paths: int, sphere: bool) -> None:
+    """Print how often intervals hold the truth."""
+    rng = np.random.default_rng(1)
+    found, chances = [], []
+    for name, numbers in MATERIALS.items():
+        bench = bench_of(slab_of(*numbers), paths)
+        fits = [fitted(bench, bench.measured(rng, sphere)) for _ in range(count)]
+        own = np.array([rises(bench, fit) for fit in fits])
+        chances += [fit.p_value for fit in fits]
+        shares = [(own < chi2.ppf(level, 1)).mean(axis=0).round(3).tolist() for level in LEVELS]
+        print(name, dict(zip(LEVELS, shares, strict=True)), flush=True)
+        found.append(own)
+    for n, name in enumerate(FREE):
+        every = np.concatenate(found)[:, n]
+        for level in LEVELS:
+            share = float((every < chi2.ppf(level, 1)).mean())
+            low, high = wilson(share, len(every))
+            told = "holds" if low <= level <= high else "DOES NOT HOLD"
+            print(f"{name}: {level:.0%} interval holds {share:.3f} ({low:.3f} to {high:.3f}): {told}", flush=True)
+    print(f"p < .05 in {np.mean(np.array(chances) < 0.05):.3f}", flush=True)
+
+
+def wrong_models(count: int, paths: int) -> None:
+    """Print how often chi squared tells that a slab is not of the model."""
+    fisher, glass = sg.VonMisesFisher(concentration=10.0), sg.Faces(inside=1.33, outside=1.0)
+    wrong = {
+        "vMF, OD 10, g .9": slab_of(10, 0.9).replace(scatterer=fisher),
+        "vMF, OD 5, g .9": slab_of(5, 0.9).replace(scatterer=fisher),
+        "faces of 1.33, OD 10, g .9": slab_of(10, 0.9).replace(faces=glass),
+        "faces of 1.33, OD 5, g .9": slab_of(5, 0.9).replace(faces=glass),
+    }
+    rng = np.random.default_rng(2)
+    for name, slab in wrong.items():
+        bench = bench_of(slab, paths)
+        for sphere in (True, False):
+            for free in (FREE, FREE[1:]):
+                told = np.mean([fitted(bench, bench.measured(rng, sphere), free).p_value < 0.05 for _ in range(count)])
+                what = f"{'C_I and T' if sphere else 'C_I'}, free {', '.join(free)}"
+                print(f"{name}, {what}: told by chi squared (p < .05) in {told:.2f}", flush=True)
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("sphere", "alone", "wrong"), help="C_I and T, C_I alone, or wrong models")
+    parser.add_argument("--benches", type=int, default=100, help="of each material")
+    parser.add_argument("--paths", type=int, default=1_000_000)
+    arguments = parser.parse_args()
+    if arguments.what == "wrong":
+        wrong_models(arguments.benches, arguments.paths)
+    else:
+        coverage(arguments.benches, arguments.paths, arguments.what == "sphere")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""Fits of materials: the truth within their intervals, what is not determined, what no slab shows, what is refused."""
+
+import runpy
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+import specklegen as sg
+from specklegen.core.errors import RuleError
+from specklegen.datasets import load_recipe
+from specklegen.measured import BallisticFraction, MemoryCurve, TemporalCurve, Transmittance
+
+BENCHES = runpy.run_path(str(Path(__file__).parents[3] / "scripts/material_coverage.py"))
+FALSE_ALARM = 1e-6
+WAVELENGTH = 0.5
+KNOWN, FREE = {"thickness": 1000.0}, ("mean_free_path", "g")
+
+
+@cache
+def bench(depth, g):
+    return BENCHES["bench_of"](BENCHES["slab_of"](depth, g), 60_000)
+
+
+@cache
+def fit(depth=10.0, g=0.9, free=FREE, sphere=True, seed=0):
+    made = bench(depth, g)
+    return BENCHES["fitted"](made, made.measured(np.random.default_rng(seed), sphere), free)
+
+
+def assert_held(rises, level):
+    """So many rises below the quantile as a share ``level`` of them has by chance."""
+    hits, count = int((rises < chi2.ppf(level, 1)).sum()), len(rises)
+    assert binom.cdf(hits, count, level) > FALSE_ALARM / 2
+    assert binom.sf(hits - 1, count, level) > FALSE_ALARM / 2
+
+
+def test_intervals_hold_the_truth():
+    """Curves by paths, not by the tables; many benches: scripts/material_coverage.py."""
+    found = np.array(
+        [BENCHES["rises"](bench(*m), fit(*m, seed=n)) for m in ((10.0, 0.9), (5.0, 0.9)) for n in range(8)]
+    )
+    for level in (0.68, 0.95):
+        for column in found.T:
+            assert_held(column, level)
+    with pytest.raises(AssertionError):  # errors half as large as they are
+        assert_held(4 * np.concatenate(found.T) + 1.0, 0.95)
+
+
+def test_intervals_end_where_the_profile_has_risen():
+    one = fit()
+    for level in (0.68, 0.95):
+        bounds = one.interval(level)
+        assert set(bounds) == set(one.values)
+        for name, (low, high) in bounds.items():
+            assert low < one.values[name] < high
+            np.testing.assert_allclose(one.profile(name, [low, high]), chi2.ppf(level, 1), rtol=0.05)
+            assert (one.profile(name, [0.5 * low + 0.5 * one.values[name]]) < chi2.ppf(level, 1)).all()
+
+
+def test_a_profile_is_the_minimum_over_the_others():
+    """Against every value of the other number, on a grid."""
+    one = fit()
+    g = 0.905
+    paths = one.slab.mean_free_path * np.linspace(0.85, 1.2, 201)
+    at = np.stack([np.log(1000.0 / paths), np.full(len(paths), np.log(1 - g))], -1)
+    costs = np.square(one.problem.model(at)[0]).sum(-1)
+    found = float(one.profile("g", [g])[0])
+    assert 0 < np.argmin(costs) < len(paths) - 1
+    assert found <= costs.min() - one.chi_squared + 1e-3
+    assert found == pytest.approx(costs.min() - one.chi_squared, abs=0.03)
+
+
+def test_what_is_not_determined_is_told():
+    vague = fit(30.0, 0.8, ("thickness", "mean_free_path", "g"), False)
+    (told,) = vague.degenerate
+    assert "not determined" in told
+    assert "thickness (±" in told.partition("determined:")[2]
+    assert "mean free path" in told.partition(" not determined")[0]
+    low, high = vague.interval(0.95)["mean_free_path"]
+    assert high / low > 3
+    assert fit().degenerate == ()
+
+
+def test_what_no_slab_of_the_model_shows_is_told():
+    """Lobes of von Mises and Fisher, of the same g: chi squared tells; of Henyey and Greenstein's it does not."""
+    fisher = bench(10.0, 0.9).slab.replace(scatterer=sg.VonMisesFisher(concentration=10.0))
+    made = BENCHES["bench_of"](fisher, 60_000)
+    found = [BENCHES["fitted"](made, made.measured(np.random.default_rng(n)), FREE) for n in range(4)]
+    assert all(each.p_value < 0.01 for each in found)
+    assert "chi squared" in found[0].doubts[0]
+    assert not fit().doubts
+
+
+def test_values_that_say_all_are_met_exactly():
+    slab = sg.Slab(thickness=1.0, mean_free_path=0.25, albedo=0.98, scatterer=sg.HenyeyGreenstein(g=0.6))
+    light = sg.reflectance_transmittance(slab, paths=20_000)
+    data = [BallisticFraction(light.ballistic, 1e-3), Transmittance(light.transmittance, 1e-3)]
+    found = sg.fit_material(data, wavelength=1e-3, known={"thickness": 1.0, "albedo": 0.98}, free=FREE)
+    assert found.degrees == 0
+    assert found.chi_squared < 1e-2
+    assert found.slab.optical_depth == pytest.approx(4.0, rel=1e-3)
+    assert 0.6 in found.interval(0.999)["g"]
+
+
+def test_recipes_of_a_fit_render_and_show_its_curve(tmp_path):
+    one = fit()
+    (tmp_path / "my-bench.toml").write_text(one.recipe("my-bench"))
+    recipe = load_recipe(tmp_path / "my-bench.toml", {"camera": {"shape": [32, 32]}, "samples": {"train": 4}})
+    sample = recipe.sample(0, "train", 0)
+    assert sample["stack"].shape == (16, 32, 32)
+    material = recipe.material_of(0, "train", 0)
+    assert material.slab.replace(motion=None) == pytest.approx(one.slab) or (
+        material.slab.optical_depth == pytest.approx(one.slab.optical_depth)
+    )
+    data = one.observations[0]
+    shown = material.kernel(2 * np.pi / recipe.material.wavelength * np.sin(data.tilts)) ** 2
+    np.testing.assert_allclose(shown, one.predicted[0], atol=1e-9)
+    assert np.square((shown - data.values) / data.errors).sum() < chi2.isf(FALSE_ALARM, len(shown))
+    assert float(sample["tilts"][-1, 0]) == pytest.approx(data.tilts[-1])
+
+
+def test_it_is_seen_and_told():
+    one = fit()
+    assert one.plot().get_xlabel()
+    facts = one._facts()
+    assert "95 %" in facts["g"]
+    assert "chi_squared" in repr(one)
+    assert len(one.residuals) == len(one.observations) == 2
+    np.testing.assert_allclose(np.concatenate(one.residuals) ** 2 @ np.ones(26), one.chi_squared)
+    with pytest.raises(RuleError, match="between 0 and 1"):
+        one.interval(1.0)
+    with pytest.raises(RuleError, match="MaterialFit.profile name"):
+        one.profile("thickness", [1.0])
+    with pytest.raises(RuleError, match="MaterialFit.profile values"):
+        one.profile("g", [1.5])
+
+
+CURVE = MemoryCurve([1e-4, 2e-4, 4e-4], [0.9, 0.7, 0.4], 0.01)
+
+
+@pytest.mark.parametrize(
+    ("changes", "rule"),
+    [
+        ({"observations": []}, "a sequence of them"),
+        ({"observations": [MemoryCurve([1e-4], None, 0.01)]}, "measured"),
+        ({"observations": [Transmittance(0.5, 0.1)]}, "at least 2 values"),
+        ({"wavelength": 0.0}, "greater than 0"),
+        ({"lobe": "gaussian"}, "one of"),
+        ({"faces": sg.Faces(inside=1.33)}, "matched"),
+        ({"known": {"depth": 1.0}}, "made of thickness"),
+        ({"known": {}}, "in one of them"),
+        ({"known": {"thickness": -1.0}}, "greater than 0"),
+        ({"known": {"thickness": 1.0, "g": 0.5}}, "none of them twice"),
+        ({"free": "g"}, "a sequence of names"),
+        ({"free": ("mean_free_path", "g", "diffusion")}, "without diffusion"),
+        ({"known": {"thickness": 1000.0, "mean_free_path": 1.0}, "free": ("g",)}, "within the atlas"),
+        ({"known": {"thickness": 1000.0, "g": 0.999}, "free": ("mean_free_path",)}, "within the atlas"),
+        ({"known": {"thickness": 1e6}}, "in radians"),
+        ({"observations": [TemporalCurve([0.1, 0.2, 0.3], [1.9, 1.5, 1.2], 0.1)]}, "in one of them"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused(changes, rule):
+    given = {"observations": [CURVE], "wavelength": WAVELENGTH, "known": KNOWN, "free": FREE} | changes
+    with pytest.raises(RuleError) as error:
+        sg.fit_material(given.pop("observations"), **given)
+    assert str(error.value).startswith("fit_material")
+    assert rule in str(error.value)
