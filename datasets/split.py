@@ -56,7 +56,7 @@ def split_number(split: str) -> int:
     RuleError
         If there is no such split.
     """
-    if split not in SPLITS:
+    if not isinstance(split, str) or split not in SPLITS:
         reject("split", f"one of {', '.join(map(repr, SPLITS))}", split)
     return SPLITS.index(split)
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from specklegen.core.arguments import instance
+from specklegen.core.arguments import file_path, flag, instance
 from specklegen.core.budgets import Budget, Reverse, require_time
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.libraries import library_versions
@@ -130,7 +130,7 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     import zarr
     from tqdm import tqdm
 
-    out = Path(out)
+    out, progress = file_path("render_to_zarr out", out), flag("render_to_zarr progress", progress)
     pieces = render_tiles(scene, **arguments)
     shape = (len(scene.beams.directions), *scene.sensor.shape)
     if out.exists():

@@ -11,20 +11,25 @@ import signal
 import sys
 import time
 import warnings
+from atexit import register
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import cache
 from itertools import chain
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
 import specklegen as sg
-from specklegen import coherence, instrument, materials, models, wavetracing
+from specklegen import coherence, instrument, materials, measured, models, wavetracing
 from specklegen.core.errors import ToldError
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
+from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.store.generate import generate
 
 SECONDS = 5  # within which every call answers; none is meant to take one
 
@@ -96,9 +101,14 @@ def odd_values() -> list[tuple[str, Any]]:
 ISOTROPIC = sg.Isotropic()
 SLAB = sg.Slab(thickness=20.0, mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(g=0.5))
 GRID = sg.FarFieldGrid(shape=[4, 4], pitch=0.005)
+MOVING = SLAB.replace(motion=sg.Brownian(diffusion=1.0))
 BEAMS = sg.CollimatedBeams.tilts([0.0, 0.01], width=40.0)
 SCENE = sg.Scene(wavelength=0.5, medium=SLAB, illumination=BEAMS, sensor=GRID)
 SOURCE = sg.IncoherentObject(brightness=np.ones((2, 2)), pitch=0.01, width=40.0)
+FILM = sg.Scene(
+    wavelength=0.5, medium=MOVING, sensor=GRID,
+    illumination=sg.CollimatedBeams(directions=[[0.0, 0.0, 1.0]] * 2, width=40.0, times=[0.0, 0.1]),
+)  # fmt: skip
 OBJECT = SCENE.replace(illumination=SOURCE)
 SCREEN = sg.PhaseScreen(correlation_length=5.0, rms_phase=1.0)
 STACK = sg.ScreenStack(screens=(SCREEN, SCREEN), gaps=(10.0,), behind=5.0)
@@ -116,6 +126,49 @@ IMAGES = torch.from_numpy(np.random.default_rng(0).exponential(size=(1, 2, 32, 3
 def recipe():
     """A recipe that renders at once."""
     return load_recipe("tilt-stack", {"camera": {"shape": [16, 16]}, "samples": {"train": 4}})
+
+
+@cache
+def hidden():
+    """Batches of hidden objects."""
+    small = load_recipe("through-slab", {"camera": {"shape": [32, 32]}, "material": {"kernel_paths": 300}})
+    return [tensors(small.batch(0, "test", [0, 1]))]
+
+
+@cache
+def stored():
+    """A small store."""
+    folder = Path(mkdtemp(prefix="odd-arguments-"))
+    register(rmtree, folder)
+    generate(recipe(), samples=4, folder=folder / "a.zarr", processes=1)
+    return folder / "a.zarr"
+
+
+def fresh():
+    """A path where nothing is."""
+    folder = Path(mkdtemp(prefix="odd-arguments-"))
+    register(rmtree, folder)
+    return folder / "stack.zarr"
+
+
+@cache
+def curve():
+    """A file of a measured curve."""
+    file = fresh().with_name("curve.csv")
+    file.write_text("tilt,C_I\n0.0,1.0\n0.5,0.6\n1.0,0.1\n")
+    return file
+
+
+@cache
+def frames():
+    """Pairs of frames at four levels of light, and dark frames."""
+    light = np.random.default_rng(0).exponential(size=(64, 64))
+
+    def frame(photons, seed):
+        camera = instrument.Camera(photons=max(photons, 1e-9), gain=2.5, read_noise=3.0, offset=20.0, bit_depth=12)
+        return instrument.expose(camera, light, instrument.NoiseStreams.of(seed))
+
+    return [(frame(n, n), frame(n, n + 1)) for n in (50, 100, 200, 400)], [frame(0, 1), frame(0, 2)]
 
 
 @cache
@@ -144,6 +197,7 @@ def values() -> Iterator[Call]:
         sg.Mie(radius=0.3, wavelength=0.5, refractive_index=1.2), sg.VonMisesFisher(concentration=10.0),
         sg.Mixture(types=(ISOTROPIC, sg.HenyeyGreenstein(g=0.5)), fractions=(0.5, 0.5)),
         sg.Tabulated(theta=np.linspace(0, np.pi, 5), amplitude=np.ones(5)),
+        sg.Brownian(diffusion=1.0), FILM.beams,
         sg.GroundGlass(grit=220, index=1.5, unit=1e-6), sg.FarField(directions=[[0.0, 0.0, 1.0]]),
         sg.NearField(points=[[0.0, 0.0, 30.0]]), sg.Imaging(shape=[4, 4], pitch=1.0, aperture=0.1), sg.Pupil(
             stop=0.2, waist=1.0, zernike=(0.0, 0.1), measured=np.ones((2, 2))
@@ -228,6 +282,9 @@ def verbs() -> Iterator[Call]:
         {"scene": SCENE.replace(medium=STACK), "sampler": "screens", "realizations": 1, "seed": 0, "threads": 1},
     )
     yield Call("render to an error", sg.render, {"scene": SCENE, "sampler": "paths", "rel_error": 0.9, "seconds": 0.2})
+    yield Call("render a film", sg.render, {"scene": FILM, "realizations": 1} | shared | drawn)
+    yield Call("render_to_zarr", lambda **given: sg.render_to_zarr(out=fresh(), **given),
+               {"scene": SCENE, "progress": False} | shared)  # fmt: skip
     yield Call(
         "render_partially_coherent",
         sg.render_partially_coherent,
@@ -263,8 +320,17 @@ def verbs() -> Iterator[Call]:
         {"medium": SLAB.replace(faces=sg.Faces(inside=1.4, outside=1.0)), "rel_error": 0.5} | effect,
     )
     yield Call(
-        "joint_correlation", sg.joint_correlation, {"medium": SLAB, "shifts": [[0.0, 0.0], [1.0, 0.0]]} | effect | VERB
+        "joint_correlation", sg.joint_correlation, {"medium": SLAB, "shifts": [0.0, 1.0]} | effect | VERB
     )
+    moved = {"medium": MOVING, "wavelength": 0.5, "lags": [0.0, 0.01]}
+    yield Call("joint_correlation in time", sg.joint_correlation,
+               moved | {"tilts": [0.0, 0.01], "shifts": [0.0, 1.0]} | VERB)  # fmt: skip
+    for mode in ("transmission", "reflection"):
+        yield Call(f"temporal_correlation in {mode}", sg.temporal_correlation,
+                   moved | {"tilts": 0.0, "mode": mode, "view": None, "tolerance": 0.02} | shared)  # fmt: skip
+    yield Call("Brownian.of_sphere", sg.Brownian.of_sphere,
+               {"radius": 0.25, "viscosity": 1e-3, "temperature": 293.0, "unit": 1e-6})  # fmt: skip
+    yield Call("Brownian.mean_square", sg.Brownian(diffusion=1.0).mean_square, {"lag": [0.0, 1.0]}, ("lag",))
     yield Call(
         "covariance",
         sg.covariance,
@@ -326,7 +392,10 @@ def others() -> Iterator[Call]:
     yield Call(
         "materials.memory_range",
         materials.memory_range,
-        {"name": "milk", "wavelength": 0.633, "thickness": 500.0, "paths": 300},
+        {
+            "name": "intralipid", "wavelength": 0.633, "thickness": 500.0, "outside": (1.0, None), "unit": 1e-6,
+            "draws": 1, "paths": 300, "seed": 0,
+        },
         ("name",),
     )
     for name, given in {
@@ -370,6 +439,12 @@ def others() -> Iterator[Call]:
     yield Call(
         "instrument.incoherent_sum", instrument.incoherent_sum, {"images": np.ones((2, 4, 4)), "weights": [1.0, 1.0]}
     )
+    yield Call("fit_camera", sg.fit_camera, {"pairs": Lazy(lambda: frames()[0]), "dark": Lazy(lambda: frames()[1]),
+                                             "bit_depth": 12})  # fmt: skip
+    yield Call("measured.read_measurement", measured.read_measurement,
+               {"source": np.rint(100 * IMAGES[0].numpy()), "dark": 1.0, "flat": None, "envelope": None, "region": None,
+                "frames": None, "variable": None, "bit_depth": None, "hot_pixels": True}, ("source",))  # fmt: skip
+    yield Call("measured.read_curve", measured.read_curve, {"path": Lazy(curve), "columns": None}, ("path",))
     yield bound("LabSetup.scene", laboratory().scene, medium=SLAB, brightness=np.ones((2, 2)))
     yield Call("load_recipe", load_recipe, {"source": "tilt-stack", "changes": {}})
     yield Call("Recipe.sample", recipe().sample, {"seed": 0, "split": "train", "index": 0}, ("seed", "split", "index"))
@@ -391,7 +466,7 @@ def others() -> Iterator[Call]:
             "graphs": True,
         },
     )
-    yield Call("SpeckleCache (refused)", SpeckleCache, {"folder": "/nonexistent", "missing": "raise", "recipe": None})
+    yield Call("SpeckleCache", SpeckleCache, {"folder": Lazy(stored), "missing": "raise", "recipe": Lazy(recipe)})
     yield Call(
         "models.periodogram",
         models.periodogram,
@@ -445,7 +520,7 @@ def others() -> Iterator[Call]:
     yield Call(
         "models.evaluate",
         models.evaluate,
-        {"methods": {"one": lambda sample: sample["image"]}, "batches": [], "profile": "square"},
+        {"methods": {"one": lambda batch: batch["image"]}, "batches": Lazy(hidden), "profile": "square"},
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from torch.utils.data import Dataset
 
-from specklegen.core.arguments import whole_number
+from specklegen.core.arguments import choice, whole_number
 from specklegen.core.display.plot import SHOWN, Pictured, draw_stack
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
@@ -70,10 +70,11 @@ class SpeckleCache(Dataset, Pictured):
         missing: Literal["raise", "render"] = "raise",
         recipe: Renderable | None = None,
     ) -> None:
-        if missing not in ("raise", "render"):
-            reject("SpeckleCache.missing", "one of 'raise', 'render'", missing)
+        choice("SpeckleCache.missing", missing, ("raise", "render"))
         if missing == "render" and recipe is None:
             reject("SpeckleCache.recipe", "given where missing samples are to be rendered", recipe)
+        if recipe is not None and not isinstance(recipe, Renderable):
+            reject("SpeckleCache.recipe", "a recipe", recipe, "Read one with load_recipe.")
         self.folder, self.missing, self.recipe = place_of(folder), missing, recipe
         self._open()
         stated = self.identity

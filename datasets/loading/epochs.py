@@ -12,7 +12,7 @@ import torch
 from torch.utils.data import IterableDataset, get_worker_info
 from torch.utils.data._utils.collate import default_collate_fn_map
 
-from specklegen.core.arguments import whole_number
+from specklegen.core.arguments import flag, whole_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets.loading.partition import batch_count, batch_range
@@ -64,14 +64,14 @@ class EpochBatches(IterableDataset):
         drop_last: bool = False,
     ) -> None:
         here_rank, here_world = distributed_place()
-        self.length, self.batch_size, self.drop_last = length, batch_size, drop_last
-        self.rank = here_rank if rank is None else rank
-        self.world = here_world if world is None else world
         owner = type(self).__name__
-        whole_number(f"{owner}.batch_size", batch_size, 1)
-        if not 0 <= self.rank < self.world:
+        self.length, self.drop_last = length, flag(f"{owner}.drop_last", drop_last)
+        self.batch_size = whole_number(f"{owner}.batch_size", batch_size, 1)
+        self.world = whole_number(f"{owner}.world", here_world if world is None else world, 1)
+        self.rank = whole_number(f"{owner}.rank", here_rank if rank is None else rank)
+        if self.rank >= self.world:
             reject(f"{owner}.rank", f"from 0 to world - 1 = {self.world - 1}", self.rank)
-        self._count = batch_count(length, batch_size, self.world, drop_last)
+        self._count = batch_count(length, self.batch_size, self.world, self.drop_last)
         self._epoch = torch.zeros((), dtype=torch.int64, device="cpu").share_memory_()
         self.choices = 0
 

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
-from specklegen.core.arguments import whole_number
+from specklegen.core.arguments import whole_number, whole_numbers
 from specklegen.core.content import is_own
 from specklegen.core.decision import Decision
-from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
 from specklegen.core.random_streams import seed_words
 from specklegen.core.registry import Registry
@@ -281,9 +280,9 @@ class Recipe(Specification):
     @shielded()
     def batch(self, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:
         """Samples stacked along a new first axis, parameters as a dict of float64[B]; the same bits as alone."""
-        numbers = list(indices)
-        if not numbers:
-            reject("batch indices", "at least one index", numbers)
+        numbers = whole_numbers(f"{type(self).__name__}.batch indices", indices, 0, 2**63 - 1)
+        words = seed_words(seed)
+        seed = words if isinstance(seed, Sequence) else words[0]
         split_number(split)
         self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
         batch = arrays(_generator.generator_of(self, seed_words(seed), cast(Split, split), self.device)(numbers))

@@ -19,6 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from specklegen.core.arguments import choice
 from specklegen.core.display.escape import cell, csv_cell
 from specklegen.core.display.plot import Pictured
 from specklegen.core.display.repr import summary
@@ -27,7 +28,7 @@ from specklegen.models.judging.baselines import FRAME, Batch, Method, grain_pixe
 from specklegen.models.judging.isolation import copy_of
 from specklegen.models.metrics import SCORES, Interval, align, bootstrap
 from specklegen.models.retrieval.apodisation import diffraction_limited, framed, transfer_function
-from specklegen.scene.window import Profile
+from specklegen.scene.window import PROFILES, Profile
 
 TARGETS = ("sharp", "diffraction-limited")
 PERFECT = 100.0
@@ -235,8 +236,13 @@ def evaluate(
     >>> len(cases), -1 <= found.interval("a guess").mean <= 1
     (2, True)
     """
-    if not methods:
-        reject("evaluate methods", "at least one", list(methods))
+    if not isinstance(methods, Mapping) or not methods or not all(map(callable, methods.values())):
+        reject("evaluate methods", "functions of batches by their names, at least one", methods)
+    choice("evaluate profile", profile, PROFILES)
+    try:
+        each = iter(batches)
+    except TypeError:  # of arrays without dimensions too
+        reject("evaluate batches", "batches one after another", batches)
     values: dict[str, dict[str, dict[str, list[Tensor]]]] = {
         method: {target: {score: [] for score in SCORES} for target in TARGETS} for method in methods
     }
@@ -244,9 +250,10 @@ def evaluate(
     answers: dict[str, list[Tensor]] = {method: [] for method in methods}
     objects: list[Tensor] = []
     cases: list[Case] = []
-    for batch in batches:
-        if "object" not in batch or not ("image" in batch or "frames" in batch):
-            reject("evaluate batch", 'one with "object", and "image" or "frames"', sorted(batch))
+    for batch in each:
+        if not isinstance(batch, Mapping) or "object" not in batch or not ("image" in batch or "frames" in batch):
+            given = sorted(batch) if isinstance(batch, Mapping) else batch
+            reject("evaluate batch", 'one with "object", and "image" or "frames"', given)
         nothing = torch.full((len(batch["object"]),), -1.0, dtype=torch.float64)
         for name, values_ in told.items():
             values_.append(batch["parameters"].get(name, nothing))

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,10 +33,10 @@ class Run:
 
     def __init__(
         self, training: "Training", validation: Examples, folder: Path, device: str, record: dict[str, Any],
-        begun: float,
+        begun: float, require_own: Callable[[], None],
     ) -> None:  # fmt: skip
         folder.mkdir(parents=True, exist_ok=True)
-        self.record = record
+        self.record, self.require_own = record, require_own
         self.training, self.validation, self.folder, self.device = training, validation, folder, torch.device(device)
         side, shape = validation.inputs.shape[-1], (validation.targets.shape[-2], validation.targets.shape[-1])
         self.side, self.shape = side, shape
@@ -93,6 +94,7 @@ class Run:
         }
         self.rows.append(row)
         self.stale = 0 if found > self.best else self.stale + 1
+        self.require_own()
         if found > self.best:
             self.best = found
             model.save(self.folder / "best.pt")
@@ -124,6 +126,7 @@ class Run:
         state |= {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
         buffer = io.BytesIO()
         torch.save(state, buffer)
+        self.require_own()
         write_whole(self.folder / "checkpoint.pt", buffer.getvalue())
 
     def restore(self) -> None:

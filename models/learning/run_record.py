@@ -7,18 +7,21 @@ then a difference has a name: a recipe's field, a seed, a split.
 import contextlib
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+import uuid
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from specklegen.core.errors import reject
-from specklegen.core.whole_files import write_whole
+from specklegen.core.whole_files import patiently, write_whole
 from specklegen.datasets import SpeckleCache
 from specklegen.datasets.store.files import json_bytes
 from specklegen.datasets.store.identity import differences
 from specklegen.datasets.store.locks import claim
 from specklegen.models.learning.examples import Examples
 from specklegen.models.learning.networks import network_content
+
+_ALONE = "a folder that no other process trains in"
 
 
 def digest_of(examples: Examples) -> str:
@@ -86,8 +89,11 @@ def require_same_run(folder: Path, there: Mapping[str, Any], here: Mapping[str, 
 
 
 @contextlib.contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Keep other processes from training in a folder meanwhile.
+def alone(folder: Path) -> Iterator[Callable[[], None]]:
+    """Keep other processes from training in a folder meanwhile; give what refuses if one does all the same.
+
+    Some network folders have locks that exclude nobody: the file ``owner`` then says who began last. That one goes on
+    from the last checkpoint, and who began before is refused before it writes again.
 
     Raises
     ------
@@ -97,8 +103,19 @@ def alone(folder: Path) -> Iterator[None]:
     folder.mkdir(parents=True, exist_ok=True)
     with claim(folder / "lock", 0) as state:
         if state == "busy":
-            reject("train.folder", "a folder that no other process trains in", str(folder), "Choose another, or wait.")
-        yield
+            reject("train.folder", _ALONE, str(folder), "Choose another, or wait.")
+        owner, mine = folder / "owner", uuid.uuid4().hex.encode()
+        write_whole(owner, mine)
+
+        def require_own() -> None:
+            with contextlib.suppress(FileNotFoundError):
+                if patiently(owner.read_bytes) == mine:
+                    return
+            reject("train.folder", _ALONE, str(folder),
+                   "Another one has begun there since, and goes on from the last checkpoint; this one wrote nothing "
+                   "after it. The folder's locks exclude nobody: train in one of this machine's.")  # fmt: skip
+
+        yield require_own
 
 
 def write_record(folder: Path, here: Mapping[str, Any]) -> None:

@@ -7,7 +7,7 @@ clock on the wall, and count everything: reading or rendering, learning, validat
 
 Files in the folder of a run: ``run.json`` (settings and data; nothing else goes on with the run), ``checkpoint.pt``
 (all that is needed to go on: after each epoch, every few minutes, and on Ctrl-C), ``best.pt`` (the model with the best
-score on validation media, of objects the Pearson correlation), ``log.csv``.
+score on validation media, of objects the Pearson correlation), ``log.csv``, ``owner`` (which process began last).
 """
 
 import math
@@ -215,8 +215,8 @@ def train(
     batches, length = data
     if not length or not len(validation.targets):
         reject("train examples", "at least one, and one for validation", (length, len(validation.targets)))
-    with alone(Path(folder)), deferred() as interrupt:
-        run = Run(training, validation, Path(folder), device, here, begun)
+    with alone(Path(folder)) as require_own, deferred() as interrupt:
+        run = Run(training, validation, Path(folder), device, here, begun, require_own)
         return _trained(run, batches, length, interrupt, seconds, save_every, stop_after, progress, steps)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from specklegen.core.arguments import choice, flag, instance, positive_number, real_array, real_tensor, whole_numbers
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
@@ -28,7 +29,7 @@ from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.likelihood.spectrum import Transforms, autocorrelation_of, transforms, waves
 from specklegen.models.retrieval.autocorrelation import at_distances, memory_effect_of
-from specklegen.scene.window import Profile, Window
+from specklegen.scene.window import PROFILES, Profile, Window
 
 BAND = 0.92
 """Frequencies used, over the highest that the window passes along an axis."""
@@ -106,6 +107,7 @@ def expected_deviance(looks: float) -> float:
     >>> round(expected_deviance(1.0), 3)  # of one look: Euler's constant
     0.577
     """
+    looks = positive_number("expected_deviance looks", looks)
     return math.log(looks) - float(torch.digamma(torch.tensor(looks, dtype=torch.float64)))
 
 
@@ -151,9 +153,16 @@ class SpeckleLikelihood(nn.Module):
 
     def __init__(self, seen: Periodogram, shape: tuple[int, int], optics: Optics) -> None:
         super().__init__()
+        instance("SpeckleLikelihood seen", seen, Periodogram)
+        instance("SpeckleLikelihood optics", optics, Optics)
+        choice("Optics.profile", optics.profile, PROFILES)
+        flag("Optics.pixel_integration", optics.pixel_integration)
+        size = whole_numbers("SpeckleLikelihood shape", shape, 1)
+        if len(size) != 2:
+            reject("SpeckleLikelihood shape", "(h, w)", shape)
         count, dtype = len(seen.power), seen.power.dtype
         step, grain = (_each(name, getattr(optics, name), count, dtype) for name in ("step", "grain"))
-        self.shape, self.looks = (int(shape[0]), int(shape[1])), seen.looks
+        self.shape, self.looks = (size[0], size[1]), seen.looks
         window = Window(optics.profile, 1.0)
         highest = BAND / float(grain.min()) * (1.0 if window.sharp else 2.0)
         reach = [min(int(highest * n), (n - 1) // 2) for n in seen.shape]
@@ -289,9 +298,11 @@ class SpeckleLikelihood(nn.Module):
 
 def _each(name: str, value: float | Tensor, count: int, dtype: torch.dtype) -> Tensor:
     """One number for each object."""
-    found = torch.as_tensor(value, dtype=dtype)
-    if found.ndim > 1 or (found.ndim == 1 and len(found) != count) or not (found > 0).all():
-        reject(f"Optics.{name}", f"above 0, one number or one for each of {count} objects", value)
+    field = f"Optics.{name}"
+    given = value if isinstance(value, Tensor) else torch.from_numpy(real_array(field, value).copy())
+    found = real_tensor(field, given).to(dtype)
+    if found.ndim > 1 or (found.ndim == 1 and len(found) != count) or not ((found > 0) & found.isfinite()).all():
+        reject(field, f"finite and above 0, one number or one for each of {count} objects", value)
     return found.expand(count)
 
 

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from specklegen.core.arguments import flag, real_number, whole_number
 from specklegen.core.errors import reject
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.hidden_object import HiddenObject
@@ -43,6 +44,7 @@ _NINETIETH = 1.6449  # half of the interval that holds 90 % of a Gaussian number
 _ROOTS, _WEIGHTS = np.polynomial.hermite_e.hermegauss(31)
 _NODES = _ROOTS, _WEIGHTS / _WEIGHTS.sum()
 _EXAMPLES = 12  # objects that stand for their family
+_MOST_MEDIA = 10_000  # each is made ready in turn
 _LARGEST_CAMERA = 16.0  # times the camera's side: larger ones are no remedy
 
 
@@ -209,9 +211,14 @@ def recoverable(
     """
     loaded = load_recipe(recipe) if isinstance(recipe, str | Path) else recipe
     if not isinstance(loaded, HiddenObject):
-        reject("recoverable recipe", "one with hidden objects", loaded.name)
-    if media < 1:
-        reject("recoverable media", "at least 1", media)
+        reject("recoverable recipe", "one with hidden objects", getattr(loaded, "name", loaded))
+    media = whole_number("recoverable media", media, 1, _MOST_MEDIA)
+    whole_number("recoverable seed", seed)
+    flag("recoverable compensation", compensation)
+    if not real_number("recoverable beam", beam) > 0:
+        reject("recoverable beam", "greater than 0", beam)
+    if not 0 <= real_number("recoverable removal", removal) < float("inf"):
+        reject("recoverable removal", "finite and at least 0", removal)
     count = 1 if loaded.media_alike else media
     each = [
         judge(conditions_of(loaded, seed=seed, medium=n, compensation=compensation, beam=beam, removal=removal))

@@ -17,10 +17,11 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from specklegen.core.arguments import instance, real_tensor
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, one_torch_thread
-from specklegen.core.random_streams import Seed
+from specklegen.core.random_streams import Seed, seed_words
 from specklegen.core.values import Positive, PositiveInt, UnitInterval, Value
 from specklegen.models.retrieval.autocorrelation import FLOOR, taper
 from specklegen.models.retrieval.projections import (
@@ -163,11 +164,18 @@ def retrieve(
     >>> found.image.shape
     torch.Size([1, 32, 32])
     """
-    retrieval = retrieval or Retrieval()
-    if autocorrelation.ndim != 3 or autocorrelation.shape[1] != autocorrelation.shape[2] or len(autocorrelation[0]) % 2:
-        reject("retrieve autocorrelation", "of shape [B, n, n], n even", tuple(autocorrelation.shape))
-    n = autocorrelation.shape[-1]
+    retrieval = Retrieval() if retrieval is None else instance("retrieve retrieval", retrieval, Retrieval)
+    real_tensor("retrieve autocorrelation", autocorrelation)
+    shape = tuple(autocorrelation.shape)
+    n = shape[-1] if shape else 1
+    if len(shape) != 3 or shape[1:] != (n, n) or n % 2:
+        reject("retrieve autocorrelation", "of shape [B, n, n], n even", shape)
+    if transfer is not None and real_tensor("retrieve transfer", transfer).shape != (n, n):
+        reject("retrieve transfer", f"of shape [{n}, {n}], as the autocorrelation", tuple(transfer.shape))
     if memory_effect is not None:
+        if real_tensor("retrieve memory_effect", memory_effect).shape not in ((n, n), autocorrelation.shape):
+            reject("retrieve memory_effect", f"of shape [{n}, {n}] or [B, {n}, {n}], as the autocorrelation",
+                   tuple(memory_effect.shape))  # fmt: skip
         autocorrelation = autocorrelation / memory_effect.to(autocorrelation).clamp_min(retrieval.floor)
     if retrieval.extent is not None:
         kept = taper(n, 0.85 * retrieval.extent, 1.2 * retrieval.extent)
@@ -187,7 +195,7 @@ def retrieve(
 
 def random_starts(seed: Seed, restarts: int, n: int) -> Tensor:
     """White images of unit energy, float32[R, n, n]; restart r is the same whatever their number."""
-    words = [seed] if isinstance(seed, int) else list(seed)
+    words = seed_words(seed)
     white = [np.random.default_rng([len(words), *words, r]).random((n, n), np.float32) for r in range(restarts)]
     images = torch.from_numpy(np.stack(white))
     return images / images.square().sum((-2, -1), keepdim=True).sqrt()

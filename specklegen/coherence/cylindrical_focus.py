@@ -219,6 +219,8 @@ class CylindricalFocus(Value):
 
         Source: [Prahl09] Eq. 3, with the phase of `specklegen.kernels.rays`.
         """
+        derivative = flag("CylindricalFocus.physical_optics derivative", derivative)
+        measurement = flag("CylindricalFocus.physical_optics measurement", measurement)
         if derivative and measurement:
             remedy = "Ask for one of them; flux_weighted_csd needs measurement=False in both."
             reject("CylindricalFocus.physical_optics measurement", "False with derivative=True", True, remedy)

@@ -48,7 +48,7 @@ from specklegen.scene.illumination import (
     directions_of_sines,
     object_sines,
 )
-from specklegen.scene.scene import Scene, require_no_film
+from specklegen.scene.scene import Scene, require_no_film, require_range
 from specklegen.scene.window import Profile, Window
 
 REACH = 4.0
@@ -189,6 +189,7 @@ def effective_source_modes(
     source = IncoherentObject(brightness=brightness, pitch=pitch, width=width, profile=profile)
     brightness, pitch, width = source.brightness, source.pitch, source.width
     wavelength = positive_number("effective_source_modes wavelength", wavelength)
+    require_range({"effective_source_modes wavelength": wavelength, "effective_source_modes width": width})
     from scipy.signal import correlate  # half a second, which a plan does not need
 
     lags = np.maximum(correlate(brightness, brightness, method="fft"), 0)

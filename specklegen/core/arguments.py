@@ -4,13 +4,15 @@ A field of a value is checked by its type; what a function takes beside it is ch
 reads like any other broken rule.
 """
 
+import os
 from collections.abc import Collection
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.errors import reject
+from specklegen.core.errors import RuleError, reject
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -48,6 +50,36 @@ def whole_number(field: str, value: object, least: int = 0, most: int | None = N
     if value < least or (most is not None and value > most):
         reject(field, f"at least {least}" + ("" if most is None else f" and at most {most}"), value, remedy)
     return int(value)
+
+
+def whole_numbers(field: str, value: object, least: int = 0, most: int | None = None) -> list[int]:
+    """Return at least one whole number in a range, from a sequence or an array of one dimension.
+
+    Raises
+    ------
+    RuleError
+        If it is something else, or holds something else or nothing.
+    """
+    try:
+        numbers = value.tolist() if hasattr(value, "tolist") else list(value)  # type: ignore[call-overload, attr-defined]
+    except (TypeError, ValueError, NotImplementedError, RuntimeError):  # the last two of torch, of "meta"
+        numbers = []
+    if not isinstance(numbers, list) or not numbers or isinstance(value, str | bytes | dict | set):
+        reject(field, "at least one whole number", value)
+    return [whole_number(field, number, least, most) for number in numbers]
+
+
+def file_path(field: str, value: object) -> Path:
+    """Return the path of a file or folder, given as text or as such.
+
+    Raises
+    ------
+    RuleError
+        If it is something else, or no text.
+    """
+    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str) or not os.fspath(value):
+        reject(field, "a path", value)
+    return Path(value)
 
 
 def several(field: str, value: object, kind: type[T]) -> tuple[T, ...]:
@@ -111,6 +143,21 @@ def real_number(field: str, value: object) -> float:
         reject(field, "a number", value)
 
 
+def complex_number(field: str, value: object) -> complex:
+    """Return a real or complex number as a complex one, finite or not.
+
+    Raises
+    ------
+    RuleError
+        If it is none: "1" and True are not numbers here.
+    """
+    if isinstance(value, np.ndarray) and value.shape == ():
+        value = value[()]
+    if isinstance(value, complex | np.complexfloating):
+        return complex(value)
+    return complex(real_number(field, value))
+
+
 def positive_number(field: str, value: object) -> float:
     """Return a finite number greater than 0 as a float.
 
@@ -156,6 +203,21 @@ def _array(field: str, value: ArrayLike, kind: type[np.inexact]) -> np.ndarray:
     except (TypeError, ValueError, OverflowError, RuntimeError):  # the last of torch, of what has gradients
         reject(field, "an array of numbers", value)
     reject(field, "an array of real numbers" if lost else "an array of numbers", value)
+
+
+def together(owner: str, **arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return arrays in the one shape to which all of them are broadcast.
+
+    Raises
+    ------
+    RuleError
+        If there is no such shape; the message names each with its own.
+    """
+    try:
+        return tuple(np.broadcast_arrays(*arrays.values()))
+    except ValueError:
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        raise RuleError(f"{owner} {' and '.join(arrays)} must be of shapes that go together; got {shapes}.") from None
 
 
 def real_tensor(field: str, value: object) -> "Tensor":

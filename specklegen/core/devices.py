@@ -21,7 +21,7 @@ def checked_device(field: str, device: "str | torch.device") -> "torch.device":
     try:
         found = torch.device(device)
         torch.zeros(1, device=found).item()
-    except (RuntimeError, AssertionError, NotImplementedError, TypeError) as error:
+    except (RuntimeError, AssertionError, NotImplementedError, TypeError, ValueError) as error:
         said = str(error).partition("\n")[0].partition(". ")[0].rstrip(".")
         reject(field, "a device that torch has here", str(device), f"{said}.")
     return found

@@ -25,6 +25,7 @@ import tomli_w
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
+from specklegen.core.arguments import whole_number
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import counted, reject
 from specklegen.instrument.camera import Camera
@@ -210,7 +211,10 @@ def fit_camera(pairs: Sequence[ArrayLike], dark: ArrayLike, *, bit_depth: int | 
     black = _checked("fit_camera dark", dark)
     if len(black) < 2:
         reject("fit_camera dark", "at least two frames", len(black), "Noise is the difference of two.")
-    bright = [_checked("fit_camera pairs", pair) for pair in pairs]
+    try:
+        bright = [_checked("fit_camera pairs", pair) for pair in iter(pairs)]
+    except TypeError:  # numbers, and arrays without dimensions
+        reject("fit_camera pairs", "a sequence of pairs of frames", pairs)
     for pair in bright:
         if len(pair) != 2:
             reject("fit_camera pairs", "of two frames each", len(pair), _SINGLE)
@@ -256,7 +260,7 @@ def _checked(field: str, frames: ArrayLike) -> np.ndarray:
     try:
         found = np.asarray(frames)
         counts = found.astype(np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # the last of torch, of what has gradients
         reject(field, "frames of numbers, all of one shape", type(frames).__name__)
     if found.ndim != 3 or min(found.shape, default=0) < 1 or min(found.shape[1:]) < 16:
         remedy = _SINGLE if found.ndim == 2 else ""
@@ -304,8 +308,7 @@ def _range(bright: list[np.ndarray], bit_depth: int | None, doubts: list[str]) -
     """Largest count, and bits."""
     highest = max(float(pair.max()) for pair in bright)
     if bit_depth is not None:
-        if bit_depth not in range(1, 17):
-            reject("fit_camera bit_depth", "a whole number from 1 to 16", bit_depth)
+        bit_depth = whole_number("fit_camera bit_depth", bit_depth, 1, 16)
         if highest > 2**bit_depth - 1:
             reject("fit_camera bit_depth", f"enough for counts of {highest:g}", bit_depth)
         return 2.0**bit_depth - 1, bit_depth

@@ -9,15 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.core.arguments import real_number, whole_number
+from specklegen.core.arguments import positive_number, whole_number
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.materials.preset import BulkMaterial
-from specklegen.materials.registry import about, get, require_measured
+from specklegen.materials.registry import about, get, known_wavelength, require_measured
 from specklegen.scene.media import Slab
 
 _SIGMA = (15.865, 84.135)
 _TWO_SIGMA = (2.5, 97.5)
+_MOST_DRAWS = 100_000  # each is an estimate of its own
 
 
 @dataclass(frozen=True)
@@ -101,12 +102,13 @@ def memory_range(
     >>> found.interval[0] <= found.interval[1], sorted(found.each)
     (True, ['dilution'])
     """
-    if not 0 < real_number("materials.memory_range thickness", thickness) < np.inf:
-        reject("materials.memory_range thickness", "greater than 0", thickness)
-    if not len(outside):
+    wavelength = known_wavelength(name, wavelength)
+    thickness = positive_number("materials.memory_range thickness", thickness)
+    unit = positive_number("materials.memory_range unit", unit)
+    if not isinstance(outside, Sequence) or isinstance(outside, str) or not outside:
         reject("materials.memory_range outside", "at least one refractive index, or None", outside)
-    whole_number("materials.memory_range draws", draws, 1)
-    whole_number("materials.memory_range paths", paths, 64)
+    draws = whole_number("materials.memory_range draws", draws, 1, _MOST_DRAWS)
+    paths = whole_number("materials.memory_range paths", paths, 64)
     require_measured(name, wavelength, numbers)
     free = {field: number for field, number in about(name).numbers.items() if field not in numbers}
 
@@ -135,8 +137,11 @@ def memory_range(
 
 
 def _half_range(slab: Slab, paths: int) -> float:
-    from specklegen.memory_effects.correlation import estimate_correlation  # with the kernels: materials need none
+    # With the kernels: materials need none.
+    from specklegen.memory_effects.correlation import estimate_correlation
+    from specklegen.paths.analog_walk import require_walkable
 
+    require_walkable("materials.memory_range", slab, paths)
     kernel = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     if not kernel.weights.any():
         reject("materials.memory_range paths", "enough for some light to come through", paths, "Or thin the layer.")

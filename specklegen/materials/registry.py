@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from specklegen.core.arguments import choice, positive_number, real_number
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.materials.fog import FOG
@@ -38,9 +39,7 @@ def about(name: str) -> Preset:
     RuleError
         If there is no preset of that name.
     """
-    if name not in PRESETS:
-        reject("materials name", f"one of {', '.join(names())}", name)
-    return PRESETS[name]
+    return PRESETS[choice("materials name", name, names())]
 
 
 def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -> BulkMaterial | GroundGlass:
@@ -74,16 +73,13 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
         Where a number lies outside the range of the literature.
     """
     preset = about(name)
-    low, high = preset.wavelengths
-    if not (isinstance(wavelength, int | float) and low <= wavelength <= high):
-        reject(f"materials.get({name!r}) wavelength", f"{low:g} to {high:g} micrometres, in vacuum", wavelength)
-    if not (isinstance(unit, int | float) and 0 < unit < np.inf):
-        reject("materials.get unit", "greater than 0 (metres)", unit)
+    wavelength = known_wavelength(name, wavelength)
+    unit = positive_number("materials.get unit", unit)
     for field, value in numbers.items():
         if field not in preset.numbers:
             reject(f"materials.get({name!r})", f"given numbers among {', '.join(preset.numbers)}", field)
         known = preset.numbers[field]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
+        if not 0 <= real_number(f"materials.get({name!r}) {field}", value) < np.inf:
             reject(f"materials.get({name!r}) {field}", "a finite number of at least 0", value)
         if known.holds(wavelength) and not known.low <= value <= known.high:
             warn_user(
@@ -93,7 +89,7 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
     require_measured(name, wavelength, numbers)
     given = {field: number.default for field, number in preset.numbers.items()} | numbers
     micrometre = 1e-6 / unit
-    made = preset.make(float(wavelength), micrometre, **given)
+    made = preset.make(wavelength, micrometre, **given)
     if isinstance(made, GroundGlass):
         return made
     extinction = made.scattering + made.absorption
@@ -104,6 +100,20 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
         albedo=made.scattering / extinction, refractive_index=made.refractive_index,
         wavelength=wavelength * micrometre / made.refractive_index,
     )  # fmt: skip
+
+
+def known_wavelength(name: str, wavelength: float) -> float:
+    """Return a vacuum wavelength at which a preset is known, micrometres.
+
+    Raises
+    ------
+    RuleError
+        If there is no such preset, or its formulas do not reach there.
+    """
+    low, high = about(name).wavelengths
+    if not low <= real_number(f"materials.get({name!r}) wavelength", wavelength) <= high:
+        reject(f"materials.get({name!r}) wavelength", f"{low:g} to {high:g} micrometres, in vacuum", wavelength)
+    return float(wavelength)
 
 
 def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None:
@@ -128,7 +138,7 @@ def draw(
     name: str, wavelength: float, *, seed: Seed, unit: float = 1e-6, **numbers: float
 ) -> BulkMaterial | GroundGlass:
     """A material by its name, what is not given drawn evenly from the ranges of the literature; see :func:`get`."""
-    require_measured(name, wavelength, numbers)
+    require_measured(name, known_wavelength(name, wavelength), numbers)
     rng = np.random.default_rng(stream_key(seed, Stream.MATERIALS))
     spread = {field: number.drawn(rng) for field, number in about(name).numbers.items()}
     return get(name, wavelength, unit=unit, **(spread | numbers))

@@ -154,6 +154,9 @@ def joint_correlation(
     """
     tilts = np.atleast_1d(real_array("joint_correlation tilts", tilts))
     shifts = np.atleast_1d(real_array("joint_correlation shifts", shifts))
+    for name, numbers in (("tilts", tilts), ("shifts", shifts)):
+        if numbers.ndim > 1:
+            reject(f"joint_correlation {name}", "of one dimension", numbers.shape)
     wavelength = positive_number("joint_correlation wavelength", wavelength)
     owner = "joint_correlation"
     budget = Budget(owner, paths, rel_error, seconds, seed, threads, least=BATCHES)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import j0
 
-from specklegen.core.arguments import real_array
+from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.budgets import Budget, Reverse, require_time
 from specklegen.core.display.plot import Pictured
 from specklegen.core.display.repr import short
@@ -211,6 +211,7 @@ def temporal_correlation(
     """
     owner = "temporal_correlation"
     budget = Budget(owner, paths, rel_error, seconds, seed, threads, reverse, tolerance)
+    wavelength = positive_number(f"{owner} wavelength", wavelength)
     lags, tilts = real_array(f"{owner} lags", lags), real_array(f"{owner} tilts", tilts)
     if not (np.isfinite(lags).all() and (lags >= 0).all()):
         reject(f"{owner} lags", "at least 0", np.atleast_1d(lags))
@@ -221,7 +222,7 @@ def temporal_correlation(
     require_memory(f"{owner} lags", "held", _LAG_BYTES * lags.size, f"{lags.size} lags", "Ask for fewer at a time.")
     angles, number = np.unique(tilts, return_inverse=True)
     require_tilts(owner, angles.size, f"{angles.size} tilts, {lags.size} lags", _LAG_BYTES * lags.size)
-    aim = aimed(owner, medium, wavelength, angles, mode, view, reverse, tolerance)
+    aim = aimed(owner, medium, wavelength, angles, mode, view, budget.reverse, budget.tolerance)
     require_motion(owner, medium)
     found = fastest(medium.motions)
     x = 0.0 * lags if found is None else reduced_time(f"{owner} lags", found[0], wavelength, lags)

@@ -66,7 +66,7 @@ class Proposal:
 
 def default_max_order(medium: Medium) -> int:
     """Vertices that bound a path: max(1000, 10 OD^2), far beyond what any medium needs."""
-    return int(min(max(1000.0, 10 * medium.optical_depth**2), 2e9))
+    return int(min(max(1000.0, 10 * min(medium.optical_depth, 1e5) ** 2), 2e9))
 
 
 def stretches(medium: PlaneMedium, proposal: Proposal) -> bool:

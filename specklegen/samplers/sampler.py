@@ -217,20 +217,20 @@ class Sampler(ABC):
         Whether it draws thin screens alone; or volumes alone; None of one that draws either.
     medium_by_medium : bool
         Whether it is planned for the scene of each medium with every beam, not once for all media of a recipe.
+    films : bool
+        Whether :meth:`prepare_media` knows the frames of media that move (``MediaRequest.film``).
     images : bool
         Whether phases of its fields at many views are those that a lens needs (:mod:`specklegen.instrument.lens`), ...
     from_face : bool
         ... counted from the face where light leaves, as if it came from there; otherwise from z = 0.
-    films : bool
-        Whether :meth:`prepare_media` knows the frames of media that move (``MediaRequest.film``).
     """
 
     name: ClassVar[str]
     thin: ClassVar[bool | None] = None
     medium_by_medium: ClassVar[bool] = False
+    films: ClassVar[bool] = False
     images: ClassVar[bool] = False
     from_face: ClassVar[bool] = False
-    films: ClassVar[bool] = False
     scene: Scene
     paths = 0
     expected_error = 0.0

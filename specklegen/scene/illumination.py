@@ -357,9 +357,11 @@ class IncoherentObject(_Light):
     @cached_property
     def directions(self) -> np.ndarray:
         """float64[h * w, 3], the beam of each pixel in C order."""
-        return directions_of_sines(
+        found = directions_of_sines(
             "IncoherentObject.pitch", object_sines("IncoherentObject", self.brightness.shape, self.pitch)
         )
+        found.flags.writeable = False  # kept, and equal scenes share what is made of it
+        return found
 
     @cached_property
     def beams(self) -> CollimatedBeams:

@@ -27,7 +27,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.arguments import real_number
+from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.errors import reject
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry
@@ -126,14 +126,16 @@ class Brownian(Motion):
         0.857
         """
         given = {"radius": radius, "viscosity": viscosity, "temperature": temperature, "unit": unit}
-        for name, value in given.items():
-            if not 0 < real_number(f"Brownian.of_sphere {name}", value) < math.inf:
-                reject(f"Brownian.of_sphere {name}", "greater than 0", value)
-        return cls(diffusion=BOLTZMANN * temperature / (6 * math.pi * viscosity * radius * unit) / unit**2)
+        radius, viscosity, temperature, unit = (
+            np.float64(positive_number(f"Brownian.of_sphere {name}", value)) for name, value in given.items()
+        )
+        with np.errstate(all="ignore"):
+            diffusion = BOLTZMANN * temperature / (6 * math.pi * viscosity * radius * unit) / unit**2
+        return cls(diffusion=float(diffusion))
 
     def mean_square(self, lag: ArrayLike) -> np.ndarray:
         """6 D tau."""
-        return 6 * self.diffusion * np.asarray(lag, np.float64)
+        return 6 * self.diffusion * real_array("Brownian.mean_square lag", lag)
 
     def speed_beside(self, other: Motion) -> float:
         """Ratio of the diffusions."""

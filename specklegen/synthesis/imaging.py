@@ -48,6 +48,9 @@ BUCKETS = (1, 2, 3, 4, 6, 8, 11, 16, 22, 28)
 _CHUNK = 32  # bright pixels transformed at once ...
 _MOST_VALUES = 2**25  # ... of so many lags together
 _NANOSECONDS = 0.5  # of an operation of an image on one core: found .10, .63 s where .11, .61 were predicted
+_DIFFERENCE_NANOSECONDS, _PIXEL_NANOSECONDS = 600.0, 1000.0
+"""Of K at a difference, and of the modes at a pixel, on one core: found 1.9 s and 7.5 where 2.2 and 8.8 were predicted,
+of a thousand and two thousand pixels a side."""
 _MOST_BYTES = 2**27  # of spectra: pairs of very many modes would not fit into memory
 
 
@@ -433,6 +436,7 @@ def imagings(
     RuleError
         If modes, or fields of so many on so many cells, would not fit into memory.
     """
+    _require_time(sight, light)
     variance = speckle_variance(sight, correlations, light)
     whole = {"variance": variance} | _seen(sight, precise) if sight.bound is not None or len(sight) == 1 else None
     found = []
@@ -566,6 +570,21 @@ def _transforms(sight: Sight, lags: tuple[int, int], precise: bool) -> dict[str,
         "camera_rows": torch.view_as_complex(camera_rows),
         "camera_columns": camera_columns.flatten(3),
     }
+
+
+def _require_time(sight: Sight, light: LightBatch | None) -> None:
+    """Say what the modes of objects of many pixels take on one core, or refuse them; see the budget's."""
+    if not one_by_one(sight.device):
+        return
+    (rows, columns), tilts = sight.shape, sight.base.shape[1]
+    # K is asked at the differences of pixels, for the variance and for the modes: of both signs between tilts.
+    differences = (1 if light is None else light.shares.shape[1]) + (4 * tilts**2 if tilts > 1 else 1)
+    each = differences * _DIFFERENCE_NANOSECONDS + tilts * _PIXEL_NANOSECONDS
+    require_time(
+        "object_imaging", 1e-9 * len(sight) * rows * columns * each,
+        f"the modes of {columns} x {rows} pixels behind {counted(len(sight), 'medium')}",
+        "Use an object of fewer pixels.",
+    )  # fmt: skip
 
 
 def _require_room(rows: int, columns: int, lags: tuple[int, int], modes: int, precise: bool) -> None:

@@ -67,7 +67,7 @@ def aperture_transform(
     xi = _wavevectors("aperture_transform xi", xi)
     flat = np.ascontiguousarray(xi.reshape(-1, 2))
     out = np.zeros(len(flat), np.complex128)
-    if callable(amplitude):
+    if callable(amplitude) and not isinstance(amplitude, type):
         triangles, values = resolve(rim.triangles, amplitude, tolerance)
         triangle_transform(triangles - rim.centre, values, flat, out)
         out *= np.exp(-1j * (flat @ rim.centre))

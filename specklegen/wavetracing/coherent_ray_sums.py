@@ -33,6 +33,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.core.arguments import choice, instance, real_array, whole_number
 from specklegen.core.errors import reject, warn_user
 from specklegen.wavetracing.edges import normals
 from specklegen.wavetracing.emitters import PointEmitter
@@ -225,15 +226,15 @@ def coherent_rays(
     >>> abs(coherent_rays(Geometry([mirror]), lamp, [[3.0, 0.0, 20.0]], diffractions=0)).round(5)
     array([0.03075])
     """
-    points = np.asarray(points, float)
+    instance("coherent_rays geometry", geometry, Geometry)
+    points = real_array("coherent_rays points", points)
     if points.ndim < 1 or points.shape[-1] != 3 or not np.isfinite(points).all():
         reject("coherent_rays points", "finite, float64[..., 3]", points)
     if not isinstance(source, PointEmitter):
         reject("coherent_rays source", "a PointEmitter", source)
-    if reflections not in range(5) or diffractions not in (0, 1, 2):
-        reject("coherent_rays reflections, diffractions", "0 to 4, and 0 to 2", (reflections, diffractions))
-    if polarisation not in ("soft", "hard"):
-        reject("coherent_rays polarisation", "'soft' or 'hard'", polarisation)
+    reflections = whole_number("coherent_rays reflections", reflections, 0, 4)
+    diffractions = whole_number("coherent_rays diffractions", diffractions, 0, 2)
+    choice("coherent_rays polarisation", polarisation, ("soft", "hard"))
     mirrors = _mirrors(geometry)
     edges = _edges(mirrors) if diffractions else []
     facets = len(mirrors.normal)

@@ -14,6 +14,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.arguments import choice, instance, positive_number
 from specklegen.core.display.plot import Pictured, draw_map
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
@@ -152,14 +153,12 @@ def coverage(
     >>> coverage(Geometry([wall]), Transmitter(position=[0, 0, -5]), plane, 1e9, "ray", beams=2000).rss_dBm.shape
     (4, 4)
     """
-    if not 0 < frequency < np.inf:
-        reject("coverage frequency", "positive and finite (Hz)", frequency)
-    if not 0 < gain < np.inf:
-        reject("coverage gain", "positive and finite", gain)
-    if method not in ("wave", "ray", "phase"):
-        reject("coverage method", "'wave', 'ray' or 'phase'", method)
-    if not isinstance(transmitter, Transmitter):
-        reject("coverage transmitter", "a Transmitter", transmitter)
+    frequency = positive_number("coverage frequency", frequency)
+    gain = positive_number("coverage gain", gain)
+    choice("coverage method", method, ("wave", "ray", "phase"))
+    choice("coverage diffraction", diffraction, ("fraunhofer", "utd"))
+    instance("coverage transmitter", transmitter, Transmitter)
+    instance("coverage plane", plane, Plane)
     wavelength = LIGHT_SPEED / frequency
     source = PointEmitter(transmitter.position, wavelength, transmitter.power, transmitter.beam_angle)
     if method == "phase":

@@ -21,6 +21,7 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.arguments import choice
 from specklegen.core.errors import reject, warn_user
 from specklegen.wavetracing.facing_edges import facing_edges
 from specklegen.wavetracing.light import PlaneWave
@@ -46,8 +47,7 @@ def edge_ray_field(rim: Rim, light: PlaneWave, points: np.ndarray, polarisation:
     DoubtWarning
         If an edge nearer than 10 z is shorter than its Fresnel zone.
     """
-    if polarisation not in ("soft", "hard"):
-        reject("field_on_plane polarisation", "'soft' or 'hard'", polarisation)
+    choice("field_on_plane polarisation", polarisation, ("soft", "hard"))
     k, d = light.wavenumber, light.direction
     seen_y = points[:, 1] - points[:, 2] * (d[1] / d[2])  # where the geometric ray crossed the screen
     height = float(np.median(points[:, 2]))

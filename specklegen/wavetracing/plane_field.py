@@ -20,6 +20,7 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.arguments import choice, instance, positive_number, real_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, slices
 from specklegen.core.quadrature import gauss_legendre
@@ -88,8 +89,13 @@ def field_on_plane(
     >>> round(float(np.abs(found.values).max()), 2)
     1.41
     """
-    if method not in ("boundary", "spectrum", "utd", "fraunhofer"):
-        reject("field_on_plane method", "'boundary', 'spectrum', 'utd' or 'fraunhofer'", method)
+    choice("field_on_plane method", method, ("boundary", "spectrum", "utd", "fraunhofer"))
+    choice("field_on_plane polarisation", polarisation, ("soft", "hard"))
+    instance("field_on_plane plane", plane, Plane)
+    padding = real_number("field_on_plane padding", padding)
+    if not callable(getattr(light, "field", None)):
+        reject("field_on_plane light", "a PlaneWave, or another light with a wavelength and a field", light)
+    wavelength = positive_number("field_on_plane light.wavelength", getattr(light, "wavelength", None))
     points = plane.points.reshape(-1, 3)
     lowest = float(points[:, 2].min())
     if lowest < 0 or (lowest == 0 and opening is not None and method != "spectrum"):
@@ -98,7 +104,7 @@ def field_on_plane(
         values = np.asarray(light.field(points), np.complex128)
     else:
         rim = rim_of("field_on_plane opening", opening)
-        doubt_narrow("field_on_plane opening", rim.breadth, light.wavelength)
+        doubt_narrow("field_on_plane opening", rim.breadth, wavelength)
         if rim.area <= 0:
             values = np.zeros(len(points), np.complex128)
         elif method == "spectrum":
@@ -109,7 +115,7 @@ def field_on_plane(
             values = _far_field(rim, light, points)
         else:
             values = _rim_field(rim, _plane_wave(light, method), points, threads)
-    return PlaneField(values.reshape(plane.shape), plane.pitch, light.wavelength)
+    return PlaneField(values.reshape(plane.shape), plane.pitch, wavelength)
 
 
 def _plane_wave(light: Light, method: str) -> PlaneWave:

@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.arguments import choice, several, whole_number
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, in_turn, thread_count
 from specklegen.core.random_streams import Seed, Stream, stream_key
@@ -108,15 +109,17 @@ def trace(
     >>> found.irradiance[0].shape, found.ledger.total
     ((8, 8), 500)
     """
-    planes = [planes] if isinstance(planes, Plane) else list(planes)
-    _check(geometry, emitter, beams, mode, diffraction, amplitude, max_events)
+    planes = list(several("trace planes", planes, Plane))
+    beams = whole_number("trace beams", beams, 1, 2**48 - 1)
+    max_events = whole_number("trace max_events", max_events, 0, 2**31 - 1)
+    _check(geometry, emitter, mode, diffraction, amplitude)
     facets = facets_of(geometry)
     sizes = [plane.shape[0] * plane.shape[1] for plane in planes]
     first_cell = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     walked = _by_edges if diffraction == "utd" else _by_patterns
     walk = walked(geometry, facets, emitter, planes, first_cell, seed, _MODES[mode], _AMPLITUDES[amplitude], max_events)
     # Sums of floats depend on the blocks, so these depend on the number of beams alone.
-    size = max(_BLOCK, -(-int(beams) // _BLOCKS))
+    size = max(_BLOCK, -(-beams // _BLOCKS))
     parts = [(first, min(size, beams - first)) for first in range(0, beams, size)]
     workers = min(thread_count(threads) if threads is None or isinstance(threads, int) else thread_count(), len(parts))
     total = None
@@ -126,26 +129,19 @@ def trace(
     return _found(total, planes, first_cell, emitter.power / beams, beams)
 
 
-def _check(geometry, emitter, beams, mode, diffraction, amplitude, max_events) -> None:
+def _check(geometry, emitter, mode, diffraction, amplitude) -> None:
     """Refuse arguments of `trace` that are out of range."""
     if not isinstance(geometry, Geometry):
         reject("trace geometry", "a Geometry", geometry)
     if not isinstance(emitter, CollimatedEmitter | PointEmitter):
         reject("trace emitter", "a CollimatedEmitter or a PointEmitter", emitter)
-    if isinstance(beams, bool) or not isinstance(beams, int | np.integer) or not 1 <= beams < 2**48:
-        reject("trace beams", "a whole number of at least 1", beams)
-    choices = ("fraunhofer", "utd")
-    for name, value, allowed in (
-        ("mode", mode, _MODES), ("diffraction", diffraction, choices), ("amplitude", amplitude, _AMPLITUDES),
-    ):  # fmt: skip
-        if value not in allowed:
-            reject(f"trace {name}", f"one of {', '.join(allowed)}", value)
+    choice("trace mode", mode, _MODES)
+    choice("trace diffraction", diffraction, ("fraunhofer", "utd"))
+    choice("trace amplitude", amplitude, _AMPLITUDES)
     if diffraction == "utd" and mode != "wave":
         reject("trace diffraction", "'fraunhofer' in the modes 'ballistic' and 'ray'", diffraction)
     if diffraction == "utd" and amplitude != "auto":
         reject("trace amplitude", "'auto' with UTD", amplitude, "Its light is each ray's: plane, or of a point.")
-    if isinstance(max_events, bool) or not isinstance(max_events, int | np.integer) or max_events < 0:
-        reject("trace max_events", "a whole number of at least 0", max_events)
 
 
 def _by_patterns(

@@ -21,11 +21,12 @@ through the wedge are not there.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.core.arguments import choice, complex_number, positive_number, real_array, real_number, together
 from specklegen.core.errors import reject
 from specklegen.wavetracing.kernels.wedges import wedge_pairs, wedge_terms, wedge_weights
 from specklegen.wavetracing.materials import fresnel
@@ -80,18 +81,18 @@ def wedge_coefficients(
     >>> round(float(abs(soft)), 3), round(float(abs(hard)), 3)
     (0.695, 0.243)
     """
-    phi, incidence, distance, sine = np.broadcast_arrays(
-        *_angles(n, phi, incidence), np.asarray(distance, float), np.sin(np.asarray(beta, float))
-    )
-    if not (np.isfinite(k) and k > 0):
-        reject("wedge_coefficients k", "finite and greater than 0", k)
+    n, phi, incidence = _angles(n, phi, incidence)
+    k = positive_number("wedge_coefficients k", k)
+    distance = real_array("wedge_coefficients distance", distance)
     if not (np.isfinite(distance) & (distance >= 0)).all():
         reject("wedge_coefficients distance", "finite and at least 0", distance)
-    if not (sine > 0).all() or not np.isfinite(np.asarray(beta, float)).all():
-        reject("wedge_coefficients beta", "between 0 and pi", beta, "A ray along the edge is not diffracted by it.")
+    sine = _sine("wedge_coefficients beta", real_array("wedge_coefficients beta", beta))
+    phi, incidence, distance, sine = together(
+        "wedge_coefficients", phi=phi, incidence=incidence, distance=distance, beta=sine
+    )
     soft, hard = np.empty(phi.size, complex), np.empty(phi.size, complex)
     flat = (np.ascontiguousarray(a).ravel() for a in (phi, incidence, distance))
-    wedge_pairs(float(n), *flat, float(k), np.ascontiguousarray(sine).ravel(), soft, hard)
+    wedge_pairs(n, *flat, k, np.ascontiguousarray(sine).ravel(), soft, hard)
     return soft.reshape(phi.shape), hard.reshape(phi.shape)
 
 
@@ -107,9 +108,10 @@ def geometric_shares(n: float, phi: ArrayLike, incidence: ArrayLike) -> np.ndarr
     array([[1., 1., 0.],
            [0., 0., 0.]])
     """
-    phi, incidence = np.broadcast_arrays(*_angles(n, phi, incidence))
+    n, phi, incidence = _angles(n, phi, incidence)
+    phi, incidence = together("geometric_shares", phi=phi, incidence=incidence)
     out = np.empty((phi.size, 3))
-    wedge_weights(float(n), np.ascontiguousarray(phi).ravel(), np.ascontiguousarray(incidence).ravel(), out)
+    wedge_weights(n, np.ascontiguousarray(phi).ravel(), np.ascontiguousarray(incidence).ravel(), out)
     return out.reshape(*phi.shape, 3)
 
 
@@ -148,13 +150,16 @@ def wedge_field(
     >>> round(float(abs(field)), 2)  # where the shadow of a half plane begins
     0.49
     """
-    if boundary not in ("soft", "hard"):
-        reject("wedge_field boundary", "'soft' or 'hard'", boundary)
-    across = k * np.sin(beta)
-    phi, incidence, r = np.broadcast_arrays(*_angles(n, phi, incidence), np.asarray(distance, float))
+    choice("wedge_field boundary", boundary, get_args(Boundary))
+    k = positive_number("wedge_field k", k)
+    sine = float(_sine("wedge_field beta", np.array(real_number("wedge_field beta", beta))))
+    across = k * sine
+    n, phi, incidence = _angles(n, phi, incidence)
+    r = real_array("wedge_field distance", distance)
+    phi, incidence, r = together("wedge_field", phi=phi, incidence=incidence, distance=r)
     if not (across * r >= NEAREST).all():
         reject(
-            "wedge_field distance", "at least 1/(k sin(beta))", float(r.min()),
+            "wedge_field distance", "at least 1/(k sin(beta))", r,
             "The theory describes a ray from the edge, and nearer by there is none.",
         )  # fmt: skip
     sign = -1.0 if boundary == "soft" else 1.0
@@ -163,8 +168,8 @@ def wedge_field(
     geometric = (shares * waves) @ np.array([1.0, sign, sign])
     # A ray at the angle beta that ends at z = 0 left the edge at Q = -r / tan(beta): s = r / sin(beta), and
     # e^{ik cos(beta) Q} e^{iks} = e^{ikr sin(beta)}.
-    s = r / np.sin(beta)
-    pair = wedge_coefficients(n, phi, incidence, s * np.sin(beta) ** 2, k, beta)
+    s = r / sine
+    pair = wedge_coefficients(n, phi, incidence, s * sine**2, k, beta)
     return geometric + pair[sign > 0] * np.exp(1j * across * r) / np.sqrt(s)
 
 
@@ -206,14 +211,16 @@ def lossy_wedge_field(
     >>> round(float(abs(field)), 3)
     0.876
     """
-    if boundary not in ("soft", "hard"):
-        reject("lossy_wedge_field boundary", "'soft' or 'hard'", boundary)
-    permittivity = complex(permittivity)
+    choice("lossy_wedge_field boundary", boundary, get_args(Boundary))
+    permittivity = complex_number("lossy_wedge_field permittivity", permittivity)
     if not np.isfinite(permittivity) or permittivity == 0 or permittivity.imag < 0:
         reject("lossy_wedge_field permittivity", "finite, not 0, with Im >= 0 (time e^{-i omega t})", permittivity)
-    phi, incidence, r = np.broadcast_arrays(*_angles(n, phi, incidence), np.asarray(distance, float))
-    if not (np.isfinite(k) and k > 0) or not (k * r >= NEAREST).all():
-        reject("lossy_wedge_field distance", "at least 1/k", float(r.min()), "Nearer by there is no ray.")
+    k = positive_number("lossy_wedge_field k", k)
+    n, phi, incidence = _angles(n, phi, incidence)
+    r = real_array("lossy_wedge_field distance", distance)
+    phi, incidence, r = together("lossy_wedge_field", phi=phi, incidence=incidence, distance=r)
+    if not (k * r >= NEAREST).all():
+        reject("lossy_wedge_field distance", "at least 1/k", r, "Nearer by there is no ray.")
 
     def reflected(to_face: np.ndarray) -> np.ndarray:
         """Coefficient at an angle to a face."""
@@ -223,7 +230,7 @@ def lossy_wedge_field(
     waves = shares * np.exp(-1j * k * r[..., None] * np.cos(_below(n, phi, incidence)))
     geometric = waves[..., 0] + reflected(incidence) * waves[..., 1] + reflected(n * np.pi - incidence) * waves[..., 2]
     terms = np.empty((phi.size, 3), complex)
-    wedge_terms(float(n), *(np.ascontiguousarray(a).ravel() for a in (phi, incidence, r)), float(k), terms)
+    wedge_terms(n, *(np.ascontiguousarray(a).ravel() for a in (phi, incidence, r)), k, terms)
     terms = terms.reshape(*phi.shape, 3)
     first = reflected(np.minimum(phi, incidence))
     last = reflected(n * np.pi - np.maximum(phi, incidence))
@@ -235,13 +242,23 @@ def _below(n: float, phi: np.ndarray, incidence: np.ndarray) -> np.ndarray:
     return np.stack([phi - incidence, phi + incidence, phi + incidence - 2 * np.pi * n], axis=-1)
 
 
-def _angles(n: float, phi: ArrayLike, incidence: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    if not 1 <= n <= 2:
+def _angles(n: float, phi: ArrayLike, incidence: ArrayLike) -> tuple[float, np.ndarray, np.ndarray]:
+    exterior = real_number("wedge n", n)
+    if not 1 <= exterior <= 2:
         reject("wedge n", "between 1 (a plane) and 2 (a half plane)", n, "n = 2 - interior angle / pi.")
     found = []
     for name, angle in (("phi", phi), ("incidence", incidence)):
-        angle = np.asarray(angle, float)
-        if not ((angle >= 0) & (angle <= n * np.pi * (1 + 1e-15))).all():
-            reject(f"wedge {name}", f"in the air, between 0 and {n:g} pi radians", angle)
+        angle = real_array(f"wedge {name}", angle)
+        if not ((angle >= 0) & (angle <= exterior * np.pi * (1 + 1e-15))).all():
+            reject(f"wedge {name}", f"in the air, between 0 and {exterior:g} pi radians", angle)
         found.append(angle)
-    return found[0], found[1]
+    return exterior, found[0], found[1]
+
+
+def _sine(field: str, beta: np.ndarray) -> np.ndarray:
+    """Sine of the angle between ray and edge."""
+    with np.errstate(invalid="ignore"):  # of infinite angles
+        sine = np.sin(beta)
+    if not (sine > 0).all():
+        reject(field, "between 0 and pi", beta, "A ray along the edge is not diffracted by it.")
+    return sine

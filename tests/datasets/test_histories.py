@@ -1,6 +1,7 @@
 """Histories: whatever a program has done before, a sample's bits depend on (recipe, seed, split, number) alone.
 
-    HISTORIES=10000 FUZZ_SEED=1 pytest tests/datasets/test_histories.py      # as many others
+    HISTORIES=100 FUZZ_SEED=1 pytest tests/datasets/test_histories.py      # as many others
+    python tests/datasets/test_histories.py 10000 1                        # by hundreds, each in a process of its own
 
 A machine redefines classes, exchanges folders and links, nests contexts, samples in threads, forks and copies sent by
 pickle, leaves garbage in memory, samples of other sizes and seeds, changes what it was
@@ -16,6 +17,7 @@ import random
 import subprocess
 import sys
 import threading
+import time
 import warnings
 from pathlib import Path
 from shutil import rmtree
@@ -30,6 +32,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 from own_scatterers import defined, forgotten
 from quick_recipes import quick_recipe
 from skimage.io import imsave
+from threadpoolctl import threadpool_limits
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleCache, SpeckleStream
@@ -39,11 +42,12 @@ from specklegen.datasets.store.shards import DamagedShard, MissingSample
 from specklegen.memory_effects import cache
 
 HISTORIES, SEED = int(os.environ.get("HISTORIES", "10")), os.environ.get("FUZZ_SEED")
-STEPS = 20
+STEPS, PIECE = 20, 100
 REFUSED = (RuleError, MissingSample, DamagedShard, pickle.PicklingError)
 LOBES = {"narrow": "(1 + cos) ** 9 + 0 * self.power", "wide": "(1 + cos) ** 8 + 0 * self.power"}
 KINDS = ("own", "slab", "glass", "pictures")
 SEEDS, NUMBERS = st.integers(0, 1), st.integers(0, 2)
+ONE_SLAB = {"thickness": 500.0, "optical_depth": 5.0}  # media at the ends of all ranges are what takes the time
 SMALL = {"camera": {"shape": [16, 16]}, "samples": {"train": 3}}
 
 
@@ -51,7 +55,8 @@ def loaded(kind, pictures):
     """A recipe of a kind, as its parts are defined now."""
     traced = {"material": {"kernel_paths": 300}}
     if kind == "own":
-        own = {"material": {"kernel_paths": 300, "scatterer": {"type": "Lobe", "power": {"uniform": [1.0, 2.0]}}}}
+        lobe = {"type": "Lobe", "power": {"uniform": [1.0, 2.0]}}
+        own = {"material": {"kernel_paths": 300, "scatterer": lobe} | ONE_SLAB}
         return quick_recipe("tilt-stack", **SMALL, **own, media="new")
     if kind == "slab":
         return quick_recipe("through-slab", **SMALL, **traced)
@@ -125,6 +130,18 @@ def switched(read, write, value):
     return context
 
 
+@contextlib.contextmanager
+def openmp_told_alone():
+    """Two threads of torch, of which another library has told OpenMP that there is one."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with threadpool_limits(1, user_api="openmp"):
+            yield
+    finally:
+        torch.set_num_threads(before)
+
+
 CONTEXTS = {
     "autocast": lambda: torch.autocast("cpu", dtype=torch.bfloat16),
     "no autocast": lambda: torch.autocast("cpu", enabled=False),
@@ -140,6 +157,7 @@ CONTEXTS = {
         torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms, True
     ),
     "two threads": switched(torch.get_num_threads, torch.set_num_threads, 2),
+    "OpenMP told alone": openmp_told_alone,
     "coarse": switched(torch.get_float32_matmul_precision, torch.set_float32_matmul_precision, "medium"),
     "without oneDNN": switched(
         lambda: torch.backends.mkldnn.enabled, lambda value: torch.backends.mkldnn.set_flags(value), False
@@ -274,7 +292,8 @@ class Histories(RuleBasedStateMachine):
     @rule(shape=st.integers(9, 24), chosen=st.integers(2, 9))
     def sample_something_else(self, shape, chosen):
         """Of another size and seed, which takes its place in what is kept."""
-        quick_recipe("tilt-stack", **SMALL | {"camera": {"shape": [shape, 16]}}).sample(chosen, "validation", 0)
+        slab = {"material": {"kernel_paths": 300, "g": 0.9} | ONE_SLAB}
+        quick_recipe("tilt-stack", **SMALL | {"camera": {"shape": [shape, 16]}} | slab).sample(chosen, "validation", 0)
 
     @rule()
     def forget_all(self):
@@ -368,27 +387,51 @@ class Histories(RuleBasedStateMachine):
         assert bits(found) == expected
 
 
-def run():
-    """All histories; what fails is raised."""
+def run(histories, chosen):
+    """All histories of a seed, None for those that are always the same; what fails is raised."""
     cache.folder = lambda: Path(mkdtemp(prefix="histories-"))
     Histories.truth = Truth()
-    chosen = settings(
-        max_examples=HISTORIES, stateful_step_count=STEPS, deadline=None, database=None, derandomize=SEED is None,
+    how = settings(
+        max_examples=histories, stateful_step_count=STEPS, deadline=None, database=None, derandomize=chosen is None,
         suppress_health_check=list(HealthCheck), print_blob=False, phases=[Phase.generate],
     )  # fmt: skip
-    machine = Histories if SEED is None else seed(int(SEED))(Histories)
+    machine = Histories if chosen is None else seed(chosen)(Histories)
     try:
-        run_state_machine_as_test(machine, settings=chosen)
+        run_state_machine_as_test(machine, settings=how)
     finally:
         forgotten()
         rmtree(Histories.truth.place)
 
 
-def test_samples_depend_on_nothing_that_has_happened():
+def in_a_process(histories, chosen):
     """In a process of its own: forks hang where OpenMP's threads have been used, as other tests do."""
     path = [str(Path(__file__).parent), *sys.path]
-    done = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path[:] = {path!r}; import test_histories; test_histories.run()"],
-        capture_output=True, text=True, check=False, timeout=60 * (20 + HISTORIES),
+    called = f"import test_histories; test_histories.run({histories}, {chosen})"
+    return subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path[:] = {path!r}; {called}"],
+        capture_output=True, text=True, check=False, timeout=60 * (20 + histories),
     )  # fmt: skip
+
+
+def test_samples_depend_on_nothing_that_has_happened():
+    done = in_a_process(HISTORIES, None if SEED is None else int(SEED))
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def main(count, first):
+    """As many histories as are asked for, by hundreds; what fails is printed with its seed, and the rest goes on."""
+    failed, begun = 0, time.perf_counter()
+    for number, done in enumerate(range(0, count, PIECE)):
+        some, chosen = min(PIECE, count - done), 10**6 * first + number
+        found = in_a_process(some, chosen)
+        if found.returncode:
+            failed += 1
+            print(f"seed {chosen}:\n{found.stdout}{found.stderr}")
+        took = (time.perf_counter() - begun) / (done + some)
+        print(f"{done + some} histories, {took:.2f} s each, {failed} pieces failed", flush=True)
+    return failed
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+    sys.exit(main(int(sys.argv[1]), int(sys.argv[2])))

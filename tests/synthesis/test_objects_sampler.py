@@ -10,6 +10,7 @@ from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein
 from specklegen.scene.sensors import FarFieldGrid
+from specklegen.synthesis import imaging
 from specklegen.synthesis.spectrum import LightModes
 
 K = estimate_correlation(
@@ -101,3 +102,20 @@ def test_tilts_are_correlated_by_the_memory_effect():
     assert_mean(np.array(products), expected)
     with pytest.raises(AssertionError, match="z ="):
         assert_mean(np.array(products), expected + 0.1)
+
+
+def test_modes_of_many_pixels_say_their_seconds_before_they_are_made(monkeypatch, caplog):
+    """An object of thousands of pixels a side went on for minutes of a busy core without a word."""
+
+    class Begun(Exception):
+        """What is stopped here, after what was said."""
+
+    def stop(*_):
+        raise Begun
+
+    monkeypatch.setattr(imaging, "speckle_variance", stop)
+    for side, said in ((500, 0), (5000, 1)):
+        caplog.clear()
+        with pytest.raises(Begun):
+            sampler(object_shape=(side, side), object_pitch=0.1 * GRAIN / side, base=[[0.0, 0.0]])
+        assert [f"{side} x {side} pixels" in record.getMessage() for record in caplog.records] == [True] * said

@@ -13,19 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from specklegen.core.arguments import whole_number
+from specklegen.core.arguments import instance, positive_number, whole_number
 from specklegen.core.display.plot import Pictured
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.memory_effects.correlation import estimate_correlation
-from specklegen.paths.analog_walk import transmittance
+from specklegen.paths.analog_walk import require_walkable, transmittance
 from specklegen.samplers.screens.correlation import screen_correlation
 from specklegen.scene.media import Slab
 from specklegen.scene.screens import PhaseScreen, ScreenStack, require_thin
 
 _REACH, _TILTS = 2.0, 17  # in half ranges of the slab
+_MOST_SCREENS = 10_000  # no slab needs as many; each is a value of the stack
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,11 @@ def stack_like(
     >>> found.stack.thickness, len(found.stack.screens)
     (887.2983346207417, 4)
     """
-    count = whole_number("stack_like screens", screens, 2)
+    instance("stack_like slab", slab, Slab)
+    wavelength = positive_number("stack_like wavelength", wavelength)
+    count = whole_number("stack_like screens", screens, 2, _MOST_SCREENS)
+    paths = whole_number("stack_like paths", paths, 1)
+    require_walkable("stack_like", slab, paths)
     if not slab.faces.matched:
         reject("stack_like slab.faces", "matched: screens do not reflect", slab.faces, "Use faces=Faces().")
     if not 0 < slab.optical_depth:

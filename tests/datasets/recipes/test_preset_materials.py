@@ -82,7 +82,7 @@ def test_range_is_that_of_the_literature(phantom):
 
 
 @pytest.mark.parametrize(("preset", "says"), [
-    ({"name": "skim", "wavelength": 0.6}, "must be one of bone, brain"),
+    ({"name": "skim", "wavelength": 0.6}, 'must be one of "bone", "brain"'),
     ({"name": "skin"}, "wavelength = 0.633"),
     ({"name": "skin", "wavelength": 0.8, "water": "range"}, "one refractive index"),
     ({"name": "skin", "wavelength": 0.6}, "absorption must be given outside"),

@@ -148,9 +148,9 @@ def test_a_second_ctrl_c_stops_inside_a_step_and_saves_nothing_of_it(whole, tmp_
     assert_same_run(checkpoint(whole), checkpoint(tmp_path))
 
 
-@pytest.mark.parametrize("deaths", range(1, 12))
+@pytest.mark.parametrize("deaths", range(1, 13))
 def test_a_run_that_dies_between_two_files_goes_on_to_the_same_bits(whole, tmp_path, monkeypatch, deaths):
-    """Three files an epoch, or four with a better model, and the record: a kill before each of them."""
+    """Three files an epoch, or four with a better model, the owner and the record: a kill before each of them."""
     left = iter(range(deaths))
 
     def dying(file, data):
@@ -169,6 +169,28 @@ def test_a_run_that_dies_between_two_files_goes_on_to_the_same_bits(whole, tmp_p
     lines = [(folder / "log.csv").read_text().splitlines() for folder in (whole, tmp_path)]
     assert len(lines[0]) == len(lines[1])
     assert (tmp_path / "best.pt").read_bytes() == (whole / "best.pt").read_bytes()
+
+
+@pytest.mark.parametrize("moment", [2, 7])
+def test_where_locks_exclude_nobody_the_earlier_process_ends_before_it_writes(whole, tmp_path, monkeypatch, moment):
+    """Its checkpoint, log and best model took the place of the later one's, which had been further on."""
+
+    @contextlib.contextmanager
+    def excluding_nobody(*_):
+        yield "held"
+
+    monkeypatch.setattr(run_record, "claim", excluding_nobody)
+    left = {}
+
+    def meanwhile(done, _total):
+        if done == moment:
+            train(SETTINGS, DATA, HELD_OUT, tmp_path)
+            left.update({file.name: file.read_bytes() for file in tmp_path.iterdir()})
+
+    with pytest.raises(RuleError, match="Another one has begun there since"):
+        train(SETTINGS, DATA, HELD_OUT, tmp_path, steps=meanwhile)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == left
+    assert_same_run(checkpoint(whole), checkpoint(tmp_path))
 
 
 def test_two_processes_do_not_train_in_one_folder(tmp_path):

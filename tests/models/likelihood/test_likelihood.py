@@ -242,7 +242,7 @@ def test_thinned_measurements_are_independent(looks):
 
 
 def test_bad_optics_are_refused():
-    with pytest.raises(RuleError, match=r"Optics\.grain must be above 0"):
+    with pytest.raises(RuleError, match=r"Optics\.grain must be finite and above 0"):
         SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(1.0, 0.0))
     with pytest.raises(RuleError, match=r"Optics\.step must be .* one for each of 1 objects"):
         SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(torch.ones(3), 2.0))
