@@ -311,7 +311,7 @@ def test_planes():
         (lambda: at([0, 0, 0.0], box(1, 1)), "behind the screen"),
         (lambda: at([0, 0, 1.0], box(1, 1), light=TILTED), "right angles to the screen"),
         (lambda: at([0, 0, 1.0], box(1, 1), light=Given(LIGHT.field)), "a PlaneWave for method 'boundary'"),
-        (lambda: at([0, 0, 1.0], box(1, 1), method="rays"), "'boundary', 'spectrum'"),
+        (lambda: at([0, 0, 1.0], box(1, 1), method="rays"), '"boundary", "spectrum"'),
         (lambda: at([0.5, 0, 0.1], box(1, 1), method="utd"), "away from every edge"),
         (lambda: at([0, 0, 1.0], box(1, 1), method="utd", polarisation="te"), 'polarisation must be one of "soft", "hard"'),
         (lambda: at([0, 0, 1.0], box(1e4, 1), method="spectrum"), "8192 waves"),
