@@ -313,7 +313,7 @@ def test_planes():
         (lambda: at([0, 0, 1.0], box(1, 1), light=Given(LIGHT.field)), "a PlaneWave for method 'boundary'"),
         (lambda: at([0, 0, 1.0], box(1, 1), method="rays"), '"boundary", "spectrum"'),
         (lambda: at([0.5, 0, 0.1], box(1, 1), method="utd"), "away from every edge"),
-        (lambda: at([0, 0, 1.0], box(1, 1), method="utd", polarisation="te"), 'polarisation must be one of "soft", "hard"'),
+        (lambda: at([0, 0, 1.0], box(1, 1), method="utd", polarisation="te"), 'must be one of "soft", "hard"'),
         (lambda: at([0, 0, 1.0], box(1e4, 1), method="spectrum"), "8192 waves"),
         (lambda: at([0, 0, 1.0], box(1, 1), method="spectrum", padding=0.5), "padding must be at least 1"),
         (lambda: Plane(normal=[0, 0, 0], shape=(1, 1), pitch=1.0), "longer than 0"),
