@@ -118,7 +118,7 @@ def hidden_objects(kernel: MemoryEffectCorrelation, device: torch.device, repeat
 
 STREAMS = (
     "unknown-slab", "through-slab", "through-slab-lab", "tilt-stack", "material-regression", "two-tilts",
-    "dynamic-slab", "partially-coherent-slab",
+    "dynamic-slab", "brownian-slab", "partially-coherent-slab",
 )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from .mean.reflectance import ReflectanceTransmittance as ReflectanceTransmittan
 from .mean.reflectance import reflectance_transmittance as reflectance_transmittance
 from .memory_effects.curve import MemoryEffect as MemoryEffect
 from .memory_effects.curve import memory_effect as memory_effect
+from .memory_effects.exposure import ExposureContrast as ExposureContrast
 from .memory_effects.joint import JointCorrelation as JointCorrelation
 from .memory_effects.joint import joint_correlation as joint_correlation
 from .memory_effects.temporal import TemporalCorrelation as TemporalCorrelation
@@ -28,6 +29,8 @@ from .scene.illumination import CollimatedBeams as CollimatedBeams
 from .scene.illumination import IncoherentObject as IncoherentObject
 from .scene.illumination import PlaneWaves as PlaneWaves
 from .scene.illumination import PointSources as PointSources
+from .scene.imaging import Imaging as Imaging
+from .scene.imaging import Pupil as Pupil
 from .scene.layers import Layer as Layer
 from .scene.layers import Layers as Layers
 from .scene.layers import Stratified as Stratified

@@ -28,7 +28,7 @@ from specklegen.mean.field import mean_field
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import planned
-from specklegen.samplers.sampler import AnySampler, require_finite
+from specklegen.samplers.sampler import AnySampler, image_of, require_finite
 from specklegen.scene.scene import Scene
 
 
@@ -74,8 +74,9 @@ class Report:
 class SpeckleStack(Pictured):
     """Rendered speckle: ``field`` complex64[(R,) T, *sensor], ``intensity`` float32, ``report``.
 
-    The intensity of collimated beams is |field|^2, tilt by tilt. An incoherent object has one intensity
-    image, float32[(R,) *sensor], and no field.
+    The intensity of collimated beams is |field|^2, tilt by tilt; over an exposure it is the mean of that,
+    float32[(R,) T, *sensor], and there is no field. An incoherent object has one intensity image,
+    float32[(R,) *sensor], and no field.
 
     Examples
     --------
@@ -120,14 +121,15 @@ class SpeckleStack(Pictured):
             reject(
                 "SpeckleStack.field",
                 "asked of coherent illumination",
-                "IncoherentObject",
-                "Its beams are mutually incoherent, so intensities add and no one field exists: use .intensity.",
+                "IncoherentObject, or an exposure",
+                "Its beams or instants are mutually incoherent, so intensities add and no one field exists: "
+                "use .intensity.",
             )
         return self._field
 
     @property
     def intensity(self) -> np.ndarray:
-        """float32, |field|^2 or the image of an incoherent object."""
+        """float32, |field|^2, its mean over each exposure, or the image of an incoherent object."""
         if self._intensity is not None:
             return self._intensity
         return np.square(self.field.real) + np.square(self.field.imag)
@@ -210,11 +212,12 @@ def rendered(
     if realizations is not None:
         whole_number(f"{budget.owner} realizations", realizations, 1)
     if flag("mean", mean) and not scene.illumination.coherent:
-        reject("mean", "False for an incoherent object", mean, "Its ballistic image is not modelled.")
+        reject("mean", "False for an incoherent object, and for exposures", mean,
+               "What does not scatter is not modelled there.")  # fmt: skip
     choose = partial(planned, scene, sampler=sampler, mean=mean, field_tolerance=field_tolerance)
     budget = _without_seconds(choose, budget, realizations or 1)
     made = choose(budget)
-    each = 8 * len(scene.lights) if scene.illumination.coherent else 4  # bytes of a view, under all tilts
+    each = math.prod(scene.illumination.images) * (8 if scene.illumination.coherent else 4)  # bytes of a view
     held = (realizations or 1) * math.prod(scene.sensor.shape) * each
     require_memory(
         f"{budget.owner} realizations", "held", (2 if mean else 1) * held, f"{realizations or 1} media",
@@ -255,9 +258,12 @@ def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
     images, connections, unfinished = np.empty(0), 0, 0
     with one_blas_thread():
         for r, each in enumerate(made.chosen.prepare(seed, threads).media(realizations)):
+            image = each.image
+            if made.lens is not None:
+                image = image_of(made.scene, made.lens.image(image, from_face=made.chosen.from_face))
             if r == 0:
-                images = np.empty((realizations, *each.image.shape), each.image.dtype)
-            images[r] = each.image
+                images = np.empty((realizations, *image.shape), image.dtype)
+            images[r] = image
             connections += each.connections
             unfinished += each.unfinished
     return images, connections, unfinished

@@ -199,7 +199,9 @@ def values() -> Iterator[Call]:
         sg.Tabulated(theta=np.linspace(0, np.pi, 5), amplitude=np.ones(5)),
         sg.Brownian(diffusion=1.0), FILM.beams,
         sg.GroundGlass(grit=220, index=1.5, unit=1e-6), sg.FarField(directions=[[0.0, 0.0, 1.0]]),
-        sg.NearField(points=[[0.0, 0.0, 30.0]]), instrument.Camera(photons=10.0), laboratory(),
+        sg.NearField(points=[[0.0, 0.0, 30.0]]), sg.Imaging(shape=[4, 4], pitch=1.0, aperture=0.1), sg.Pupil(
+            stop=0.2, waist=1.0, zernike=(0.0, 0.1), measured=np.ones((2, 2))
+        ), instrument.Camera(photons=10.0), laboratory(),
         coherence.AxialDetector(z=[1.0, 2.0], pixel_width=1.0),
         coherence.TransverseDetector(half_width=1.0, n_pixels=4),
         focus(), models.Training(), models.Retrieval(), EMITTER, PLANE, WAVE, wavetracing.Absorber(),
@@ -352,6 +354,8 @@ def verbs() -> Iterator[Call]:
         {"scene": SCENE, "realization": 0, "mean": False} | shared | drawn | {"sampler": "paths"},
     )
     yield Call("CollimatedBeams.tilts", sg.CollimatedBeams.tilts, {"angles": [0.0, 0.1], "width": 40.0})
+    filmed = {"directions": np.eye(3)[[2, 2]], "width": 40.0, "times": [0.0, 1.0]}
+    yield Call("CollimatedBeams", sg.CollimatedBeams, filmed | {"exposure": [0.5, 1.0], "sub_frames": 3})
     yield Call("PlaneWaves.tilts", sg.PlaneWaves.tilts, {"angles": [0.0, 0.1]})
     yield Call("FarField.angles", sg.FarField.angles, {"angles": [0.0, 0.1]})
     yield Call(

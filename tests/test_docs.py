@@ -129,7 +129,7 @@ def test_a_recipe_on_a_page_is_one(block, setup):
     """Read from its own folder, wherever the command runs: its pictures lie beside it."""
     file = setup / "recipe-of-a-page.toml"
     file.write_text(block.text)
-    assert quick_recipe(file).sample(0, "train", 0).keys() & {"image", "stack"}
+    assert quick_recipe(file).sample(0, "train", 0).keys() & {"image", "stack", "frames"}
 
 
 def test_every_recipe_stands_on_its_page():

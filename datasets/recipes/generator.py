@@ -266,15 +266,18 @@ class SpeckleGenerator:
         if not isinstance(some, Imaging) or lit.step is not None:
             drawn = some.media(made.streams.at(places))
             seen = drawn.images(lit.light) if lit.step is None else drawn.superposed(lit.light, lit.step)
-            return seen.to(torch.float32)
+            return self.recipe.exposed(seen).to(torch.float32)
         own = {} if self.recipe.media_alike else some.tensors()  # what all media share is not copied
         if self._keeps(imaging):
             held = [self._spectra_of(m, imaging, made, place) for m, place in zip(media, places, strict=True)]
             inputs = {"spectra": torch.cat(held), "light": lit.light} | own
-            return self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
+            seen = self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
+            return self.recipe.exposed(seen)
         streams = made.streams.at(places)
         inputs = {"keys": streams.keys, "still": streams.still, "light": lit.light} | own
-        return self.run(("drawn", *some.statics), partial(_drawn_and_seen, some, self.one_by_one), inputs)
+        return self.recipe.exposed(self.run(
+            ("drawn", *some.statics), partial(_drawn_and_seen, some, self.one_by_one), inputs
+        ))  # fmt: skip
 
     def _keeps(self, imaging: Imaging) -> bool:
         frames = self.recipe.frames

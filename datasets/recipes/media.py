@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from specklegen.datasets.recipes.materials import Materials
     from specklegen.datasets.recipes.recipe import Recipe
-    from specklegen.synthesis.correlations import Places
+    from specklegen.synthesis.correlations import FilmBatch, Places
     from specklegen.synthesis.sight import Sight
 else:
     torch = LazyModule("torch")
@@ -134,6 +134,8 @@ class DrawnMedia:
         Correlation of the fields of one frame with the next.
     moved : float64[M, T, S, 2] or None
         How far each of S screens has moved at every base tilt.
+    film : FilmBatch or None
+        Memory effect in time, of media whose particles move.
     """
 
     materials: Materials
@@ -143,6 +145,7 @@ class DrawnMedia:
     parameters: dict[str, torch.Tensor]
     still: torch.Tensor
     moved: torch.Tensor | None = None
+    film: FilmBatch | None = None
 
     def __len__(self) -> int:
         return len(self.sight)
@@ -152,7 +155,7 @@ class DrawnMedia:
         return DrawnMedia(
             self.materials.at(places), self.sight.at(places), self.bandwidth, self.tilts[places],
             {name: value[places] for name, value in self.parameters.items()}, self.still[places],
-            None if self.moved is None else self.moved[places],
+            None if self.moved is None else self.moved[places], None if self.film is None else self.film.at(places),
         )  # fmt: skip
 
     def view(self, place: int) -> MediumView:
@@ -175,7 +178,7 @@ def media_requests(recipe: Recipe, drawn: DrawnMedia) -> list[tuple[list[int], M
         request = MediaRequest(
             sight=some.sight, correlations=some.materials.correlations, light=light,
             tolerance=recipe.mode_tolerance, media=some.materials.slabs, moved=some.moved,
-            units=some.parameters["forward_radiance"] * window[places], shared=recipe.shares_media,
+            units=some.parameters["forward_radiance"] * window[places], shared=recipe.shares_media, film=some.film,
         )  # fmt: skip
         found.append((places, request))
     return found
@@ -197,6 +200,9 @@ def medium_plan(recipe: Recipe, view: Planned) -> Plan:
     """
     paths = recipe.material.kernel_paths
     made = plan(view.probe, paths=paths, sampler=recipe.sampler, envelope=False)
+    if recipe.moving and not made.chosen.films and made.sampler != "paths":
+        reject("Recipe.sampler", "one that knows frames of media that move", made.sampler,
+               'Ask for sampler = "stationary".')  # fmt: skip
     made = replace(made, decisions=told_by(recipe, view, made.decisions))
     if not made.chosen.medium_by_medium:
         return made

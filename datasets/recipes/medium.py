@@ -1,5 +1,6 @@
 """One medium of a recipe, ready to be looked through: a batch of one, for whoever wants to see it by himself."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,8 @@ class Medium:
         Tilts of the illumination, radians.
     polarisation : float
         What polarisation leaves of the contrast.
+    exposed : function
+        What the camera adds up, of :meth:`Recipe.exposed`.
     """
 
     ready: ReadyMedia
@@ -38,6 +41,7 @@ class Medium:
     parameters: dict[str, float]
     tilts: np.ndarray
     polarisation: float
+    exposed: Callable[[torch.Tensor], torch.Tensor]
 
     @property
     def imaging(self) -> Any:
@@ -47,7 +51,8 @@ class Medium:
     def images(self, brightness: np.ndarray) -> np.ndarray:
         """Expected intensity over its mean, float32[frames or tilts, H, W], of an object real[h, w]."""
         with shielded():
-            return self.seen.images(torch.as_tensor(np.array(brightness))[None])[0].to(torch.float32).cpu().numpy()
+            seen = self.seen.images(torch.as_tensor(np.array(brightness))[None])
+            return self.exposed(seen)[0].to(torch.float32).cpu().numpy()
 
     def superposed(self, amplitudes: np.ndarray, step: float) -> np.ndarray:
         """Intensity of interfering beams over its mean, float32[H, W]; complex[h, w] amplitudes, ``step`` apart."""
@@ -69,4 +74,4 @@ def medium_of_recipe(recipe: "Recipe", seed: int, split: Split, number: int) -> 
         imaging = ready.groups[0][1]
         parameters = {name: float(value[0]) for name, value in ready.parameters.items()}
         tilts = ready.drawn.tilts[0].cpu().numpy()
-        return Medium(ready, imaging.media(ready.streams), parameters, tilts, recipe.light.halves**-0.5)
+        return Medium(ready, imaging.media(ready.streams), parameters, tilts, recipe.light.halves**-0.5, recipe.exposed)

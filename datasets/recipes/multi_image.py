@@ -15,9 +15,10 @@ from pydantic import SerializerFunctionWrapHandler, model_serializer, model_vali
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
-from specklegen.core.random_streams import Stream
-from specklegen.core.values import PositiveInt, Value
+from specklegen.core.values import Positive, PositiveInt
 from specklegen.datasets.distributions import Draw, UnboundedDraw, ends, require_above
+from specklegen.datasets.recipes import brownian as _brownian
+from specklegen.datasets.recipes.brownian import Speed
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.media import DrawnMedia
 from specklegen.datasets.recipes.parts.diffuser import Diffuser
@@ -25,6 +26,7 @@ from specklegen.datasets.recipes.tilted import Tilted
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose
 from specklegen.samplers.screens.film import frame_correlation
+from specklegen.scene.layers import left_out
 from specklegen.scene.scene import Scene
 from specklegen.scene.window import Window
 
@@ -41,28 +43,39 @@ MODELS = {
     "autoregression": "the fields of two frames are correlated by e^(-t / correlation_time), whatever ways the light "
     "took, and no medium obeys that: of scatterers in motion long paths decorrelate first (squares .82 and .0025 at .1 "
     "and 3 correlation times; .59 and .04 with the paths of a slab of optical depth 10 and g .9)",
+    "brownian": "independent Brownian particles, every path with its own momentum transfer",
 }
 """Laws by which the field of a medium decorrelates, and what each assumes."""
 _TIMES = (-20.0, 40.0)
 """Logarithms of times, in frames, between which a correlation time is looked for."""
 
 
-class Dynamics(Value):
-    """How a medium changes from image to image: by one of the last two fields.
+class Dynamics(Speed):
+    """How a medium changes from image to image.
 
     Parameters
     ----------
     frames
         Images a sample.
     model
-        Law of the decorrelation over a ``correlation_time``. There is one, "autoregression": the medium is redrawn
-        little by little, by a first-order autoregression of its fields (see :mod:`light`). **It is assumed, and no
-        medium obeys it.** Scatterers in motion change the phases of long paths faster than those of short ones, so
-        that the correlation falls faster at first and has a long tail: its square is .82 and .0025 at .1 and 3
-        correlation times here, .59 and .04 with the paths of a slab of optical depth 10 and g .9.
+        Law of the decorrelation. "brownian": particles move, each by itself, and the fields of two frames are
+        correlated as the paths of the material say (:mod:`specklegen.memory_effects.moving`); its speed is given by
+        one of ``diffusion``, ``tau0`` and ``correlation_time``, and every sample's parameters have all three.
+        "autoregression", the default: the medium is redrawn little by little, by a first-order autoregression of its
+        fields (see :mod:`light`), over a ``correlation_time``. **It is assumed, and no medium obeys it.** Scatterers
+        in motion change the phases of long paths faster than those of short ones, so that the correlation falls faster
+        at first and has a long tail: its square is .82 and .0025 at .1 and 3 correlation times here, .59 and .04 with
+        the paths of a slab of optical depth 10 and g .9.
     correlation_time
-        Frames over which the correlation of the field falls to 1/e, and that of the intensity to 1/e^2; may
-        vary from medium to medium; infinite for a medium that stays as it is.
+        Time over which the correlation of the field falls to 1/e, and that of the intensity to 1/e^2; may
+        vary from medium to medium. In frames, and infinite for a medium that stays as it is, of an autoregression; in
+        the unit of the ``interval`` of Brownian particles, whose diffusion follows from it and the material's paths.
+    interval
+        Time from frame to frame, of Brownian particles.
+    diffusion
+        Of Brownian particles, the fastest of layers: length^2 over the unit of the ``interval``.
+    tau0
+        1 / (D k^2), k inside the medium, instead.
     velocities
         Thin screens drift across the light: (x, y) of each, lengths a frame, every number a constant or drawn anew for
         each medium. Frames are correlated by the closed form of that motion, which is that of a tilt
@@ -72,29 +85,44 @@ class Dynamics(Value):
     frames: PositiveInt = 8
     model: str = "autoregression"
     correlation_time: UnboundedDraw | None = None
+    interval: Positive | None = None
     velocities: tuple[tuple[Draw, Draw], ...] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.correlation_time is None) == (self.velocities is None):
-            reject("Dynamics", "given by one of correlation_time and velocities", self.model_dump(exclude_none=True))
         if self.model not in MODELS:
             reject("Dynamics.model", f"one of {', '.join(MODELS)}", self.model)
+        if self.brownian:
+            return self._check_brownian()
+        for name in ("interval", "diffusion", "tau0"):
+            if getattr(self, name) is not None:
+                reject(f"Dynamics.{name}", 'left out but of model = "brownian"', getattr(self, name))
+        if (self.correlation_time is None) == (self.velocities is None):
+            reject("Dynamics", "given by one of correlation_time and velocities", self.model_dump(exclude_none=True))
         if self.velocities is not None and "model" in self.model_fields_set:
             reject("Dynamics.model", "left out where velocities are given", self.model, "That motion is no model's.")
         if self.correlation_time is not None:
             require_above("Dynamics.correlation_time", self.correlation_time, 0)
         return self
 
+    def _check_brownian(self) -> Self:
+        if self.velocities is not None:
+            reject("Dynamics.velocities", 'left out of model = "brownian"', self.velocities, "They are of screens.")
+        if self.interval is None:
+            reject("Dynamics.interval", 'given with model = "brownian"', None, "Say the time from frame to frame.")
+        self.require_speed("Dynamics", ' of model = "brownian"')
+        return self
+
+    @property
+    def brownian(self) -> bool:
+        """Whether particles move."""
+        return self.model == "brownian"
+
     @model_serializer(mode="wrap")
     def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out velocities that are not there, and the first model: the dynamics are what they were without."""
-        content = write(self)
-        if self.velocities is None:
-            content.pop("velocities", None)
-        if self.model == "autoregression":
-            content.pop("model", None)
-        return content
+        """Leave out what is not there, and the first model: the dynamics are what they were without."""
+        missing = {name: getattr(self, name) is None for name in ("velocities", "interval", "diffusion", "tau0")}
+        return left_out(write(self), model=self.model == "autoregression", **missing)
 
 
 class DynamicSlab(HiddenObject):
@@ -115,10 +143,18 @@ class DynamicSlab(HiddenObject):
                    len(given), "Give a correlation_time to a medium of scatterers.")  # fmt: skip
         return self
 
+    @model_validator(mode="after")
+    def _check_particles(self) -> Self:
+        if not self.dynamics.brownian:
+            return self
+        _brownian.require_moving(self, 'of [dynamics] model = "brownian"')
+        return self
+
     def idealisations(self, scene: Scene) -> list[Decision]:
-        """What is left out of every image, and the law that is assumed between them."""
-        assumed = Decision("motion", False, f'idealised: model "{self.dynamics.model}": {MODELS[self.dynamics.model]}')
-        return super().idealisations(scene) + ([assumed] if self.dynamics.velocities is None else [])
+        """What is left out of every image, and the law between them."""
+        model, modelled = self.dynamics.model, self.dynamics.brownian
+        law = Decision("motion", modelled, f'{"" if modelled else "idealised: "}model "{model}": {MODELS[model]}')
+        return super().idealisations(scene) + ([law] if self.dynamics.velocities is None else [])
 
     def images_layout(self) -> dict[str, ArraySpec]:
         """Layout of what :meth:`images_of` names."""
@@ -141,18 +177,19 @@ class DynamicSlab(HiddenObject):
 
     @property
     def media_alike(self) -> bool:
-        """Whether neither material, extent nor velocities are drawn."""
-        drifts = (number for both in self.dynamics.velocities or () for number in both)
-        return super().media_alike and all(low == high for low, high in map(ends, drifts))
+        """Whether neither material, extent, velocities nor the speed of particles are drawn."""
+        drifts = [number for both in self.dynamics.velocities or () for number in both]
+        speeds = [self.dynamics.speed] if self.dynamics.brownian else []
+        return super().media_alike and all(low == high for low, high in map(ends, drifts + speeds))
+
+    @property
+    def moving(self) -> bool:
+        """Whether particles do."""
+        return self.dynamics.brownian
 
     def later_frames(self, drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor | None:
         """Keys int64[M, halves, F - 1, 2] of the fields of all frames but the first."""
-        halves, later = len(self.medium_purposes), self.frames - 1
-        if not later:
-            return None
-        moved = drawn.words(numbers, [Purpose.DYNAMICS])[:, :, None].expand(-1, halves, later, -1)
-        number = torch.stack(torch.meshgrid(torch.arange(halves), torch.arange(1, later + 1), indexing="ij"), -1)
-        return drawn.keys(Stream.STATIONARY, torch.cat([moved, number.expand(len(numbers), -1, -1, -1)], -1))
+        return None if self.frames == 1 else _brownian.frame_keys(self, drawn, numbers)
 
     def tilts_of(
         self, drawn: Addresses, numbers: Sequence[int]
@@ -167,7 +204,9 @@ class DynamicSlab(HiddenObject):
         return np.repeat(super().widest_tilts, self.pictures // self.frames, axis=0)
 
     def moved_media(self, drawn: Addresses, numbers: Sequence[int], media: DrawnMedia) -> DrawnMedia:
-        """Draw how still media are, or how their screens drift."""
+        """Draw how still media are, how fast their particles move, or how their screens drift."""
+        if self.dynamics.brownian:
+            return self._filmed(drawn, numbers, media)
         if self.dynamics.velocities is None:
             assert self.dynamics.correlation_time is not None
             (time,) = drawn.numbers(Purpose.DYNAMICS, [self.dynamics.correlation_time], numbers)
@@ -182,6 +221,14 @@ class DynamicSlab(HiddenObject):
         told = media.parameters | dict(zip(names, found, strict=True))
         told["correlation_time"] = torch.tensor(times, dtype=torch.float64).to(velocities.device)
         return replace(media, parameters=told, moved=frame[:, None, None] * velocities[:, None])
+
+    def _filmed(self, drawn: Addresses, numbers: Sequence[int], media: DrawnMedia) -> DrawnMedia:
+        """Draw the speed of particles, and ask the paths of every material what it does to fields."""
+        assert self.dynamics.interval is not None
+        steps = np.arange(self.dynamics.frames)
+        return _brownian.filmed_media(
+            self, self.dynamics, drawn, numbers, media, steps * self.dynamics.interval, np.abs(steps[:, None] - steps)
+        )
 
     def _correlation_time(self, media: DrawnMedia, place: int, motion: list[list[float]]) -> float:
         """Frames over which the correlation of a field falls to 1/e, of one medium whose screens drift."""
@@ -198,6 +245,10 @@ class DynamicSlab(HiddenObject):
     def frames_correlation(self, ready: Medium) -> np.ndarray:
         """Correlation float64[F] of one beam's field in the first frame with that in every frame."""
         steps, told = np.arange(self.dynamics.frames), ready.parameters
+        if self.dynamics.brownian:
+            assert self.dynamics.interval is not None
+            known = _brownian.moving(self.material, ready.ready.drawn.materials.slabs[0]())
+            return known.field(steps * self.dynamics.interval / told["tau0"])
         if self.dynamics.correlation_time is not None:
             return np.exp(-steps / told["correlation_time"])
         assert isinstance(self.material, Diffuser)

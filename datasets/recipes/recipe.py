@@ -108,7 +108,9 @@ class Recipe(Specification):
     def rendering_note(self) -> str:
         """What renders the samples and what is idealised, in sentences."""
         told = self.idealisations(self.extremes()[0].probe)
-        return " ".join([self._rendered_by, *(f"Left out: {each.part}, {each.reason}." for each in told)])
+        kept = [f"{each.part.capitalize()}: {each.reason}." for each in told if each.needed]
+        left = [f"Left out: {each.part}, {each.reason}." for each in told if not each.needed]
+        return " ".join([self._rendered_by, *kept, *left])
 
     @property
     def _rendered_by(self) -> str:
@@ -135,6 +137,11 @@ class Recipe(Specification):
         return 1
 
     @property
+    def moving(self) -> bool:
+        """Whether particles move from frame to frame, so that frames are asked of a sampler together."""
+        return False
+
+    @property
     def pictures(self) -> int:
         """Images of a sample: frames, or tilts."""
         return self.frames
@@ -142,6 +149,10 @@ class Recipe(Specification):
     def later_frames(self, drawn: "Addresses", numbers: Sequence[int]) -> "torch.Tensor | None":  # noqa: ARG002
         """Keys int64[M, halves, F - 1, 2] of the fields of all frames but the first; None of media at rest."""
         return None
+
+    def exposed(self, images: "torch.Tensor") -> "torch.Tensor":
+        """Pictures real[B, pictures, H, W] of the images of all frames or tilts real[B, T or F, H, W]."""
+        return images
 
     def host_work(self) -> list[str]:
         """What is made on the host, whatever the device, in words."""

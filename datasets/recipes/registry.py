@@ -6,6 +6,7 @@ from typing import Any
 
 from specklegen.core.errors import reject
 from specklegen.core.registry import Registry, is_import_path
+from specklegen.datasets.recipes.exposure_stack import ExposureStack
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.masked_light import MaskedLight
 from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
@@ -17,8 +18,8 @@ from specklegen.datasets.recipes.volume_object import VolumeObject
 from specklegen.datasets.recipes.volume_stack import VolumeStack
 
 PACKAGED: tuple[type[Recipe], ...] = (
-    TiltStack, MaterialRegression, HiddenObject, PartiallyCoherent, MaskedLight, DynamicSlab, TwoTilts, VolumeStack,
-    VolumeObject,
+    TiltStack, MaterialRegression, HiddenObject, PartiallyCoherent, MaskedLight, DynamicSlab, ExposureStack, TwoTilts,
+    VolumeStack, VolumeObject,
 )  # fmt: skip
 """Kinds of this library; they are known, as those of users are, by being defined."""
 KINDS: Registry[type[Recipe]] = Recipe.registry

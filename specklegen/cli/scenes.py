@@ -82,15 +82,15 @@ def render(
     stack = sg.render(built, paths=paths, rel_error=rel_error, sampler=sampler, seed=seed, mean=mean)
     took = time.perf_counter() - begin
     (out / "scene.toml").write_text(built.to_toml(), encoding="utf-8")
-    coherent = isinstance(built.illumination, sg.CollimatedBeams)
-    images = stack.intensity if coherent else stack.intensity[None]
+    light = built.illumination
+    fields, images = light.coherent and light.limited, stack.intensity if light.images else stack.intensity[None]
     written = [out / "stack.npz", out / "scene.toml"]
-    if coherent:
-        np.savez(out / "stack.npz", field=stack.field, directions=built.illumination.directions)  # type: ignore[union-attr]
+    if fields:
+        np.savez(out / "stack.npz", field=stack.field, directions=light.vectors)
     else:
         np.savez(out / "stack.npz", intensity=stack.intensity)
     if images.ndim == 3 and len(images):
-        labels = [f"tilt {n}" for n in range(len(images))] if coherent else ["image"]
+        labels = [f"tilt {n}" for n in range(len(images))] if light.images else ["image"]
         written.append(stack_sheet(images, labels, out / "stack.png"))
     typer.echo(f"Rendered {images.shape} in {took:.2f} s: {', '.join(map(str, written))}")
 

@@ -8,6 +8,7 @@ lights and far views it depends on the medium:
   first zero lies lambda / W away. The constant phase is chosen such that the field on the exit face is real and
   positive at the window's centre for a beam along the axis. Refracting faces let the root of
   (1 - R(i)) (1 - R(v)) through; echoes between them are left out;
+* on the plane that a lens is focused on: the image of that of the slab;
 * of a box or a voxel grid: the field *scattered* by it, for the light that misses or crosses it is not limited by
   it (that of a plane wave is a delta at v = i): see :mod:`specklegen.mean.finite`.
 """
@@ -25,6 +26,7 @@ from specklegen.kernels import mean_integrals
 from specklegen.mean.finite import scattered_mean
 from specklegen.paths.endpoints import light_endpoints, view_endpoints
 from specklegen.paths.faces import reflectance
+from specklegen.paths.lit_plane import lens_of
 from specklegen.paths.volumes import volume_of
 from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.media import Slab
@@ -64,6 +66,9 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
     lights = instance("mean_field scene", scene, Scene).illumination
     if not lights.coherent:
         reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", lights.type)
+    if scene.sensor.focused:
+        lens = lens_of(scene)
+        return lens.image(mean_field(lens.pupil_scene, most_nodes=most_nodes))
     counts = len(scene.lights), math.prod(scene.sensor.shape)
     require_memory(
         "mean_field scene", "of a field that is held", 32.0 * math.prod(counts) + _VIEW_BYTES * counts[1],

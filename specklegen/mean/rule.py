@@ -18,9 +18,12 @@ from specklegen.theory.phase_screens import scattered_intensity
 _BLOCK = 64  # nearest rows and columns in which the rings of a disc are looked for
 _MEAN = "mean (ballistic) field"
 _NO_BALLISTIC_IMAGE = (
-    "the object's ballistic image is not modelled, though each pixel's light reaches {:.2g} times its speckle's "
-    "intensity at some view: a camera blocks it or looks beside it"
+    "{} light reaches {:.2g} times its speckle's intensity at some view: a camera blocks it or looks beside it"
 )
+_WHOSE = {
+    "IncoherentObject": "the object's ballistic image is not modelled, though each pixel's",
+    "CollimatedBeams": "light that does not scatter is no part of an exposure, though each beam's",
+}
 _CHEAP = 1e6  # quadrature nodes of a mean field that is only judged: a tenth of a second
 
 
@@ -37,7 +40,7 @@ def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = Fa
     ratio = _strongest_mean(scene) / max(scene_pilot(scene, False).intensity, 1e-300)
     decision = _mean_left_out(ratio, tolerance)
     if ratio > tolerance and not scene.illumination.coherent:
-        return replace(decision, reason=_NO_BALLISTIC_IMAGE.format(ratio))
+        return replace(decision, reason=_NO_BALLISTIC_IMAGE.format(_WHOSE[scene.illumination.type], ratio))
     return decision
 
 

@@ -166,9 +166,12 @@ def _one_minus_bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
 
 @remembered(64)
-def axial_tracer(medium: Slab) -> SlabTracer:
-    """Paths of a plane wave along the axis, seen along the axis; of wavelength 1, which decides nothing."""
-    return plane_tracer(medium, 1.0, AXIS[None], AXIS[None], reverse=False)
+def axial_tracer(medium: Slab, transfer: bool = False) -> SlabTracer:
+    """Paths of a plane wave along the axis, seen along the axis; of wavelength 1, which decides nothing.
+
+    ``transfer`` collects what motion needs, along the same paths.
+    """
+    return plane_tracer(medium, 1.0, AXIS[None], AXIS[None], reverse=False, transfer=transfer)
 
 
 def estimate_correlation(

@@ -30,20 +30,21 @@ from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.memory_effects.curve import Aim, Mode, aimed, require_tilts, small_tilts
+from specklegen.memory_effects.exposure import ExposureContrast, LightClasses, light_classes
 from specklegen.memory_effects.oblique import estimate_oblique_correlation
 from specklegen.paths.analog_walk import require_walkable
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import lobe_loss, steepest
-from specklegen.paths.momentum import CLASSES, momentum_classes, momentum_transfer
+from specklegen.paths.momentum import momentum_transfer
 from specklegen.paths.rare_paths import warn_of_rare_paths
 from specklegen.paths.slab_tracer import events_across, events_per_path
 from specklegen.paths.steps import refracting_layers
 from specklegen.paths.stretching import draws_across, relative_variance
 from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import PlaneMedium, as_slab
-from specklegen.scene.motion import fastest, reduced_time
+from specklegen.scene.motion import Motion, fastest, reduced_time
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,8 @@ class TemporalCorrelation(Pictured):
         Paths traced.
     reverse : bool
         Whether reversed paths took part.
+    classes : LightClasses
+        The light without a tilt by its momentum transfer, from which :meth:`contrast` knows exposures.
 
     Examples
     --------
@@ -90,8 +93,28 @@ class TemporalCorrelation(Pictured):
     static_share: float
     paths: int
     reverse: bool
+    classes: LightClasses
 
     __repr__ = short
+
+    @shielded()
+    def contrast(self, exposures: ArrayLike) -> ExposureContrast:
+        """Squared contrast of the speckle over exposures, with errors, whatever ``lags`` and ``tilts`` were.
+
+        K^2(T) = 2 int_0^1 (1 - u) |g1(uT)|^2 du (Bandyopadhyay et al., Rev. Sci. Instrum. 76, 093110 (2005)), from the
+        paths' own momentum transfers.
+
+        Parameters
+        ----------
+        exposures
+            float[...], at least 0, in the unit of time of the motion.
+
+        Raises
+        ------
+        RuleError
+            For exposures that are no such numbers, or so long that <Dr^2> is not finite.
+        """
+        return self.classes.contrast("TemporalCorrelation.contrast", exposures)
 
     def _facts(self) -> Mapping[str, object]:
         errors = self.standard_error[np.isfinite(self.standard_error)]
@@ -115,13 +138,14 @@ class TemporalCorrelation(Pictured):
 
 
 class _Found(NamedTuple):
-    """Sums of each batch complex128[batches, P + n], the last ones for what they are divided by; shares; light."""
+    """What is found at P pairs, with its errors; the share at rest, light of each batch, and light by its classes."""
 
     field: np.ndarray
     intensity: np.ndarray
     error: np.ndarray
     static: float
     lit: np.ndarray
+    classes: LightClasses
 
 
 @shielded()
@@ -202,7 +226,8 @@ def temporal_correlation(
     require_motion(owner, medium)
     found = fastest(medium.motions)
     x = 0.0 * lags if found is None else reduced_time(f"{owner} lags", found[0], wavelength, lags)
-    asked = _Asked(medium, wavelength, aim, angles, number.ravel(), x.ravel(), threads)
+    law = None if found is None else found[0]
+    asked = _Asked(medium, wavelength, aim, angles, number.ravel(), x.ravel(), threads, law)
     way = _by_ways if asked.keeps_directions else _by_amplitudes
 
     keyed = pilot_seed(medium.unitless_fingerprint())
@@ -230,7 +255,7 @@ def temporal_correlation(
     return TemporalCorrelation(
         lags=np.array(lags), tilts=np.array(tilts), x=x, field=result.field.reshape(shape),
         intensity=result.intensity.reshape(shape), standard_error=result.error.reshape(shape),
-        static_share=result.static, paths=count, reverse=aim.reversal.needed,
+        static_share=result.static, paths=count, reverse=aim.reversal.needed, classes=result.classes,
     )  # fmt: skip
 
 
@@ -250,7 +275,7 @@ class _Asked(NamedTuple):
 
     Attributes
     ----------
-    medium, wavelength, aim, threads
+    medium, wavelength, aim, threads, law
     angles : float64[T]
     number : int64[P]
     x : float64[P]
@@ -263,6 +288,11 @@ class _Asked(NamedTuple):
     number: np.ndarray
     x: np.ndarray
     threads: int | None
+    law: Motion | None
+
+    def classes(self, weights: np.ndarray, turned: np.ndarray, batch: np.ndarray, batches: int) -> LightClasses:
+        """Light of weights float64[M] by its momentum transfer float64[M], in batches int64[M]."""
+        return light_classes(weights, turned, batch, batches, self.law, self.wavelength)
 
     @property
     def near(self) -> bool:
@@ -289,21 +319,19 @@ def _by_ways(asked: _Asked, paths: int, seed: Seed) -> _Found:
     weights, turned, total = ways.weights, ways.transfer, ways.weights.sum()
     assert turned is not None, "it was asked for"
     if not total > 0:
-        return _dark(len(asked.x))
+        return _dark(asked)
     batch = ways.owners * min(BATCHES, paths) // paths
     q = 2 * np.pi / asked.wavelength * np.sin(asked.angles)
     n = min(BATCHES, paths)
     # Lags without a tilt from classes of Y, and the weights alone as one more; with a tilt each of its own.
-    bins = momentum_classes(turned)
-    shares = np.bincount(batch * CLASSES + bins, weights, n * CLASSES).reshape(n, CLASSES)
-    light = shares.sum(axis=0)
-    mean = np.divide(np.bincount(bins, weights * turned, CLASSES), light, where=light > 0, out=0 * light)
+    light = asked.classes(weights, turned, batch, n)
 
     def summed(values: np.ndarray) -> np.ndarray:
         real = np.bincount(batch, values.real, n)
         return real + 1j * np.bincount(batch, values.imag, n) if np.iscomplexobj(values) else real
 
-    batches = np.array([np.einsum("bc,c->b", shares, np.exp(-2 * x * mean)) for x in (*asked.x, 0.0)], np.complex128).T
+    decays = (np.exp(-2 * x * light.transfer) for x in (*asked.x, 0.0))
+    batches = np.array([np.einsum("bc,c->b", light.shares, decay) for decay in decays], np.complex128).T
     radius = np.hypot(*ways.displacement.T) if q.any() else 0.0
     for t in np.flatnonzero(q):
         if asked.on_axis:
@@ -315,7 +343,7 @@ def _by_ways(asked: _Asked, paths: int, seed: Seed) -> _Found:
     intensity, error = jackknife(batches, lambda total: np.square(np.abs(total[:-1] / total[-1])))
     whole = batches.sum(axis=0)
     static = float(weights[turned == 0].sum() / total)
-    return _Found(whole[:-1] / whole[-1], intensity, error, static, batches[:, -1].real)
+    return _Found(whole[:-1] / whole[-1], intensity, error, static, batches[:, -1].real, light)
 
 
 def _by_amplitudes(asked: _Asked, paths: int, seed: Seed) -> _Found:
@@ -326,12 +354,12 @@ def _by_amplitudes(asked: _Asked, paths: int, seed: Seed) -> _Found:
     pairs = [slice(t, t + 1) for t in range(1 + len(asked.angles))]
     first, p, n = tracer.layout.of_ends(pairs[0], pairs[0]), len(asked.x), len(asked.angles)
 
-    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float]:
-        """Products with zero tilt, powers at every tilt and at zero; and of the latter what is at rest."""
+    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float, LightClasses]:
+        """Products with zero tilt, powers at every tilt and at zero; and of the latter what is at rest, and classes."""
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=threads)
         ones, many = bank.single, bank.multiple
         back = many.reversed() if reverse else many.select(slice(0, 0))
-        sums, rest = np.empty(p + n + 1, np.complex128), 0.0
+        sums, rest, light = np.empty(p + n + 1, np.complex128), 0.0, None
         still: tuple[np.ndarray, ...] = ()
         for t, pair in enumerate(pairs):
             seen = tracer.layout.of_ends(pair, pair)
@@ -345,25 +373,34 @@ def _by_amplitudes(asked: _Asked, paths: int, seed: Seed) -> _Found:
             if t == 0:
                 still = both[: len(ones)], both[len(ones) :], both[len(ones) :] if reverse else ways[:0]
                 rest = sum(np.square(np.abs(each[y == 0])).sum() for each, y in zip(own, turned, strict=True))
+                weights = np.concatenate([(a.conj() * s).real for a, s in zip(own, still, strict=True)])
+                light = asked.classes(weights, np.concatenate(turned), np.zeros(len(weights), np.int64), 1)
             for m in np.flatnonzero(asked.number == t - 1):
                 kept = zip(still, own, turned, strict=True)
                 sums[m] = sum(np.vdot(a * np.exp(-2 * asked.x[m] * y), s) for s, a, y in kept)
-        return sums, rest
+        assert light is not None, "the first pair is that of no tilt"
+        return sums, rest, light
 
     found = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(asked.threads)))
-    sums = np.array([each for each, _ in found])
+    sums = np.array([each for each, _, _ in found])
     total = sums[:, -1].real.sum()
     if not total > 0:
-        return _dark(p)
+        return _dark(asked)
 
     def normalised(part: np.ndarray) -> np.ndarray:
         return part[:p] / np.sqrt(part[p : p + n].real[asked.number]) / np.sqrt(part[-1].real)
 
     intensity, error = jackknife(sums, lambda part: np.square(np.abs(normalised(part))))
-    static = float(sum(rest for _, rest in found) / total)
-    return _Found(normalised(sums.sum(axis=0)), intensity, error, static, sums[:, -1].real)
+    static = float(sum(rest for _, rest, _ in found) / total)
+    lights = [each for _, _, each in found]
+    classes = asked.classes(
+        np.concatenate([each.shares[0] for each in lights]), np.concatenate([each.transfer for each in lights]),
+        np.repeat(np.arange(len(lights)), [len(each.transfer) for each in lights]), len(lights),
+    )  # fmt: skip
+    return _Found(normalised(sums.sum(axis=0)), intensity, error, static, sums[:, -1].real, classes)
 
 
-def _dark(points: int) -> _Found:
-    nan = np.full(points, np.nan)
-    return _Found(nan.astype(np.complex128), nan, nan, float("nan"), np.zeros(BATCHES))
+def _dark(asked: _Asked) -> _Found:
+    nan, none = np.full(len(asked.x), np.nan), np.zeros(0)
+    classes = asked.classes(none, none, none.astype(np.int64), BATCHES)
+    return _Found(nan.astype(np.complex128), nan, nan, float("nan"), np.zeros(BATCHES), classes)

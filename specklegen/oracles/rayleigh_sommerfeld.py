@@ -3,7 +3,8 @@
     u(P) = (1/2 pi) int (z/R) (1/R - ik) (e^{ikR}/R) d^2r
 
 over the opening, the integral that u = e^{ikz} in the opening and 0 beside it solve exactly. Slow and literal: 2-D
-Gauss-Legendre quadrature over triangles. Also two closed forms, on the axis of a disc and behind a disc stop.
+Gauss-Legendre quadrature over triangles; of any field given on a grid, sums. Also two closed forms, on the axis of a
+disc and behind a disc stop.
 Source: Born and Wolf, *Principles of Optics*, section 8.11; Osterberg, Smith, J. Opt. Soc. Am. 51, 1050 (1961).
 """
 
@@ -35,6 +36,26 @@ def surface_field(triangles: np.ndarray, points: np.ndarray, wavelength: float =
             kernel = z / distance * (1 / distance - 1j * k) * np.exp(1j * k * distance) / distance
             total[n] += twice * (weights @ kernel) / (2 * np.pi)
     return total
+
+
+def propagated_field(
+    field: np.ndarray, x: np.ndarray, y: np.ndarray, points: np.ndarray, wavelength: float = 1.0
+) -> np.ndarray:
+    """Field complex128[P] at ``points`` float64[P, 3], z > 0, behind a field complex128[H, W] on the plane z = 0.
+
+    The same integral by the trapezoidal rule on a regular grid x float64[W], y float64[H], beyond which the field is
+    dark: exact to the digits that it has where the grid resolves field and kernel together.
+    """
+    field, points = np.asarray(field), np.asarray(points, float)
+    if points.ndim != 2 or points.shape[1] != 3 or not (points[:, 2] > 0).all():
+        reject("propagated_field points", "of shape (P, 3) with z > 0", points)
+    k, cell = 2 * np.pi / wavelength, (x[1] - x[0]) * (y[1] - y[0])
+    found = np.empty(len(points), complex)
+    for n, (px, py, z) in enumerate(points):
+        distance = np.sqrt((px - x) ** 2 + (py - y[:, None]) ** 2 + z * z)
+        kernel = z / distance * (1 / distance - 1j * k) * np.exp(1j * k * distance) / distance
+        found[n] = cell * (kernel * field).sum() / (2 * np.pi)
+    return found
 
 
 def disc_axis(radius: float, z: float, wavelength: float = 1.0) -> complex:

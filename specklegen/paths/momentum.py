@@ -34,9 +34,14 @@ def momentum_classes(transfer: np.ndarray) -> np.ndarray:
 
     Each is .8 % wide. With the mean Y of a class for that of each, E[w e^(-2 x Y)] / E[w] is off by less than 2e-6.
     """
-    least = _WIDEST * transfer.max(initial=1e-300)
-    place = np.log(np.maximum(transfer, least) / least) / -np.log(_WIDEST) * (CLASSES - 2)
-    return np.where(transfer > 0, place.astype(np.int64) + 1, 0)
+    return geometric_classes(transfer, CLASSES)
+
+
+def geometric_classes(values: np.ndarray, count: int) -> np.ndarray:
+    """Class int64[M] of numbers float64[M] of at least 0, on a geometric grid up to the largest; class 0 is for 0."""
+    least = _WIDEST * values.max(initial=1e-300)
+    place = np.log(np.maximum(values, least) / least) / -np.log(_WIDEST) * (count - 2)
+    return np.where(values > 0, place.astype(np.int64) + 1, 0)
 
 
 def _drop(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -8,8 +8,9 @@ from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import counted
+from specklegen.instrument.lens import Lens
 from specklegen.mean.field import ballistic_fraction
-from specklegen.paths.gaussianity import Gaussianity
+from specklegen.paths.gaussianity import Gaussianity, PathMoments
 from specklegen.samplers.sampler import Sampler
 from specklegen.scene.scene import Scene
 
@@ -37,6 +38,10 @@ class Plan(Pictured):
         Predicted peak growth of the process by its first plan and render.
     alternatives : dict
         Seconds that other ways to the same would take, by what they are.
+    lens : Lens or None
+        Through which the fields of ``chosen``, over its pupil, become an image.
+    pixel : PathMoments or None
+        Of what a path adds to a pixel of that image.
 
     Examples
     --------
@@ -58,6 +63,8 @@ class Plan(Pictured):
     seconds: float
     memory_bytes: int
     alternatives: dict[str, float]
+    lens: Lens | None = None
+    pixel: PathMoments | None = None
 
     def __repr__(self) -> str:
         return summary(
@@ -96,17 +103,19 @@ class Plan(Pictured):
     @property
     def expected_error(self) -> float:
         """Relative error that so many paths leave, between views far apart; ``chosen.error_of`` says of what."""
-        return self.chosen.expected_error
+        return self.chosen.expected_error if self.pixel is None else (self.pixel.relative_variance / self.paths) ** 0.5
 
     @property
     def image_error(self) -> float:
         """The same between views of one image, up to sqrt 2 times as large by path sums; ``rel_error`` bounds it."""
+        if self.pixel is not None:
+            return (self.pixel.image_variance / self.paths) ** 0.5
         return getattr(self.chosen, "image_error", self.expected_error)
 
     @property
     def gaussianity(self) -> Gaussianity:
         """Whether so many paths make Gaussian speckle."""
-        return self.chosen.gaussianity
+        return self.chosen.gaussianity if self.pixel is None else self.pixel.gaussianity(self.paths)
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -117,7 +126,7 @@ class Plan(Pictured):
         """Tell in words what will be done, what is left out and why, what it costs and what else would cost."""
         shape = "x".join(str(n) for n in self.scene.sensor.shape)
         lines = [
-            f"{_described(self.scene)}; {_lit(self.scene)}, {shape} views.",
+            f"{_described(self.scene)}; {_lit(self.scene)}, {shape} {'views' if self.lens is None else 'pixels'}.",
             f"Sampler: {self.sampler} ({self.summation}), {self.paths} paths.",
         ]
         lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.decisions]
@@ -137,7 +146,8 @@ class Plan(Pictured):
 def _lit(scene: Scene) -> str:
     """A few words about the lights."""
     light = scene.illumination
-    words = counted(len(scene.lights), _LIGHTS.get(type(light).__name__, "tilt"))
+    number = light.images[0] if light.images else len(scene.lights)
+    words = counted(number, _LIGHTS.get(type(light).__name__, "tilt"))
     if light.limited:
         words += f" through a window {light.width:.4g} wide"
     return words

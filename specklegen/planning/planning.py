@@ -20,8 +20,11 @@ from specklegen.core.parallel import thread_count
 from specklegen.core.shielded import shielded
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
+from specklegen.paths.lit_plane import LitPlane, lens_of, lit_plane
+from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
+from specklegen.planning.exposure import with_sub_frames
 from specklegen.planning.plan import Plan
 from specklegen.samplers.covariance.sampler import Eigenfields
 from specklegen.samplers.path_sums.sampler import PathSums
@@ -154,14 +157,25 @@ def planned(
 ) -> Plan:
     """Plan within a budget: what every verb that renders asks, and what refuses for it; see :func:`plan`."""
     asked = _checked(scene, sampler)
+    if scene.sensor.focused:
+        return _planned_image(scene, budget, asked, mean, field_tolerance)
+    grid = scene.sensor.regular_grid
+    if grid is not None and scene.illumination.limited:
+        require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
+    return _planned(scene, budget, asked, mean, field_tolerance, streamed, envelope)
+
+
+def _planned(
+    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float,
+    streamed: bool = False, envelope: bool = True,
+) -> Plan:  # fmt: skip
+    """Plan what is seen from afar, on a grid of any pitch, or at points."""
     field_tolerance = real_number("field_tolerance", field_tolerance)
     if not 0 < field_tolerance < 1:
         reject("field_tolerance", "between 0 and 1", field_tolerance)
     mean, streamed, envelope = flag("mean", mean), flag("streamed", streamed), flag("envelope", envelope)
     tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
-    grid = scene.sensor.regular_grid
-    if grid is not None and scene.illumination.limited:
-        require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
+    scene, exposed = with_sub_frames(scene, tolerance)
     if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
         _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
 
@@ -170,7 +184,7 @@ def planned(
         budget.paths, budget.rel_error, reversal.needed, tolerance, field_tolerance,
         "auto" if asked is None else asked.name, streamed, envelope,
     )  # fmt: skip
-    decisions = [decision for rule in SCENE_RULES for decision in rule(scene)]
+    decisions = exposed + [decision for rule in SCENE_RULES for decision in rule(scene)]
     decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
     preferred = PREFERRED if scene.thin is None else THIN
     chosen, told = _proposed(scene, request, preferred if asked is None else (asked,))
@@ -197,6 +211,70 @@ def planned(
         memory_bytes=needed,
         alternatives={way: seconds(some, threads) for way, some in chosen.alternatives().items()},
     )
+
+
+def _planned_image(
+    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float
+) -> Plan:
+    """Plan what a lens sees: the far field over its pupil, and the image made of that."""
+    if asked is not None and not asked.images:
+        reject("sampler", '"auto", "paths" or "stationary" for a camera with a lens', asked.name)
+    if mean and not scene.illumination.coherent:
+        reject("mean", "False for an incoherent object", mean, "Its ballistic image is not modelled.")
+    lens, lit = lens_of(scene), lit_plane(scene)
+    few = _too_narrow(scene, lit, asked)
+    tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
+    if few is None and lit.turned > tolerance:
+        few = Decision(
+            "stationary image", asked is not None, f"between the middle of the pupil and its rim its correlation under "
+            f"a tilt turns by {lit.turned:.2g}, for the pattern moves with the beam, allowed {tolerance:g}",
+            doubt=asked is not None,
+        )  # fmt: skip
+    wanted = PathSums if few is not None and asked is None else asked
+    made = _planned(lens.pupil_scene, budget, wanted, mean, field_tolerance)
+    pixel = lit.moments if made.chosen.medium_by_medium else None
+    pilot = getattr(made.chosen, "pilot", None)  # which judges views up to the corners of the square around the pupil
+    judged = () if pilot is None or pixel is None else pilot.decisions
+    told = [
+        d for d in made.decisions
+        if d not in judged and d.part != "iris" and (d.reason != "as asked" or asked is not None)
+    ]  # fmt: skip
+    rare = None if pixel is None else rare_paths_decision(pixel.effective_paths)
+    if pixel is not None and budget.rel_error is not None:
+        paths = pixel.paths_for(budget.rel_error, within_image=True)
+        if paths > made.paths:
+            budget = replace(budget, paths=paths, rel_error=None)
+            made = _planned(lens.pupil_scene, budget, PathSums, mean, field_tolerance)
+    operations = dict(made.operations)
+    operations["flop"] = operations.get("flop", 0.0) + len(lens.pupil_scene.lights) * lens.flops
+    memory = int(made.memory_bytes + lens.memory)
+    _require_memory(scene, memory, made.paths)
+    views = lens.grid.shape[0]
+    seen = Decision(
+        "lens", True, f"{views}x{views} directions around sines up to {lens.camera.aperture:.3g}; its plane, "
+        f"{lens.camera.focus:.4g} behind the face, is lit over {lit.extent:.4g} and repeats after {lens.period:.4g}",
+    )  # fmt: skip
+    return replace(
+        made, scene=scene, lens=lens, pixel=pixel, decisions=(seen, *(d for d in (few, rare) if d), *told),
+        operations=operations, seconds=seconds(operations, thread_count(budget.threads)), memory_bytes=memory,
+    )  # fmt: skip
+
+
+def _too_narrow(scene: Scene, lit: LitPlane, asked: type[Sampler] | None) -> Decision | None:
+    """Why the stationary sampler cannot draw an image: its light ends where the window does, and has no halo."""
+    window, reach = scene.beams.window, scene.sensor.reach  # type: ignore[attr-defined]
+    if reach + lit.halo <= window.flat:
+        return None
+    width = (reach + lit.halo) / window.flat * window.width if window.flat else np.inf
+    told = f"95 % of the light come from up to {lit.halo:.4g} aside, and the image reaches {reach:.4g}"
+    remedy = (
+        f"use a window at least {width:.4g} wide, or an image at most {max(2 * (window.flat - lit.halo), 0):.4g} across"
+        if window.flat else "use a square or a round window, which is even in its middle"
+    )  # fmt: skip
+    if asked is not None and asked.from_face:
+        reject("sampler", '"paths" or "auto" for this image', asked.name,
+               f"The stationary sampler has light under the window alone: {told}; {remedy}.")  # fmt: skip
+    return Decision("stationary image", False, f"it has light under the window alone, and {told}")
 
 
 def _proposed(
@@ -235,6 +313,8 @@ def _checked(scene: Scene, sampler: AnySampler) -> type[Sampler] | None:
 
 def streaming_obstacle(scene: Scene) -> str | None:
     """Why :func:`specklegen.render_tiles` does not serve a scene; None where it does."""
+    if scene.sensor.regular_grid is not None and getattr(scene.illumination, "exposure", None) is not None:
+        return "beams with an exposure, whose images hold no field"
     if scene.sensor.regular_grid is None or not (scene.illumination.limited and scene.illumination.coherent):
         return f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
     return lock_step_obstacle(scene)

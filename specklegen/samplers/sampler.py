@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from specklegen.scene.media import Slab
     from specklegen.scene.screens import ScreenStack
-    from specklegen.synthesis.correlations import Correlations, LightBatch, Places
+    from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatch, Places
     from specklegen.synthesis.sight import Sight
     from specklegen.synthesis.streams import Streams
 
@@ -83,7 +83,10 @@ class Request:
 
 
 class Realization(NamedTuple):
-    """One medium: fields complex64[T, *sensor], or the image float32[*sensor] of an incoherent object; its paths."""
+    """One medium: fields complex64[T, *sensor], or images float32[..., *sensor] of light without a field; its paths.
+
+    Those are the one image [*sensor] of an incoherent object, or one an exposure, [T, *sensor].
+    """
 
     image: np.ndarray
     connections: int = 0
@@ -170,6 +173,8 @@ class MediaRequest:
         Whether many objects look through each medium.
     contrast : Contrast or None
         What tells the contrast of images, where the memory effect does not.
+    film : FilmBatch or None
+        Memory effect in time, of media that move: asked of samplers that say ``films``.
     """
 
     sight: "Sight"
@@ -181,6 +186,7 @@ class MediaRequest:
     moved: "torch.Tensor | None" = None
     shared: bool = False
     contrast: "Contrast | None" = None
+    film: "FilmBatch | None" = None
 
 
 class Sampler(ABC):
@@ -211,11 +217,20 @@ class Sampler(ABC):
         Whether it draws thin screens alone; or volumes alone; None of one that draws either.
     medium_by_medium : bool
         Whether it is planned for the scene of each medium with every beam, not once for all media of a recipe.
+    films : bool
+        Whether :meth:`prepare_media` knows the frames of media that move (``MediaRequest.film``).
+    images : bool
+        Whether phases of its fields at many views are those that a lens needs (:mod:`specklegen.instrument.lens`), ...
+    from_face : bool
+        ... counted from the face where light leaves, as if it came from there; otherwise from z = 0.
     """
 
     name: ClassVar[str]
     thin: ClassVar[bool | None] = None
     medium_by_medium: ClassVar[bool] = False
+    films: ClassVar[bool] = False
+    images: ClassVar[bool] = False
+    from_face: ClassVar[bool] = False
     scene: Scene
     paths = 0
     expected_error = 0.0
@@ -324,10 +339,10 @@ def _reject_range(intensity: float) -> NoReturn:
 
 
 def image_of(scene: Scene, field: np.ndarray) -> np.ndarray:
-    """Field [T, ...] of one medium as complex64[T, *sensor], or the image float32[*sensor] of an incoherent object."""
+    """Field [n, ...] of one medium as complex64[n, *sensor]; of light without one, its images float32[..., *sensor]."""
     field = field.reshape(len(field), *scene.sensor.shape)
-    if scene.illumination.coherent:
+    light = scene.illumination
+    if light.coherent:
         return field.astype(np.complex64)
-    brightness = scene.illumination.brightness
     power = np.square(field.real) + np.square(field.imag)
-    return np.tensordot(brightness[brightness > 0], power, axes=1).astype(np.float32)
+    return np.tensordot(light.shares, power, axes=1).reshape(*light.images, *scene.sensor.shape).astype(np.float32)

@@ -18,6 +18,9 @@ from specklegen.core.memory import require_memory
 from specklegen.core.values import Array, Positive, Value, position_vectors, unit_vectors
 from specklegen.scene.window import Profile, Window
 
+MOST_SUB_FRAMES = 4096
+"""Of one exposure: beyond, its speckle is so smooth that a camera's noise is all there is."""
+
 
 def _light(field: str, directions: np.ndarray) -> np.ndarray:
     directions = unit_vectors(field, directions)
@@ -59,19 +62,25 @@ class _Light(Value):
     """Whether beams pass a window; otherwise light is unlimited sideways."""
     near: ClassVar[bool] = False
     """Whether lights are points, not directions."""
-    coherent: ClassVar[bool] = True
-    """Whether each light has a field; otherwise their intensities add up to one image."""
+
+    @property
+    def coherent(self) -> bool:
+        """Whether each light has a field; otherwise intensities of ``beams`` add up to images (``shares``)."""
+        return True
 
     @property
     def vectors(self) -> np.ndarray:
         """float64[n, d], directions of travel or points."""
         return self.points if self.near else self.directions
 
+    @property
+    def images(self) -> tuple[int, ...]:
+        """Shape of the images of one medium, before that of the sensor."""
+        return (len(self.vectors),)
+
     def of(self, chosen: np.ndarray) -> Self:
         """The same of only some lights, by their numbers int[n]."""
-        changes = {"points" if self.near else "directions": self.vectors[chosen]}
-        times = getattr(self, "times", None)  # beams alone have any
-        return self.replace(**changes | ({} if times is None else {"times": times[chosen]}))
+        return self.replace(**{"points" if self.near else "directions": self.vectors[chosen]})
 
 
 class PlaneWaves(_Light):
@@ -120,6 +129,12 @@ class CollimatedBeams(_Light):
     times
         float64[T], when each beam is on: before a medium that moves (``Slab(motion=)``, ``ScreenStack(velocities=)``),
         a film is beams of one direction at many times. None: all at once.
+    exposure
+        float64[T], or one number for all: each beam is on from its time for so long, above 0, while the medium moves.
+        ``render`` gives mean intensities over it, and no field. None: for an instant.
+    sub_frames
+        int[T], or one number for all: instants that make up each exposure, at the midpoints of as many parts. None:
+        as many as keep K^2, the squared contrast, from being more than the tolerance of a plan too high.
 
     Examples
     --------
@@ -127,6 +142,8 @@ class CollimatedBeams(_Light):
     >>> beams = sg.CollimatedBeams.tilts([0.0, 1e-4, 2e-4], width=1000.0)  # radians from the axis, towards x
     >>> beams.directions.shape
     (3, 3)
+    >>> sg.CollimatedBeams.tilts([0.0, 0.0], width=1000.0, times=[0.0, 1.0], exposure=[1e-3, 0.1]).exposure
+    array([0.001, 0.1  ])
     """
 
     type: Literal["CollimatedBeams"] = "CollimatedBeams"
@@ -134,6 +151,8 @@ class CollimatedBeams(_Light):
     width: Positive
     profile: Profile = "square"
     times: Array | None = None
+    exposure: Array | None = None
+    sub_frames: Array | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -147,15 +166,72 @@ class CollimatedBeams(_Light):
         object.__setattr__(self, "directions", directions)
         if self.times is not None and self.times.shape != (len(directions),):
             reject("CollimatedBeams.times", f"{len(directions)} numbers, one a beam", self.times.shape)
+        if self.exposure is not None:
+            if self.times is None:
+                reject("CollimatedBeams.exposure", "left out without times", self.exposure, "Say when: times=[0.0].")
+            self._one_each("exposure", self.exposure)
+            if not (self.exposure > 0).all():
+                reject("CollimatedBeams.exposure", "above 0", self.exposure, "Leave it out for instants.")
+        if self.sub_frames is not None:
+            if self.exposure is None:
+                reject("CollimatedBeams.sub_frames", "left out without an exposure", self.sub_frames)
+            self._one_each("sub_frames", self.sub_frames)
+            whole = (self.sub_frames >= 1) & (self.sub_frames <= MOST_SUB_FRAMES) & (self.sub_frames % 1 == 0)
+            if not whole.all():
+                reject("CollimatedBeams.sub_frames", f"whole numbers from 1 to {MOST_SUB_FRAMES}", self.sub_frames)
         return self
+
+    def _one_each(self, name: str, given: np.ndarray) -> None:
+        """Store one number a beam."""
+        count = len(self.directions)
+        if given.shape not in ((), (count,)):
+            reject(f"CollimatedBeams.{name}", f"one number, or {count}, one a beam", given.shape)
+        each = np.broadcast_to(given, count).copy()
+        each.flags.writeable = False
+        object.__setattr__(self, name, each)
 
     @model_serializer(mode="wrap")
     def _without_times(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out times that are not there: the beams are what they were before they could have any."""
         content = write(self)
-        if self.times is None:
-            content.pop("times", None)
+        for name in ("times", "exposure", "sub_frames"):
+            if getattr(self, name) is None:
+                content.pop(name, None)
         return content
+
+    @property
+    def coherent(self) -> bool:
+        """Whether each beam has a field: not over an exposure."""
+        return self.exposure is None
+
+    @property
+    def instants(self) -> np.ndarray:
+        """int64[T], sub-frames of each beam: 1 where nobody has chosen them."""
+        return np.ones(len(self.directions), np.int64) if self.sub_frames is None else self.sub_frames.astype(np.int64)
+
+    @cached_property
+    def beams(self) -> CollimatedBeams:
+        """The instants that exposures are made of, each a beam at its time, one exposure after the other."""
+        if self.exposure is None or self.times is None:
+            return self
+        count = self.instants
+        which, first = np.repeat(np.arange(len(count)), count), np.cumsum(count) - count
+        part = (np.arange(len(which)) - first[which] + 0.5) / count[which]
+        times = self.times[which] + part * self.exposure[which]
+        changes = {"times": times, "exposure": None, "sub_frames": None}
+        return self.replace(directions=self.directions[which], **changes)
+
+    @property
+    def shares(self) -> np.ndarray:
+        """float64[T, n], what each instant of ``beams`` adds to the mean over each exposure."""
+        count = self.instants
+        return np.repeat(np.eye(len(count)) / count, count, axis=1)
+
+    def of(self, chosen: np.ndarray) -> Self:
+        """The same of only some beams, by their numbers int[n]."""
+        each = {name: getattr(self, name) for name in ("times", "exposure", "sub_frames")}
+        changes = {name: value[chosen] for name, value in each.items() if value is not None}
+        return self.replace(directions=self.directions[chosen], **changes)
 
     @property
     def window(self) -> Window:
@@ -165,7 +241,7 @@ class CollimatedBeams(_Light):
     @classmethod
     def tilts(
         cls, angles: ArrayLike, width: float, profile: Profile = "square", dimensions: int = 3,
-        times: ArrayLike | None = None,
+        times: ArrayLike | None = None, exposure: ArrayLike | None = None,
     ) -> Self:  # fmt: skip
         """Beams tilted from the axis by ``angles`` in radians.
 
@@ -174,13 +250,13 @@ class CollimatedBeams(_Light):
         angles
             float[T] tilts in the x-z plane, or float[T, 2] tilts (x, y); the sine of an angle is the
             direction sine along its axis.
-        width, profile, times
+        width, profile, times, exposure
             As for the class.
         dimensions
             3, or 2 for flatland.
         """
         directions = _tilted("CollimatedBeams.tilts", angles, dimensions)
-        return cls(directions=directions, width=width, profile=profile, times=times)
+        return cls(directions=directions, width=width, profile=profile, times=times, exposure=exposure)
 
 
 class PointSources(_Light):
@@ -239,7 +315,6 @@ class IncoherentObject(_Light):
     (784, 3)
     """
 
-    coherent: ClassVar[bool] = False
     type: Literal["IncoherentObject"] = "IncoherentObject"
     brightness: Array
     pitch: Positive
@@ -264,12 +339,29 @@ class IncoherentObject(_Light):
         """Profile and width together, with what follows from them."""
         return Window(self.profile, self.width)
 
+    @property
+    def coherent(self) -> bool:
+        """Pixels have no field together."""
+        return False
+
+    @property
+    def images(self) -> tuple[int, ...]:
+        """One image, without an axis."""
+        return ()
+
+    @property
+    def shares(self) -> np.ndarray:
+        """float64[1, n], brightness of the pixels that shine."""
+        return self.brightness[self.brightness > 0][None]
+
     @cached_property
     def directions(self) -> np.ndarray:
         """float64[h * w, 3], the beam of each pixel in C order."""
-        return directions_of_sines(
+        found = directions_of_sines(
             "IncoherentObject.pitch", object_sines("IncoherentObject", self.brightness.shape, self.pitch)
         )
+        found.flags.writeable = False  # kept, and equal scenes share what is made of it
+        return found
 
     @cached_property
     def beams(self) -> CollimatedBeams:

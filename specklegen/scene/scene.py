@@ -23,6 +23,7 @@ NEAREST = 0.01
 """Wavelengths between a sensor point and a source inside the medium, at least."""
 LARGEST = 1e60
 """Largest length, in any unit, and the inverse of the smallest one: what is squared twice is still a float64."""
+_TOUCHING = 1e-9  # of an exposure: one may end where the next begins, up to rounding
 
 
 class Scene(Value, Pictured):
@@ -35,9 +36,9 @@ class Scene(Value, Pictured):
     medium, illumination, sensor
         See :class:`Slab`, :class:`Layers`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`,
         :class:`CollimatedBeams`, :class:`PointSources`, :class:`IncoherentObject`; :class:`FarField`,
-        :class:`NearField`. All of them in space, or all in flatland: the length of their vectors says which. Thin media
-        (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an object, and seen by a
-        far-field grid in transmission.
+        :class:`NearField`, :class:`Imaging`. All of them in space, or all in flatland: the length of their vectors
+        says which. Thin media (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an
+        object, and seen by a far-field grid in transmission.
 
     Examples
     --------
@@ -71,13 +72,15 @@ class Scene(Value, Pictured):
                 ", ".join(f"{name} of {d} coordinates" for name, d in known.items()),
                 "Flatland vectors are (x, z), those of space (x, y, z).",
             )
-        if isinstance(self.illumination, CollimatedBeams) and self.illumination.times is not None:
+        if getattr(self.illumination, "times", None) is not None:  # beams alone have any
             moves = self.medium.moves if self.thin is None else self.thin.velocities is not None
             if not moves:
                 reject("CollimatedBeams.times", "left out before a medium that does not move", "times",
                        "Only a ScreenStack with velocities moves, and a medium with a motion.")  # fmt: skip
             if self.thin is None:
-                self._require_film(self.illumination.times)
+                self._require_film()
+        if self.sensor.focused:
+            self._require_lens()
         if self.thin is not None:
             self._require_thin()
             return self
@@ -96,10 +99,33 @@ class Scene(Value, Pictured):
         self._require_crossing()
         return self
 
-    def _require_film(self, times: np.ndarray) -> None:
+    def _require_lens(self) -> None:
+        """Refuse a lens before what it does not serve, an aperture that nothing fills, and pixels too large."""
+        if not isinstance(self.medium, PlaneParallel) or not self.illumination.limited:
+            reject(
+                "Scene.sensor", "FarField or NearField before this medium and light", self.sensor.type,
+                "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.",
+            )  # fmt: skip
+        if getattr(self.illumination, "exposure", None) is not None:  # beams alone have any
+            reject("CollimatedBeams.exposure", "left out before a lens", "an exposure",
+                   "Render the instants, and average their intensities.")  # fmt: skip
+        camera = self.sensor
+        require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})  # type: ignore[attr-defined]
+        camera.require_lens(self.wavelength, self.medium.faces.largest_sine)  # type: ignore[attr-defined]
+
+    def _require_film(self) -> None:
         """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""
+        times, instants = np.asarray(self.illumination.times), np.asarray(self.beams.times)
         if (times[1:] < times[:-1]).any():
             reject("CollimatedBeams.times", "in their order before a medium that moves", times)
+        if not self.illumination.coherent:
+            exposure, apart = np.asarray(self.illumination.exposure), np.diff(times)
+            if (apart < (1 - _TOUCHING) * exposure[:-1]).any():
+                shortest = (apart / exposure[:-1]).argmin()
+                reject("CollimatedBeams.times", "an exposure apart, at least, before a medium that moves",
+                       float(apart[shortest]),
+                       f"A beam that is on for {exposure[shortest]:g} goes off before the next.")  # fmt: skip
+            times = np.concatenate([instants[:1], times + exposure])
         if self.sensor.near:
             reject("Scene.sensor", "in the far field, for films of a medium that moves", self.sensor.type)
         law, _ = fastest(self.volume.motions) or (None, None)
@@ -218,19 +244,21 @@ class Scene(Value, Pictured):
 
     @property
     def film(self) -> bool:
-        """Whether the beams see scatterers move between their times."""
+        """Whether the beams see scatterers move between their times, or during their exposures."""
         times = getattr(self.illumination, "times", None)  # beams alone have any
-        return self.thin is None and times is not None and bool(np.ptp(times) if len(times) else 0)
+        if self.thin is not None or times is None or not len(times):
+            return False
+        return not self.illumination.coherent or bool(np.ptp(times))
 
     @property
     def at_rest(self) -> Self:
         """The scene that decides how a film's paths are drawn: every direction of its beams, once and at no time.
 
-        The motion of its medium is then nobody's business. A film with more frames has the same.
+        The motion of its medium is then nobody's business. A film with more frames, or longer exposures, has the same.
         """
         if self.thin is not None or getattr(self.illumination, "times", None) is None:
             return self
-        directions = self.lights
+        directions = self.illumination.vectors
         if self.film:
             first = np.unique(directions, axis=0, return_index=True)[1]
             directions = directions[np.sort(first)]
@@ -248,10 +276,10 @@ class Scene(Value, Pictured):
 
     @property
     def beams(self) -> CollimatedBeams:
-        """The coherent beams that carry light: the illumination's own, or those of an object's lit pixels."""
+        """The coherent beams that carry light: the illumination's own, those of an object's lit pixels, or instants."""
         if not self.illumination.coherent:
             return self.illumination.beams
-        if not isinstance(self.illumination, CollimatedBeams):
+        if not isinstance(self.illumination, CollimatedBeams):  # plane waves, points
             kind = type(self.illumination).__name__
             reject("Scene.illumination", "CollimatedBeams or an IncoherentObject here", kind)
         return self.illumination
@@ -304,6 +332,8 @@ class Scene(Value, Pictured):
     @property
     def side(self) -> float:
         """Sign of z on the side that most of a far-field sensor's views look from; a grid's has one."""
+        if self.sensor.focused:
+            return self.sensor.sign  # type: ignore[attr-defined]
         if self.sensor.regular_grid is not None:
             return self.sensor.regular_grid.sign
         return 1.0 if np.sum(self.views[:, -1]) >= 0 else -1.0
@@ -316,7 +346,7 @@ class Scene(Value, Pictured):
 
 def require_no_film(owner: str, scene: Scene) -> None:
     """Refuse films of media that move where nothing of time is known."""
-    if scene.film:
+    if scene.film or not (scene.illumination.coherent or scene.illumination.images == ()):
         reject(f"{owner} scene", "one without times of its beams", "CollimatedBeams.times",
                "Render its film, or ask temporal_correlation for what is left of the field after a time.")  # fmt: skip
 

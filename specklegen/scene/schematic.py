@@ -69,7 +69,7 @@ def _draw_light(axes: "Axes", scene: "Scene") -> None:
         axes.plot(*_placed(scene, light.points), "*", color="C3", ms=8)
         axes.text(-1.65, -1.3, counted(len(light.points), "point source"), fontsize=8)
         return
-    if not light.coherent:
+    if light.images == ():
         axes.imshow(light.brightness, extent=(-1.65, -1.05, -0.3, 0.3), cmap="gray", vmin=0, aspect="auto")
         axes.text(-1.65, -1.3, "{}x{} mutually incoherent beams".format(*light.brightness.shape), fontsize=8)
     else:
@@ -95,6 +95,16 @@ def _draw_sensor(axes: "Axes", scene: "Scene") -> None:
     if sensor.near:
         axes.plot(*_placed(scene, scene.views), "s", color="C0", ms=4)
         axes.text(1.2, -1.3, f"{shape} near-field points", fontsize=8)
+        return
+    if sensor.focused:
+        front, back = ((1.0, 2.3) if scene.side > 0 else (0.0, -1.35))
+        plane = front + np.sign(scene.side) * np.clip(sensor.focus / (scene.thickness or 1.0), -1, 1)
+        axes.plot([plane, plane], [-0.35, 0.35], color="C0", lw=2, ls="--")
+        axes.plot([(front + back) / 2] * 2, [-0.6, 0.6], color="C0", lw=3, alpha=0.6)  # the lens
+        axes.plot([back, back], [-0.35, 0.35], color="C0", lw=4)
+        for height in (-0.6, 0.6):
+            axes.plot([plane, (front + back) / 2, back], [0.0, height, 0.0], color="C0", lw=0.8, alpha=0.6)
+        axes.text(back, 0.65, f"{shape} pixels\nthrough a lens", ha="center", va="bottom", fontsize=8)
         return
     kind = "views" if sensor.regular_grid is None else "grid of views"
     sides = (scene.views[:, -1] >= 0, (2.3, 1.05)), (scene.views[:, -1] < 0, (-1.35, -0.08))

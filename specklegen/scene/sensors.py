@@ -61,6 +61,8 @@ class Sensor(Registered):
     registry: ClassVar = Registry("sensor", _is_sensor)
     near: ClassVar[bool] = False
     """Whether views are points, not directions."""
+    focused: ClassVar[bool] = False
+    """Whether a lens makes the image: it has neither views that are points nor directions."""
     type: Any = None
 
     @classmethod

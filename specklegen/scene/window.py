@@ -149,6 +149,11 @@ class Window:
         return _SHAPES[self.profile].sharp
 
     @property
+    def flat(self) -> float:
+        """Half the side of the largest square about the middle in which b is 1."""
+        return self.width / 2 * {"square": 1.0, "disc": math.sqrt(0.5), "gaussian": 0.0}[self.profile]
+
+    @property
     def separable(self) -> bool:
         """Whether b is a product of a function of x and one of y."""
         return _SHAPES[self.profile].cell_power is not None

@@ -106,6 +106,37 @@ class Mixtures:
 
 
 @dataclass(frozen=True)
+class FilmBatch:
+    """The memory effect in time of M media that are filmed: of every two frames K(q, x), which falls with x everywhere.
+
+    Attributes
+    ----------
+    radius : float64[M, m]
+        Distances of which K is a mixture.
+    shares : float64[M, n, m]
+        What is left of the light at each of n different lags between frames, by distances; the first lag is 0.
+    mixture : function
+        As of :class:`Mixtures`.
+    between : int64[F, F]
+        Which lag lies between two frames, the same of all media.
+    """
+
+    radius: torch.Tensor
+    shares: torch.Tensor
+    mixture: Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
+    between: np.ndarray
+
+    @property
+    def lags(self) -> list[Mixtures]:
+        """K(q, x) at each lag."""
+        return [Mixtures(self.radius, lag.contiguous(), self.mixture) for lag in self.shares.unbind(1)]
+
+    def at(self, places: Places) -> Self:
+        """Of some of the media."""
+        return type(self)(self.radius[places], self.shares[places], self.mixture, self.between)
+
+
+@dataclass(frozen=True)
 class LightBatch:
     """Modes of the light behind M media, which do not interfere.
 

@@ -33,8 +33,9 @@ from specklegen.core.errors import counted, reject
 from specklegen.core.memory import require_memory
 from specklegen.synthesis import optics
 from specklegen.synthesis.contrast import speckle_contrast, speckle_variance, window_powers
-from specklegen.synthesis.correlations import Correlations, LightBatch, Places
+from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatch, Places
 from specklegen.synthesis.exit_grid import disc_power
+from specklegen.synthesis.films import film_root, filmed
 from specklegen.synthesis.modes import Modes, karhunen_loeve, one_by_one
 from specklegen.synthesis.sight import Sight, lags_between
 from specklegen.synthesis.streams import Streams
@@ -87,6 +88,8 @@ class Imaging:
     gains, polynomials : real[M, T, P, H, W], real[P, h, w], or None
         Where light stays about its beam: the envelope of a beam at each view, as a sum of products of a map of the
         camera and one of the object.
+    film : real[M, F R, F R] or None
+        Of media that move: root of the covariance of all modes in all frames; see :mod:`films`.
     """
 
     modes: torch.Tensor
@@ -104,6 +107,7 @@ class Imaging:
     shape: tuple[int, int]
     gains: torch.Tensor | None = None
     polynomials: torch.Tensor | None = None
+    film: torch.Tensor | None = None
 
     def __len__(self) -> int:
         return len(self.modes)
@@ -126,7 +130,7 @@ class Imaging:
     @property
     def statics(self) -> tuple:
         """All that has none."""
-        return self.lags, self.shape, self.mixing is None, self.polynomials is None
+        return self.lags, self.shape, self.mixing is None, self.polynomials is None, self.film is None
 
     @property
     def rank(self) -> int:
@@ -157,7 +161,7 @@ class Imaging:
         keys : int64[B, halves, F, 2]
             Of both polarisations (each of which has half of the light), frame by frame.
         still : float64[B]
-            Correlation of the fields of one frame with the next.
+            Correlation of the fields of one frame with the next; 0 where a ``film`` says it of all.
         sample
             Number of the realization under the keys.
         """
@@ -168,6 +172,8 @@ class Imaging:
             keys.flatten(0, 1), sample, still.repeat_interleave(halves), rows, columns, envelope,
             self.draws * self.rank, [*self.lags],
         )  # fmt: skip
+        if self.film is not None:
+            drawn = filmed(self.film if len(self.film) == 1 else self.film.repeat_interleave(halves, 0), drawn)
         drawn = torch.view_as_complex(drawn).unflatten(2, (self.draws, self.rank))
         if self.mixing is not None:
             mixing = self.mixing if len(self.mixing) == 1 else self.mixing.repeat_interleave(halves, 0)
@@ -405,6 +411,7 @@ def imagings(
     light: LightBatch | None = None,
     *,
     tolerance: float,
+    film: FilmBatch | None = None,
     precise: bool = False,
 ) -> list[tuple[list[int], Imaging]]:
     """Prepare to draw media and image objects through them, those of one rank and grid together, and which they are.
@@ -419,6 +426,8 @@ def imagings(
         Modes of the light; by default one.
     tolerance
         Share of the intensity that the modes may leave out (it is put back evenly).
+    film
+        Their memory effect in time, of media that move, under light of one mode.
     precise
         Fields complex128, images float64.
 
@@ -444,7 +453,8 @@ def imagings(
             seen = {"variance": variance[own]} | _seen(sight.at(own), precise) if together is None else {
                 name: value[part] for name, value in together.items()
             }
-            found.append((own, _imaging(seen, sight, modes.at(part), rank, None if light is None else light.at(own))))
+            lit, moving = None if light is None else light.at(own), None if film is None else film.at(own)
+            found.append((own, _imaging(seen, sight, modes.at(part), rank, lit, moving)))
             first += len(some)
     return found
 
@@ -502,8 +512,9 @@ def _lags(rows: int, columns: int) -> tuple[int, int]:
 
 
 def _imaging(
-    seen: dict[str, torch.Tensor], sight: Sight, modes: Modes, rank: int, light: LightBatch | None
-) -> Imaging:
+    seen: dict[str, torch.Tensor], sight: Sight, modes: Modes, rank: int, light: LightBatch | None,
+    film: FilmBatch | None,
+) -> Imaging:  # fmt: skip
     envelope = seen["envelope"]
     real, device, (rows, columns) = envelope.dtype, envelope.device, envelope.shape[1:]
     lags, precise = _lags(rows, columns), real == torch.float64
@@ -523,6 +534,7 @@ def _imaging(
         flat=flat,
         lags=lags,
         shape=sight.shape,
+        film=None if film is None else film_root(modes, rank, film).to(real),
         **seen,
     )
 

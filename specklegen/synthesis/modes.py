@@ -116,10 +116,14 @@ class Modes:
 
         Found among the polynomials by least squares, and right where the other K's modes lie in the span of these.
         """
+        values, vectors = torch.linalg.eigh(self.covariance(rank, correlations))
+        return (vectors * values.clamp(min=0).sqrt()[:, None]) @ vectors.mT  # symmetric: the only one
+
+    def covariance(self, rank: int, correlations: Correlations) -> torch.Tensor:
+        """Other K in terms of these modes, M float64[M, rank, rank] with phi M phi^T near its matrix; see above."""
         matrix = coefficients(memory(correlations, self.lattice), self.lattice, self.degree)
         back = torch.linalg.pinv(self.columns[:, :, :rank])
-        values, vectors = torch.linalg.eigh(back @ matrix @ back.mT)
-        return (vectors * values.clamp(min=0).sqrt()[:, None]) @ vectors.mT  # symmetric: the only one
+        return back @ matrix @ back.mT
 
 
 def first_degree(shape: tuple[int, ...]) -> int:

@@ -200,7 +200,7 @@ def images(
     maps = mode_maps(modes, light)
     parts = torch.view_as_real(spectra)
     if light.shape[1:] == (1, 1):  # a beam: the transform of one pixel on the axis is 1
-        found = (maps[:, 0, :, :, 0] @ parts.flatten(1, 2).flatten(2)).unflatten(2, parts.shape[3:])
+        found = (maps[:, :1, :, :, 0] @ parts.flatten(3)).flatten(1, 2).unflatten(2, parts.shape[3:])
     else:
         count, height, tilts, pairs, _ = maps.shape
         columns = torch.view_as_real(transforms["object_columns"]).flatten(2)

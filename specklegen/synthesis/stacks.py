@@ -22,7 +22,6 @@ from specklegen.core.random_streams import Seed
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 from specklegen.memory_effects.film import FilmCorrelation
 from specklegen.memory_effects.oblique import ObliqueCorrelation
-from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.synthesis.exit_grid import Axis, fft_flops, matrix_flops, sampled_amplitude, stack_axes
@@ -161,9 +160,7 @@ def stack_sampler(
         If the tilts reach too far for a transform of reasonable size.
     """
     dtype = dtype or torch.complex64
-    beams, grid = scene.illumination, scene.sensor
-    assert isinstance(beams, CollimatedBeams)
-    assert isinstance(grid, FarFieldGrid)
+    beams, grid = scene.beams, scene.grid
     sines = beams.directions[:, :2]
     x, y = stack_axes(scene, drift)
     first = np.array([axis[0] for axis in grid.sines])

@@ -222,8 +222,8 @@ def contrast_squared(field: FieldCorrelation, exposure: float) -> float:
     0.5677
     """
     exposure = float(_checked("contrast_squared exposure", exposure))
-    u, weight = _graded(_HALVINGS)
-    return float(2 * (weight * (1 - u)) @ _power("contrast_squared field", field, exposure * u))
+    u, weight = exposure_nodes()
+    return float(weight @ _power("contrast_squared field", field, exposure * u))
 
 
 def class_contrast_squared(transfer: ArrayLike, shares: ArrayLike, exposure: ArrayLike) -> np.ndarray:
@@ -257,8 +257,8 @@ def class_contrast_squared(transfer: ArrayLike, shares: ArrayLike, exposure: Arr
     found = np.empty(exposure.shape)
     for at, time in np.ndenumerate(exposure):
         fastest = 4 * float(y.max()) * float(time)
-        u, weight = _graded(min(int(np.ceil(np.log2(max(fastest, 1.0)))) + 1, _HALVINGS))
-        found[at] = 2 * (weight * (1 - u)) @ np.square(_decay(y, p, time * u))
+        u, weight = exposure_nodes(min(int(np.ceil(np.log2(max(fastest, 1.0)))) + 1, _HALVINGS))
+        found[at] = weight @ np.square(_decay(y, p, time * u))
     return found
 
 
@@ -455,6 +455,22 @@ def motion_contrast_estimate(field: FieldCorrelation, exposure: float, grains: A
     three = float((twice * matrix.conj()).sum().real)
     variance = 2 * two**2 + 6 * four + 4 * two**3 - 8 * three * two
     return ContrastEstimate(two + (3 * two**2 - 4 * three) / n, np.sqrt(variance / n))
+
+
+def exposure_nodes(halvings: int = _HALVINGS) -> tuple[np.ndarray, np.ndarray]:
+    """Lags over the exposure u and weights float64[n], so that K^2 = sum weights |g1(uT)|^2 (2 (1 - u) du).
+
+    Gauss panels that halve towards lag 0 so often.
+
+    Examples
+    --------
+    >>> from specklegen.theory.speckle_contrast import exposure_nodes
+    >>> u, weight = exposure_nodes()
+    >>> round(float(weight.sum()), 12)
+    1.0
+    """
+    u, weight = _graded(halvings)
+    return u, 2 * weight * (1 - u)
 
 
 def _graded(halvings: int) -> tuple[np.ndarray, np.ndarray]:

@@ -406,3 +406,12 @@ def test_there_is_one_zero():
         assert minus == plus
         assert minus.fingerprint() == plus.fingerprint()
         assert plus.replace() == minus.replace()
+
+
+def test_what_a_value_keeps_of_its_fields_is_read_only():
+    """Whoever turns the directions of one scene would turn those of all equal ones that are rendered later."""
+    hidden = sg.IncoherentObject(brightness=np.ones((2, 2)), pitch=1e-4, width=1000.0)
+    sphere = sg.Mie(radius=0.2, wavelength=0.5, refractive_index=1.2)
+    for kept in (hidden.directions, hidden.beams.directions, sphere.coefficients):
+        with pytest.raises(ValueError, match="read-only"):
+            kept[:] = 0

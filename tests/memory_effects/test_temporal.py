@@ -284,3 +284,28 @@ def test_waves_through_slices_agree_over_all_views():
     straight = np.exp(-medium.optical_depth)
     found = paths.magnitude[:, 0, 0] * (1 - straight) + straight
     np.testing.assert_allclose(found, waves.all_views.mean(axis=0), atol=0.015 + 3 * paths.standard_error.max())
+
+
+# K^2 of exposures T / tau0 = .001, .01, .05, .2, 1 by another program, within half a per cent.
+BLUR = np.array([0.001, 0.01, 0.05, 0.2, 1.0]), np.array([0.9246, 0.5430, 0.1835, 0.0516, 0.0107])
+
+
+def test_contrast_of_exposures_as_another_program_has_it():
+    exposures, expected = BLUR
+    found = curve(slab(10, ISOTROPIC), [0.0], paths=60_000).contrast(exposures / K**2)
+    np.testing.assert_allclose(found.x, exposures)
+    error = np.hypot(found.standard_error, 0.0025 * expected)
+    assert_z(found.squared, expected, error, degrees=63)
+    faster = curve(slab(10, ISOTROPIC), [0.0], paths=60_000).contrast(1.1 * exposures / K**2)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(faster.squared, expected, error, degrees=63)
+
+
+def test_contrast_where_both_ways_of_a_path_interfere():
+    """By the integral of |g1|^2 over lags, which the same paths state one by one."""
+    asked = {"mode": "reflection", "view": [0, 0, -1.0], "reverse": True, "paths": 2000}
+    u = (np.arange(60) + 0.5) / 60
+    found = curve(slab(5, ISOTROPIC), 0.1 * u, **asked)
+    assert found.reverse
+    integral = 2 * np.mean((1 - u) * np.square(np.abs(found.field)))
+    assert found.contrast(0.1 / K**2).squared == pytest.approx(integral, abs=found.standard_error.max() / 3)

@@ -21,6 +21,7 @@ RECIPES = {
     "unknown-slab": {"field": {"pixels": 10.0}, **SMALL},
     "through-slab": {"material": QUICK, "media": 3, **SMALL},
     "dynamic-slab": {"material": QUICK, "dynamics": {"frames": 2}, **SMALL},
+    "brownian-slab": {"material": QUICK, "dynamics": {"frames": 2}, **SMALL},
 }
 
 

@@ -23,18 +23,18 @@ from itertools import product
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Positive, Value
 from specklegen.datasets.distributions import Draw, drawn, ends, is_draw, require_above
-from specklegen.datasets.recipes.parts.material import CharacterizedMaterial, known
+from specklegen.datasets.recipes.parts.material import MOVING, CharacterizedMaterial, known
 from specklegen.datasets.recipes.parts.particles import Particles, drawn_numbers, scatterer_with
 from specklegen.datasets.split import Split
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.stretching import relative_variance
 from specklegen.scene.faces import Faces
-from specklegen.scene.layers import Layer, Layers
+from specklegen.scene.layers import Layer, Layers, left_out
 from specklegen.scene.scatterers import HenyeyGreenstein
 
 _NUMBERS = ("thickness", "mean_free_path", "albedo")
@@ -51,6 +51,8 @@ class LayerDraws(Value):
         Anisotropy of Henyey-Greenstein scatterers.
     scatterer
         The particles, of any type; instead of ``g``.
+    at_rest
+        Whether its particles stand still where the recipe's dynamics move those of the others: bone over blood.
     """
 
     thickness: Draw
@@ -58,6 +60,12 @@ class LayerDraws(Value):
     albedo: Draw = 1.0
     g: Draw | None = None
     scatterer: Particles | None = None
+    at_rest: bool = False
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a rest that nobody asked for."""
+        return left_out(write(self), at_rest=not self.at_rest)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -138,6 +146,12 @@ class LayeredMaterial(Value):
         """Return layers with their memory effect."""
         require_reach("Material.kernel_paths", relative_variance(slab), self.kernel_paths)
         return known(slab, self.kernel_paths)  # type: ignore[arg-type]
+
+    def in_motion(self, slab: Layers) -> Layers:
+        """Return layers whose particles move, but for those at rest."""
+        moving = [layer if own.at_rest else layer.replace(motion=MOVING)
+                  for layer, own in zip(slab.layers, self.layers, strict=True)]  # fmt: skip
+        return slab.replace(layers=tuple(moving))
 
     def _draws(self) -> dict[str, Any]:
         return {f"layer_{n}_{name}": source for n, layer in enumerate(self.layers)

@@ -24,13 +24,17 @@ from specklegen.datasets.split import SPLITS, Split
 from specklegen.mean.field import straight_through
 from specklegen.memory_effects.atlas import correlation_for
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
+from specklegen.memory_effects.moving import MovingCorrelation, estimate_moving_correlation
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import Slab
+from specklegen.scene.motion import Brownian
 from specklegen.scene.scatterers import HenyeyGreenstein, Scatterer
 from specklegen.synthesis.spectrum import LightModes, Spectrum, estimate_spectral_correlation, light_modes
 
 KernelSource = Literal["estimate", "atlas"]
 _PARAMETERS = ("thickness", "optical_depth", "g", "albedo")
+MOVING = Brownian(diffusion=1.0)
+"""Motion of materials that move; what their diffusion is, the recipe's dynamics say."""
 
 
 class Estimator(IntEnum):
@@ -200,6 +204,10 @@ class Material(Value):
             particles = extreme_scatterers(self.scatterer)
         return [self.slab(t, d, albedo, s, self.faces) for t in thicknesses for d in depths for s in particles]
 
+    def in_motion(self, slab: Slab) -> Slab:
+        """Return a slab of this material whose particles move."""
+        return slab.replace(motion=MOVING)
+
     @staticmethod
     def slab(
         thickness: float, optical_depth: float, albedo: float, scatterer: Scatterer, faces: Faces = Faces()  # noqa: B008
@@ -287,3 +295,9 @@ def known_light(slab: Slab, paths: int, bandwidth: float, spectrum: Spectrum) ->
     """
     correlation = estimate_spectral_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     return light_modes(correlation, bandwidth, spectrum)
+
+
+@lru_cache(maxsize=64)
+def known_motion(slab: Slab, paths: int) -> MovingCorrelation:
+    """Memory effect in time of a slab that moves, from the same paths as its kernel."""
+    return estimate_moving_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))

@@ -24,7 +24,7 @@ from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
 from specklegen.core.values import Positive, Value
 from specklegen.datasets.distributions import Choice, Draw, Uniform, drawn, ends, is_draw, require_above
-from specklegen.datasets.recipes.parts.material import CharacterizedMaterial, known
+from specklegen.datasets.recipes.parts.material import MOVING, CharacterizedMaterial, known
 from specklegen.datasets.split import Split
 from specklegen.materials import BulkMaterial
 from specklegen.materials.registry import require_measured
@@ -140,6 +140,10 @@ class PresetMaterial(Value):
     def known(self, slab: Slab) -> CharacterizedMaterial:
         """Return a slab with its memory effect."""
         return known(slab, self.kernel_paths)
+
+    def in_motion(self, slab: Slab) -> Slab:
+        """Return a slab of this material whose particles move."""
+        return slab.replace(motion=MOVING)
 
     def _draws(self) -> dict[str, Any]:
         return {name: self.preset[name] for name in sorted(self.preset) if is_draw(self.preset[name])}

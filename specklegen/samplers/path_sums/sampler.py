@@ -60,6 +60,7 @@ class PathSums(Sampler, name="paths"):
     error_of = "false intensity correlation"
     thin = False
     medium_by_medium = True
+    images = True
 
     @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self, list[Decision]]:

@@ -132,11 +132,13 @@ class ScreensRenderer:
         light = self.sampler.scene.illumination
         for number in range(count):
             if not light.coherent:
-                brightness = light.brightness[light.brightness > 0]
-                total = np.zeros(self.sampler.scene.sensor.shape, np.float32)
-                for share, (_, field) in zip(brightness, self.fields(number), strict=True):
-                    total += np.float32(share) * (np.square(field[0].real) + np.square(field[0].imag))
-                yield Realization(total)
+                shape = self.sampler.scene.sensor.shape
+                total = np.zeros((len(light.shares), *shape), np.float32)
+                for shares, (_, field) in zip(light.shares.T, self.fields(number), strict=True):
+                    power = np.square(field[0].real) + np.square(field[0].imag)
+                    for image in np.flatnonzero(shares):
+                        total[image] += np.float32(shares[image]) * power
+                yield Realization(total.reshape(*light.images, *shape))
             else:
                 yield Realization(np.concatenate([field for _, field in self.fields(number)]))
 

@@ -16,7 +16,16 @@ from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.pilot import Pilot, scene_pilot
-from specklegen.samplers.sampler import FIXED_BYTES, TORCH_BYTES, MediaRequest, Realization, Request, Sampler, Where
+from specklegen.samplers.sampler import (
+    FIXED_BYTES,
+    TORCH_BYTES,
+    MediaRequest,
+    Realization,
+    Request,
+    Sampler,
+    Where,
+    image_of,
+)
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.rule import Kernel, scene_envelope, stationary_decision
 from specklegen.scene.illumination import IncoherentObject, reference_direction
@@ -62,7 +71,10 @@ class Stationary(Sampler, name="stationary"):
     summation = "FFT or matrix products"
     error_of = "intensity scale"
     thin = False
+    films = True
     reverse = False
+    images = True
+    from_face = True
 
     @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
@@ -126,7 +138,9 @@ class Stationary(Sampler, name="stationary"):
         """Make media ready, whose memory effect is known."""
         from specklegen.synthesis.imaging import imagings
 
-        return imagings(request.sight, request.correlations, request.light, tolerance=request.tolerance)
+        return imagings(
+            request.sight, request.correlations, request.light, tolerance=request.tolerance, film=request.film
+        )
 
     def prepare(self, seed: Seed, threads: int | None) -> "StationaryRenderer":
         """Make ready to draw; the memory-effect correlation is estimated at the first draw."""
@@ -197,11 +211,13 @@ class StationaryRenderer:
 
     def media(self, count: int) -> Iterator[Realization]:
         """One transform each."""
-        coherent = self.sampler.scene.illumination.coherent
+        scene = self.sampler.scene
+        hidden = scene.illumination.images == ()
         for number in range(count):
             with one_torch_thread():  # the white noise as well
-                found = (self.stacks.sample(self.seed, number) if coherent else self._image(number)).numpy()
-            yield Realization(found if self.sampler.envelope is None else found * self._gains)
+                found = (self._image(number) if hidden else self.stacks.sample(self.seed, number)).numpy()
+            found = found if self.sampler.envelope is None else found * self._gains
+            yield Realization(found if hidden or scene.illumination.coherent else image_of(scene, found))
 
     def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
         """Tilt by tilt: the noise is held, no stack."""

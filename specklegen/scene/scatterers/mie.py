@@ -143,7 +143,9 @@ class Mie(_WithAnisotropy):
     @cached_property
     def coefficients(self) -> np.ndarray:
         """a_n and b_n, complex128[2, N]: Bohren and Huffman, Eqs. 4.56 and 4.57."""
-        return np.asarray(_miepython().coefficients(self.refractive_index, self.size_parameter))
+        found = np.array(_miepython().coefficients(self.refractive_index, self.size_parameter))
+        found.flags.writeable = False  # kept
+        return found
 
     @cached_property
     def _strength(self) -> float:

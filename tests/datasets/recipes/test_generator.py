@@ -25,11 +25,14 @@ CHANGES = {
     "through-slab": {"media": 3}, "through-slab-lab": {"media": 3}, "two-tilts": {"media": 3},
     "beyond-memory-effect": {"media": 2},
     "dynamic-slab": {"camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}},
+    "brownian-slab": {"camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}},
+    "lsci-slab": {"camera": {"shape": [48, 40]}, "exposures": {"durations": [1e-4, 1e-3]}},
     "moving-diffuser": {"camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}, "field": {"pixels": 12.0}},
     "partially-coherent-slab": {"camera": {"shape": [48, 40]}, "coherence_length": {"log_uniform": [10_000.0, 1e5]}},
     "masked-light-slab": {"camera": {"shape": [48, 40]}},
 }  # fmt: skip
-SMALL = ("unknown-slab", "tilt-stack", "through-slab", "dynamic-slab", "partially-coherent-slab", "ground-glass")
+SMALL = ("unknown-slab", "tilt-stack", "through-slab", "dynamic-slab", "brownian-slab", "partially-coherent-slab",
+         "ground-glass")  # fmt: skip
 
 
 def recipe_of(name, **more):
@@ -111,7 +114,7 @@ def test_devices_render_what_the_cpu_renders(name, monkeypatch):
         agree(SpeckleGenerator(recipe, 4)(indices), found)
 
 
-@pytest.mark.parametrize("name", ["unknown-slab", "tilt-stack", "dynamic-slab"])
+@pytest.mark.parametrize("name", ["unknown-slab", "tilt-stack", "dynamic-slab", "brownian-slab"])
 def test_companions_do_not_matter_to_devices(name, monkeypatch):
     """Chunks of one shape, filled up where there are too few: to the bit, in any batch and order."""
     recipe = recipe_of(name)

@@ -15,6 +15,7 @@ QUICK = {"material": {"kernel_paths": 20_000}, "media": 8}
 RECIPES = {
     "unknown-slab": {}, "unseen-material": {}, "tilt-stack": {}, "material-regression": {}, "through-slab": QUICK,
     "through-slab-lab": QUICK, "two-tilts": QUICK, "dynamic-slab": {"material": QUICK["material"]},
+    "brownian-slab": {"material": QUICK["material"]},
     "partially-coherent-slab": {"material": QUICK["material"]},
 }  # fmt: skip
 

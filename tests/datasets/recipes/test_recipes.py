@@ -88,7 +88,7 @@ def test_layout_describes_the_sample(name, noisy):
 def test_names_and_descriptions():
     wanted = {
         "tilt-stack", "through-slab", "unknown-slab", "beyond-memory-effect", "material-regression", "dynamic-slab",
-        "two-tilts", "through-slab-lab",
+        "brownian-slab", "lsci-slab", "two-tilts", "through-slab-lab",
     }  # fmt: skip
     assert wanted <= set(recipe_names())
     for name in recipe_names():
@@ -367,6 +367,7 @@ IDEALISED = {
     "through-slab": {"faces", "polarisation", "bandwidth", "iris"},
     "through-slab-lab": {"polarisation", "iris"},
     "ground-glass": {"polarisation", "bandwidth", "iris"},
+    "brownian-slab": {"faces", "polarisation", "bandwidth", "iris"},
     "dynamic-slab": {"faces", "polarisation", "bandwidth", "iris", "motion"},
     "moving-diffuser": {"polarisation", "bandwidth", "iris"},
     "tilt-stack": {"faces", "polarisation", "bandwidth", "iris"},
@@ -400,7 +401,7 @@ def test_the_law_of_a_changing_slab_has_a_name():
     assert named.dynamics.model == "autoregression"
     assert "model" not in named.model_dump()["dynamics"]
     with pytest.raises(RuleError, match="Dynamics.model must be one of autoregression"):
-        load_recipe("dynamic-slab", {"dynamics": {"model": "brownian"}})
+        load_recipe("dynamic-slab", {"dynamics": {"model": "ballistic"}})
     with pytest.raises(RuleError, match="Dynamics.model must be left out where velocities"):
         load_recipe("moving-diffuser", {"dynamics": {"model": "autoregression"}})
 
@@ -409,8 +410,10 @@ def test_the_law_of_a_changing_slab_has_a_name():
 GOLDEN = {
     "any-object": (5, [0.9766359, 0.9419461, 0.9345398, 1.011487]),
     "beyond-memory-effect": (5, [0.9880081, 0.9611544, 0.9520854, 0.9896649]),
+    "brownian-slab": (5, [1.13982, 1.194315, 1.242846, 0.9943364]),
     "characters-of-new-fonts": (5, [1.074071, 1.074169, 1.076377, 1.009583]),
     "dynamic-slab": (5, [1.168429, 1.162149, 1.129318, 0.9968251]),
+    "lsci-slab": (5, [0.8088716, 1.291085, 0.8733478, 0.9867107]),
     "masked-light-slab": (5, [0.9817551, 0.7828545, 0.6107403, 1.021715]),
     "material-regression": (5, [0.9491832, 0.8015926, 0.2490684, 1.045898]),
     "one-angular-size": (5, [0.908139, 0.8600472, 0.8339479, 1.012123]),

@@ -1,0 +1,111 @@
+"""A lens as a linear map: the far field over its pupil in, the field on the plane in focus out.
+
+    E(x) = (ds^2 / lambda) sum over s of P(s) u(s) / sqrt(cos cos_out) e^(i phase)
+    phase = k [s . x + (cos - 1) d] + k_out (cos_out - 1) f
+
+on a square grid of sines. u belongs to z = 0, so that d is the thickness of a medium seen in transmission, and 0 in
+reflection; where it belongs to the face, d is 0. Behind a refracting face the angle outside is cos_out, and k_out f is
+what the light gathers there; without one it is 1 / cos and (L + f). Power is kept: the flux of E through the plane,
+sum |E|^2 cos_out, is that of |u|^2 per steradian inside.
+
+The grid repeats the image every lambda / ds; edges of the pupil count by the share of each cell inside them. The sum
+is two matrix products, for any pixels (Soummer, Pueyo, Sivaramakrishnan, Vanderbei, Opt. Express 15, 15935 (2007)).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from specklegen.scene.imaging import Imaging
+from specklegen.scene.scene import Scene
+from specklegen.scene.sensors import FarFieldGrid
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens before a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+        As the lens images it.
+    camera : Imaging
+        Its sensor.
+    grid : FarFieldGrid
+        Directions that the field is summed over.
+    """
+
+    scene: Scene
+    camera: Imaging
+    grid: FarFieldGrid
+
+    @property
+    def pupil_scene(self) -> Scene:
+        """The same scene as seen from afar over the pupil, by light that interferes: an object's beams one by one."""
+        light = self.scene.illumination if self.scene.illumination.coherent else self.scene.beams
+        return self.scene.replace(sensor=self.grid, illumination=light)
+
+    @property
+    def period(self) -> float:
+        """Length after which the image repeats."""
+        return self.scene.wavelength / self.grid.pitch
+
+    @cached_property
+    def pupil(self) -> np.ndarray:
+        """P complex128[N, N] over the grid."""
+        return self.camera.pupil.cells(self.grid.shape[0], 2 / self.grid.shape[0])
+
+    def weights(self, from_face: bool = False) -> np.ndarray:
+        """What the far field is multiplied by, complex128[N, N]; ``from_face`` where its phases belong to the face."""
+        scene, faces = self.scene, self.scene.medium.faces
+        x, y = self.grid.sines
+        square, index = np.square(x) + np.square(y)[:, None], faces.inside / faces.outside
+        inside, outside = np.sqrt(1 - square), np.sqrt(1 - index**2 * square)
+        thickness = scene.thickness if self.camera.side == "transmission" and not from_face else 0.0
+        # cos - 1 = -s^2 / (1 + cos), without cancellation; k_out (cos_out - 1) as much, with n s for s and k / n for k
+        length = square * (thickness / (1 + inside) + index * self.camera.focus / (1 + outside))
+        scale = self.grid.pitch**2 / scene.wavelength
+        return scale * self.pupil / np.sqrt(inside * outside) * np.exp(-1j * scene.wavenumber * length)
+
+    def image(self, fields: np.ndarray, *, from_face: bool = False) -> np.ndarray:
+        """Fields complex[T, H, W] on the plane in focus of far fields complex[T, N, N], in their precision."""
+        places = zip(self.grid.sines, self.camera.positions, strict=True)
+        columns, rows = (np.exp(1j * self.scene.wavenumber * np.outer(place, sines)) for sines, place in places)
+        weights, kind = self.weights(from_face).astype(fields.dtype), fields.dtype
+        rows, columns = rows.astype(kind), np.ascontiguousarray(columns.T.astype(kind))
+        found = np.empty((len(fields), *self.camera.shape), kind)
+        for field, image in zip(fields, found, strict=True):
+            image[...] = rows @ (weights * field) @ columns
+        return found
+
+    @property
+    def flops(self) -> float:
+        """Real operations of the two products, under one light."""
+        views, (rows, columns) = float(self.grid.shape[0]), self.camera.shape
+        return 8 * rows * views * (views + columns)
+
+    @property
+    def memory(self) -> float:
+        """Bytes held beside the far fields, under all lights."""
+        views, (rows, columns) = float(self.grid.shape[0]), self.camera.shape
+        return 80 * views**2 + 48 * views * (rows + columns) + 16.0 * len(self.scene.lights) * rows * columns
+
+    @cached_property
+    def grain_area(self) -> float:
+        """Area of a point's image in focus, (int |h|^2)^2 / int |h|^4: lambda^2 / (pi NA^2) and more."""
+        power = np.square(np.abs(self.pupil)).sum()
+        side = 2 * self.grid.shape[0]
+        spread = np.square(np.abs(np.fft.fft2(self.pupil, (side, side))))
+        return float(power**2 / np.square(spread).mean()) * self.period**2
+
+    def image_area(self, distance: np.ndarray) -> np.ndarray:
+        """Area float64[...] of the images of points so far from focus: what geometry makes it beside that in focus."""
+        return self.grain_area + 2 * np.pi * np.square(self.spread * distance)
+
+    @cached_property
+    def spread(self) -> float:
+        """Root mean square sine over the pupil, weighed by what it lets through: NA / sqrt 2 of a disc."""
+        x, y = self.grid.sines
+        power = np.square(np.abs(self.pupil))
+        return float(np.sqrt(((np.square(x) + np.square(y)[:, None]) * power).sum() / power.sum()))

@@ -1,0 +1,169 @@
+"""What a lens sees of the light behind a slab: how far it reaches in focus, and how many paths make a pixel.
+
+Pilot paths say both. A connection reaches as far from where it entered as it comes sideways inside, and on from its
+last particle along the steepest ray that the lens takes to the plane in focus: the plane is lit over X, the window and
+twice what 99 % of the light keep to. Its image there is a disc, of the area A that a point out of focus has; it adds
+nothing to pixels elsewhere, so that a pixel is made of far fewer paths than a view in the far field.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from specklegen.core.errors import reject
+from specklegen.core.memory import require_memory
+from specklegen.core.statistics import effective_count
+from specklegen.core.values import remembered
+from specklegen.instrument.lens import Lens
+from specklegen.paths.bank import PathBank
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.gaussianity import PathMoments
+from specklegen.paths.layout import Layout
+from specklegen.paths.pilot import scene_pilot
+from specklegen.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from specklegen.scene.imaging import Imaging
+
+_INSIDE, _HALO = 0.99, 0.95  # shares of the light: within the lit plane, and within a halo
+_FAINT = 7.0  # a Gaussian window is lit where its intensity is above e^-7
+
+
+@dataclass(frozen=True)
+class LitPlane:
+    """The light on the plane in focus.
+
+    Attributes
+    ----------
+    extent : float
+        X, across what is lit.
+    halo : float
+        How far 95 % of the light come from where they entered.
+    moments : PathMoments
+        Of what one path adds to a pixel in the middle.
+    turned : float
+        Largest difference of the correlation of the outermost tilts between the rim of the pupil and its middle.
+    """
+
+    extent: float
+    halo: float
+    moments: PathMoments
+    turned: float
+
+
+def lens_of(scene: Scene) -> Lens:
+    """The lens of a scene, its pupil sampled as finely as the lit plane asks for.
+
+    Raises
+    ------
+    RuleError
+        If it was asked for so few views that the image would wrap around.
+    """
+    camera: Imaging = scene.sensor  # type: ignore[assignment]
+    lit = lit_plane(scene)
+    asked = lit.extent / 2 + max(lit.extent / 2, camera.reach)
+    least = max(3, int(np.ceil(2 * camera.aperture * asked / scene.wavelength * (1 - 1e-9))))
+    views = least if camera.views is None else camera.views
+    if views < least:
+        reject(
+            "Imaging.views", f"at least {least}", views,
+            f"The plane in focus is lit over {lit.extent:.4g} and seen over {2 * camera.reach:.4g}: with sines more "
+            f"than wavelength / {asked:.4g} = {scene.wavelength / asked:.3g} apart, light from one side would be seen "
+            "on the other. Leave views out, or use a narrower window or a smaller |focus|.",
+        )  # fmt: skip
+    require_memory(
+        "Imaging.views", "held", (8 * len(scene.lights) + 80) * float(views) ** 2, f"{views} directions across",
+        f"The plane in focus is lit over {lit.extent:.4g}: use a smaller aperture, window or |focus|.", share=0.9,
+    )  # fmt: skip
+    return Lens(scene, camera, camera.pupil_grid(views))
+
+
+@remembered(64)
+def lit_plane(scene: Scene) -> LitPlane:
+    """How the plane in focus is lit, at the worst of a few lights, by pilot paths."""
+    camera: Imaging = scene.sensor  # type: ignore[assignment]
+    lens = Lens(scene, camera, camera.pupil_grid(3))
+    pilot = scene_pilot(lens.pupil_scene.at_rest, False)
+    layout, bank, window = pilot.tracer.layout, pilot.bank, scene.beams.window
+    steep = _slopes(scene, camera.aperture)
+    base = window.support(_FAINT)
+    extent, halo, moments = base, 0.0, PathMoments(0.0, 0.0)
+    for light in -layout.lights.probed().vectors:
+        ballistic = np.abs(steep_way(scene, light))
+        extent = max(extent, base + 2 * ballistic)
+        weights = contributions(layout.at(light, np.array([0.0, 0.0, scene.side])), bank)
+        if not weights.any():
+            continue
+        aside = _sideways(bank, light)
+        gap = _depth(scene, bank)
+        reached = np.hypot(*aside.T) + np.abs(gap * steep[0] + camera.focus * steep[1])
+        order = np.argsort(reached)
+        share = np.cumsum(weights[order]) / weights.sum()
+        outer, near = (float(reached[order][np.searchsorted(share, part)]) for part in (_INSIDE, _HALO))
+        extent, halo = max(extent, base + 2 * outer), max(halo, near)
+        lit = window.area + np.pi * float(weights @ np.square(aside).sum(-1) / weights.sum())
+        distance = gap + camera.focus * scene.medium.faces.inside / scene.medium.faces.outside
+        found = _moments(weights, bank.count, lit, fine_lens(lens).image_area(distance))
+        moments = max(moments, found, key=lambda m: m.concentration)
+    return LitPlane(extent, halo, moments, _turned(scene, layout, bank))
+
+
+def fine_lens(lens: Lens) -> Lens:
+    """The same lens over 65 x 65 directions, which tell what its points look like."""
+    return Lens(lens.scene, lens.camera, lens.camera.pupil_grid(65))
+
+
+def _slopes(scene: Scene, sine: float) -> tuple[float, float]:
+    """Tangents of the steepest ray inside and outside."""
+    outside = scene.medium.faces.inside / scene.medium.faces.outside * sine
+    return sine / np.sqrt(1 - sine**2), outside / np.sqrt(1 - outside**2)
+
+
+def steep_way(scene: Scene, light: np.ndarray) -> float:
+    """How far the unscattered light of a beam lies from its window on the plane in focus."""
+    if scene.side < 0:
+        return 0.0
+    inside, outside = _slopes(scene, float(np.hypot(*light[:2])))
+    return float(inside * scene.thickness + outside * scene.sensor.focus)  # type: ignore[attr-defined]
+
+
+def _depth(scene: Scene, bank: PathBank) -> np.ndarray:
+    """float64[M], from the last particles to the face that the lens looks at."""
+    return scene.thickness - bank.exit[:, 2] if scene.side > 0 else bank.exit[:, 2]
+
+
+def _sideways(bank: PathBank, light: np.ndarray) -> np.ndarray:
+    """float64[M, 2], from where light enters the face to the last particles."""
+    return bank.exit[:, :2] - bank.entry[:, :2] + bank.entry[:, 2:] * (light[:2] / light[2])
+
+
+def _moments(weights: np.ndarray, count: int, lit: float, areas: np.ndarray) -> PathMoments:
+    """Of connections that each light a disc of their own ``areas`` float64[M] of what is ``lit``."""
+    relative = weights / (weights.sum() / count)
+    each = relative * np.sqrt(np.maximum(lit / areas, 1.0))
+    squares = float(np.square(each).sum() / count)
+    return PathMoments(squares, squares, float(effective_count(each))).stated()
+
+
+def _turned(scene: Scene, layout: Layout, bank: PathBank) -> float:
+    """Largest |C_v - C| of the outermost tilts over four views v at the rim, C that in the middle of the pupil.
+
+    A pattern that moves with the tilt has a correlation that turns with the view.
+    """
+    lights = layout.lights.vectors
+    if len(lights) < 2:
+        return 0.0
+    middle = -lights.mean(axis=0)
+    gaps = lights[:, :2] + middle[:2]
+    gap = 2 * gaps[np.square(gaps).sum(-1).argmax()]
+    middle /= np.linalg.norm(middle)
+    sine, found = scene.sensor.aperture, []  # type: ignore[attr-defined]
+    for x, y in ((0, 0), (sine, 0), (-sine, 0), (0, sine), (0, -sine)):
+        view = np.array([x, y, scene.side * np.sqrt(1 - sine**2 * bool(x or y))])
+        weights = contributions(layout.at(middle, view), bank)
+        if not weights.any():
+            return np.inf
+        way = _sideways(bank, middle) + _depth(scene, bank)[:, None] * (view[:2] / abs(view[2]))
+        found.append(weights @ np.exp(-1j * scene.wavenumber * (way @ gap)) / weights.sum())
+    return float(np.abs(np.array(found[1:]) - found[0]).max())
