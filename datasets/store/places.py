@@ -34,10 +34,10 @@ def place_of(folder: str | os.PathLike) -> Path:
     RuleError
         If it is an address, and universal-pathlib is not installed.
     """
-    if not isinstance(folder, str | os.PathLike):
-        reject("store.folder", "a path, or an address", folder)
     if is_remote(folder):
         return folder  # type: ignore[return-value]
+    if not isinstance(folder, str | os.PathLike):
+        reject("store.folder", "a path, or an address", folder)
     if isinstance(folder, str) and "://" in folder:
         try:
             from upath import UPath

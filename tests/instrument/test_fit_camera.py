@@ -226,7 +226,7 @@ def test_what_cannot_be_fitted_is_refused_with_its_reason(name, good):
         sg.fit_camera(*spoil(*good))
 
 
-@pytest.mark.parametrize(("bits", "words"), [(0, "from 1 to 16"), (8, "enough for counts of")])
+@pytest.mark.parametrize(("bits", "words"), [(0, "at least 1 and at most 16"), (8, "enough for counts of")])
 def test_bits_that_cannot_be_are_refused(bits, words, good):
     with pytest.raises(RuleError, match=words):
         sg.fit_camera(*good, bit_depth=bits)
