@@ -2,7 +2,7 @@
 
     python scripts/build/fit_recoverability.py simulate --out tests/data/recoverability.csv [--cells 200] [--media 6]
     python scripts/build/fit_recoverability.py simulate --grid large --media 4 --out tests/data/recoverability_large.csv
-    python scripts/build/fit_recoverability.py predict tests/data/recoverability.csv    (the predicted columns anew; --grid)
+    python scripts/build/fit_recoverability.py predict tests/data/recoverability.csv   (predicted columns anew; --grid)
     python scripts/build/fit_recoverability.py fit tests/data/recoverability.csv tests/data/recoverability_large.csv
     python scripts/build/fit_recoverability.py simulate --grid fresh --cells 220 --out tests/data/recoverability_fresh.csv
     python scripts/build/fit_recoverability.py judge tests/data/recoverability_fresh.csv      (the packaged verdict)
@@ -14,7 +14,7 @@ object of the test split comes back with a Pearson correlation above 0.8 to the 
 see objects of the train split only. Even cells are fitted, odd cells judge: which is which was set before any was run.
 The large grid has objects of 12 to 20 grains, like those of most packaged recipes. The fresh grids came when a verdict
 was finished: other seeds, sizes and numbers of points; nothing is fitted to them.
-"""
+"""  # noqa: E501
 
 import argparse
 import csv

@@ -1,7 +1,7 @@
 """Train the solver that comes with the package: objects of many kinds, slabs of any material, cameras with noise.
 
     python scripts/build/train_any_object.py --out runs/any-object --minutes 60            # processor minutes
-    python scripts/build/train_any_object.py --out runs/any-object --minutes 60            # goes on where it was stopped
+    python scripts/build/train_any_object.py --out runs/any-object --minutes 60            # goes on where it stopped
 
 Nothing is rendered: periodograms are drawn from their law, S(f) times a gamma variable (docs/likelihood.md). The dense
 net comes first: it needs lags alone, so that a sample takes a millisecond and no two are the same. Then it is frozen,

@@ -1,6 +1,6 @@
 """The worked example: characters behind slabs of unknown material. Generate, train, judge, draw.
 
-    python scripts/build/train_through_slab.py --out runs/through-slab                  # everything: 15 minutes a network
+    python scripts/build/train_through_slab.py --out runs/through-slab                  # all: 15 minutes a network
     python scripts/build/train_through_slab.py --out runs/quick --minutes 1 --samples 2048 --images 32
     python scripts/build/train_through_slab.py --out runs/through-slab --only leakage
 

@@ -98,10 +98,10 @@ WITH_CONTENT = {CONTENT: True}
 """Context in which values are written to be hashed; see :mod:`specklegen.core.content`."""
 
 
-def _one_zero(value: Any) -> Any:
+def _one_zero(value: Any, levels: int = 8) -> Any:
     """The same with 0.0 for -0.0, which equals it and is written otherwise: equal values have one fingerprint."""
-    if type(value) in (list, tuple):  # of numbers; deeper ones are arrays, or tables that come here by themselves
-        return type(value)(map(_one_zero, value))
+    if type(value) in (list, tuple):  # no field has as many levels; what has more is refused by its field
+        return type(value)(_one_zero(each, levels - 1) for each in value) if levels else value
     number = isinstance(value, float | np.floating) or (isinstance(value, np.ndarray) and value.ndim == 0)
     return 0.0 if number and value == 0 else value
 

@@ -147,8 +147,8 @@ class _Curve(Observation):
         if errors is None:
             reject(f"{cls.__name__} {path}", "of three columns: where, value, standard error", "two",
                    "Give the error of all values by error=.")  # fmt: skip
-        given = {cls._where: curve.at, cls._what: curve.values, "error": errors} | fields
-        return cls(**given, file=str(path), lines=curve.lines)
+        given: dict[str, Any] = {cls._where: curve.at, cls._what: curve.values, "error": errors} | fields
+        return cls(**given | {"file": str(path), "lines": curve.lines})
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,6 +12,7 @@ The far field behind the opening is (k / 2 pi i) (e^{ikr} / r) cos(theta) Psi.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -72,9 +73,10 @@ def aperture_transform(
         triangle_transform(triangles - rim.centre, values, flat, out)
         out *= np.exp(-1j * (flat @ rim.centre))
     else:
-        amplitude = complex(finite_numbers("aperture_transform amplitude", amplitude, 0))
+        number: Any = amplitude
+        factor = complex(finite_numbers("aperture_transform amplitude", number, 0))
         edge_transform(rim.about_centre, rim.area, *map(float, rim.centre), flat, out)
-        out *= amplitude
+        out *= factor
     return out.reshape(xi.shape[:-1])
 
 

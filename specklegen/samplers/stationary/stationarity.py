@@ -26,7 +26,7 @@ from specklegen.paths.far_field import SLANT, lobe_loss
 from specklegen.paths.kept_angles import advance, depth_between
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.stationary.envelope import Envelope, fit_envelope
-from specklegen.scene.illumination import IncoherentObject, directions_of_sines, reference_direction
+from specklegen.scene.illumination import directions_of_sines, reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
@@ -234,7 +234,7 @@ def _probe_lights(scene: Scene) -> np.ndarray:
     """
     directions = scene.beams.directions
     middle, sines = reference_direction(directions)[:2], directions[:, :2]
-    if not len(sines) or (sines == middle).all() or isinstance(scene.illumination, IncoherentObject):
+    if not len(sines) or (sines == middle).all() or not scene.illumination.images:
         return middle[None]
     one = sines[np.square(sines - middle).sum(-1).argmax()]
     other = sines[np.square(sines - one).sum(-1).argmax()]
