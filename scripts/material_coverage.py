@@ -4,7 +4,18 @@ Synthetic benches of four materials, whose curves come from paths (not from the 
 tilts to 3 half ranges, +- .01, and the transmittance, +- 2 %. A profile interval holds the truth where chi squared,
 with the truth held, has risen by less than its quantile. Wilson's limits are those of 99 %.
 
-    python scripts/material_coverage.py sphere --benches 100
+    python scripts/material_coverage.py sphere --benches 30
+
+gave, of thickness, mean free path and g, where 68 % intervals should hold .68, and 95 % ones .95 (standard errors of
+30 benches .09 and .04):
+
+    OD 5, g .9                .53 .63 .40     .93 .97 .90
+    OD 10, g .9               .57 .70 .77     1   1   .90
+    OD 3, g .6, albedo .99    .73 .60 .73     .97 .93 .93
+    OD 20, g .8               .37 .60 .60     .77 1   1
+
+Together .60 and .94: intervals are too narrow, most so those of the thickness at OD 20.
+The truths' own noise of paths is in this: the expected rise at OD 10, g .9 falls with more of them.
 """
 
 import argparse
@@ -82,7 +93,7 @@ def wilson(share: float, count: int, level: float = 0.99) -> tuple[float, float]
 
 def coverage(count: int, paths: int, sphere: bool) -> None:
     """Print how often intervals hold the truth."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(11)
     found, chances = [], []
     for name, numbers in MATERIALS.items():
         bench = bench_of(slab_of(*numbers), paths)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import tomli_w
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from specklegen.core.arguments import choice, instance, positive_number, real_array, real_number, several
@@ -24,7 +25,15 @@ from specklegen.core.errors import reject
 from specklegen.core.shielded import shielded
 from specklegen.measured.observations import MemoryCurve, Observation, TemporalCurve
 from specklegen.models.calibration.least_squares import Held, Minimum, minimize, nothing_held
-from specklegen.models.calibration.prediction import DEPTH, DIFFUSION, DROP, LOSS, THICKNESS, predict
+from specklegen.models.calibration.prediction import (
+    DEPTH,
+    DIFFUSION,
+    DROP,
+    LOSS,
+    THICKNESS,
+    covariance_of_tables,
+    predict,
+)
 from specklegen.models.calibration.unknowns import COMBINATIONS, Unknowns, logarithm_of, unknowns_of, value_of
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import Slab
@@ -89,12 +98,20 @@ class Problem:
         """Standard errors float64[M]."""
         return np.concatenate([each.errors for each in self.observations])
 
+    @cached_property
+    def whitening(self) -> np.ndarray:
+        """W float64[M, M]: residuals W (model less data) are independent, of variance 1.
+
+        W^T W is the inverse of the data's variances and the tables' covariance together.
+        """
+        covariance = block_diag(*(covariance_of_tables(each) for each in self.observations))
+        return np.linalg.inv(np.linalg.cholesky(covariance + np.diag(self.errors**2)))
+
     def model(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (model less data) over errors, and their derivatives, at unknowns float64[B, n]."""
+        """Residuals (model less data), made independent, and their derivatives, at unknowns float64[B, n]."""
         found = predict(self.observations, self.wavelength, self.unknowns.slabs(at), self.unknowns.moved)
-        residual = (found.values - self.values) / self.errors
-        residual = np.where(found.inside[:, None], residual, np.inf)
-        slopes = (found.slopes @ self.unknowns.matrix) / self.errors[:, None]
+        residual = np.where(found.inside[:, None], (found.values - self.values) @ self.whitening.T, np.inf)
+        slopes = self.whitening @ (found.slopes @ self.unknowns.matrix)
         return np.nan_to_num(residual, posinf=1e150), np.nan_to_num(slopes)
 
 
@@ -111,13 +128,13 @@ class MaterialFit(Pictured):
     predicted : tuple of float64[M]
         What of each the slab would show.
     residuals : tuple of float64[M]
-        Measured less predicted, in standard errors.
+        Measured less predicted, in standard errors of the data alone.
     free : tuple of str
         What was looked for.
     covariance : float64[n, n]
         Of the logarithms of the free numbers (of g that of 1 - g, of the albedo -ln), where chi squared is a parabola.
     chi_squared : float
-        Of the residuals, with ``degrees`` of freedom.
+        Of the residuals, with ``degrees`` of freedom, by the errors of the data and of the tables together.
     p_value : float
         Chance of a chi squared as large, if model and errors are right.
     degenerate : tuple of str
@@ -155,7 +172,8 @@ class MaterialFit(Pictured):
     at: np.ndarray = field(repr=False)
 
     def __repr__(self) -> str:
-        return f"MaterialFit({self.slab!r}, chi_squared={self.chi_squared:.3g} of {self.degrees})"
+        return (f"MaterialFit({self.slab!r}, chi_squared={self.chi_squared:.3g} of {self.degrees}, "
+            "68 % intervals hold about 60 %)")  # fmt: skip
 
     @property
     def values(self) -> dict[str, float]:
@@ -164,7 +182,10 @@ class MaterialFit(Pictured):
         return {name: value_of(name, float(COMBINATIONS[name] @ x)) for name in self.problem.unknowns.names()}
 
     def interval(self, level: float = 0.95) -> dict[str, Interval]:
-        """Profile intervals that hold the truth in a share ``level`` of experiments, by name as in ``values``.
+        """Profile intervals, by name as in ``values``.
+
+        They hold the truth less often than ``level`` says: of curves by paths those of .68 in .60 of 120 benches, those
+        of .95 in .94, of the thickness at optical depth 20 in .37 and .77 (``scripts/material_coverage.py``).
 
         Parameters
         ----------
@@ -341,15 +362,15 @@ def fit_material(
 
 
 def _fit_at(problem: Problem, at: np.ndarray, cost: float) -> MaterialFit:
-    residual, slope = (each[0] for each in problem.model(at[None]))
-    covariance = covariance_of(slope)
+    covariance = covariance_of(problem.model(at[None])[1][0])
     slab = slab_of(problem.unknowns.slabs(at))
     ends = np.cumsum([len(each.values) for each in problem.observations])[:-1]
-    predicted = np.split(problem.values + residual * problem.errors, ends)
+    shown = predict(problem.observations, problem.wavelength, problem.unknowns.slabs(at[None]), ()).values[0]
+    predicted, residuals = (np.split(each, ends) for each in (shown, (problem.values - shown) / problem.errors))
     degrees = len(problem.values) - len(at)
     chance = float(chi2.sf(cost, degrees)) if degrees else 1.0
     return MaterialFit(
-        slab, problem.observations, tuple(predicted), tuple(np.split(-residual, ends)), problem.unknowns.free,
+        slab, problem.observations, tuple(predicted), tuple(residuals), problem.unknowns.free,
         _of_names(problem.unknowns, covariance), cost, degrees, chance, degeneracies(problem.unknowns, covariance),
         _doubts(problem, at, slab, cost, degrees, chance), problem, covariance, at,
     )  # fmt: skip
