@@ -35,9 +35,12 @@ COLUMNS = ("thickness", "optical_depth", "g", "albedo", "diffusion")
 THICKNESS, DEPTH, DROP, LOSS, DIFFUSION = range(5)
 _CPU = torch.device("cpu")
 CURVE_ERROR, CURVE_BEND = 0.013, 1.5
-"""Error of C_I over C_I (1 - C_I), and how fast it changes with ln(tilt): 300 slabs against 300 000 paths each."""
+"""Error of C_I over C_I (1 - C_I), and how fast it changes with ln(tilt).
+
+Of some hundred slabs, optical depths 2.5 to 25, g .5 to .94, against 300 000 paths each, whose noise it contains.
+"""
 LIGHT_ERROR = 0.001
-"""Relative error of the transmittance."""
+"""Relative error of the transmittance, of 24 slabs against a million paths each."""
 _SOME = np.array([0.0, 1.5, -1.0, 0.0, 0.0])
 
 
