@@ -184,8 +184,9 @@ class MaterialFit(Pictured):
     def interval(self, level: float = 0.95) -> dict[str, Interval]:
         """Profile intervals, by name as in ``values``.
 
-        They hold the truth less often than ``level`` says: of curves by paths those of .68 in .60 of 120 benches, those
-        of .95 in .94, of the thickness at optical depth 20 in .37 and .77 (``scripts/material_coverage.py``).
+        They hold the truth less often than ``level`` says: of curves by paths those of .68 in .54 and .60 of two runs,
+        those of .95 in .92 and .94, of the thickness at optical depth 20 in about .36 and .76
+        (``scripts/material_coverage.py``).
 
         Parameters
         ----------
