@@ -164,12 +164,17 @@ def image_strip(samples: Sequence[Mapping[str, Any]], key: str, out: Path) -> Pa
 def sheet(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
     """Draw samples of any recipe in the way that their keys call for."""
     keys = samples[0].keys()
+    several = [key for key in ("frames", "stack") if key in keys]
     if "object" not in keys:
         if "tilts" in keys:
             return tilt_strip(samples, out)
+        if several:
+            images = np.concatenate([np.asarray(sample[several[0]], dtype=np.float64) for sample in samples])
+            pictures = len(images) // len(samples)
+            titles = [f"sample {n // pictures}, picture {n % pictures}" for n in range(len(images))]
+            return stack_sheet(images, titles, out)
         titles = [f"contrast {float(sample['parameters']['expected_contrast']):.2f}" for sample in samples]
         return stack_sheet(np.array([sample["image"] for sample in samples], dtype=np.float64), titles, out)
-    several = [key for key in ("frames", "stack") if key in keys]
     return image_strip(samples, several[0], out) if several else hidden_object_sheet(samples, out)
 
 

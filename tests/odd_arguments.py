@@ -444,6 +444,14 @@ def others() -> Iterator[Call]:
     yield Call("measured.read_measurement", measured.read_measurement,
                {"source": np.rint(100 * IMAGES[0].numpy()), "dark": 1.0, "flat": None, "envelope": None, "region": None,
                 "frames": None, "variable": None, "bit_depth": None, "hot_pixels": True}, ("source",))  # fmt: skip
+    data = [measured.Transmittance(0.68, 0.01), measured.BallisticFraction(4.5e-5, 2e-6)]
+    yield Call("fit_material", sg.fit_material,
+               {"observations": data, "wavelength": 0.5, "known": {"thickness": 1000.0, "g": 0.9},
+                "free": ["mean_free_path"]}, ("observations",))  # fmt: skip
+    yield Call("advise", sg.advise, {"slab": SLAB, "wavelength": 0.5}, ("slab",))
+    yield Call("measured.MemoryCurve", measured.MemoryCurve, {"tilts": [1e-4, 2e-4], "c_i": [0.9, 0.7], "error": 0.01})
+    yield Call("measured.TemporalCurve", measured.TemporalCurve,
+               {"lags": [1e-4, 1e-3], "g2": [1.9, 1.6], "error": 0.01})  # fmt: skip
     yield Call("measured.read_curve", measured.read_curve, {"path": Lazy(curve), "columns": None}, ("path",))
     yield bound("LabSetup.scene", laboratory().scene, medium=SLAB, brightness=np.ones((2, 2)))
     yield Call("load_recipe", load_recipe, {"source": "tilt-stack", "changes": {}})

@@ -172,7 +172,7 @@ def test_an_image_that_nobody_waits_for_is_refused_before_it_is_made(monkeypatch
     recipe = load_recipe("unknown-slab", {"camera": {"shape": [64, 64]}, "objects": {"shape": [16, 16]}})
     recipe.sample(0, "train", 0)  # planned, and its medium made ready
     monkeypatch.setattr(budgets, "MOST_SECONDS", 1e-9)
-    with pytest.raises(RuleError, match="^object_imaging must be done within .* bright pixels"):
+    with pytest.raises(RuleError, match="^object_imaging must be done within"):
         recipe.sample(0, "train", 1)
 
 

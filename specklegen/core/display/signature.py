@@ -84,13 +84,17 @@ def _in_words(annotation: Any) -> str:
     return getattr(annotation, "__name__", str(annotation))
 
 
+_WHOLE = Le(2**63 - 1)
+"""What arrays hold of whole numbers, which nobody has to be told."""
+
+
 def _rules(metadata: list[Any]) -> str:
     """Bounds of a number: " > 0", " in [0, 1)"."""
     flat = [rule for item in metadata for rule in (item.metadata if isinstance(item, FieldInfo) else [item])]
     low = next(((rule.gt, "(", ">") if isinstance(rule, Gt) else (rule.ge, "[", ">=")
                 for rule in flat if isinstance(rule, Gt | Ge)), None)  # fmt: skip
     high = next(((rule.lt, ")", "<") if isinstance(rule, Lt) else (rule.le, "]", "<=")
-                 for rule in flat if isinstance(rule, Lt | Le)), None)  # fmt: skip
+                 for rule in flat if isinstance(rule, Lt | Le) and rule != _WHOLE), None)  # fmt: skip
     if low and high:
         return f" in {low[1]}{low[0]:g}, {high[0]:g}{high[1]}"
     bound = low or high

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from specklegen.core.decision import Decision
-from specklegen.core.errors import reject
+from specklegen.core.errors import RuleError, reject
 from specklegen.core.values import remembered
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.tracer import lock_step_obstacle, slab_tracer
@@ -15,6 +15,7 @@ from specklegen.samplers.stationary.stationarity import StationaryError, pilot_e
 from specklegen.scene.illumination import IncoherentObject, reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
+from specklegen.synthesis.exit_grid import stack_axes
 
 Kernel = Literal["axial", "oblique"]
 _KERNELS = {"axial": "correlation of the axis", "oblique": "correlation about its own direction"}
@@ -95,6 +96,10 @@ def stationary_obstacle(scene: Scene, reverse: bool) -> str | None:
         return "has nothing to do: nothing scatters"
     if not _kernels(scene):
         return "serves hidden objects in transmission only"
+    try:
+        stack_axes(scene)
+    except RuleError as error:
+        return f"cannot draw it: {error}"
     return None
 
 
