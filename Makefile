@@ -14,31 +14,34 @@ QUICK = tests/core tests/scene tests/instrument tests/kernels tests/theory tests
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet "$(TORCH)"
+	$(BIN)/pip install --quiet --editable .
+	touch $@
+
+.venv/installed-tests: .venv/installed
 	$(BIN)/pip install --quiet --editable ".[dev,digits,mie,dask,mesh,validate,parquet,remote,hdf5]"
 	touch $@
 
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/
 	$(BIN)/python scripts/demo.py --out demo
 
-test: .venv/installed lint  ## lint, types, import contracts, then the tests
+test: .venv/installed-tests lint  ## lint, types, import contracts, then the tests
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
 
-quick: .venv/installed  ## a selection of the tests, about three minutes on a quiet machine; first failure ends it
+quick: .venv/installed-tests  ## a selection of the tests, about three minutes on a quiet machine; first failure ends it
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -x $(QUICK)
 
-lint: .venv/installed
+lint: .venv/installed-tests
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/pyright
 	$(BIN)/python scripts/count_scene_types.py
 
-speed: .venv/installed  ## the ratios of the performance page, one core
+speed: .venv/installed-tests  ## the ratios of the performance page, one core
 	$(BIN)/python scripts/benchmark.py
 
 
-.venv/installed-docs: .venv/installed
+.venv/installed-docs: .venv/installed-tests
 	$(BIN)/pip install --quiet --editable ".[docs]"
 	touch $@
 

@@ -46,6 +46,7 @@ class Purpose(IntEnum):
     FIELD = 15
     FAMILY = 16
     OUTLINE = 17
+    FOCUS = 18
 
 
 def split_number(split: str) -> int:

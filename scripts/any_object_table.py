@@ -236,7 +236,7 @@ def ranges(solver: Solver, sets: int) -> str:
             fits = []
             for n in range(sets):
                 known = recipe.material_of(0, "test", n)
-                c_i = memory_effect_of(known.kernel, 1.0, extent * known.half_range / (2 * np.pi) / EXTENT)
+                c_i = memory_effect_of(known.correlation, 1.0, extent * known.half_range / (2 * np.pi) / EXTENT)
                 seen, optics = drawn_from_law(c_i, 100 + n, looks)
                 fits.append(fit_range(solver, seen, optics, [c_i] * RANGE_IMAGES))
             error = np.log([fit.factor for fit in fits])

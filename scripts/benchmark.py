@@ -29,7 +29,7 @@ from error_time.machine import circumstances
 
 import specklegen as sg
 from specklegen.core.memory import resident_memory
-from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation, axial_tracer, estimate_correlation
 from specklegen.oracles.naive_numba import naive_field
 from specklegen.paths.phases import random_phases
 from specklegen.paths.tracer import volume_tracer
@@ -175,10 +175,10 @@ def volume_rows(repeats: int) -> list[Row]:
 
 def stationary_rows(repeats: int) -> list[Row]:
     """Stacks and images of hidden objects by the stationary sampler, once K is known."""
-    kernel = estimate_correlation(MEDIUM, PATHS, 0, threads=1)
-    stacks, times = stack_sampler(example(), kernel), 20
+    correlation = estimate_correlation(MEDIUM, PATHS, 0, threads=1)
+    stacks, times = stack_sampler(example(), correlation), 20
     (stack,) = seconds(lambda n: [stacks.sample(n, r) for r in range(times)], repeats=repeats)
-    fresh, shared, rank = object_seconds(kernel, repeats, times)
+    fresh, shared, rank = object_seconds(correlation, repeats, times)
 
     def rendered(seed: int, count: int) -> None:
         sg.render(example(), paths=2000, sampler="stationary", seed=seed, realizations=count, threads=1)
@@ -192,12 +192,54 @@ def stationary_rows(repeats: int) -> list[Row]:
     ]
 
 
-def object_seconds(kernel: MemoryEffectCorrelation, repeats: int, times: int) -> tuple[np.ndarray, np.ndarray, int]:
+def motion_rows(repeats: int) -> list[Row]:
+    """What particles that move add: to tracing, to a curve in time, to a film of eight frames."""
+    moving = MEDIUM.replace(motion=sg.Brownian(diffusion=1.0))
+    still, turning = axial_tracer(MEDIUM), axial_tracer(MEDIUM, True)
+    lags, tilts = np.linspace(0, 0.02, 25), np.linspace(0, 5e-4, 25)
+    beams = {"width": WIDTH, "profile": "square"}
+    pitch = float(np.deg2rad(0.000125))
+
+    def scene(light: sg.CollimatedBeams) -> sg.Scene:
+        return sg.Scene(wavelength=1.0, medium=moving, illumination=light, sensor=sg.FarField.grid((101, 101), pitch))
+
+    film = scene(sg.CollimatedBeams.tilts(np.zeros(8), times=0.01 * np.arange(8), **beams))
+    one = scene(sg.CollimatedBeams.tilts([0.0], **beams))
+
+    def drawn(of: sg.Scene, seed: int, count: int) -> None:
+        sg.render(of, paths=2000, sampler="stationary", seed=seed, realizations=count, threads=1)
+
+    few, many = 2, 22
+    found = seconds(
+        lambda n: still.trace(n, PATHS, threads=1),
+        lambda n: turning.trace(n, PATHS, threads=1),
+        lambda n: sg.memory_effect(MEDIUM, wavelength=1.0, tilts=tilts, paths=PATHS, seed=n, threads=1),
+        lambda n: sg.temporal_correlation(moving, wavelength=1.0, lags=lags, paths=PATHS, seed=n, threads=1),
+        lambda n: drawn(film, n, few), lambda n: drawn(film, n, many),
+        lambda n: drawn(one, n, 8 * few), lambda n: drawn(one, n, 8 * many),
+        repeats=repeats,
+    )  # fmt: skip
+    least = found.min(axis=1)
+    frames, single = found[5] - found[4], found[7] - found[6]
+    told = (f"{repeats} repeats; of the least of either: " + "{:.3f}").format
+    return [
+        Row("tracing with momentum transfer / without", "", list(found[1] / found[0]), 1.05,
+            note=told(least[1] / least[0])),
+        Row("25 lags in time / 25 tilts, 1e5 paths", "", list(found[3] / found[2]), 1.1,
+            note=told(least[3] / least[2])),
+        Row("a film of eight frames / eight fields", "", list(frames / single), 1.3,
+            note=told((least[5] - least[4]) / (least[7] - least[6]))),
+    ]  # fmt: skip
+
+
+def object_seconds(
+    correlation: MemoryEffectCorrelation, repeats: int, times: int
+) -> tuple[np.ndarray, np.ndarray, int]:
     """Seconds for ``times`` images of objects (35 % filled) over half a memory-effect range, and the modes used."""
-    extent = 0.5 * kernel.half_range() / (2 * np.pi)  # direction sine of the full side, wavelength 1
+    extent = 0.5 * correlation.half_range() / (2 * np.pi)  # direction sine of the full side, wavelength 1
     camera = sg.FarField.grid(shape=(128, 128), pitch=0.5 / WIDTH)
     imaging = object_imaging(
-        kernel, wavelength=1.0, object_shape=(28, 28), object_pitch=extent / 28, width=WIDTH, grid=camera
+        correlation, wavelength=1.0, object_shape=(28, 28), object_pitch=extent / 28, width=WIDTH, grid=camera
     )
     objects = np.random.default_rng(0).random((times, 28, 28))
     lights = torch.from_numpy(np.where(objects < 0.35, objects / 0.35, 0.0)).to(torch.float32)[:, None]
@@ -317,6 +359,7 @@ def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="three repeats and a shorter naive run")
+    parser.add_argument("--motion", action="store_true", help="only the rows of particles that move")
     parser.add_argument("--threads", action="store_true", help="only the rows of two threads against one")
     parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, for docs/performance.md")
     parser.add_argument("--prediction", choices=PREDICTED, help="measure one case alone, and print JSON")
@@ -331,10 +374,11 @@ def main() -> None:
         lambda: path_rows(repeats, naive_paths),
         lambda: volume_rows(repeats),
         lambda: stationary_rows(repeats),
+        lambda: motion_rows(max(repeats, 10)),
         lambda: thread_rows(repeats),
         prediction_rows,
     ]
-    for part in parts[3:4] if options.threads else parts:
+    for part in parts[3:4] if options.motion else parts[4:5] if options.threads else parts:
         found = part()
         rows += found
         print("\n".join(row.line() for row in found), flush=True)

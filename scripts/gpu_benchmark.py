@@ -71,15 +71,15 @@ def agreement(found: torch.Tensor, expected: torch.Tensor | np.ndarray, bound: f
     return error
 
 
-def stationary(kernel: MemoryEffectCorrelation, device: torch.device, repeats: int) -> dict[str, float]:
+def stationary(correlation: MemoryEffectCorrelation, device: torch.device, repeats: int) -> dict[str, float]:
     """Stacks of five tilts and 101 x 101 views."""
     scene = sg.Scene(
         wavelength=1.0, medium=MEDIUM,
         illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(5), width=WIDTH),
         sensor=sg.FarField.grid((101, 101), pitch=float(np.deg2rad(0.000125))),
     )  # fmt: skip
-    sampler = stack_sampler(scene, kernel, device=device)
-    error = agreement(sampler.sample(0), stack_sampler(scene, kernel).sample(0), 1e-4)
+    sampler = stack_sampler(scene, correlation, device=device)
+    error = agreement(sampler.sample(0), stack_sampler(scene, correlation).sample(0), 1e-4)
     times = 20
     took = seconds(lambda: [sampler.sample(0, r) for r in range(times)], device, repeats) / times
     tilts, rank = sampler.mixing.shape
@@ -96,12 +96,12 @@ def stationary(kernel: MemoryEffectCorrelation, device: torch.device, repeats: i
     }  # fmt: skip
 
 
-def hidden_objects(kernel: MemoryEffectCorrelation, device: torch.device, repeats: int) -> dict[str, float]:
+def hidden_objects(correlation: MemoryEffectCorrelation, device: torch.device, repeats: int) -> dict[str, float]:
     """Images of 28 x 28 objects over half a memory-effect range on 128 x 128 views, a fresh medium each."""
-    pitch = 0.5 * kernel.half_range() / (2 * np.pi) / 28
+    pitch = 0.5 * correlation.half_range() / (2 * np.pi) / 28
     camera = sg.FarField.grid((128, 128), pitch=0.5 / WIDTH)
     arguments = {"wavelength": 1.0, "object_shape": (28, 28), "object_pitch": pitch, "width": WIDTH, "grid": camera}
-    imaging, plain = object_imaging(kernel, device=device, **arguments), object_imaging(kernel, **arguments)
+    imaging, plain = object_imaging(correlation, device=device, **arguments), object_imaging(correlation, **arguments)
     picture = np.random.default_rng(0).random((28, 28))
     light = torch.from_numpy(np.where(picture < 0.35, picture / 0.35, 0.0)).to(torch.float32)[None]
     there = light.to(device)
@@ -201,17 +201,17 @@ def peers(device: torch.device, repeats: int) -> dict[str, dict[str, float]]:
     return found
 
 
-def naive(kernel: MemoryEffectCorrelation, device: torch.device, repeats: int) -> dict[str, float | str]:
+def naive(correlation: MemoryEffectCorrelation, device: torch.device, repeats: int) -> dict[str, float | str]:
     """What one would write first: a field for every pixel of an object, correlated as K says, transformed and added up.
 
     The variance of its first images is compared with the sampler's.
     """
     side, cells, views, width = 28, 64, 128, WIDTH
-    pitch = 0.5 * kernel.half_range() / (2 * torch.pi) / side
+    pitch = 0.5 * correlation.half_range() / (2 * torch.pi) / side
     place = pitch * (torch.arange(side, dtype=torch.float64) - (side - 1) / 2)
     y, x = (axis.flatten() for axis in torch.meshgrid(place, place, indexing="ij"))
     gap = 2 * torch.pi * torch.hypot(y[:, None] - y, x[:, None] - x)
-    matrix = torch.from_numpy(kernel(gap.numpy())) + 1e-9 * torch.eye(side**2)
+    matrix = torch.from_numpy(correlation(gap.numpy())) + 1e-9 * torch.eye(side**2)
     factor = torch.linalg.cholesky(matrix).to(torch.complex64).to(device)
     distance = width / cells  # half the views of a period, as the camera has two a grain
     across = (torch.arange(cells, dtype=torch.float64) - (cells - 1) / 2) * distance
@@ -231,7 +231,7 @@ def naive(kernel: MemoryEffectCorrelation, device: torch.device, repeats: int) -
 
     camera = sg.FarField.grid((views, views), pitch=cells / (views * width))
     imaging = object_imaging(
-        kernel, wavelength=1.0, object_shape=(side, side), object_pitch=pitch, width=width, grid=camera
+        correlation, wavelength=1.0, object_shape=(side, side), object_pitch=pitch, width=width, grid=camera
     )
     expected = float(imaging.contrast(light.cpu().double().view(1, side, side)))
     seen = torch.stack([image() for _ in range(12)])
@@ -261,13 +261,13 @@ def main() -> None:
     if options.only != "sums":
         found |= {f"stream {name}": stream(name, device, options.repeats) for name in STREAMS}
         found |= peers(device, options.repeats)
-    kernel = estimate_correlation(MEDIUM, 20_000, 0)
+    correlation = estimate_correlation(MEDIUM, 20_000, 0)
     if options.only != "sums":
-        found["a field for every pixel"] = naive(kernel, device, options.repeats)
+        found["a field for every pixel"] = naive(correlation, device, options.repeats)
     if options.only != "streams":
         found |= {
-            "stationary, 5 x 101 x 101 stacks": stationary(kernel, device, options.repeats),
-            "hidden object, 128 x 128 images": hidden_objects(kernel, device, options.repeats),
+            "stationary, 5 x 101 x 101 stacks": stationary(correlation, device, options.repeats),
+            "hidden object, 128 x 128 images": hidden_objects(correlation, device, options.repeats),
         }
     print(f"{'':<48}{'a second':>10}{'of copy':>10}{'of arithmetic':>15}{'error':>10}")
     for what, row in found.items():

@@ -34,17 +34,19 @@ def main() -> None:
     print("|---|---|---|---|" + "---|" * len(TILTS))
     for depth, g in MATERIALS:
         medium = Slab(thickness=THICKNESS, mean_free_path=THICKNESS / depth, scatterer=HenyeyGreenstein(g=g))
-        correlation = estimate_spectral_correlation(medium, PATHS, 1)
-        kernel = estimate_correlation(medium, PATHS, 1)
+        spectral = estimate_spectral_correlation(medium, PATHS, 1)
+        correlation = estimate_correlation(medium, PATHS, 1)
         for share in WIDTHS:
-            width = share * correlation.half_width()
-            light = light_modes(correlation, width)
+            width = share * spectral.half_width()
+            light = light_modes(spectral, width)
             cells = []
             for tilt in TILTS:
-                q = tilt * kernel.half_range()
-                truth = exact(correlation, width, q)
-                modes = sum(s**2 * float(each(q)) ** 2 for s, each in zip(light.shares, light.kernels, strict=True))
-                one = light.contrast**2 * float(kernel(q)) ** 2
+                q = tilt * correlation.half_range()
+                truth = exact(spectral, width, q)
+                modes = sum(
+                    s**2 * float(each(q)) ** 2 for s, each in zip(light.shares, light.correlations, strict=True)
+                )
+                one = light.contrast**2 * float(correlation(q)) ** 2
                 cells.append(f"{truth:.3f}: {modes / truth - 1:+.1%}, {one / truth - 1:+.0%}")
             head = f"| {depth:g}, {g:g} | {share:g} | {len(light.shares)} | {light.contrast:.2f} |"
             print(head, " | ".join(cells), "|")

@@ -63,16 +63,16 @@ class Cell(NamedTuple):
     objects: Tensor
     autocorrelations: dict[str, Tensor]
     image: Tensor
-    kernel: MemoryEffectCorrelation
+    correlation: MemoryEffectCorrelation
     pitch: float
 
 
 def stretched(factor: float):
     """C_I with the memory-effect range taken for ``factor`` times what it is."""
-    return lambda kernel: lambda q: kernel(q / factor)
+    return lambda correlation: lambda q: correlation(q / factor)
 
 
-def another_run(kernel: MemoryEffectCorrelation):
+def another_run(correlation: MemoryEffectCorrelation):
     """K from paths that the simulation has not seen."""
     return estimate_correlation(slab(), 100_000, 1)
 
@@ -175,8 +175,8 @@ def cells(media: int, split: str) -> Iterator[Cell]:
         pitch = ready.parameters["camera_pitch"]
         for family, (objects, found, images) in kept.items():
             stacked = {name: torch.stack([each[name] for each in found]) for name in found[0]}
-            kernel = scene.material.known(slab()).kernel
-            yield Cell(family, extent, torch.stack(objects), stacked, torch.stack(images), kernel, pitch)
+            correlation = scene.material.known(slab()).correlation
+            yield Cell(family, extent, torch.stack(objects), stacked, torch.stack(images), correlation, pitch)
 
 
 def best_pearson(images: Tensor, target: Tensor) -> Tensor:
@@ -197,7 +197,7 @@ def scored(cell: Cell, name: str, variant: Variant, threads: int | None) -> tupl
         objects, lags = objects[:ABLATION_MEDIA], lags[:ABLATION_MEDIA]
     c_i = None
     if variant.c_i is not None:
-        c_i = memory_effect_at_lags(variant.c_i(cell.kernel), 0.5, cell.pitch, FRAME)  # type: ignore[arg-type]
+        c_i = memory_effect_at_lags(variant.c_i(cell.correlation), 0.5, cell.pitch, FRAME)  # type: ignore[arg-type]
     found = retrieve(
         lags, variant.retrieval, memory_effect=c_i,
         transfer=TRANSFER if variant.apodised else None, threads=threads,

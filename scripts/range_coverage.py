@@ -61,7 +61,7 @@ def coverage(
 ) -> Coverage:  # fmt: skip
     """Fit ranges to sets of images behind a material."""
     recipe, stack = behind(material, images, frames, seed)
-    c_i = memory_effect_of(recipe.material_of(seed, "test", 0).kernel, recipe.wavelength, setup.pitch)
+    c_i = memory_effect_of(recipe.material_of(seed, "test", 0).correlation, recipe.wavelength, setup.pitch)
     try:
         factor = range_of(c_i) / range_of(setup.memory_effect)
     except RuleError:

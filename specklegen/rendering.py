@@ -20,6 +20,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured, draw_stack
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject, warn_user
+from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed, pilot_seed
@@ -71,7 +72,7 @@ class Report:
     decisions: tuple[Decision, ...]
 
 
-class SpeckleStack(Pictured):
+class SpeckleStack(Pictured, Labelled):
     """Rendered speckle: ``field`` complex64[(R,) T, *sensor], ``intensity`` float32, ``report``.
 
     The intensity of collimated beams is |field|^2, tilt by tilt; over an exposure it is the mean of that,
@@ -91,8 +92,10 @@ class SpeckleStack(Pictured):
     'stationary'
     """
 
-    def __init__(self, field: np.ndarray | None, intensity: np.ndarray | None, report: Report) -> None:
-        self._field, self._intensity, self.report = field, intensity, report
+    def __init__(
+        self, field: np.ndarray | None, intensity: np.ndarray | None, report: Report, scene: Scene | None = None
+    ) -> None:
+        self._field, self._intensity, self.report, self._scene = field, intensity, report, scene
 
     def __repr__(self) -> str:
         held = {"intensity": self._intensity} if self._field is None else {"field": self._field}
@@ -108,6 +111,30 @@ class SpeckleStack(Pictured):
             "speckle": report.gaussianity,
             "mean field": "added" if report.mean_added else "left out",
         }
+
+    def _arrays(self) -> Mapping[str, Labels]:
+        """Name the images, with directions or points of their views and lights where the scene is known."""
+        intensity, scene = self.intensity, self._scene
+        lead, sensor = ("tilts",), 2
+        if scene is not None:
+            lead, sensor = lead[: len(scene.illumination.images)], len(scene.sensor.shape)
+        seen = ("rows", "columns") if sensor == 2 else tuple(f"views_{n}" for n in range(sensor))
+        axes = (*("realizations",)[: intensity.ndim - sensor - len(lead)], *lead, *seen)
+        found: dict[str, Labels] = {}
+        if scene is not None:
+            found |= _seen(seen, scene.sensor)
+            if lead:
+                found |= _placed("light_", lead, scene.lights, scene.illumination.near)
+        near = scene is not None and (scene.sensor.near or scene.sensor.focused)  # else an area a steradian
+        if self._field is not None:
+            found["field"] = Labels(axes, self._field, "1" if near else "length of the scene")
+        return found | {"intensity": Labels(axes, intensity, "1" if near else "squared length of the scene")}
+
+    def _numbers(self) -> Mapping[str, str | int | float | bool]:
+        report = self.report
+        return {"sampler": report.sampler, "summation": report.summation, "paths": report.paths,
+                "expected_error": report.expected_error, "image_error": report.image_error,
+                "mean_added": report.mean_added}  # fmt: skip
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         alone = self._field is None and self.intensity.ndim == 2  # the one image of an incoherent object
@@ -133,6 +160,23 @@ class SpeckleStack(Pictured):
         if self._intensity is not None:
             return self._intensity
         return np.square(self.field.real) + np.square(self.field.imag)
+
+
+def _seen(axes: tuple[str, ...], sensor: Any) -> dict[str, Labels]:
+    """Name where the views are: directions, points, or places on the plane in focus."""
+    if not sensor.focused:
+        return _placed("", axes, sensor.vectors, sensor.near)
+    x, y = sensor.positions
+    unit = "length of the scene"
+    return {"x": Labels(axes[1:], x, unit, coordinate=True), "y": Labels(axes[:1], y, unit, coordinate=True)}
+
+
+def _placed(whose: str, axes: tuple[str, ...], vectors: np.ndarray, near: bool) -> dict[str, Labels]:
+    """Name the components of directions, or of points, float64[..., d]."""
+    letters = "xyz" if vectors.shape[-1] == 3 else "xz"
+    unit = "length of the scene" if near else "1"
+    names = [f"{whose}{letter}" if near else f"{whose}direction_{letter}" for letter in letters]
+    return {name: Labels(axes, vectors[..., n], unit, coordinate=True) for n, name in enumerate(names)}
 
 
 @shielded()
@@ -210,7 +254,7 @@ def rendered(
     """Render within a budget, for the verb that owns it; see :func:`render`."""
     instance(f"{budget.owner} scene", scene, Scene)
     if realizations is not None:
-        whole_number(f"{budget.owner} realizations", realizations, 1)
+        realizations = whole_number(f"{budget.owner} realizations", realizations, 1)
     if flag("mean", mean) and not scene.illumination.coherent:
         reject("mean", "False for an incoherent object, and for exposures", mean,
                "What does not scatter is not modelled there.")  # fmt: skip
@@ -249,16 +293,20 @@ def rendered(
         decisions=made.decisions,
     )
     if not scene.illumination.coherent:
-        return SpeckleStack(None, images, report)
-    return SpeckleStack(images, None, report)
+        return SpeckleStack(None, images, report, scene)
+    return SpeckleStack(images, None, report, scene)
 
 
 def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
     """Every realization [R, ...] by the sampler that was planned, and their connections and unfinished paths."""
     images, connections, unfinished = np.empty(0), 0, 0
+    light = made.scene.illumination
+    focus = light.amplitudes(made.scene.wavelength) if light.focused else None  # type: ignore[attr-defined]
     with one_blas_thread():
         for r, each in enumerate(made.chosen.prepare(seed, threads).media(realizations)):
             image = each.image
+            if focus is not None:
+                image = np.tensordot(focus.astype(image.dtype), image, axes=1)
             if made.lens is not None:
                 image = image_of(made.scene, made.lens.image(image, from_face=made.chosen.from_face))
             if r == 0:

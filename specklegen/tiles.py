@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from specklegen.core.arguments import file_path, flag, instance
+from specklegen.core.arguments import file_path, flag, instance, whole_number
 from specklegen.core.budgets import Budget, Reverse, require_time
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.libraries import library_versions
@@ -74,16 +74,17 @@ def render_tiles(
     512
     """
     obstacle = streaming_obstacle(instance("render_tiles scene", scene, Scene))
-    if obstacle or sampler == "covariance":
+    if obstacle or (isinstance(sampler, str) and sampler == "covariance"):
         served = "CollimatedBeams through a slab, seen by a FarFieldGrid"
         reject("render_tiles scene", served, obstacle or sampler, "Use render.")
+    number = 0 if realization is None else whole_number("render_tiles realization", realization, 0, 2**63 - 1)
     budget = Budget("render_tiles", paths, rel_error, seed=seed, threads=threads, reverse=reverse)
     made = planned(scene, budget, sampler=sampler, mean=mean, field_tolerance=field_tolerance, streamed=True)
     require_time("render_tiles paths", made.seconds, f"{made.paths} paths", "Ask for fewer, or a larger rel_error.")
     remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
     for doubt in made.doubts:
         warn_user(f"{doubt}.{remedy}")
-    pieces = made.chosen.prepare(seed, threads).fields(realization or 0)
+    pieces = made.chosen.prepare(seed, threads).fields(number)
     return shielded_steps(_with_mean(pieces, scene if mean else None))
 
 

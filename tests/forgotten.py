@@ -2,19 +2,28 @@
 
 import functools
 import gc
+import random
 import sys
 
 
 def forget():
     """Empty every memo of the package but those of the compiled kernels and of the libraries."""
+    forget_some(0, 1.0)
+
+
+def forget_some(seed, share):
+    """Empty a share of the memos, drawn: what is kept in the others meets what is worked out anew."""
+    drawn = random.Random(seed)  # noqa: S311
     for each in _memos(len(sys.modules)):
-        each.cache_clear()
+        if share == 1 or drawn.random() < share:
+            each.cache_clear()
 
 
 @functools.lru_cache(1)
 def _memos(_modules):
     """Memos of as many modules as are loaded: to look through all objects takes half a second."""
-    return [each for each in gc.get_objects() if isinstance(each, functools._lru_cache_wrapper) and _own(each)]
+    found = [each for each in gc.get_objects() if isinstance(each, functools._lru_cache_wrapper) and _own(each)]
+    return sorted(found, key=lambda each: (each.__module__, each.__qualname__))
 
 
 def _own(memo):

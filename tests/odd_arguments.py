@@ -7,6 +7,7 @@ KeyError, ZeroDivisionError and their like come from inside, and tell a user not
 """
 
 import inspect
+import os
 import signal
 import sys
 import time
@@ -160,6 +161,15 @@ def curve():
 
 
 @cache
+def sphere():
+    """A file of an integrating sphere."""
+    file = fresh().with_name("sphere.rxt")
+    head = [1.33, 1.5, 1.0, 1.0, 2.0, 0.99, 1, *[200.0, 20.0, 20.0, 5.0, 0.97] * 2]
+    file.write_text("IAD1\n" + "\n".join(map(str, head)) + "\nr t\n.3 .4\n")
+    return file
+
+
+@cache
 def frames():
     """Pairs of frames at four levels of light, and dark frames."""
     light = np.random.default_rng(0).exponential(size=(64, 64))
@@ -188,7 +198,9 @@ def values() -> Iterator[Call]:
     """Every public value, by its fields."""
     for each in (
         sg.Faces(inside=1.4, outside=1.0), BEAMS, SOURCE, sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]),
-        sg.PointSources(points=[[0.0, 0.0, -5.0]]), SLAB, SCENE, STACK, SCREEN, GRID, sg.HenyeyGreenstein(g=0.5),
+        sg.PointSources(points=[[0.0, 0.0, -5.0]]), sg.FocusedBeams(
+            points=[[0.0, 0.0, 5.0]], aperture=0.1, waist=5.0, width=200.0
+        ), SLAB, SCENE, STACK, SCREEN, GRID, sg.HenyeyGreenstein(g=0.5),
         sg.Layer(thickness=1.0, mean_free_path=1.0, scatterer=ISOTROPIC), ISOTROPIC,
         sg.Layers(layers=(sg.Layer(thickness=1.0, mean_free_path=1.0, scatterer=ISOTROPIC),)),
         sg.Box(lower=[-1.0, -1.0, 0.0], upper=[1.0, 1.0, 1.0], mean_free_path=1.0, scatterer=ISOTROPIC),
@@ -197,7 +209,7 @@ def values() -> Iterator[Call]:
         sg.Mie(radius=0.3, wavelength=0.5, refractive_index=1.2), sg.VonMisesFisher(concentration=10.0),
         sg.Mixture(types=(ISOTROPIC, sg.HenyeyGreenstein(g=0.5)), fractions=(0.5, 0.5)),
         sg.Tabulated(theta=np.linspace(0, np.pi, 5), amplitude=np.ones(5)),
-        sg.Brownian(diffusion=1.0), FILM.beams,
+        sg.Brownian(diffusion=1.0), sg.Drift(velocity=[1.0, 0.0, 0.0]), sg.Shear(rate=1.0), FILM.beams,
         sg.GroundGlass(grit=220, index=1.5, unit=1e-6), sg.FarField(directions=[[0.0, 0.0, 1.0]]),
         sg.NearField(points=[[0.0, 0.0, 30.0]]), sg.Imaging(shape=[4, 4], pitch=1.0, aperture=0.1), sg.Pupil(
             stop=0.2, waist=1.0, zernike=(0.0, 0.1), measured=np.ones((2, 2))
@@ -313,6 +325,14 @@ def verbs() -> Iterator[Call]:
             | effect
             | shared,
         )
+    polarised = SLAB.replace(polarisation="projector")
+    yield Call("memory_effect of polarised light", sg.memory_effect,
+               {"medium": polarised, "channel": "co", "azimuth": 0.3, "paths": 100} | effect)  # fmt: skip
+    yield Call("mueller_matrix", sg.mueller_matrix,
+               {"medium": polarised, "wavelength": 0.5, "mode": "transmission", "view": None, "paths": 100,
+                "reverse": "auto", "tolerance": 0.02, "seed": 0})  # fmt: skip
+    yield Call("MuellerMatrix.intensity", sg.mueller_matrix(polarised, wavelength=0.5, paths=100).intensity,
+               {"light": [1, 0], "seen": [0, 1]})  # fmt: skip
     yield Call("memory_effect of screens", sg.memory_effect, {"medium": STACK} | effect)
     yield Call(
         "memory_effect of faces",
@@ -448,11 +468,15 @@ def others() -> Iterator[Call]:
     yield Call("fit_material", sg.fit_material,
                {"observations": data, "wavelength": 0.5, "known": {"thickness": 1000.0, "g": 0.9},
                 "free": ["mean_free_path"]}, ("observations",))  # fmt: skip
+    yield Call("fit_setup", sg.fit_setup,
+               {"photographs": np.random.default_rng(0).exponential(size=(96, 96)), "envelope": None, "dark": None,
+                "pixel_integration": False, "profile": "disc"}, ("photographs",))  # fmt: skip
     yield Call("advise", sg.advise, {"slab": SLAB, "wavelength": 0.5}, ("slab",))
     yield Call("measured.MemoryCurve", measured.MemoryCurve, {"tilts": [1e-4, 2e-4], "c_i": [0.9, 0.7], "error": 0.01})
     yield Call("measured.TemporalCurve", measured.TemporalCurve,
                {"lags": [1e-4, 1e-3], "g2": [1.9, 1.6], "error": 0.01})  # fmt: skip
     yield Call("measured.read_curve", measured.read_curve, {"path": Lazy(curve), "columns": None}, ("path",))
+    yield Call("measured.read_sphere", measured.read_sphere, {"path": Lazy(sphere), "dual_beam": False}, ("path",))
     yield bound("LabSetup.scene", laboratory().scene, medium=SLAB, brightness=np.ones((2, 2)))
     yield Call("load_recipe", load_recipe, {"source": "tilt-stack", "changes": {}})
     yield Call("Recipe.sample", recipe().sample, {"seed": 0, "split": "train", "index": 0}, ("seed", "split", "index"))
@@ -474,6 +498,12 @@ def others() -> Iterator[Call]:
             "graphs": True,
         },
     )
+    cache = SpeckleCache(stored())
+    yield Call("SpeckleCache.shuffled", cache.shuffled, {"batch_size": 2, "seed": 0, "buffer_shards": 1})
+    yield Call("SpeckleCache.batch", cache.batch, {"indices": [0, 1]}, ("indices",))
+    yield Call("generate", lambda **given: generate(folder=fresh(), **given),
+               {"recipe": recipe(), "seed": 0, "split": "train", "samples": 1, "dtype": "float32", "shard_samples": 2,
+                "processes": 1, "shard_range": (0, 1)})  # fmt: skip
     yield Call("SpeckleCache", SpeckleCache, {"folder": Lazy(stored), "missing": "raise", "recipe": Lazy(recipe)})
     yield Call(
         "models.periodogram",
@@ -703,6 +733,7 @@ def raw_error(call: Call, argument: str, value: Any) -> str | None:
 def main() -> None:
     """Print every raw error."""
     signal.signal(signal.SIGALRM, alarm)
+    os.chdir(fresh().parent)  # what odd paths make lies there
     tried = 0
     for call in calls():
         if sys.argv[1:] and not any(word in call.name for word in sys.argv[1:]):

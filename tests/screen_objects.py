@@ -22,7 +22,7 @@ def screen_objects(
         base=one(base),
     )  # fmt: skip
     request = MediaRequest(
-        sight=sight, correlations=Tabulated([known(stack, wavelength).kernel]), light=None, tolerance=tolerance,
+        sight=sight, correlations=Tabulated([known(stack, wavelength).correlation]), light=None, tolerance=tolerance,
         media=(lambda: stack,), units=one(1.0), moved=None if moved is None else one(moved),
     )  # fmt: skip
     ((_, imaging),) = screen_imagings(request)

@@ -3,9 +3,12 @@
 A part of the table (:mod:`odd_arguments`) each time, all of it under ``slow``: 50 000 calls, a quarter of an hour.
 """
 
+from fractions import Fraction
+
 import numpy as np
 import odd_arguments
 import pytest
+import torch
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
@@ -13,8 +16,15 @@ from specklegen.core.errors import RuleError
 SLOW = ("render", "covariance", "memory", "finite_path", "trace", "coverage", "coherent_rays", "field_on_plane",
         "Recipe", "Stream", "recoverable", "likelihood", "materials", "stack_like", "mean_field", "joint",
         "transmission", "reflectance", "wedge", "aperture", "retrieve", "monte_carlo", "Optics", "evaluate", "sample_",
-        "expose", "temporal", "film", "to_zarr", "fit_camera", "read_measurement")  # fmt: skip
+        "expose", "temporal", "film", "to_zarr", "generate", "fit_camera", "read_measurement")  # fmt: skip
 """Calls that take more than a moment, or compile kernels."""
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """What odd paths make is left there."""
+    monkeypatch.chdir(tmp_path)
+
 
 def raw_errors(chosen, share):
     """Errors that are not the library's own, over calls of the table; of the odd values a share, others each time."""
@@ -51,7 +61,7 @@ def test_all_odd_values_of_all_calls():
 def test_the_table_has_what_is_public_and_its_calls_are_valid():
     """Otherwise the odd values were tried on something that is refused anyway."""
     names = " ".join(call.name for call in odd_arguments.calls())
-    missing = {"CameraFit", "DoubtWarning", "Motion", "RuleError", "Scatterer", "Sensor", "Stratified",
+    missing = {"CameraFit", "DoubtWarning", "Flow", "Motion", "RuleError", "Scatterer", "Sensor", "Stratified",
                "TemporalCorrelation", "materials"}  # fmt: skip
     for name in sorted(set(sg.__all__) - missing):
         result = name in ("Advice", "Covariance", "ExposureContrast", "JointCorrelation",
@@ -84,6 +94,17 @@ def test_a_raw_error_is_noticed():
         (lambda: sg.FarField.angles(np.array([1j])), "FarField.angles must be an array of real numbers"),
         (lambda: sg.memory_effect(odd_arguments.SLAB, wavelength=np.complex64(1), tilts=[0.0]),
          "wavelength must be a number"),
+        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0, tilts=[0.0]), "wavelength must be"),
+        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0.5, tilts=[np.nan]), "tilts must be"),
+        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0.5, tilts=[[0.0]]), "tilts must be"),
+        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0.5, tilts=[0.0], view=[0.0, 0.0]), "view must be"),
+        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=1e-300, tilts=[0.0]), "wavelength must be"),
+        (lambda: sg.joint_correlation("x", wavelength=0.5, tilts=[0.0], shifts=[0.0]), "medium must be"),
+        (lambda: sg.covariance(odd_arguments.SCENE, orders=np.ones(4)), "covariance orders must be"),
+        (lambda: sg.covariance(odd_arguments.SCENE, pairs=[1, [2]]), "covariance pairs must be"),
+        (lambda: sg.render_tiles(odd_arguments.SCENE, realization=0.5), "realization must be"),
+        (lambda: sg.render_tiles(odd_arguments.SCENE, sampler=np.ones(4)), "sampler must be"),
+        (lambda: odd_arguments.coherence.sample_fields(torch.ones(3), 3, seed=0), "W0 must be"),
         (lambda: odd_arguments.coherence.sample_fields(odd_arguments.W0, 3, seed=np.asmatrix([1, 2])),
          "sample_fields seed must be a whole number"),
     ],
@@ -92,3 +113,11 @@ def test_what_was_silently_wrong_or_ended_the_process_is_refused(call, says):
     """Imaginary parts were thrown away, any text was True, a matrix as a seed ended Python with a fault of memory."""
     with pytest.raises(RuleError, match=says):
         call()
+
+
+def test_numbers_of_other_types_are_taken_as_they_are():
+    """A fraction had no format, and a whole number of 8 bits overflowed in the planner's bytes."""
+    stack = sg.render(odd_arguments.SCENE, paths=100, realizations=np.uint8(2))
+    assert len(stack.field) == 2
+    curve = sg.memory_effect(odd_arguments.SLAB, wavelength=0.5, tilts=[0.0], paths=100, tolerance=Fraction(1, 3))
+    assert curve.intensity == pytest.approx(1.0)

@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -122,6 +123,42 @@ def test_the_conda_recipe_asks_for_what_the_package_needs():
     conda = dict(re.findall(r"^    - (\S+) (\S+)$", run, re.MULTILINE))
     assert conda.pop("python") == PROJECT["project"]["requires-python"]
     assert conda == pip
+
+
+PAPERS = ("pyproject.toml", "CITATION.cff", ".zenodo.json", "CHANGELOG.md")
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    """The papers of a release, filled in."""
+    folder = tmp_path_factory.mktemp("release")
+    shutil.copytree(ROOT / ".github", folder / ".github")
+    for name in PAPERS:
+        text = (ROOT / name).read_text(encoding="utf-8")
+        text = re.sub(r"TODO: [^\"]*", "Ada Lovelace", text).replace("example.org", "specklegen.dev")
+        (folder / name).write_text(text.replace(" (unreleased)", ""), encoding="utf-8")
+    return folder
+
+
+def test_a_release_needs_its_papers(filled, tmp_path):
+    findings = runpy.run_path(str(ROOT / "packaging/check_release.py"))["findings"]
+    assert findings(filled) == []
+    waiting = findings(ROOT)
+    assert {line.split()[0] for line in waiting} == {"pyproject.toml", "CITATION.cff", ".zenodo.json", "CHANGELOG.md"}
+    for name, old, new, said in (
+        ("pyproject.toml", 'name = "Ada Lovelace"', 'name = " "', "pyproject.toml authors"),
+        ("pyproject.toml", "Issues =", "Errata =", "urls.Issues"),
+        ("CITATION.cff", "Ada Lovelace", "TODO", "CITATION.cff authors"),
+        ("CITATION.cff", "version: ", "version: 9.", "CITATION.cff must be of version"),
+        (".zenodo.json", "Ada Lovelace", "", ".zenodo.json creators"),
+        (".github/workflows/release.yml", "@11bd71901bbe5b1630ceea73d27597364c9af683", "@v4", "pinned to a commit"),
+    ):
+        broken = tmp_path / said.replace(" ", "-")
+        shutil.copytree(filled, broken)
+        text = (broken / name).read_text(encoding="utf-8")
+        assert old in text
+        (broken / name).write_text(text.replace(old, new), encoding="utf-8")
+        assert any(said in line for line in findings(broken)), said
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from torch.utils.data import Dataset
 
-from specklegen.core.arguments import choice, whole_number
+from specklegen.core.arguments import choice, instance, whole_number, whole_numbers
 from specklegen.core.display.plot import SHOWN, Pictured, draw_stack
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
@@ -182,10 +182,11 @@ class SpeckleCache(Dataset, Pictured):
 
     def batch(self, indices: Sequence[int]) -> dict[str, Any]:
         """Return samples stacked along a new first axis, as tensors; read in the order of the shards."""
-        order = np.argsort(np.asarray(indices), kind="stable")
+        indices = whole_numbers("SpeckleCache.batch indices", indices, -(2**63))
+        order = np.argsort(indices, kind="stable")
         samples: list[dict[str, Any]] = [{}] * len(order)
         for place in order.tolist():
-            samples[place] = self.numpy(int(indices[place]))
+            samples[place] = self.numpy(indices[place])
         stacked = {key: np.stack([sample[key] for sample in samples]) for key in self.keys}
         stacked["index"] = np.array([sample["index"] for sample in samples], np.int64)
         names = self._store.parameter_names
@@ -218,10 +219,9 @@ class ShuffledCache(EpochBatches):
         world: int | None = None,
         drop_last: bool = False,
     ) -> None:
-        if buffer_shards < 1:
-            reject("ShuffledCache.buffer_shards", "at least 1", buffer_shards)
-        super().__init__(len(cache), batch_size, rank, world, drop_last)
-        self.cache, self.seed, self.buffer_shards = cache, seed, buffer_shards
+        super().__init__(len(instance("ShuffledCache.cache", cache, SpeckleCache)), batch_size, rank, world, drop_last)
+        self.cache, self.seed = cache, whole_number("ShuffledCache.seed", seed)
+        self.buffer_shards = whole_number("ShuffledCache.buffer_shards", buffer_shards, 1)
 
     def __repr__(self) -> str:
         return summary(self, cache=self.cache, batches=len(self), batch_size=self.batch_size, epoch=self.epoch)

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from specklegen.core.values import read_only
 from specklegen.datasets.objects.family import Source
 from specklegen.datasets.objects.files import FileFamily
 from specklegen.datasets.objects.pictures import SUFFIXES, fitted, read_grey
@@ -43,4 +44,4 @@ class Folder(FileFamily):
 @lru_cache(maxsize=1024)
 def _fitted(folder: Folder, source: Source) -> np.ndarray:
     path, _ = folder.unchanged(source)
-    return fitted(read_grey(path), folder.shape)
+    return read_only(fitted(read_grey(path), folder.shape))

@@ -67,7 +67,7 @@ class ExposureStack(Recipe):
     Samples: ``stack`` float32[T, H, W] (or uint16 counts), ``target`` float32[2]: log10 of tau0, and the share of the
     light that meets nothing that moves. Among the parameters are ``diffusion``, ``tau0``, ``correlation_time``, and
     ``contrast_squared_0`` ...: K^2 of every exposure as it was drawn, of pixels that are points and one polarisation.
-    ``expected_contrast`` is that of an instant.
+    ``expected_contrast`` is the root of their mean, in unpolarised light over two.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class ExposureStack(Recipe):
 
     @cached_property
     def instants(self) -> tuple[int, ...]:
-        """Of each exposure: as many as the fastest medium at the ends of every range needs."""
+        """Instants of each exposure: as many as the fastest medium at the ends of every range needs."""
         known = [brownian.moving(self.material, slab) for slab in self.material.extremes()]
         fastest = ends(self.exposures.speed)[self.exposures.diffusion is not None]
         tau0 = self.exposures.tau0_of(known, np.full(len(known), fastest), self.wavelength)
@@ -146,29 +146,16 @@ class ExposureStack(Recipe):
         parameters = materials.parameters | {"width": whole(seen.width), "camera_pitch": whole(seen.grid.pitch)}
         sight = self.sight(drawn, (1, 1), whole(seen.grid.pitch), base)
         media = DrawnMedia(materials, sight, seen.bandwidth, base, parameters, whole(1.0))
-        pairs = zip(self.instants, self.exposures.durations, strict=True)
-        steps = [np.arange(count) * duration / count for count, duration in pairs]
-        firsts = np.cumsum([0, *self.instants])
-        between = np.full((self.frames, self.frames), self.frames)  # the last lag: endless
-        for first, own in zip(firsts, steps, strict=False):
-            apart = np.abs(np.arange(len(own))[:, None] - np.arange(len(own)))
-            between[first : first + len(own), first : first + len(own)] = np.where(apart > 0, first + apart, 0)
-        lags = np.concatenate([*steps, [np.inf]])
+        lags, between = instant_lags(self.instants, self.exposures.durations)
         filmed = brownian.filmed_media(self, self.exposures, drawn, numbers, media, lags, between)
         return replace(filmed, parameters=filmed.parameters | self._contrasts(drawn, filmed))
 
     def _contrasts(self, drawn: Addresses, media: DrawnMedia) -> dict[str, torch.Tensor]:
         """K^2 of every exposure as it is drawn."""
         assert media.film is not None
-        left = media.film.shares.sum(-1).square()
-        found, first = {}, 0
-        for place, count in enumerate(self.instants):
-            apart = torch.arange(count, dtype=torch.float64, device=drawn.device)
-            weight = torch.where(apart == 0, 1.0, 2.0) * (count - apart) / count**2
-            lags = torch.cat([left[:, :1], left[:, first + 1 : first + count]], 1)
-            found[f"contrast_squared_{place}"] = (lags * weight).sum(-1)
-            first += count
-        return found
+        weights = torch.from_numpy(lag_weights(self.instants)).to(drawn.device)
+        found = media.film.shares.sum(-1).square() @ weights.T
+        return {f"contrast_squared_{place}": each for place, each in enumerate(found.unbind(-1))}
 
     def later_frames(self, drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor | None:
         """Keys int64[M, halves, F - 1, 2] of the fields of all instants but the first."""
@@ -178,6 +165,10 @@ class ExposureStack(Recipe):
         """Exposures real[B, T, H, W] of images of instants real[B, F, H, W]."""
         return torch.stack([part.mean(1) for part in images.split(self.instants, 1)], 1)
 
+    def contrast_left(self, parameters: Mapping[str, Any]) -> Any:
+        """Root of the mean of K^2 of all exposures."""
+        return (sum(parameters[f"contrast_squared_{place}"] for place in range(self.pictures)) / self.pictures) ** 0.5
+
     def lit(self, drawn: Addresses, numbers: Sequence[int]) -> Lit:
         """Beams of brightness 1."""
         return Lit(torch.ones((len(numbers), 1, 1), device=drawn.device), None, {}, {})
@@ -186,6 +177,32 @@ class ExposureStack(Recipe):
         """Stacks, and what is to be told from them."""
         target = torch.stack([torch.log10(parameters["tau0"]), parameters["static_share"]], -1)
         return {"stack": images, "target": target.to(torch.float32)}
+
+
+def instant_lags(instants: Sequence[int], durations: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Lags float64[F + 1] between instants of exposures, the last of them endless, and which lies where, int64[F, F].
+
+    What moves is forgotten from one exposure to the next.
+    """
+    pairs = zip(instants, durations, strict=True)
+    steps = [np.arange(count) * duration / count for count, duration in pairs]
+    firsts, frames = np.cumsum([0, *instants]), sum(instants)
+    between = np.full((frames, frames), frames)  # the last lag: endless
+    for first, own in zip(firsts, steps, strict=False):
+        apart = np.abs(np.arange(len(own))[:, None] - np.arange(len(own)))
+        between[first : first + len(own), first : first + len(own)] = np.where(apart > 0, first + apart, 0)
+    return np.concatenate([*steps, [np.inf]]), between
+
+
+def lag_weights(instants: Sequence[int]) -> np.ndarray:
+    """Weights float64[E, F + 1] of |g1|^2 at those lags in K^2 of each exposure: the mean over pairs of instants."""
+    found, first = np.zeros((len(instants), sum(instants) + 1)), 0
+    for own, count in zip(found, instants, strict=True):
+        apart = np.arange(1, count)
+        own[0] = 1 / count
+        own[first + 1 : first + count] = 2 * (count - apart) / count**2
+        first += count
+    return found
 
 
 def _field(known: MovingCorrelation) -> Any:

@@ -46,7 +46,8 @@ AT_ONCE, AT_ONCE_BYTES = 1024, 2**28
 """Samples that are best asked for at once, so that few chunks are filled up, and the memory of their images."""
 KEPT = 64
 """Media kept in a process on the CPU, ..."""
-_KEPT_BYTES = 4 * 2**20  # ... whose spectra take at most this: else they would fill the memory with few media
+_KEPT_BYTES, _FIRST_BYTES = 2**22, 2**29
+"""... with their spectra, where those of one take at most the former, or those of all up to its number the latter."""
 _MOST_BYTES = 2**31  # of spectra on a device
 
 
@@ -109,7 +110,7 @@ class SpeckleGenerator:
         self._lock = Lock()
         self._media: OrderedDict[int, tuple[ReadyMedia, int]] = OrderedDict()
         self._spectra: OrderedDict[int, Any] = OrderedDict()
-        self._shared: list[Any] | None = None
+        self._shared: Any = None
 
     def __call__(self, indices: Sequence[int] | torch.Tensor) -> dict[str, Any]:
         """Make samples: the keys of ``recipe.batch``, tensors on the device; parameters float64[B].
@@ -180,17 +181,14 @@ class SpeckleGenerator:
         if recipe.media_alike:
             with self._lock:
                 if self._shared is None:
-                    self._shared = self._made(media.at([0]), rendering)
-            ((_, made),) = self._shared
-            return [([*range(len(media))], made)]
-        return self._made(media, rendering)
-
-    def _made(self, media: DrawnMedia, rendering: Rendering) -> list[tuple[list[int], Any]]:
-        found = []
-        for places, request in self.recipe.requests(media):
-            made = rendering.chosen.prepare_media(request)
-            found += [([places[n] for n in own], imaging) for own, imaging in made]
-        return found
+                    ((_, request),) = recipe.requests(media.at([0]))
+                    ((_, self._shared),) = rendering.chosen.prepare_media(request)
+            return [([*range(len(media))], self._shared)]
+        return [
+            ([places[n] for n in own], imaging)
+            for places, request in recipe.requests(media)
+            for own, imaging in rendering.chosen.prepare_media(request)
+        ]
 
     def _streams(self, numbers: Sequence[int], media: DrawnMedia) -> Streams:
         words = self.drawn.words(numbers, self.recipe.medium_purposes)
@@ -236,7 +234,8 @@ class SpeckleGenerator:
             }
             tilts = torch.stack([made.drawn.tilts[n] for made, n in ready])
         parameters |= lit.parameters
-        parameters["expected_contrast"] = self._contrasts(ready, lit) * recipe.light.halves**-0.5
+        left = recipe.light.halves**-0.5 * recipe.contrast_left(parameters)
+        parameters["expected_contrast"] = self._contrasts(ready, lit) * left
         parameters["medium"] = self.drawn.put(media).to(torch.float64)
         if recipe.exposure is not None:
             keys = self.drawn.keys(Stream.CAMERA, self.drawn.words(numbers, exposure.NOISES))
@@ -267,8 +266,8 @@ class SpeckleGenerator:
             drawn = some.media(made.streams.at(places))
             seen = drawn.images(lit.light) if lit.step is None else drawn.superposed(lit.light, lit.step)
             return self.recipe.exposed(seen).to(torch.float32)
-        own = {} if self.recipe.media_alike else some.tensors()  # what all media share is not copied
-        if self._keeps(imaging):
+        own = {} if self.recipe.media_alike or self.one_by_one else some.tensors()  # what stays is not copied
+        if self._keeps(media[0], imaging):  # on the CPU a chunk is one sample
             held = [self._spectra_of(m, imaging, made, place) for m, place in zip(media, places, strict=True)]
             inputs = {"spectra": torch.cat(held), "light": lit.light} | own
             seen = self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
@@ -279,10 +278,14 @@ class SpeckleGenerator:
             ("drawn", *some.statics), partial(_drawn_and_seen, some, self.one_by_one), inputs
         ))  # fmt: skip
 
-    def _keeps(self, imaging: Imaging) -> bool:
-        frames = self.recipe.frames
-        most = _KEPT_BYTES if self.device.type == "cpu" else _MOST_BYTES // max(KEPT, self.recipe.media or KEPT)
-        return self.recipe.shares_media and imaging.spectra_bytes * frames <= most
+    def _keeps(self, medium: int, imaging: Imaging) -> bool:
+        """Whether spectra are kept: of the recipe and the medium alone, since the last bits of samples depend on it."""
+        each = imaging.spectra_bytes * self.recipe.frames
+        if self.device.type == "cpu":
+            few = each <= _KEPT_BYTES or each * (medium + 1) <= _FIRST_BYTES
+        else:
+            few = each <= _MOST_BYTES // max(KEPT, self.recipe.media or KEPT)
+        return self.recipe.shares_media and few
 
     def _spectra_of(self, medium: int, imaging: Imaging, made: ReadyMedia, place: int) -> torch.Tensor:
         """Spectra of one medium, complex64[1, F, pairs, n, m], kept for all objects behind it."""

@@ -148,7 +148,7 @@ class HiddenObject(Recipe):
         return {"image": images[:, 0]}
 
     def split_notes(self) -> str:
-        """What the splits share and what they do not, in Markdown sentences for the data card."""
+        """Say what the splits share, in Markdown sentences for the data card."""
         return (
             f"{super().split_notes()} No object of one split appears in another: "
             f"the sources of `{self.objects.type}` are dealt to the splits before any sample is drawn."

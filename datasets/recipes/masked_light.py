@@ -145,7 +145,7 @@ class MaskedLight(Recipe):
         }  # fmt: skip
 
     def split_notes(self) -> str:
-        """What the splits share and what they do not, in Markdown sentences for the data card."""
+        """Say what the splits share, in Markdown sentences for the data card."""
         return f"{super().split_notes()} Masks of all splits are drawn from the same ranges, independently."
 
     def view(self, slab: Slab) -> MediumView:

@@ -1,4 +1,4 @@
-"""The materials of a batch of media: what is drawn, what follows from it, and the memory effect.
+"""The materials of a batch of media: drawn numbers, their consequences, and the memory effect.
 
 Here the ways part: slabs that the atlas has are looked up on the device, all together; every other material is known on
 the host, one by one, and tells its memory effect from there.
@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from specklegen.datasets.addresses import Addresses
-from specklegen.datasets.recipes.parts.atlas_batches import atlas_tables, kernels, single_radiance
+from specklegen.datasets.recipes.parts.atlas_batches import atlas_tables, correlations, single_radiance
 from specklegen.datasets.recipes.parts.diffuser import KnownDiffuser
 from specklegen.datasets.recipes.parts.light import Light
 from specklegen.datasets.recipes.parts.material import CharacterizedMaterial, Estimator, Material, known_light
@@ -72,7 +72,7 @@ class Materials:
         return [
             (places, LightBatch(
                 put([modes[n].shares for n in places]),
-                tuple(Tabulated([modes[n].kernels[mode] for n in places]) for mode in range(count)),
+                tuple(Tabulated([modes[n].correlations[mode] for n in places]) for mode in range(count)),
                 put([modes[n].flat for n in places]),
             ))
             for count, places in found.items()
@@ -127,7 +127,7 @@ def characterized_materials(
     put = lambda numbers: torch.tensor(numbers, dtype=torch.float64).to(device)  # noqa: E731
     return Materials(
         {name: put([row[name] for row in rows]) for name in rows[0]},
-        Tabulated([each.kernel for each in known]),
+        Tabulated([each.correlation for each in known]),
         put([each.half_range for each in known]),
         tuple(partial(_same, each.slab) for each in known),
     )
@@ -145,7 +145,7 @@ def _looked_up(
     thickness, depth, g, albedo = drawn.numbers(Purpose.MATERIAL, sources, media)
     mean_free_path = thickness / depth
     depth = thickness / mean_free_path
-    found = kernels(atlas_tables(drawn.device), thickness, depth, g, albedo, material.kernel_tolerance)
+    found = correlations(atlas_tables(drawn.device), thickness, depth, g, albedo, material.kernel_tolerance)
     half, known = half_range(found.radius, found.share, found.single)
     sine = half * wavelength / (2 * torch.pi)
     whole = lambda value: torch.full_like(depth, value)  # noqa: E731

@@ -107,7 +107,7 @@ class MediumView:
         return self._scene(self._beams(np.arange(self.shape[0] * self.shape[1])), self.seen.divided_grid)
 
     def _beams(self, pixels: np.ndarray) -> CollimatedBeams:
-        sines = np.sin(self.tilts)[:, None] + object_sines("object", self.shape, self.pitch)[pixels]
+        sines = np.sin(self.tilts)[:, None] + object_sines("object", self.shape, self.pitch, pixels)
         directions = directions_of_sines("object", sines.reshape(-1, 2))
         return CollimatedBeams(directions=directions, width=self.seen.width, profile=self.seen.profile)
 

@@ -30,8 +30,8 @@ class Medium:
         What was drawn for it, and what follows from it.
     tilts : float64[T, 2]
         Tilts of the illumination, radians.
-    polarisation : float
-        What polarisation leaves of the contrast.
+    left : float
+        What polarisation and exposure leave of the contrast.
     exposed : function
         What the camera adds up, of :meth:`Recipe.exposed`.
     """
@@ -40,7 +40,7 @@ class Medium:
     seen: Any
     parameters: dict[str, float]
     tilts: np.ndarray
-    polarisation: float
+    left: float
     exposed: Callable[[torch.Tensor], torch.Tensor]
 
     @property
@@ -64,7 +64,7 @@ class Medium:
         """Expected contrast of the images of an object real[h, w], noise aside."""
         with shielded():
             light = torch.as_tensor(np.array(brightness, np.float64))[None]
-            return self.polarisation * float(self.imaging.contrast(light))
+            return self.left * float(self.imaging.contrast(light))
 
 
 def medium_of_recipe(recipe: "Recipe", seed: int, split: Split, number: int) -> Medium:
@@ -74,4 +74,5 @@ def medium_of_recipe(recipe: "Recipe", seed: int, split: Split, number: int) -> 
         imaging = ready.groups[0][1]
         parameters = {name: float(value[0]) for name, value in ready.parameters.items()}
         tilts = ready.drawn.tilts[0].cpu().numpy()
-        return Medium(ready, imaging.media(ready.streams), parameters, tilts, recipe.light.halves**-0.5, recipe.exposed)
+        left = recipe.light.halves**-0.5 * float(recipe.contrast_left(parameters))
+    return Medium(ready, imaging.media(ready.streams), parameters, tilts, left, recipe.exposed)

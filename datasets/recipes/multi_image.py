@@ -120,7 +120,7 @@ class Dynamics(Speed):
 
     @model_serializer(mode="wrap")
     def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out what is not there, and the first model: the dynamics are what they were without."""
+        """Leave out what is not there, and the first model: the dynamics are the same without."""
         missing = {name: getattr(self, name) is None for name in ("velocities", "interval", "diffusion", "tau0")}
         return left_out(write(self), model=self.model == "autoregression", **missing)
 

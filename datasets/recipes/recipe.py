@@ -106,7 +106,7 @@ class Recipe(Specification):
 
     @property
     def rendering_note(self) -> str:
-        """What renders the samples and what is idealised, in sentences."""
+        """Say what renders the samples, and the idealisations, in sentences."""
         told = self.idealisations(self.extremes()[0].probe)
         kept = [f"{each.part.capitalize()}: {each.reason}." for each in told if each.needed]
         left = [f"Left out: {each.part}, {each.reason}." for each in told if not each.needed]
@@ -154,6 +154,10 @@ class Recipe(Specification):
         """Pictures real[B, pictures, H, W] of the images of all frames or tilts real[B, T or F, H, W]."""
         return images
 
+    def contrast_left(self, parameters: Mapping[str, Any]) -> Any:  # noqa: ARG002
+        """Share of the contrast of an instant that exposures leave, of numbers of media: float64[M], or 1."""
+        return 1.0
+
     def host_work(self) -> list[str]:
         """What is made on the host, whatever the device, in words."""
         said = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
@@ -173,7 +177,7 @@ class Recipe(Specification):
         ]
 
     def seen_media(self, drawn: "Addresses", numbers: Sequence[int], materials: "Materials") -> DrawnMedia:
-        """Draw what is seen of media of known materials; what each kind says."""
+        """Draw what is seen of media of known materials; every kind has its own."""
         raise NotImplementedError
 
     def requests(self, media: DrawnMedia) -> list[tuple[list[int], MediaRequest]]:
@@ -185,11 +189,11 @@ class Recipe(Specification):
         return media.view(place).full
 
     def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> "Lit":
-        """What samples shine through their media; what each kind says."""
+        """Draw what shines through the media of samples; every kind has its own."""
         raise NotImplementedError
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Name what the camera saw, [B, T or F, H, W], under tilts float64[B, T, 2]; what each kind says."""
+        """Name what the camera saw, [B, T or F, H, W], under tilts float64[B, T, 2]; every kind has its own."""
         raise NotImplementedError
 
     def sight(
@@ -274,7 +278,7 @@ class Recipe(Specification):
 
     @shielded()
     def plans(self) -> list[Plan]:
-        """Plans of the media at the ends of every range: what ``specklegen plan`` prints, and what runs."""
+        """Plans of the media at the ends of every range, which ``specklegen plan`` prints and samples run by."""
         return [medium_plan(self, view) for view in self.extremes()]
 
     @shielded()

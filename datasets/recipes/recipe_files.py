@@ -16,6 +16,7 @@ from typing import Any
 from specklegen.core.errors import reject
 from specklegen.core.registry import anchored
 from specklegen.core.tables import read_text, toml_table
+from specklegen.datasets.recipes.written_units import rescaled
 
 LONGEST_CHAIN = 16
 """Recipes that inherit one another in a row, at most."""
@@ -62,7 +63,7 @@ def recipe_table(source: str | Path) -> dict[str, Any]:
         parent = tables[-1].pop("inherits", None)
     table: dict[str, Any] = {}
     for each in reversed(tables):
-        table = merged(table, each)
+        table = changed(table, each)
     return table
 
 
@@ -82,10 +83,10 @@ def _parsed(source: str) -> dict[str, Any]:
     file = Path(source)
     if not _is_file(file):
         close = get_close_matches(file.name, recipe_names(), 1, 0.6)
-        reject(
-            "recipe", f"one of {', '.join(recipe_names())}, or the path of a TOML file", _relative(file),
-            f"Did you mean {close[0]}?" if close else "`specklegen recipes` lists the packaged ones.",
-        )  # fmt: skip
+        remedy = f"Did you mean {close[0]}?" if close else "`specklegen recipes` lists the packaged ones."
+        if file.suffix or file.parent != Path.cwd():
+            reject("recipe", "a file that is there, or a packaged name", _relative(file), remedy)
+        reject("recipe", f"one of {', '.join(recipe_names())}, or the path of a TOML file", _relative(file), remedy)
     table = anchored(toml_table(read_text(file, "recipe"), f"recipe {source}"), file.parent)
     objects = table.get("objects")
     if isinstance(objects, dict):
@@ -106,6 +107,34 @@ def _is_file(file: Path) -> bool:
 def _relative(file: Path) -> str:
     """Return a path as it was probably written: from the working folder on, where it lies inside."""
     return str(file.relative_to(Path.cwd())) if file.is_relative_to(Path.cwd()) else str(file)
+
+
+def changed(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge a recipe with what inherits it, and drop terms that the other way of describing the setup replaces.
+
+    A ``[lab]`` takes the place of the window, camera, field and wavelength of what it inherits, whose lengths come to
+    its unit; ``[pixels]`` that of window, camera, field, ``[lab]`` and material. With a material of another kind, the
+    refractive index of the old one goes.
+    """
+    base = {name: dict(each) if isinstance(each, Mapping) else each for name, each in base.items()}
+    lab, material = base.get("lab"), base.get("material")
+    if "pixels" in changes and "pixels" not in base:
+        base = {name: each for name, each in base.items() if name not in (*_IN_LENGTHS, "material")}
+    elif "pixels" in base and _IN_LENGTHS & changes.keys():
+        base.pop("pixels")
+    if "lab" in changes and lab is None:
+        if isinstance(base.get("material"), dict) and isinstance(changes["lab"], Mapping):
+            base["material"] = rescaled(base["material"], changes["lab"])
+        base = {name: each for name, each in base.items() if name not in ("window", "camera", "field")}
+        for name, fields in (("material", ("wavelength",)), ("light", ("bandwidth", "refractive_index"))):
+            if isinstance(base.get(name), dict):
+                base[name] = {field: each for field, each in base[name].items() if field not in fields}
+    elif isinstance(lab, dict) and isinstance(material, dict) and not _alike(material, changes.get("material", {})):
+        lab.pop("refractive_index", None)
+    return merged(base, changes)
+
+
+_IN_LENGTHS = {"lab", "window", "camera", "field"}
 
 
 def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

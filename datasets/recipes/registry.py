@@ -4,22 +4,26 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from specklegen.core.errors import reject
+from specklegen.core.errors import RuleError, reject
 from specklegen.core.registry import Registry, is_import_path
+from specklegen.datasets.recipes.analysed_object import AnalysedObject
+from specklegen.datasets.recipes.contrast_map import ContrastMap
 from specklegen.datasets.recipes.exposure_stack import ExposureStack
 from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.datasets.recipes.lens_stack import LensStack
 from specklegen.datasets.recipes.masked_light import MaskedLight
 from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
 from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
 from specklegen.datasets.recipes.recipe import Recipe
-from specklegen.datasets.recipes.recipe_files import merged, recipe_table
+from specklegen.datasets.recipes.recipe_files import changed, recipe_table
 from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
 from specklegen.datasets.recipes.volume_object import VolumeObject
 from specklegen.datasets.recipes.volume_stack import VolumeStack
+from specklegen.datasets.recipes.written_units import plain, told
 
 PACKAGED: tuple[type[Recipe], ...] = (
     TiltStack, MaterialRegression, HiddenObject, PartiallyCoherent, MaskedLight, DynamicSlab, ExposureStack, TwoTilts,
-    VolumeStack, VolumeObject,
+    VolumeStack, VolumeObject, LensStack, AnalysedObject, ContrastMap,
 )  # fmt: skip
 """Kinds of this library; they are known, as those of users are, by being defined."""
 KINDS: Registry[type[Recipe]] = Recipe.registry
@@ -52,9 +56,12 @@ def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) ->
     """
     if changes is not None and not isinstance(changes, Mapping):
         reject("load_recipe changes", 'a table such as {"material": {"g": 0.8}}', changes)
-    table = merged(recipe_table(source), changes or {})
+    table, written = plain(changed(recipe_table(source), changes or {}))
     kind = _kind(table.get("kind"))
-    return kind(**table | {"kind": kind.class_name()})
+    try:
+        return kind(**table | {"kind": kind.class_name()})
+    except RuleError as error:
+        raise told(error, written) from None
 
 
 def recipe_schema(name: str) -> dict[str, Any]:

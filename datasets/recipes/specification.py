@@ -9,7 +9,7 @@ import json
 from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, PrivateAttr, Tag, WithJsonSchema, model_validator
@@ -128,11 +128,23 @@ class Specification(Registered, Pictured):
     sampler: RecipeSampler = "auto"
     strict: bool = False
     kind: Any = None
+    engine_terms: ClassVar[tuple[str, ...]] = ("material.wavelength", "window", "camera")
+    """What takes the place of a lab."""
+    polarises: ClassVar[bool] = False
+    """Whether light may be polarised inside the medium."""
     _device: str = PrivateAttr("cpu")  # not written down: a file says what is rendered, not where
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        stated = {"material.wavelength": self.material.wavelength, "window": self.window, "camera": self.camera}
+        if self.lab is not None and isinstance(self.material, Diffuser | PresetMaterial):
+            self._take_laboratory(self.lab)
+        if self.lab is None and isinstance(self.material, PresetMaterial) and self.material.wavelength is None:
+            reject("Material.preset", 'a table such as {name = "intralipid", wavelength = 0.633} where there is no lab',
+                   self.material.preset)  # fmt: skip
+        by_name = self.lab is not None and isinstance(self.material, PresetMaterial)  # whose wavelength is the lab's
+        wavelength = None if by_name else self.material.wavelength
+        told = {"material.wavelength": wavelength, "window": self.window, "camera": self.camera}
+        stated = {name: told[name] for name in self.engine_terms}
         given = [name for name, value in stated.items() if value is not None]
         if self.lab is not None and given:
             reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
@@ -142,12 +154,15 @@ class Specification(Registered, Pictured):
             self._take_faces(self.lab)
         if self.lab is not None and (self.light.bandwidth or self.light.refractive_index != 1):
             reject("Recipe.light", "without bandwidth and refractive_index, which the lab gives", self.light)
+        if self.light.polarisation != "scalar" and not self.polarises:
+            reject("Light.polarisation", '"scalar" in recipes of this kind', self.light.polarisation,
+                   'Polarised light is known to kind = "analysed-object".')  # fmt: skip
         if self.media is not None and self.media_group != 1:
             reject("Recipe.media_group", "1 where media are numbered", self.media_group, "Leave out media.")
         if self.lab is None:
             self._check_smear()
-        if isinstance(self.material, Diffuser):
-            self._check_screens(self.material)
+        if isinstance(self.material, Diffuser | LayeredMaterial):
+            self._check_light("thin screens" if isinstance(self.material, Diffuser) else "layers")
         if self.window is not None and (self.window.width == "fitted") != self.fits_window:
             reject("Window.width", '"fitted" where field.pixels is given, a length elsewhere', self.window.width,
                    "Give one of window.width and field.pixels.")  # fmt: skip
@@ -162,11 +177,25 @@ class Specification(Registered, Pictured):
                        "Classes of one's own may be objects, cameras and kinds of recipe.")  # fmt: skip
         return self
 
-    def _check_screens(self, material: Diffuser) -> None:
-        if self.light.bandwidth or (self.lab is not None and self.lab.wavenumber_bandwidth):
-            reject("Recipe.light.bandwidth", "0 behind thin screens", self.light.bandwidth, "It is not modelled there.")
-        if self.lab is not None:
-            material.seen_at(self.lab.medium_wavelength)
+    def _check_light(self, what: str) -> None:
+        """Refuse what is not modelled behind thin screens and layers."""
+        field, bandwidth = ("light", self.light.bandwidth) if self.lab is None else ("lab", self.lab.bandwidth)
+        if bandwidth:
+            reject(f"Recipe.{field}.bandwidth", f"0 behind {what}", bandwidth, "It is not modelled there.")
+        if self.lab is not None and isinstance(self.material, LayeredMaterial) and not self.lab.layer_faces.matched:
+            reject("Lab.faces", '"matched" where the material is in layers, whose faces reflect nothing here',
+                   self.lab.faces)  # fmt: skip
+
+    def _take_laboratory(self, lab: Lab) -> None:
+        """Material by its name: wavelength and unit are those of the laboratory, whose layer has its index."""
+        self.__dict__["material"] = material = self.material.in_laboratory(lab)  # type: ignore[union-attr]
+        if not isinstance(material, PresetMaterial):
+            return
+        index = material.refractive_index
+        if "refractive_index" in lab.model_fields_set and not np.isclose(lab.refractive_index, index, rtol=1e-3):
+            reject("Lab.refractive_index", f"that of {material.preset['name']}, {index:.4g}", lab.refractive_index,
+                   "Leave it out.")  # fmt: skip
+        self.__dict__["lab"] = lab.replace(refractive_index=index)
 
     def _take_faces(self, lab: Lab) -> None:
         """The material's faces are those of the laboratory, where there is one."""
@@ -345,7 +374,7 @@ class Specification(Registered, Pictured):
         )  # fmt: skip
 
     def split_notes(self) -> str:
-        """What the splits share and what they do not, in Markdown sentences for the data card."""
+        """Say what the splits share, in Markdown sentences for the data card."""
         notes = ["No medium of one split appears in another: each has random streams of its own."]
         ranges = self.material.by_split
         if ranges is not None:

@@ -1,4 +1,4 @@
-"""What recipes have in common whose samples are one image a tilt: the tilts, and what follows from them."""
+"""Recipes whose samples are one image a tilt: the tilts, and their consequences."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -75,7 +75,7 @@ class VolumeObject(VolumeRecipe, HiddenObject):
         return self._object_beams(drawn(self._field_number, generator(substream(seed, split, Purpose.FIELD, medium))))
 
     def widest_beams(self) -> Beams:
-        """Of the largest object."""
+        """Beams of the largest object."""
         return self._object_beams(ends(self._field_number)[1])
 
     def _object_beams(self, pitch: float) -> Beams:
@@ -90,7 +90,7 @@ class VolumeObject(VolumeRecipe, HiddenObject):
         return self.objects.shape
 
     def contrast_of(self, view: VolumeView) -> EstimatedContrast:
-        """From the pilot's paths."""
+        """Contrast from the pilot's paths."""
         return estimated_contrast(view.full, self.material.kernel_paths)
 
 

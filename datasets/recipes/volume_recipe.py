@@ -123,7 +123,7 @@ class VolumeRecipe(Recipe):
         raise NotImplementedError
 
     def widest_beams(self) -> Beams:
-        """Those that reach farthest."""
+        """Beams that reach farthest."""
         raise NotImplementedError
 
     @property
@@ -261,7 +261,7 @@ class VolumeMedia:
         return self
 
     def view(self, place: int) -> VolumeView:  # noqa: ARG002
-        """As it is planned."""
+        """View as it is planned."""
         return self.scenes
 
 

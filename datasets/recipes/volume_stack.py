@@ -20,7 +20,7 @@ class DevelopedSpeckle:
     """The contrast of one beam behind a medium that scrambles it: 1."""
 
     def contrast(self, light: "torch.Tensor") -> "torch.Tensor":
-        """Of beams real[B, 1, 1], whatever their brightness."""
+        """Contrast of beams real[B, 1, 1], whatever their brightness."""
         return torch.ones(len(light), dtype=torch.float64, device=light.device)
 
 
@@ -40,7 +40,7 @@ class VolumeStack(VolumeRecipe, TiltStack):
         return _tilted(self.tilts.angles(step, azimuth), {"tilt_step": step, "tilt_azimuth": azimuth})
 
     def widest_beams(self) -> Beams:
-        """Of the widest tilts."""
+        """Beams of the widest tilts."""
         return _tilted(self.tilts.widest, {})
 
     @property
@@ -49,7 +49,7 @@ class VolumeStack(VolumeRecipe, TiltStack):
         return 1, 1
 
     def contrast_of(self, view: VolumeView) -> DevelopedSpeckle:  # noqa: ARG002
-        """Of developed speckle."""
+        """Contrast of developed speckle."""
         return DevelopedSpeckle()
 
 

@@ -60,8 +60,8 @@ def _tell_of_other_libraries(store: Store) -> None:
     if then and changed and not store.valid().all():
         warn_user(
             f"{store.folder} was begun with other libraries: {', '.join(changed)}. New samples may differ from what "
-            "those would have given in their last bits, no more: pixels agree to 1e-4. For the same bits install the "
-            "versions that `specklegen info` names.",
+            "those would have given in their last bits, no more: pixels agree to about 1e-6 of an image's mean. For "
+            "the same bits install the versions that `specklegen info` names.",
         )  # fmt: skip
 
 

@@ -14,14 +14,13 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from specklegen.core.arguments import whole_number
+from specklegen.core.arguments import file_path, whole_number, whole_numbers
 from specklegen.core.errors import ToldError, counted, reject
-from specklegen.core.parallel import one_torch_thread, thread_count
+from specklegen.core.parallel import MOST_THREADS, one_torch_thread, thread_count
 from specklegen.core.registered import require_importable
 from specklegen.core.whole_files import sweep
 from specklegen.datasets.sample_schema import Renderable, require_finite
@@ -123,15 +122,23 @@ def generate(
         If samples could not be rendered: the (seed, index) of the first of each shard; the rest is done. If the disk
         is full: at once.
     """
-    _check(samples, shard_samples, shard_range)
+    if not isinstance(recipe, Renderable):
+        reject("generate.recipe", "a recipe", recipe, "Read one with load_recipe.")
+    # Python's integers: those of NumPy are no JSON, and overflow.
+    samples = whole_number("generate.samples", samples, 1)
+    if shard_samples is not None:
+        remedy = "Leave it out for shards of 32 MB."
+        shard_samples = whole_number("generate.shard_samples", shard_samples, 1, remedy=remedy)
+    if processes is not None:
+        processes = whole_number("generate.processes", processes, 1, MOST_THREADS)
+    part, parts = _part(shard_range)
     if cluster is not None and processes is not None:
         reject("generate.processes", "left out with a cluster, which has its own", processes)
-    there = Path(folder).resolve()  # links are followed once: they may be moved while this runs
+    there = file_path("generate.folder", folder).resolve()  # links are followed once: they may be moved while this runs
     store = open_for(recipe, seed, split, dtype, there, samples, shard_samples, notes)
     sweep(store.temporaries())
     with writing(store.folder):
         write_card(store)
-    part, parts = shard_range
     count = -(-samples // store.shard_samples)
     shards = range(part * count // parts, (part + 1) * count // parts)
     total = sum(len(store.span(shard)) for shard in shards)
@@ -190,13 +197,12 @@ def require_own(store: Store, shards: Sequence[int]) -> None:
         raise GenerationError(f"{counted(len(foreign), 'shard')} not as the ledger of {store.folder} says.\n{shown}")
 
 
-def _check(samples: int, shard_samples: int | None, shard_range: tuple[int, int]) -> None:
-    whole_number("generate.samples", samples, 1)
-    if shard_samples is not None:
-        whole_number("generate.shard_samples", shard_samples, 1, remedy="Leave it out for shards of 32 MB.")
-    part, parts = shard_range
-    if not 0 <= part < parts:
+def _part(shard_range: tuple[int, int]) -> tuple[int, int]:
+    """The part to do, and of how many."""
+    both = whole_numbers("generate.shard_range", shard_range)
+    if len(both) != 2 or not both[0] < both[1]:
         reject("generate.shard_range", "(i, n) with 0 <= i < n", shard_range)
+    return both[0], both[1]
 
 
 def fill_shard(store: Store, recipe: Renderable, shard: int, wait: bool = False) -> Outcome:

@@ -8,7 +8,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from specklegen.core.errors import reject, shown
+from specklegen.core.arguments import choice, whole_number
+from specklegen.core.errors import shown
 from specklegen.datasets.sample_schema import Renderable
 
 COUNT_TYPES = ("uint16", "float32")
@@ -22,15 +23,7 @@ def identity(recipe: Renderable, seed: int, split: str, dtype: str = "uint16") -
     RuleError
         If the seed is not a whole number in [0, 2**63), or the type is not one that counts can be stored in.
     """
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
-        reject("generate.seed", "a whole number from 0 to 2**63 - 1", seed)
-    if dtype not in COUNT_TYPES:
-        reject(
-            "generate.dtype",
-            f"one of {', '.join(COUNT_TYPES)}",
-            dtype,
-            "Other arrays keep the layout's type.",
-        )
+    seed, dtype = whole_number("generate.seed", seed, 0, 2**63 - 1), choice("generate.dtype", dtype, COUNT_TYPES)
     return {
         "data_version": recipe.data_version,
         "device": device_kind(recipe),

@@ -87,4 +87,4 @@ class RemoteFile:
         return self._system.cat_file(self._path, start=start, end=start + length)
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no file is held open."""

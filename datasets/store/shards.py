@@ -3,7 +3,8 @@
 zarr returns zeros, without an error, for a sample that is not there, and spends about a millisecond on
 each sample of a shard. This module reads the same files by the zarr v3 specification: a shard ends in an
 index of (offset, length) pairs, one for each sample, and a CRC32C; each chunk is
-[bytes little-endian, blosc (or nothing), crc32c]. tests/test_store.py holds it equal to zarr's own reader.
+[bytes little-endian, blosc (or nothing), crc32c]. tests/datasets/store/test_store.py holds it equal
+to zarr's own reader.
 """
 
 import contextlib

@@ -28,6 +28,7 @@ from specklegen.models.calibration.prediction import predict
 from specklegen.models.calibration.unknowns import COMBINATIONS, NAMES, Unknowns, logarithm_of, unknowns_of
 from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import Slab, as_slab
+from specklegen.scene.polarisation import require_scalar
 
 _POINTS, _ERROR, _RELATIVE = 25, 0.01, 0.02
 
@@ -150,6 +151,7 @@ def advise(
     owner = "advise"
     if not isinstance(slab, PlaneParallel) or as_slab(slab) is None:
         reject(f"{owner} slab", "a Slab", slab)
+    require_scalar(f"{owner} slab", slab)
     wavelength = positive_number(f"{owner} wavelength", wavelength)
     if not slab.faces.matched or slab.scatterer.type not in ("HenyeyGreenstein", "Isotropic"):
         reject(f"{owner} slab", "of Henyey-Greenstein scatterers and matched faces, as those of the tables", slab)

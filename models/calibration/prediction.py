@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from scipy.special import j0, j1
 
-from specklegen.datasets.recipes.parts.atlas_batches import AtlasTables, atlas_tables, kernels, stencils
+from specklegen.datasets.recipes.parts.atlas_batches import AtlasTables, atlas_tables, correlations, stencils
 from specklegen.measured.observations import (
     BallisticFraction,
     ContrastVersusBandwidth,
@@ -132,7 +132,7 @@ class Tables:
         """Lateral distances of the light."""
 
         def both(depth: torch.Tensor, drop: torch.Tensor, albedo: torch.Tensor) -> torch.Tensor:
-            found = kernels(self.tables, torch.ones_like(depth), depth, 1 - drop, albedo, np.inf)
+            found = correlations(self.tables, torch.ones_like(depth), depth, 1 - drop, albedo, np.inf)
             return torch.cat([found.radius, found.share], 1)
 
         row = self._found(both)

@@ -1,4 +1,4 @@
-"""What of a slab is known and what is to be found: the unknowns u of a fit, and the combinations of them with names.
+"""The unknowns u of a fit: the numbers of a slab that are to be found, and the combinations of them with names.
 
 A slab is x = x0 + A u (columns of :mod:`prediction`): logarithms, so that products are sums, and -ln albedo.
 """

@@ -1,17 +1,18 @@
-"""Tables of what networks tell of a sample other than its object: its label, or the material."""
+"""Tables of what networks tell of a sample other than its object: its label, or numbers of the medium."""
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
-from specklegen.core.display.escape import csv_cell
+from specklegen.core.display.escape import cell, csv_cell
 from specklegen.datasets.objects.outlines import CHARACTERS
 from specklegen.models.learning.reconstructor import Reconstructor
-from specklegen.models.learning.targets import MATERIAL, TARGETS, in_units
+from specklegen.models.learning.targets import MATERIAL, TARGETS, Scale, in_units
 from specklegen.models.metrics import Interval, bootstrap
 
 _WORST = 10  # confusions in a table
@@ -77,64 +78,100 @@ class Classification(NamedTuple):
 
 
 class Regression(NamedTuple):
-    """What a network said of materials.
+    """What a network said of numbers of the medium, and others beside it.
 
     Attributes
     ----------
-    told, true : float64[n, 4]
-        log10 of range, thickness and optical depth, and g.
+    told, true : float64[n, K]
+        The numbers, some by their log10.
     media : int64[n]
         Medium of each stack.
+    names : mapping
+        Of the numbers, of :mod:`specklegen.models.learning.targets`.
+    beside : mapping of float64[n, K]
+        What other methods told, by their names.
     """
 
     told: np.ndarray
     true: np.ndarray
     media: np.ndarray
+    names: Mapping[str, Scale] = MappingProxyType(MATERIAL)
+    beside: Mapping[str, np.ndarray] = MappingProxyType({})
 
-    def determination(self, resamples: int = 2000, seed: int = 0) -> dict[str, Interval]:
-        """R^2 of each number, 1 less the mean square error over the variance; 95 % interval over samples."""
-        square = np.square(self.told - self.true)
+    @property
+    def methods(self) -> dict[str, np.ndarray]:
+        """What everybody told, float64[n, K] each."""
+        return {"network": self.told, **self.beside}
+
+    def determination(
+        self, resamples: int = 2000, seed: int = 0, *, told: np.ndarray | None = None
+    ) -> dict[str, Interval]:
+        """R^2 of each number, 1 less the mean square error over the variance; 95 % interval over samples.
+
+        ``told`` is by default what the network told.
+        """
+        square = np.square((self.told if told is None else told) - self.true)
         rng = np.random.default_rng(np.random.SeedSequence(seed))
         weights = rng.multinomial(len(square), np.full(len(square), 1 / len(square)), size=resamples) / len(square)
         variance = weights @ np.square(self.true) - np.square(weights @ self.true)
         low, high = np.quantile(1 - weights @ square / variance, [0.025, 0.975], axis=0)
         mean = 1 - square.mean(0) / self.true.var(0)
-        return {name: Interval(*map(float, found)) for name, *found in zip(MATERIAL, mean, low, high, strict=True)}
+        found = zip(self.names, mean, low, high, strict=True)
+        return {name: Interval(*map(float, numbers)) for name, *numbers in found}
 
     def rows(self) -> list[dict[str, Any]]:
-        """R^2 of each number."""
-        return [{"number": name, **found._asdict()} for name, found in self.determination().items()]
+        """R^2 of each number, of everybody where others stand beside the network."""
+        return [
+            ({"method": method} if self.beside else {}) | {"number": name, **found._asdict()}
+            for method, told in self.methods.items() for name, found in self.determination(told=told).items()
+        ]  # fmt: skip
 
     def markdown(self) -> str:
         """R^2 and the root mean square error of each number."""
         lines = [f"{len(self.true)} stacks, {len(np.unique(self.media))} media; R^2 [95 % interval over stacks]. The "
-                 "mean of all materials scores 0.", ""]  # fmt: skip
-        lines += ["| number | R^2 | root mean square error |", "|---" * 3 + "|"]
-        errors = np.sqrt(np.square(self.told - self.true).mean(0))
-        for (name, found), error in zip(self.determination().items(), errors, strict=True):
-            label = name if name == "g" else f"log10 {name}"
-            lines.append("| {} | {:.3f} [{:.3f}, {:.3f}] | {:.3f} |".format(label, *found, error))
+                 "mean of all media scores 0.", ""]  # fmt: skip
+        first, bar = ("| method ", "|---") if self.beside else ("", "")
+        lines += [f"{first}| number | R^2 | root mean square error |", f"{bar}{'|---' * 3}|"]
+        for method, told in self.methods.items():
+            errors = np.sqrt(np.square(told - self.true).mean(0))
+            for (name, found), error in zip(self.determination(told=told).items(), errors, strict=True):
+                label = f"log10 {name}" if self.names[name].logarithm else name
+                who = f"| {cell(method)} " if self.beside else ""
+                lines.append("{}| {} | {:.3f} [{:.3f}, {:.3f}] | {:.3f} |".format(who, label, *found, error))
         return "\n".join(lines) + "\n"
 
     def write(self, folder: Path) -> None:
         """Write summary.md, and every stack as stacks.csv."""
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "summary.md").write_text(self.markdown())
+        columns = {"told": self.told, **{f"by {name}": told for name, told in self.beside.items()}, "true": self.true}
         with (folder / "stacks.csv").open("w", newline="") as file:
             table = csv.writer(file)
-            table.writerow(["stack", "medium", *(f"{name} {what}" for what in ("told", "true") for name in MATERIAL)])
-            for n, row in enumerate(np.hstack([self.told, self.true])):
+            table.writerow(["stack", "medium", *(csv_cell(f"{name} {who}") for who in columns for name in self.names)])
+            for n, row in enumerate(np.hstack([*columns.values()])):
                 table.writerow([n, self.media[n], *(f"{value:.6g}" for value in row)])
 
 
-def judge(model: Reconstructor, batches: Iterable[Mapping[str, Any]]) -> Classification | Regression:
-    """Ask a network that tells labels or materials of every batch."""
+def judge(
+    model: Reconstructor,
+    batches: Iterable[Mapping[str, Any]],
+    beside: Mapping[str, Callable[[Mapping[str, Any]], np.ndarray]] = MappingProxyType({}),
+) -> Classification | Regression:
+    """Ask a network that tells labels or numbers of every batch.
+
+    ``beside`` are other methods by their names, functions of a batch to the numbers float64[B, K].
+    """
     told, true, media = [], [], []
+    others: dict[str, list[np.ndarray]] = {name: [] for name in beside}
     for batch in batches:
         told.append(model.tell(batch))
         true.append(TARGETS[model.target].values(batch))
         media.append(batch["parameters"]["medium"].long())
+        for name, method in beside.items():
+            others[name].append(method(batch))
     made, rows, where = torch.cat(told).double().numpy(), torch.cat(true), torch.cat(media).numpy()
     if model.target == "label":
         return Classification(made, rows[:, 0].argmax(-1).numpy(), where)
-    return Regression(made, in_units(rows.double()).numpy(), where)
+    names = TARGETS[model.target].numbers
+    answers = {name: np.concatenate(parts) for name, parts in others.items()}
+    return Regression(made, in_units(rows.double(), names).numpy(), where, names, answers)

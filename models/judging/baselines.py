@@ -101,8 +101,8 @@ def katz(
             lags = seen.lags[n : n + 1]
             if recipe is not None and division != "none":
                 drawn = {name: float(values[n]) for name, values in batch["parameters"].items()}
-                kernel = recipe.material.known(recipe.material.slab_of(drawn)).kernel
-                c_i = memory_effect_at_lags(kernel, drawn["wavelength"], drawn["object_pitch"], FRAME)
+                correlation = recipe.material.known(recipe.material.slab_of(drawn)).correlation
+                c_i = memory_effect_at_lags(correlation, drawn["wavelength"], drawn["object_pitch"], FRAME)
                 about = dict(side=float(settings.extent or FRAME), grain=seen.grain[n : n + 1])
                 chosen = choice(lags, c_i, seen.variance[n : n + 1], **about)[0] if division == "expected" else division
                 lags = lags * weights(lags, c_i, seen.variance[n : n + 1], guess=chosen, **about)

@@ -78,8 +78,8 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
     curves, material = [], cast(Any, recipe.material)  # a slab's or a diffuser's: each knows its own
     for n in range(len(batch["object"])):
         own = {name: float(values[n]) for name, values in drawn.items()}
-        kernel = material.known(material.slab_of(own)).kernel
-        curves.append(memory_effect_of(kernel, own["wavelength"], own["object_pitch"])(np.arange(FRAME)))
+        correlation = material.known(material.slab_of(own)).correlation
+        curves.append(memory_effect_of(correlation, own["wavelength"], own["object_pitch"])(np.arange(FRAME)))
     seen = {name: batch[name] for name in ("image", "frames") if name in batch}
     return {
         **seen, "object": torch.zeros_like(batch["object"]), "parameters": known,
@@ -338,7 +338,7 @@ def _checked(made: Any, count: int) -> Tensor:
 
 
 def card() -> str:
-    """Data card of the benchmark, in Markdown: what the tasks are, what may be learned from, and the licence."""
+    """Data card of the benchmark, in Markdown: the tasks, the data to learn from, and the licence."""
     lines = [
         f"# Benchmark of specklegen, version {VERSION}", "",
         f"{len(TASKS)} tasks of {SAMPLES} images: samples 0 to {SAMPLES - 1} of the test split of a recipe, seed "

@@ -24,6 +24,7 @@ from specklegen.core.display.escape import cell, csv_cell
 from specklegen.core.display.plot import Pictured
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
+from specklegen.core.labelled import Labelled, Labels
 from specklegen.models.judging.baselines import FRAME, Batch, Method, grain_pixels
 from specklegen.models.judging.isolation import copy_of
 from specklegen.models.metrics import SCORES, Interval, align, bootstrap
@@ -66,7 +67,7 @@ def _darkened(made: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Evaluation(Pictured):
+class Evaluation(Pictured, Labelled):
     """Scores of every method on every image.
 
     Attributes
@@ -99,6 +100,28 @@ class Evaluation(Pictured):
     def _facts(self) -> Mapping[str, object]:
         shown = {method: "{:.3f} [{:.3f}, {:.3f}]".format(*self.interval(method)) for method in self.values}
         return {"images": len(self.media), "media": len(np.unique(self.media))} | shown
+
+    def _arrays(self) -> Mapping[str, Labels]:
+        methods = list(self.values)
+        targets, scores = ([*dict.fromkeys(x)] for x in (
+            (target for each in self.values.values() for target in each),
+            (score for each in self.values.values() for found in each.values() for score in found),
+        ))  # fmt: skip
+        axes, shape = ("method", "target", "score", "image"), (len(methods), len(targets), len(scores), len(self.media))
+        values = np.full(shape, np.nan)
+        for m, t, s in np.ndindex(shape[:3]):
+            found = self.values[methods[m]].get(targets[t], {}).get(scores[s])
+            if found is not None:
+                values[m, t, s] = found
+        identified = np.array([self.identified[method] for method in methods if method in self.identified])
+        known = {"media": self.media, "labels": self.labels, "extents": self.extents, "families": self.families}
+        named = {"method": methods, "target": targets, "score": scores}
+        return (
+            {name: Labels((name,), np.array(words), coordinate=True) for name, words in named.items()}
+            | {name: Labels(("image",), found, coordinate=True) for name, found in known.items()}
+            | {"values": Labels(axes, values)}
+            | ({"identified": Labels(("method", "image"), identified)} if len(identified) == len(methods) else {})
+        )
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Mean Pearson correlation of every method to the sharp object, with its interval."""

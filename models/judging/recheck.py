@@ -13,7 +13,7 @@ import torch
 
 from specklegen.core.errors import reject
 from specklegen.models.judging.evaluation import evaluate
-from specklegen.models.judging.tasks import SEED, VERSION, task
+from specklegen.models.judging.tasks import SEED, TASKS, VERSION, task
 from specklegen.models.learning.examples import batches_of
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _TOLERANCE = 1e-3  # of a score: images of another processor differ by 1e-6, a f
 
 
 def write_answers(file: Path, results: "Results") -> None:
-    """Write what was answered, and what it scored; see :func:`recheck`."""
+    """Write the answers and their scores; see :func:`recheck`."""
     stated = {
         "version": VERSION, "seed": SEED, "samples": results.samples,
         "fingerprints": {name: task(name).fingerprint for name in results.evaluations},
@@ -63,8 +63,8 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
     Raises
     ------
     RuleError
-        If the file is of another version or of other images, or of fewer than it states, or a score is not the one
-        that it states.
+        If the file is of another version or of other images, or of fewer than it states, answers or scores are of
+        tasks or functions that the other ones are not of, or a score is not the one that it states.
     """
     with np.load(file, allow_pickle=False) as content:
         stated: dict[str, Any] = json.loads(str(content["stated"]))
@@ -74,6 +74,7 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
         }
     if (stated["version"], stated["seed"]) != (VERSION, SEED):
         reject("answers version", f"{VERSION}, seed {SEED}", f"{stated['version']}, seed {stated['seed']}")
+    _require_whole(stated)
     found = {}
     for name in stated["fingerprints"]:
         recipe = task(name).recipe()
@@ -99,6 +100,27 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
                        claimed.tolist()[worst : worst + 1])  # fmt: skip
             found[name, function] = float(scores.mean())
     return found
+
+
+def _require_whole(stated: dict[str, Any]) -> None:
+    """Refuse what would not be looked at: of tasks without a fingerprint, of functions without answers or scores."""
+    tasks = set(stated["fingerprints"])
+    answered = [(name, function) for name, function, _ in stated["answers"]]
+    scored = [(name, function) for name, found in stated["scores"].items() for function in found]
+    if len(set(answered)) < len(answered):
+        reject("answers", "one of each function to each task", sorted(answered))
+    if set(answered) != set(scored):
+        reject("answers", "of the tasks and functions that are scored", sorted(set(answered) ^ set(scored)))
+    if tasks != {name for name, _ in answered} or tasks != set(stated["scores"]):
+        there = sorted({name for name, _ in answered})
+        reject("answers fingerprints", f"of the tasks answered, {there}", sorted(tasks))
+
+
+def missing_tasks(file: Path) -> list[str]:
+    """Return the tasks of the benchmark that a file has no answers to: with any, it is no complete run."""
+    with np.load(file, allow_pickle=False) as content:
+        answered = json.loads(str(content["stated"]))["fingerprints"]
+    return [each.name for each in TASKS if each.name not in answered]
 
 
 def _sizes(task: str, answers: dict[str, list[np.ndarray]], samples: int) -> list[int]:

@@ -16,7 +16,7 @@ from specklegen.core.errors import reject
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 
-VERSION = 2
+VERSION = 3
 """Raised whenever an image of a task changes."""
 SEED = 20
 """Of every task."""
@@ -126,6 +126,11 @@ TASKS = (
         "in motion", "films of eight frames while the slab's field decorrelates in two to twenty",
         "dynamic-slab", _UNSEEN,
         "43a5eb951c85a29cddbe1eb2ead28eaf9b04b64e7e6b05b75ca8d808fe53d284",
+    ),
+    Task(
+        "Brownian", "films of eight frames of particles in Brownian motion: g1 falls to 1/e in two to twenty",
+        "brownian-slab", _UNSEEN,
+        "d910f1ac2364acbcd8502a45db72b530a999ea8254e5685c9ac69804cbef0dfc",
     ),
 )  # fmt: skip
 """The benchmark."""

@@ -1,4 +1,4 @@
-"""Examples: what a network sees and what it should show, ready in memory."""
+"""Examples: inputs of a network and its targets, ready in memory."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -67,7 +67,7 @@ def examples(
     seed, split
         Of a recipe.
     target
-        "object", "label" or "material".
+        A name in :data:`~specklegen.models.learning.targets.TARGETS`.
     """
     values = TARGETS[target].values
     count = samples or (len(source) if isinstance(source, SpeckleCache) else source.length(split))

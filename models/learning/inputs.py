@@ -15,6 +15,7 @@ from scipy.fft import next_fast_len
 from torch import Tensor
 
 from specklegen.core.errors import reject
+from specklegen.models.learning.exposures import exposures_input
 from specklegen.models.retrieval.autocorrelation import lag_means
 from specklegen.models.retrieval.camera_noise import READABLE, camera_noise
 
@@ -217,6 +218,7 @@ def registered_and_power_input(batch: Mapping[str, Any]) -> Tensor:
 FEATURES: dict[str, Callable[[Mapping[str, Any]], Tensor]] = {
     "registered": registered_input,
     "registered+power": registered_and_power_input,
+    "exposures": exposures_input,
 }
 """Name to function of a batch of stacks, float[B, F]."""
 

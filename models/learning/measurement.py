@@ -1,4 +1,4 @@
-"""From a batch of a hidden-object recipe to what a solver takes: periodograms, optics, memory effects."""
+"""Measurements that a solver takes, of a batch of a hidden-object recipe: periodograms, optics, memory effects."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -45,7 +45,7 @@ def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogra
     memory = []
     for n in range(len(images)):
         own = {key: float(values[n]) for key, values in drawn.items()}
-        kernel = recipe.material.known(recipe.material.slab_of(own)).kernel
-        memory.append(memory_effect_of(kernel, own["wavelength"], own["object_pitch"]))
+        correlation = recipe.material.known(recipe.material.slab_of(own)).correlation
+        memory.append(memory_effect_of(correlation, own["wavelength"], own["object_pitch"]))
     optics = Optics(step.float(), grain.float(), recipe.profile, recipe.exposure is not None)
     return seen_by_camera(images, grain, camera=recipe.exposure or "none"), optics, memory

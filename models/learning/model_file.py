@@ -57,7 +57,7 @@ def write_model(path: Path, stated: Mapping[str, Any], tensors: Mapping[str, Ten
 
 
 def read_model(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """Read what :func:`write_model` wrote: what the model is, and its tensors.
+    """Read the file of :func:`write_model`: the model's description, and its tensors.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class Reconstructor:
     input : str
         "camera" or "autocorrelation".
     target : str
-        What it tells: "object", "label" or "material".
+        What it tells: "object", "label", "material" or "motion".
     trained_on : dict
         Table of the objects that it was trained on, as in a recipe; empty where that is not known.
 
@@ -85,7 +85,8 @@ class Reconstructor:
         Returns
         -------
         float32[B, K]
-            Probabilities of the classes; or log10 of range (radians), thickness and optical depth, and g.
+            Probabilities of the classes; of a material log10 of range (radians), thickness and optical depth, and g; of
+            motion log10 of tau0, and the share of the light at rest.
 
         Raises
         ------
@@ -93,12 +94,13 @@ class Reconstructor:
             If it shows objects, or the batch is not of its kind.
         """
         if self.target == "object":
-            reject("tell model", "one that tells a label or a material", "one that shows objects", "Use `reconstruct`.")
+            reject("tell model", "one that tells something else", "one that shows objects", "Use `reconstruct`.")
         inputs = network_input(batch, self.input)
         if inputs.shape[-1] != self.side:
             reject("tell batch", f"as in training, {self.side} numbers along the last axis", tuple(inputs.shape))
         made = self(inputs)
-        return in_units(made) if self.target == "material" else made[:, 0]
+        names = TARGETS[self.target].numbers
+        return in_units(made, names) if names else made[:, 0]
 
     def save(self, path: str | os.PathLike, compact: bool = False) -> None:
         """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter."""

@@ -1,9 +1,10 @@
-"""What a network is to tell of a sample: its object, the label of the object, or the material in front of it.
+"""What a network is to tell of a sample: its object, the label of the object, or numbers of the medium in front of it.
 
 Answers other than the object are one row, float[B, 1, K], so that the networks and runs are those of objects.
 """
 
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import torch
@@ -16,10 +17,23 @@ from specklegen.models.metrics import align, pearson
 
 CLASSES = 45
 """Of labels: as many as there are characters; digits and photographs are fewer."""
+
+
+class Scale(NamedTuple):
+    """Where a number of a medium lies among those that networks are shown, and whether it is told by its log10."""
+
+    middle: float
+    spread: float
+    logarithm: bool = True
+
+
 MATERIAL = {
-    "memory_effect_range": (-3.5, 0.5), "thickness": (3.0, 0.25), "optical_depth": (0.9, 0.25), "g": (0.83, 0.07),
+    "memory_effect_range": Scale(-3.5, 0.5), "thickness": Scale(3.0, 0.25), "optical_depth": Scale(0.9, 0.25),
+    "g": Scale(0.83, 0.07, logarithm=False),
 }  # fmt: skip
-"""Names of a material's numbers, with the middle and the spread of what networks are shown: log10 of all but g."""
+"""Numbers of a material."""
+MOTION = {"tau0": Scale(-3.5, 0.3), "static_share": Scale(0.4, 0.15, logarithm=False)}
+"""Numbers of what moves: tau0 = 1/(D k^2), and the share of the light that meets nothing that moves."""
 
 
 class Target(NamedTuple):
@@ -37,6 +51,8 @@ class Target(NamedTuple):
         Of (answers, values), to a number: the larger the better, at most 1.
     scored : str
         Name of the score.
+    numbers : mapping
+        Of targets that are numbers of the medium: their names, in order; else empty.
     """
 
     values: Callable[[Mapping[str, Any]], Tensor]
@@ -44,6 +60,7 @@ class Target(NamedTuple):
     answer: Callable[[Tensor], Tensor]
     score: Callable[[Tensor, Tensor], float]
     scored: str
+    numbers: Mapping[str, Scale] = MappingProxyType({})
 
 
 def objects_of(batch: Mapping[str, Any]) -> Tensor:
@@ -61,22 +78,27 @@ def labels_of(batch: Mapping[str, Any]) -> Tensor:
     return functional.one_hot(drawn["label"].long(), CLASSES)[:, None].float()
 
 
-def material_of(batch: Mapping[str, Any]) -> Tensor:
-    """Numbers of the material over their spread, float32[B, 1, 4]."""
+def numbers_of(batch: Mapping[str, Any], names: Mapping[str, Scale]) -> Tensor:
+    """Numbers of the medium over their spread, float32[B, 1, K]."""
     drawn = batch["parameters"]
-    for name in MATERIAL:
+    for name in names:
         if name not in drawn or not drawn[name].isfinite().all():
-            reject(f"batch {name}", "a finite number of every slab", drawn.get(name),
-                   "Thin screens have no optical depth, a single one no range: ask for another target.")  # fmt: skip
-    numbers = [drawn[name] if name == "g" else drawn[name].log10() for name in MATERIAL]
-    middle, spread = torch.tensor(list(MATERIAL.values()), dtype=torch.float64).T
+            reject(f"batch {name}", "a finite number of every medium", drawn.get(name),
+                   "Thin screens have no optical depth, a single one no range, media at rest no tau0: ask for another "
+                   "target.")  # fmt: skip
+    numbers = [drawn[name].log10() if scale.logarithm else drawn[name] for name, scale in names.items()]
+    middle, spread = _scales(names, torch.float64)
     return ((torch.stack(numbers, -1) - middle) / spread)[:, None].float()
 
 
-def in_units(rows: Tensor) -> Tensor:
-    """Numbers of the material, log10 of all but g, float[B, 4], from rows over their spread."""
-    middle, spread = torch.tensor(list(MATERIAL.values()), dtype=rows.dtype).T
+def in_units(rows: Tensor, names: Mapping[str, Scale] = MATERIAL) -> Tensor:
+    """Numbers of the medium, some by their log10, float[B, K], from rows over their spread."""
+    middle, spread = _scales(names, rows.dtype)
     return rows[:, 0] * spread + middle
+
+
+def _scales(names: Mapping[str, Scale], dtype: torch.dtype) -> Tensor:
+    return torch.tensor([(each.middle, each.spread) for each in names.values()], dtype=dtype).T
 
 
 def likeness(made: Tensor, objects: Tensor) -> float:
@@ -100,10 +122,17 @@ def cross_entropy_of_classes(logits: Tensor, labels: Tensor) -> Tensor:
     return functional.cross_entropy(logits[:, 0], labels[:, 0])
 
 
+def _of_numbers(names: Mapping[str, Scale]) -> Target:
+    return Target(
+        lambda batch: numbers_of(batch, names), functional.mse_loss, lambda logits: logits,
+        lambda made, rows: float(determination(made, rows).mean()), "r2", names,
+    )  # fmt: skip
+
+
 TARGETS: dict[str, Target] = {
     "object": Target(objects_of, None, torch.sigmoid, likeness, "pearson"),
     "label": Target(labels_of, cross_entropy_of_classes, lambda logits: logits.softmax(-1), accuracy, "accuracy"),
-    "material": Target(material_of, functional.mse_loss, lambda logits: logits,
-                       lambda made, rows: float(determination(made, rows).mean()), "r2"),
-}  # fmt: skip
+    "material": _of_numbers(MATERIAL),
+    "motion": _of_numbers(MOTION),
+}
 """Name to target."""

@@ -46,14 +46,15 @@ class Training(Value):
     Parameters
     ----------
     target
-        What it is to tell: the "object", its "label" (a class), or the "material" (range, thickness, optical depth, g).
+        What it is to tell: the "object", its "label" (a class), the "material" (range, thickness, optical depth, g), or
+        the "motion" (tau0, share of the light at rest).
     input
         What the network sees: "autocorrelation" or "camera"; of stacks of tilts "registered", how their speckle
-        decorrelates, or "registered+power", with the transmitted power.
+        decorrelates, or "registered+power", with the transmitted power; of exposures "exposures", their contrasts.
     network
         "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample), "dense", or
-        "perceptron" (for registered stacks); or one of your own (:class:`specklegen.models.Network`), by its name or
-        by its import path, as in "my_module:Linear".
+        "perceptron" (for stacks of tilts or exposures); or one of your own (:class:`specklegen.models.Network`), by its
+        name or by its import path, as in "my_module:Linear".
     width
         Channels at the top of the U-Net, or a sixteenth of the units of the other two.
     loss
@@ -106,6 +107,12 @@ class Training(Value):
         if self.target != "object" and self.mirror:
             reject("Training.mirror", "false where the target is no object", self.mirror)
         return self
+
+
+    @property
+    def tells_numbers(self) -> bool:
+        """Whether it is to tell numbers of the medium, which need no hidden object."""
+        return bool(TARGETS[self.target].numbers)
 
 
 def _able(what: str, name: str) -> str:

@@ -70,13 +70,13 @@ class Optics(NamedTuple):
 
 
 def memory_effect_between(
-    kernel: MemoryEffectCorrelation, wavelength: float, pitch: float, shape: tuple[int, int]
+    correlation: MemoryEffectCorrelation, wavelength: float, pitch: float, shape: tuple[int, int]
 ) -> Tensor:
     """C_I at every lag between the pixels of an object, float64[2 h - 1, 2 w - 1], lag 0 in the middle.
 
     Parameters
     ----------
-    kernel
+    correlation
         Of the material.
     wavelength
         Inside the medium.
@@ -90,12 +90,12 @@ def memory_effect_between(
     >>> from specklegen.datasets import load_recipe
     >>> from specklegen.models import memory_effect_between
     >>> recipe = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
-    >>> kernel = recipe.material_of(0, "test", 0).kernel
-    >>> memory_effect_between(kernel, recipe.wavelength, pitch=1e-5, shape=(4, 4)).shape
+    >>> correlation = recipe.material_of(0, "test", 0).correlation
+    >>> memory_effect_between(correlation, recipe.wavelength, pitch=1e-5, shape=(4, 4)).shape
     torch.Size([7, 7])
     """
     rows, columns = (np.arange(1 - n, n) for n in shape)
-    return at_distances(memory_effect_of(kernel, wavelength, pitch), np.hypot(rows[:, None], columns))
+    return at_distances(memory_effect_of(correlation, wavelength, pitch), np.hypot(rows[:, None], columns))
 
 
 def expected_deviance(looks: float) -> float:
@@ -260,7 +260,7 @@ class SpeckleLikelihood(nn.Module):
         turns = [waves(f.numpy(), steps.numpy(), self.step) for f in (self.down, self.across)]
         power = torch.where(self.used, self.power - self.noise[:, None, None], 0.0)
         found = 2 * Transforms(*turns).back(power) / (self.tile[0] * self.tile[1])
-        reach = (steps.to(found).abs() * self.step[:, None])
+        reach = steps.to(found).abs() * self.step[:, None]
         pairs = [(1 - reach / n).clamp_min(0.1) for n in self.tile]
         return found / (pairs[0][:, :, None] * pairs[1][:, None])
 

@@ -1,4 +1,4 @@
-"""The verdict after the image: what the object looks like, how sure that is, and what would help.
+"""The verdict after the image: the object, how sure it is, and what would help.
 
 A setup is a recipe with hidden objects: its window, camera, slab, and how large an object pixel appears. The slab may
 be given as ranges. Then one range is fitted to all the images, which were taken through one slab.
@@ -13,6 +13,7 @@ import torch
 from scipy.special import polygamma
 from torch import Tensor
 
+from specklegen.core.arguments import flag, instance
 from specklegen.core.display.plot import SHOWN, Pictured, draw_images
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
@@ -21,6 +22,8 @@ from specklegen.datasets.distributions import ends
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.materials import characterized_materials
 from specklegen.datasets.recipes.parts.material import CharacterizedMaterial
+from specklegen.measured.curve import MeasuredCurve
+from specklegen.measured.measurement import Measurement
 from specklegen.models.learning.measurement import memory_effect_of, seen_by_camera
 from specklegen.models.learning.range_fit import RangeFit, fit_range, scaled
 from specklegen.models.learning.solver import EXTENT, MemoryEffect, Solution, Solver, load_solver
@@ -30,6 +33,7 @@ from specklegen.models.recoverability.autocorrelation_error import Conditions
 from specklegen.models.recoverability.speckle_test import SpeckleTest, speckle_test
 from specklegen.models.recoverability.verdict import Reason, conditions_of, judge
 from specklegen.models.retrieval.autocorrelation import at_distances
+from specklegen.models.retrieval.measured_memory_effect import measured_memory_effect
 
 _DRAWN = 15
 """Materials of a setup with ranges, of which the middle one gives the shape of C_I."""
@@ -99,8 +103,17 @@ def setup_of(recipe: HiddenObject) -> Setup:
     optics = Optics(
         pitch / seen.grid.pitch, recipe.wavelength / seen.width / seen.grid.pitch, seen.profile, seen.pixel_integration
     )
-    memory = memory_effect_of(middle.kernel, recipe.wavelength, pitch)
+    memory = memory_effect_of(middle.correlation, recipe.wavelength, pitch)
     return Setup(optics, memory, known, middle.range_sine(recipe.wavelength), pitch, _contrast(recipe))
+
+
+def _with_curve(setup: Setup, curve: MeasuredCurve) -> Setup:
+    """Setup whose memory effect was measured, over pixels of the camera."""
+    c_i = measured_memory_effect(curve.at / float(setup.optics.step), curve.values)
+    distance = np.linspace(0, curve.at[-1] / float(setup.optics.step), 1000)
+    below = np.flatnonzero(c_i(distance) < 0.5)
+    half = distance[below[0]] * setup.pitch if len(below) else float("inf")
+    return setup._replace(memory_effect=c_i, known=True, range_sine=half)
 
 
 def _contrast(recipe: HiddenObject) -> tuple[float, float]:
@@ -187,17 +200,24 @@ class Findings(Pictured):
 
 
 def reconstruct_and_assess(
-    images: Tensor, setup: HiddenObject, *, fit: bool | None = None, solver: Solver | None = None, seed: Seed = 0
-) -> Findings:
+    images: Tensor | Measurement, setup: HiddenObject, *, frames: bool = False,
+    memory_effect: MeasuredCurve | None = None, fit: bool | None = None, solver: Solver | None = None,
+    seed: Seed = 0,
+) -> Findings:  # fmt: skip
     """Reconstruct objects from camera images, with a certificate for each.
 
     Parameters
     ----------
     images
         real[B, F, H, W]: B objects behind one slab, each in F frames through other states of its medium. Any unit
-        without an offset; camera noise is read off the images.
+        without an offset; camera noise is read off the images. Or what :func:`specklegen.measured.read_measurement`
+        read: its light over its envelope, an object a frame.
     setup
         Recipe with hidden objects that describes the setup; its camera gives the pitch, not the size.
+    frames
+        Whether the frames of a measurement show one object through other states of the medium.
+    memory_effect
+        C_I as it was measured, at distances on the camera in pixels: it takes the place of the setup's.
     fit
         Whether to fit the memory-effect range; by default, where the setup leaves the slab open and there are at least
         four images.
@@ -222,9 +242,17 @@ def reconstruct_and_assess(
     >>> found.each[0].image.shape
     (36, 36)
     """
+    flag("reconstruct_and_assess frames", frames)
+    if isinstance(images, Measurement):
+        stack = torch.from_numpy(images.images)
+        images = stack[None] if frames else stack[:, None]
+    elif frames:
+        reject("reconstruct_and_assess frames", "False of a tensor, whose second axis numbers frames", frames)
     if images.ndim != 4 or not images.numel():
         reject("reconstruct_and_assess images", "of shape [objects, frames, rows, columns]", tuple(images.shape))
     own = setup_of(setup)
+    if memory_effect is not None:
+        own = _with_curve(own, instance("reconstruct_and_assess memory_effect", memory_effect, MeasuredCurve))
     solver = solver or load_solver()
     grain = torch.full((len(images),), float(own.optics.grain))
     seen = seen_by_camera(images, grain, camera=setup.exposure or "unknown")

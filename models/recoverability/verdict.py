@@ -237,14 +237,23 @@ def conditions_of(
     split: Split = "train",
     medium: int = 0,
 ) -> Conditions:
-    """Conditions of a recipe's images through one of its media."""
+    """Conditions of a recipe's images through one of its media.
+
+    Raises
+    ------
+    RuleError
+        For recipes of polarised light, whose memory effect is not round.
+    """
+    if recipe.light.polarisation != "scalar":
+        reject("recoverable recipe", "one of scalar light", recipe.name,
+               "The verdict knows memory effects that are the same in all directions.")  # fmt: skip
     ready = recipe.prepare(seed, split, medium)
     drawn = ready.parameters
     objects = np.stack([recipe.objects.image(seed, split, n) for n in range(_EXAMPLES)])
     pitch, pixel, grain = drawn["object_pitch"], drawn["camera_pitch"], recipe.wavelength / drawn["width"]
-    kernel = recipe.material_of(seed, split, medium).kernel
+    correlation = recipe.material_of(seed, split, medium).correlation
     steps = np.arange(1 + int(np.ceil(np.hypot(*recipe.objects.shape))))
-    c_i = np.square(kernel(2 * np.pi / recipe.wavelength * pitch * steps)).clip(0, 1)
+    c_i = np.square(correlation(2 * np.pi / recipe.wavelength * pitch * steps)).clip(0, 1)
     # Behind thin screens the light stays about its beam: a lobe of so many camera sides.
     beam = min(beam, drawn.get("rms_angle", np.inf) / (pixel * float(np.prod(recipe.camera_shape)) ** 0.5))
     electrons, saturation = _exposure(recipe, (grain / pixel) ** 2)
@@ -321,8 +330,9 @@ MODES: dict[str, Mode] = {
     "beyond the memory-effect range": Mode(
         lambda c: c.replace(memory_effect=[1.0]),
         lambda c: f"C_I falls to {_across(c):.2g} across the object",
-        lambda c: "a smaller object, or one further away"
-        + ("" if c.compensation else "; divide the autocorrelation by C_I"),
+        lambda c: (
+            "a smaller object, or one further away" + ("" if c.compensation else "; divide the autocorrelation by C_I")
+        ),
     ),
     "no envelope removal": Mode(
         lambda c: c if c.removal else _even(c),

@@ -1,4 +1,4 @@
-"""From camera images to the autocorrelation of what is hidden.
+"""Autocorrelation of what is hidden, from camera images.
 
 Within the memory effect a camera image is object * speckle, and the autocorrelation of speckle is a peak as wide as
 a grain, so that of the image is that of the object, blurred by a grain, on a background. Beyond it the pair of
@@ -129,10 +129,10 @@ def autocorrelation(
     return inside.mean(-3)
 
 
-def memory_effect_of(kernel: MemoryEffectCorrelation, wavelength: float, pitch: float) -> MemoryEffect:
+def memory_effect_of(correlation: MemoryEffectCorrelation, wavelength: float, pitch: float) -> MemoryEffect:
     """C_I of a slab over distances in pixels, ``pitch`` in direction sines."""
     wavenumber = 2 * np.pi / wavelength * pitch
-    return lambda distance: np.square(kernel(wavenumber * np.asarray(distance, np.float64)))
+    return lambda distance: np.square(correlation(wavenumber * np.asarray(distance, np.float64)))
 
 
 def at_distances(memory_effect: MemoryEffect, distance: np.ndarray) -> Tensor:
@@ -141,12 +141,12 @@ def at_distances(memory_effect: MemoryEffect, distance: np.ndarray) -> Tensor:
     return torch.from_numpy(np.asarray(memory_effect(unique), np.float64)[inverse].reshape(distance.shape))
 
 
-def memory_effect_at_lags(kernel: MemoryEffectCorrelation, wavelength: float, pitch: float, window: int) -> Tensor:
+def memory_effect_at_lags(correlation: MemoryEffectCorrelation, wavelength: float, pitch: float, window: int) -> Tensor:
     """C_I of a material at every lag, float64[n, n].
 
     Parameters
     ----------
-    kernel
+    correlation
         Of the material.
     wavelength
         Inside the medium.
@@ -155,7 +155,7 @@ def memory_effect_at_lags(kernel: MemoryEffectCorrelation, wavelength: float, pi
     window
         n.
     """
-    return at_distances(memory_effect_of(kernel, wavelength, pitch), distances(window))
+    return at_distances(memory_effect_of(correlation, wavelength, pitch), distances(window))
 
 
 def taper(window: int, flat: float, end: float) -> Tensor:

@@ -194,8 +194,8 @@ def retrieved(scene: CellScene, lags: Tensor, objects: Tensor, restarts: int = R
     transfer = transfer_function(window, GRID)
     c_i = None
     if scene.compensation:
-        kernel = recipe.material.known(recipe.material.extremes()[0]).kernel
-        c_i = memory_effect_at_lags(kernel, 0.5, recipe.geometry.grid.pitch, window)
+        correlation = recipe.material.known(recipe.material.extremes()[0]).correlation
+        c_i = memory_effect_at_lags(correlation, 0.5, recipe.geometry.grid.pitch, window)
     options = Retrieval(restarts=restarts, extent=REACH * scene.side)
     found = retrieve(lags, options, memory_effect=c_i, transfer=transfer, threads=1)
     with one_torch_thread():

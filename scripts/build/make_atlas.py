@@ -184,8 +184,8 @@ def errors_of(depth, scatterer, loss, share, square, paths) -> np.ndarray:
     radius = np.sqrt(np.divide(square, total, out=np.zeros_like(total), where=total > 0))
     single = single_intensity(depth, np.exp(-loss), scatterer) * paths / BATCHES  # in each batch
     weights = np.append(single * BATCHES, total)
-    kernel = MemoryEffectCorrelation(np.append(0.0, radius), weights[None], paths, weights[0] / weights.sum())
-    half = kernel.half_range()
+    correlation = MemoryEffectCorrelation(np.append(0.0, radius), weights[None], paths, weights[0] / weights.sum())
+    half = correlation.half_range()
     q = COMPARED / np.exp(np.interp(0.5, np.cumsum(total) / total.sum(), np.log(np.maximum(radius, 1e-12))))
     q = np.append(q, half * np.array([0.98, 1.0, 1.02]) if np.isfinite(half) else np.zeros(3))
     light = share.sum(axis=1) + single
@@ -236,8 +236,8 @@ def describe(row: np.ndarray, depth: float, scatterer: Scatterer, loss: float, q
     shares, albedo = np.diff(levels()), np.exp(-loss)
     single, multiple = single_intensity(depth, albedo, scatterer), albedo**2 * np.exp(row[-1])
     weights = np.append(single, multiple * shares)
-    kernel = MemoryEffectCorrelation(np.append(0.0, np.exp(row[:-1])), weights[None], 1, single / weights.sum())
-    return kernel(q) ** 2, np.log(weights.sum()), np.log(kernel.half_range())
+    correlation = MemoryEffectCorrelation(np.append(0.0, np.exp(row[:-1])), weights[None], 1, single / weights.sum())
+    return correlation(q) ** 2, np.log(weights.sum()), np.log(correlation.half_range())
 
 
 def interpolation_errors(atlas: Atlas, family: Family) -> np.ndarray:

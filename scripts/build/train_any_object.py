@@ -148,7 +148,7 @@ class Law:
         reach = extent * np.array([each.half_range for each in chosen]) / EXTENT
         true, stated = (
             torch.from_numpy(np.stack([
-                np.square(each.kernel(scale * LATTICE)) for each, scale in zip(chosen, scales, strict=True)
+                np.square(each.correlation(scale * LATTICE)) for each, scale in zip(chosen, scales, strict=True)
             ])).float() for scales in (reach, reach * wrong)
         )  # fmt: skip
         photons = np.exp(rng.uniform(np.log(4), np.log(1000), BATCH))

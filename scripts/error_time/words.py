@@ -5,8 +5,8 @@ from collections.abc import Collection
 REMARKS = {
     "transmission-g09-od1": "Almost all light is scattered once or twice and straight on: nothing decorrelates.",
     "transmission-g09-od50": "The plain program pays for each of some 100 collisions a path; thinning keeps about one.",
-    "oblique-view": "At 20° the kernel of the axis would put |C|² of these tilts .05 and .10 too high; the stationary "
-    "sampler takes the oblique kernel of the direction itself (docs/planning.md).",
+    "oblique-view": "At 20° the correlation of the axis would put |C|² of these tilts .05 and .10 too high; the "
+    "stationary sampler takes the oblique correlation of the direction itself (docs/planning.md).",
     "backscatter": "The closed form includes the cone: S + M + the same M between the reversed directions.",
     "wide-field": "No transform spans 80°: every connection is summed at every view, and the general engine for a "
     "few points gets a third of the 1/(variance × time).",

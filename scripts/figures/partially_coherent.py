@@ -67,11 +67,11 @@ def autocovariance_law(slab, width, length, shifts):
     """K(k d)^2 sum_jl p_j p_l W^(d - s_j + s_l)^2."""
     source = gaussian_schell_object(WAVELENGTH, length, width)
     power, s = source.brightness[source.brightness > 0], source.beams.directions[:, :2]
-    kernel = estimate_correlation(slab, 100_000, 1)
+    correlation = estimate_correlation(slab, 100_000, 1)
     grains = (s[:, None] - s) * width / WAVELENGTH
     pairs = power[:, None] * power * np.sinc(grains[..., 1]) ** 2
     blurred = np.array([(pairs * np.sinc(n / 2 - grains[..., 0]) ** 2).sum() for n in shifts])
-    return kernel(2 * np.pi / width / 2 * np.asarray(shifts)) ** 2 * blurred
+    return correlation(2 * np.pi / width / 2 * np.asarray(shifts)) ** 2 * blurred
 
 
 def draw_contrast(panel, quick):

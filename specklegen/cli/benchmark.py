@@ -46,10 +46,13 @@ def benchmark(
                 typer.echo(f"{row['task']:26s} {row['asks']}")
         return
     if check is not None:
-        from specklegen.models.judging.recheck import recheck, samples_of
+        from specklegen.models.judging.recheck import missing_tasks, recheck, samples_of
 
         scores = recheck(check)
         typer.echo(f"mean Pearson correlations, found anew on {samples_of(check)} images a task")
+        missing = missing_tasks(check)
+        if missing:
+            typer.echo(f"not a complete run: no answers to {', '.join(missing)}")
         for (name, function), score in scores.items():
             typer.echo(f"{name:26s} {function:26s} {score:.3f}")
         return

@@ -3,6 +3,7 @@
 Thin: a command reads its arguments, calls one function of the library, and shows what came out.
 """
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -14,13 +15,16 @@ from specklegen.cli import (
     explore,
     fit_camera,
     fit_material,
+    fit_setup,
     learning,
+    measured,
     recipes,
     reconstruct,
     recoverable,
     scenes,
     stores,
 )
+from specklegen.cli.examples import epilog
 from specklegen.cli.failures import failures_told
 
 app = typer.Typer(
@@ -29,6 +33,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="\b\nExit status: 0 done; 1 something is missing or damaged; 2 refused, with the reason; 130 stopped.",
 )
 
 
@@ -47,25 +52,33 @@ def specklegen(
     """Correlated speckle image stacks, and data sets for seeing through scattering media."""
 
 
-app.add_typer(recipes.recipes, name="recipes")
-app.command()(recipes.plan)
-app.command()(scenes.render)
-app.command("memory-effect")(scenes.memory_effect_command)
-app.command()(scenes.reflectance)
-app.command()(stores.generate)
-app.command()(stores.preview)
-app.command()(stores.info)
-app.command()(stores.verify)
-app.command()(stores.export)
-app.command()(learning.train)
-app.command()(learning.evaluate)
-app.command()(recoverable.recoverable)
-app.command()(reconstruct.reconstruct)
-app.command("fit-camera", cls=fit_camera.ManyFiles)(fit_camera.fit_camera)
-app.command("fit-material")(fit_material.fit_material)
-app.command("compare")(compare.compare_command)
-app.command()(benchmark.benchmark)
-app.command()(explore.explore)
+app.add_typer(recipes.recipes, name="recipes", epilog=epilog("recipes"))
+app.add_typer(measured.measured, name="measured")
+COMMANDS: dict[str, Callable[..., None]] = {
+    "plan": recipes.plan,
+    "render": scenes.render,
+    "memory-effect": scenes.memory_effect_command,
+    "reflectance": scenes.reflectance,
+    "generate": stores.generate,
+    "preview": stores.preview,
+    "info": stores.info,
+    "verify": stores.verify,
+    "export": stores.export,
+    "train": learning.train,
+    "evaluate": learning.evaluate,
+    "recoverable": recoverable.recoverable,
+    "reconstruct": reconstruct.reconstruct,
+    "fit-camera": fit_camera.fit_camera,
+    "fit-material": fit_material.fit_material,
+    "fit-setup": fit_setup.fit_setup,
+    "compare": compare.compare_command,
+    "benchmark": benchmark.benchmark,
+    "explore": explore.explore,
+}
+"""Every command by its name."""
+_CLASSES = {"fit-camera": fit_camera.ManyFiles}
+for _name, _command in COMMANDS.items():
+    app.command(_name, cls=_CLASSES.get(_name), epilog=epilog(_name))(_command)
 
 
 def main(words: list[str] | None = None) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import typer
 
-from specklegen.core.errors import ToldError
+from specklegen.core.errors import RuleError, ToldError
 
 FAILED = 2
 """Exit status of a command that could not do what it was asked for."""
@@ -23,7 +23,7 @@ _EXTRAS = {
     "sklearn": "digits", "miepython": "mie", "distributed": "dask", "dask": "dask", "dask_jobqueue": "dask",
     "cloudpickle": "dask", "trimesh": "mesh", "mapbox_earcut": "mesh", "shapely": "mesh", "pyarrow": "parquet",
     "upath": "remote", "lightning": "lightning", "deepinv": "deepinv", "embreex": "validate", "treams": "validate",
-    "marimo": "explore", "uvicorn": "explore", "h5py": "hdf5",
+    "marimo": "explore", "uvicorn": "explore", "h5py": "hdf5", "xarray": "xarray",
 }  # fmt: skip
 """Packages that come with an extra of this one."""
 
@@ -42,6 +42,7 @@ def _package(error: ImportError) -> str:
 
 
 _WORDS: tuple[tuple[type[BaseException], Callable[[Any], str]], ...] = (
+    (RuleError, lambda error: error.in_tables),
     (ToldError, str),
     (OSError, _system),
     (MemoryError, lambda error: f"there is not enough memory. {error}".strip()),

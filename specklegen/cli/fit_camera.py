@@ -34,7 +34,7 @@ class ManyFiles(TyperCommand):
 def fit_camera(
     pairs: Annotated[
         list[str],
-        typer.Option(help="Frames in pairs of one light each, in the order of their names: TIFF, PNG, BMP or NPY."),
+        typer.Option(help="Frames in pairs of one light each, in the order of their names; files as of `reconstruct`."),
     ],
     dark: Annotated[list[str], typer.Option(help="At least two frames without light.")],
     out: Annotated[Path | None, typer.Option(help="TOML to write: the table [exposure] of a recipe.")] = None,
@@ -81,21 +81,10 @@ def fit_camera(
 
 def _frames(option: str, patterns: list[str]) -> "list[np.ndarray]":
     """All frames of the files that the patterns name, in the order of their names, numbers by value."""
-    import numpy as np
-
-    from specklegen.instrument import read_frames
+    from specklegen.measured.files import read_raw
 
     names = sorted(
         {name for pattern in patterns for name in (glob.glob(pattern) or [pattern])},
         key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)],
     )
-    frames: list[np.ndarray] = []
-    for name in names:
-        try:
-            frames += list(read_frames(Path(name)))
-        except (OSError, ValueError) as error:
-            reject(f"fit-camera {option}", "files of frames that can be read", name, f"It cannot: {error}.")
-    shapes = {frame.shape for frame in frames}
-    if len(shapes) > 1:
-        reject(f"fit-camera {option}", "frames of one size", sorted(shapes), "Give frames of one camera.")
-    return frames
+    return list(read_raw(f"fit-camera {option}", names).frames)

@@ -23,7 +23,7 @@ from specklegen.core.devices import checked_device
 from specklegen.core.errors import counted, reject
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from specklegen.models.learning.reconstructor import Reconstructor
 
@@ -35,6 +35,13 @@ Network = Annotated[
 ]
 
 
+def losses_starting_with(incomplete: str) -> list[str]:
+    """Losses that a shell may complete."""
+    from specklegen.models.learning.losses import LOSSES
+
+    return [name for name in LOSSES if name.startswith(incomplete)]
+
+
 def train(
     what: RecipeOrStore,
     out: Annotated[Path, typer.Option(help="Folder of the run; a stopped run goes on.")],
@@ -44,11 +51,14 @@ def train(
     validation_samples: Annotated[
         int, typer.Option(min=1, max=MOST_KEPT, help="Of a recipe's validation split.")
     ] = 256,
-    target: Annotated[str, typer.Option(help="What the network is to tell: object, label or material.")] = "object",
+    target: Annotated[
+        str, typer.Option(help="What the network is to tell: object, label, material or motion.")
+    ] = "object",
     input: Annotated[
         str,
         typer.Option(
-            help="What the network sees: camera or autocorrelation; of stacks of tilts registered or registered+power."
+            help="What the network sees: camera or autocorrelation; of stacks of tilts registered or registered+power; "
+            "of exposures exposures."
         ),
     ] = "autocorrelation",
     network: Annotated[
@@ -61,9 +71,12 @@ def train(
     width: Annotated[
         int, typer.Option(min=1, max=4096, help="Channels at the top; of the dense nets, units over 16.")
     ] = 16,
-    loss: Annotated[str, typer.Option(help="pearson, bce, ssim, l1, pearson+bce; with -invariant or without.")] = (
-        "pearson-invariant"
-    ),
+    loss: Annotated[
+        str,
+        typer.Option(
+            help="pearson, bce, ssim, l1, pearson+bce; with -invariant or without.", autocompletion=losses_starting_with
+        ),
+    ] = "pearson-invariant",
     learning_rate: Annotated[float, typer.Option(help="Largest learning rate.")] = 3e-3,
     batch_size: Annotated[int, typer.Option(min=1, help="Samples a step.")] = 64,
     epochs: Annotated[int, typer.Option(min=1, help="Passes through the data.")] = 20,
@@ -119,7 +132,7 @@ def train(
     else:
         if validation is not None:
             reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
-        recipe = (load if target == "material" else load_hidden)(what, changes, images, objects)
+        recipe = (load if settings.tells_numbers else load_hidden)(what, changes, images, objects)
         shown = sharing_media(recipe, media_group)
         data = streamed(SpeckleStream(shown, seed=seed, batch_size=batch_size), input, workers, target)
         held_out = examples(recipe, input, validation_samples, seed, "validation", target)
@@ -161,7 +174,7 @@ def evaluate(
         str | None,
         typer.Option(
             help="What to test on (default: one-angular-size; characters-of-new-fonts for labels, registered-tilts for "
-            "materials).", autocompletion=names_starting_with,
+            "materials, lsci-slab for motion).", autocompletion=names_starting_with,
         ),
     ] = None,
     split: Split = "test",
@@ -180,20 +193,24 @@ def evaluate(
     """Judge networks beside chance and phase retrieval, on media and characters that none has seen.
 
     Images of characters that a network was trained on are passed over, except with --split train. Networks that tell
-    labels or materials are judged one at a time, by a table of confusions or of R^2.
+    labels, materials or motion are judged one at a time, by a table of confusions or of R^2; of motion beside the
+    multi-exposure model in closed form.
     """
     import torch
 
     from specklegen.datasets.objects import Points
+    from specklegen.datasets.recipes.exposure_stack import ExposureStack
     from specklegen.datasets.recipes.hidden_object import HiddenObject
     from specklegen.models.judging import baselines, evaluation
     from specklegen.models.judging.charts import contact_sheet
+    from specklegen.models.judging.closed_inversion import closed_inversion
     from specklegen.models.judging.points import localisation
     from specklegen.models.judging.unseen import seen_by, unseen
     from specklegen.models.learning.examples import batches_of
     from specklegen.models.learning.networks import NETWORKS
     from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
     from specklegen.models.learning.solver import ANY_OBJECT, EXTENT, load_solver
+    from specklegen.models.learning.targets import TARGETS
     from specklegen.models.retrieval.phase_retrieval import Retrieval
 
     if network is not None:
@@ -205,11 +222,12 @@ def evaluate(
         reject("evaluate models", "networks that tell the same", sorted(asked))
     (target,) = asked
     recipe = recipe or _BENCHMARKS[target]
-    loaded = (load if target == "material" else load_hidden)(recipe, changes, images, objects)
+    loaded = (load if TARGETS[target].numbers else load_hidden)(recipe, changes, images, objects)
     if loaded.media_of(samples) < 2:
         reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
     if target != "object":
-        _judge_answers(named, batches_of(loaded, samples, seed, split), out, as_json)
+        beside = {"closed inversion": closed_inversion(loaded, seed)} if isinstance(loaded, ExposureStack) else {}
+        _judge_answers(named, batches_of(loaded, samples, seed, split), out, as_json, beside)
         return
     assert isinstance(loaded, HiddenObject)
     if "image" not in loaded.images_layout():
@@ -248,17 +266,23 @@ def evaluate(
     typer.echo(f"{out / 'summary.md'}, {out / 'summary.csv'}, {out / 'images.csv'}, {out / 'cases.png'}")
 
 
-_BENCHMARKS = {"object": "one-angular-size", "label": "characters-of-new-fonts", "material": "registered-tilts"}
+_BENCHMARKS = {
+    "object": "one-angular-size", "label": "characters-of-new-fonts", "material": "registered-tilts",
+    "motion": "lsci-slab",
+}  # fmt: skip
 
 
-def _judge_answers(named: "dict[str, Reconstructor]", batches: "Iterator[dict]", out: Path, as_json: bool) -> None:
-    """Print and write the table of a network that tells labels or materials."""
+def _judge_answers(
+    named: "dict[str, Reconstructor]", batches: "Iterator[dict]", out: Path, as_json: bool,
+    beside: "Mapping[str, Callable]",
+) -> None:  # fmt: skip
+    """Print and write the table of a network that tells labels or numbers, and of methods beside it."""
     from specklegen.models.judging.answers import judge
 
     if len(named) > 1:
         reject("evaluate models", "one at a time where they tell no object", sorted(named))
     writable(out)
-    found = judge(next(iter(named.values())), batches)
+    found = judge(next(iter(named.values())), batches, beside)
     found.write(out)
     if as_json:
         echo_json(found.rows())

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from specklegen.cli.examples import epilog
 from specklegen.cli.output import AsJson, echo_json
 from specklegen.cli.recipe_options import Images, RecipeName, Set, load, names_starting_with
 from specklegen.core.errors import counted
@@ -35,15 +36,15 @@ def _about(table: dict[str, Any]) -> dict[str, str]:
     return {"kind": table["kind"], "description": table["description"]}
 
 
-@recipes.command("show")
+@recipes.command("show", epilog=epilog("recipes show"))
 def show_recipe(recipe: RecipeName, changes: Set = None, as_json: AsJson = False) -> None:
-    """Print a recipe as TOML, with what it inherits and what you change written out."""
+    """Print a recipe as TOML, with inherited fields and your changes written out."""
     import tomli_w
 
     from specklegen.datasets.recipes.overrides import changes_of
-    from specklegen.datasets.recipes.recipe_files import merged, recipe_names, recipe_table
+    from specklegen.datasets.recipes.recipe_files import changed, recipe_names, recipe_table
 
-    table = merged(recipe_table(recipe), changes_of(changes or []))
+    table = changed(recipe_table(recipe), changes_of(changes or []))
     if changes or recipe not in recipe_names():  # the packaged ones are known to be right
         from specklegen.datasets import load_recipe
 
@@ -54,7 +55,7 @@ def show_recipe(recipe: RecipeName, changes: Set = None, as_json: AsJson = False
         typer.echo(tomli_w.dumps(table))
 
 
-@recipes.command("schema")
+@recipes.command("schema", epilog=epilog("recipes schema"))
 def recipe_schema_command(
     name: Annotated[
         str, typer.Argument(help="A kind of recipe, or a recipe of that kind.", autocompletion=names_starting_with)
@@ -71,14 +72,14 @@ def plan(
     samples: Annotated[int | None, typer.Option(min=1, help="Samples to cost (default: an epoch of train).")] = None,
     changes: Set = None,
     images: Images = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="With the reason for each part.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Tell how a recipe's scenes are rendered, what is left out and why, and what it costs."""
+    """Tell how a recipe's scenes are rendered, which parts are left out, and the cost; with --verbose, why."""
     loaded = load(recipe, changes, images)
     plans = loaded.plans()
     if not as_json:
-        for made in plans:
-            typer.echo(made.explain() + "\n")
+        typer.echo("\n\n".join(made.explain() for made in plans) + "\n" if verbose else _in_short(plans))
     from specklegen.datasets.store.estimate import estimate  # with zarr and torch, after the plans are read
 
     count = samples if samples is not None else loaded.length("train")
@@ -93,6 +94,20 @@ def plan(
         f"{counted(count, 'sample')}: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s on "
         f"{counted(cost['processes'], 'core')}, at most {memory / 2**20:.0f} MiB of memory in each process."
     )
+
+
+def _in_short(plans: "list[Plan]") -> str:
+    """The one plan in a few lines; of many, at the corners of a recipe's ranges, that of the largest error."""
+    worst = max(plans, key=lambda made: made.expected_error)
+    lines = [worst.summary()]
+    if len(plans) > 1:
+        errors = sorted(made.expected_error for made in plans)
+        samplers = " or ".join(sorted({made.sampler for made in plans}))
+        span = f"errors {errors[0]:.2g} to {errors[-1]:.2g}"
+        lines.insert(0, f"{len(plans)} corners of its ranges: {samplers}, {span}; the last is")
+        elsewhere = {f"Doubtful: {doubt}." for made in plans for doubt in made.doubts} - set(lines[1].split("\n"))
+        lines += sorted(elsewhere)
+    return "\n".join([*lines, "Why: --verbose."])
 
 
 def facts(made: "Plan") -> dict[str, Any]:

@@ -5,13 +5,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from specklegen.cli.measurement_options import Dark, Envelope, Flat, Keep, RegionOption, Variable, reader
 from specklegen.cli.output import AsJson, echo_json, json_text, writable
 from specklegen.cli.recipe_options import Seed, Set, load_hidden, names_starting_with
 from specklegen.core.errors import RuleError, reject
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
 
+    from specklegen.measured import Measurement
     from specklegen.models.recoverability.assessment import Findings
 
 
@@ -32,6 +36,15 @@ def reconstruct(
         typer.Option("--frames", help="All images, and all their pages, show one object through states of the medium."),
     ] = False,
     background: Annotated[float, typer.Option(help="Image value without light, taken off first.")] = 0.0,
+    dark: Dark = None,
+    flat: Flat = None,
+    envelope: Envelope = "fit",
+    region: RegionOption = None,
+    keep: Keep = None,
+    variable: Variable = None,
+    memory_effect: Annotated[
+        Path | None, typer.Option(help="CSV of the measured C_I: distance on the camera in pixels, C_I.")
+    ] = None,
     fit: Annotated[
         bool | None,
         typer.Option("--fit-range/--no-fit-range", help="Fit the memory-effect range (default: of slabs in ranges)."),
@@ -40,16 +53,18 @@ def reconstruct(
     changes: Set = None,
     as_json: AsJson = False,
 ) -> None:
-    """Reconstruct what is hidden behind your slab, with a certificate, and what would help where it fails."""
+    """Reconstruct what is hidden behind your slab, with a certificate, and advice where it fails."""
     import numpy as np
     import torch
 
+    from specklegen.measured import read_curve
     from specklegen.models.recoverability.assessment import reconstruct_and_assess
 
     recipe = load_hidden(setup, changes)
+    read = reader(dark, flat, envelope, region, keep, variable, background)
     pictures, notes = [], []
     for path in images:
-        found = _light(path, background, notes)
+        found = _light(path, read, notes)
         if len(found) > 1 and not frames:
             found = _one(path, found, notes)
         pictures.extend(found)
@@ -58,7 +73,9 @@ def reconstruct(
         reject("reconstruct IMAGE", "of one size", sorted(shapes), "Give images of one camera.")
     writable(out)
     stack = torch.from_numpy(np.stack(pictures))
-    found = reconstruct_and_assess(stack[None] if frames else stack[:, None], recipe, fit=fit, seed=seed)
+    curve = None if memory_effect is None else read_curve(memory_effect)
+    given = stack[None] if frames else stack[:, None]
+    found = reconstruct_and_assess(given, recipe, memory_effect=curve, fit=fit, seed=seed)
     names = [out.name] if frames else [path.stem for path in images]
     _write(found, names, notes, out)
     if as_json:
@@ -81,33 +98,32 @@ def reconstruct(
     typer.echo(f"{out / 'report.json'}, {out / 'reconstructions.png'}")
 
 
-def _light(path: Path, background: float, notes: list[str]) -> "np.ndarray":
-    """Light[n, h, w] of a file; pictures in colours become grey."""
+def _light(path: Path, read: "Callable[..., Measurement]", notes: list[str]) -> "np.ndarray":
+    """Light[n, h, w] of a file over its envelope; pictures in colours become grey."""
     from specklegen.datasets.objects.pictures import SUFFIXES, read_grey
-    from specklegen.measured import read_measurement
     from specklegen.measured.files import FRAME_FILES
 
     suffix = path.suffix.lower()
     if suffix not in (*FRAME_FILES, *SUFFIXES):
         known = ", ".join(sorted({*FRAME_FILES, *SUFFIXES}))
         reject("reconstruct IMAGE", f"a file that ends in {known}", str(path))
+    found = None
     try:
         if suffix in FRAME_FILES:
-            read = read_measurement(path, dark=background, hot_pixels=False)
-            notes.extend(f"{path.name}: {doubt}" for doubt in read.doubts)
-            return read.light
+            found = read(path)
     except RuleError as error:
-        if suffix not in SUFFIXES:
+        if suffix not in SUFFIXES or not str(error).startswith("read_measurement source"):
             reject("reconstruct IMAGE", "frames that can be read", str(path), str(error))
     try:
-        picture = read_grey(path)[None] - background  # of colours, perhaps
-        if picture.mean() > 0:
-            return picture
-        reject("reconstruct --background", "below the mean of the image", background)
-    except RuleError:
-        raise
+        if found is None:
+            found = read(read_grey(path))  # of colours, perhaps
     except (OSError, ValueError) as error:
         reject("reconstruct IMAGE", "a picture that can be read", str(path), f"It cannot: {error}.")
+    notes.extend(f"{path.name}: {doubt}" for doubt in found.doubts)
+    if found.envelope is not None and found.envelope_order != 0:
+        fitted = "as given" if found.envelope_order is None else f"fitted, order {found.envelope_order}"
+        notes.append(f"{path.name}: an envelope of contrast {found.envelope.std():.2g} was divided out ({fitted})")
+    return found.images
 
 
 def _one(path: Path, frames: "np.ndarray", notes: list[str]) -> "np.ndarray":

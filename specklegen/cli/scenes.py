@@ -4,7 +4,7 @@ import csv
 import dataclasses
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -28,6 +28,8 @@ _OF_THE_SCENE = (
     "wavelength", "thickness", "optical_depth", "g", "albedo", "width", "tilts", "step", "views", "pitch",
 )  # fmt: skip
 """Options of `render` that a scene's file holds instead."""
+_OF_THE_MEDIUM = ("optical_depth", "g", "albedo", "index")
+"""Options of `memory-effect` that a preset holds instead."""
 
 
 def render(
@@ -65,7 +67,7 @@ def render(
     from specklegen.pictures import stack_sheet
 
     if scene is not None:
-        _require_unsaid(context, scene)
+        _require_unsaid(context, scene, "render", _OF_THE_SCENE)
         built = scene_in(scene)
     else:
         if not width > 0:
@@ -95,13 +97,16 @@ def render(
     typer.echo(f"Rendered {images.shape} in {took:.2f} s: {', '.join(map(str, written))}")
 
 
-def _require_unsaid(context: typer.Context, scene: Path) -> None:
-    """Refuse options that a scene's file would silently overrule."""
-    sources = {name: context.get_parameter_source(name) for name in _OF_THE_SCENE}
-    said = [name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE"]
-    if said:
-        options = ", ".join("--" + name.replace("_", "-") for name in said)
-        reject(f"render {options}", "left out with --scene, which says it", str(scene), "Change the file instead.")
+def _require_unsaid(
+    context: typer.Context, said: Path | str, command: str, names: tuple[str, ...], option: str = "--scene"
+) -> None:
+    """Refuse options that a scene's file, or a preset, would silently overrule."""
+    sources = {name: context.get_parameter_source(name) for name in names}
+    given = [name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE"]
+    if given:
+        options = ", ".join("--" + name.replace("_", "-") for name in given)
+        remedy = "Change the file instead." if option == "--scene" else f"Leave {option} out to describe a slab."
+        reject(f"{command} {options}", f"left out with {option}, which says it", str(said), remedy)
 
 
 def scene_in(file: Path) -> "Scene":
@@ -114,11 +119,23 @@ def scene_in(file: Path) -> "Scene":
 
 
 def memory_effect_command(
+    context: typer.Context,
     wavelength: Wavelength = 0.5,
     thickness: Thickness = 1000.0,
     optical_depth: OpticalDepth = 10.0,
     g: Annotated[list[float] | None, typer.Option("--g", help="Anisotropy; give it several times to compare.")] = None,
     albedo: Albedo = 1.0,
+    index: Annotated[float, typer.Option(help="Refractive index of the slab, in air; 1 for matched faces.")] = 1.0,
+    material: Annotated[
+        str | None,
+        typer.Option(
+            help="A preset, such as skin, instead of depth, g, albedo and index; lengths are then in micrometres, the "
+            "wavelength that in vacuum."
+        ),
+    ] = None,
+    scene: Annotated[
+        Path | None, typer.Option(help="The medium of a scene, TOML or JSON, instead: layers, any lobe, screens.")
+    ] = None,
     largest: Annotated[float, typer.Option(help="Largest tilt, degrees.")] = 0.04,
     points: Annotated[int, typer.Option(min=2, max=100_000, help="Tilts from 0 to the largest, both of them.")] = 33,
     lags: Annotated[float | None, typer.Option(help="Instead of tilts: largest lag of a slab that moves.")] = None,
@@ -141,30 +158,49 @@ def memory_effect_command(
 
     if lags is None and diffusion is not None:
         reject("--diffusion", "left out without --lags", diffusion)
+    if lags is not None and not 0 < lags < np.inf:
+        reject("--lags", "above 0 and finite", lags)
     if not 0 < largest < 90:
         reject("--largest", "above 0 and below 90 degrees", largest)
+    media: dict[str, Any]
+    if scene is not None:
+        _require_unsaid(context, scene, "memory-effect", (*_OF_THE_MEDIUM, "material", "wavelength", "thickness"))
+        if diffusion is not None:
+            reject("--diffusion", "left out with --scene, which says how its medium moves", diffusion)
+        built = scene_in(scene)
+        media, wavelength = {scene.stem: built.medium}, built.wavelength
+    elif material is not None:
+        _require_unsaid(context, material, "memory-effect", _OF_THE_MEDIUM, "--material")
+        bulk = sg.materials.get(material, wavelength)
+        media = {material: bulk if isinstance(bulk, sg.GroundGlass) else bulk.slab(thickness)}
+        wavelength = wavelength if isinstance(bulk, sg.GroundGlass) else bulk.wavelength
+    else:
+        faces = sg.Faces(inside=index)
+        media = {
+            f"g = {value:g}, OD {optical_depth:g}": slab(thickness, optical_depth, value, albedo).replace(faces=faces)
+            for value in (g or [0.9])
+        }
+    if lags is not None and scene is None and not all("motion" in type(each).model_fields for each in media.values()):
+        reject("--lags", "left out of thin screens, which do not move by themselves", lags)
     writable(out)
     if lags is not None:
         unit = (wavelength / (2 * np.pi)) ** 2
         fluid = sg.Brownian(diffusion=unit if diffusion is None else diffusion)
         moving = {
-            f"g = {value:g}, OD {optical_depth:g}": sg.temporal_correlation(
-                slab(thickness, optical_depth, value, albedo).replace(motion=fluid), wavelength=wavelength,
+            label: sg.temporal_correlation(
+                medium if scene is not None else medium.replace(motion=fluid), wavelength=wavelength,
                 lags=np.linspace(0, lags, points), mode=mode, paths=paths, seed=seed,
             )
-            for value in (g or [0.9])
+            for label, medium in media.items()
         }  # fmt: skip
         _tell_lags(moving, out, as_json)
         temporal_figure(moving, out / "memory-effect.png")
         return
     tilts = np.deg2rad(np.linspace(0, largest, points))
     curves = {
-        f"g = {value:g}, OD {optical_depth:g}": sg.memory_effect(
-            slab(thickness, optical_depth, value, albedo), wavelength=wavelength, tilts=tilts, mode=mode,
-            paths=paths, seed=seed,
-        )
-        for value in (g or [0.9])
-    }  # fmt: skip
+        label: sg.memory_effect(medium, wavelength=wavelength, tilts=tilts, mode=mode, paths=paths, seed=seed)
+        for label, medium in media.items()
+    }
     with (out / "memory-effect.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["curve", "tilt_deg", "q", "intensity_correlation", "standard_error"])

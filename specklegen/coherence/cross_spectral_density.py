@@ -335,9 +335,10 @@ def sample_fields(
     >>> sample_fields(W0, 100, seed=0).shape
     (100, 9)
     """
-    whole_number("sample_fields n", n, 1)
+    n = whole_number("sample_fields n", n, 1)
+    W0 = finite_numbers("sample_fields W0", W0)
     require_memory(
-        "sample_fields n", "held", 48.0 * n * np.size(W0) ** 0.5, f"{n} fields", "Draw fewer at a time.", share=0.9
+        "sample_fields n", "held", 48.0 * n * W0.size**0.5, f"{n} fields", "Draw fewer at a time.", share=0.9
     )  # fmt: skip
     choice("sample_fields method", method, ("kl", "copula"))
     random = np.random.default_rng(np.random.SeedSequence([whole_number("sample_fields seed", seed)]))

@@ -48,7 +48,7 @@ from specklegen.scene.illumination import (
     directions_of_sines,
     object_sines,
 )
-from specklegen.scene.scene import Scene, require_no_film, require_range
+from specklegen.scene.scene import Scene, require_no_film, require_no_focus, require_range, require_unpolarised
 from specklegen.scene.window import Profile, Window
 
 REACH = 4.0
@@ -258,6 +258,7 @@ def render_partially_coherent(
     if not (light.limited and light.coherent):
         reject("render_partially_coherent scene.illumination", "CollimatedBeams", light.type)
     require_no_film("render_partially_coherent", scene)
+    require_unpolarised("render_partially_coherent", scene)
     beams = scene.beams
     source = gaussian_schell_object(scene.wavelength, coherence_length, beams.width, beams.profile)
     on_axis = len(beams.directions) == 1 and not beams.directions[0, :2].any()
@@ -266,12 +267,12 @@ def render_partially_coherent(
     stack = rendered(lit, budget, realizations=realizations, sampler=sampler, field_tolerance=field_tolerance)
     tilt_axis = 0 if realizations is None else 1
     if on_axis:
-        return SpeckleStack(None, np.expand_dims(stack.intensity, tilt_axis), stack.report)
+        return SpeckleStack(None, np.expand_dims(stack.intensity, tilt_axis), stack.report, scene)
     powers = source.brightness[source.brightness > 0].astype(np.float32)
     power = stack.intensity
     lead, sensor = power.shape[:tilt_axis], power.shape[tilt_axis + 1 :]
     power = power.reshape(*lead, len(beams.directions), len(powers), *sensor)
-    return SpeckleStack(None, np.tensordot(power, powers, (tilt_axis + 1, 0)), stack.report)
+    return SpeckleStack(None, np.tensordot(power, powers, (tilt_axis + 1, 0)), stack.report, scene)
 
 
 def finite_path_excess(
@@ -303,7 +304,7 @@ def finite_path_excess(
     >>> 0 < finite_path_excess(scene, paths=1000, samples=2000) < 0.1
     True
     """
-    instance("finite_path_excess scene", scene, Scene)
+    require_no_focus("finite_path_excess", instance("finite_path_excess scene", scene, Scene))
     paths = whole_number("finite_path_excess paths", paths, 1)
     samples = whole_number("finite_path_excess samples", samples, 1)
     shift = real_number("finite_path_excess shift", shift)

@@ -23,7 +23,7 @@ from specklegen.core.shielded import shielded
 from specklegen.rendering import rendered
 from specklegen.samplers.sampler import AnySampler
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, directions_of_sines
-from specklegen.scene.scene import Scene, require_no_film
+from specklegen.scene.scene import Scene, require_no_film, require_unpolarised
 
 _NULL = 1e-12  # of the trace: power below which a mode is rounding
 
@@ -48,7 +48,8 @@ def transmission_matrix(
     ----------
     scene
         Its beams are the columns: those of `CollimatedBeams`, or of the shining pixels of an
-        `IncoherentObject` (in C order, at unit irradiance).
+        `IncoherentObject` (in C order, at unit irradiance); or the foci of `FocusedBeams`, each of unit power. Seen by
+        `Imaging`, the rows are pixels on the plane in focus.
     modes : complex128[beams, K], optional
         Amplitudes over the beams; then the columns are these superpositions.
     paths, rel_error, seconds, seed, sampler, reverse, mean, threads
@@ -79,8 +80,9 @@ def transmission_matrix(
     (16, 2)
     """
     require_no_film("transmission_matrix", instance("transmission_matrix scene", scene, Scene))
-    beams = scene.beams
-    count = len(beams.directions)
+    require_unpolarised("transmission_matrix", scene)
+    beams = scene.illumination if scene.illumination.focused else scene.beams
+    count = len(beams.vectors)
     modes = None if modes is None else finite_numbers("transmission_matrix modes", modes)
     if modes is not None and (modes.ndim != 2 or modes.shape[0] != count):
         reject("transmission_matrix modes", f"of shape ({count}, K), one row a beam", modes.shape)

@@ -143,6 +143,17 @@ def real_number(field: str, value: object) -> float:
         reject(field, "a number", value)
 
 
+def number_from_zero(field: str, value: object, *, above: bool = False, finite: bool = False) -> float:
+    """Return a number of at least 0 (or above it) as a float, where ``finite`` no infinite one.
+
+    Raises
+    ------
+    RuleError
+        If it is none.
+    """
+    return float(array_from_zero(field, real_number(field, value), above=above, finite=finite))
+
+
 def complex_number(field: str, value: object) -> complex:
     """Return a real or complex number as a complex one, finite or not.
 
@@ -181,6 +192,20 @@ def real_array(field: str, value: ArrayLike) -> np.ndarray:
         If it holds something else.
     """
     return _array(field, value, np.float64)
+
+
+def array_from_zero(field: str, value: ArrayLike, *, above: bool = False, finite: bool = False) -> np.ndarray:
+    """Return an array of numbers of at least 0 (or above it) as float64, where ``finite`` none of them infinite.
+
+    Raises
+    ------
+    RuleError
+        If it holds something else.
+    """
+    found = real_array(field, value)
+    if not ((found > 0) if above else (found >= 0)).all() or (finite and not np.isfinite(found).all()):
+        reject(field, ("finite and " if finite else "") + ("above 0" if above else "at least 0"), found)
+    return found
 
 
 def complex_array(field: str, value: ArrayLike) -> np.ndarray:

@@ -39,7 +39,7 @@ Reverse = bool | Literal["auto"]
 
 @dataclass(frozen=True)
 class Budget:
-    """What a result may cost, and what it is drawn from: the arguments that the verbs share, checked once.
+    """Cost that a result may have, and its seed: the arguments that the verbs share, checked once.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def paths_within(seconds: float, pilot: Callable[[int], float]) -> int:
 
 
 def require_time(owner: str, seconds: float, what: str, remedy: str) -> None:
-    """Refuse what would take more than a month of one core, and log what takes a while, before it is begun.
+    """Refuse work of more than a month of one core, and log work of a while, before it is begun.
 
     Raises
     ------

@@ -28,4 +28,9 @@ class Decision:
     doubt: bool = False
     error: float = 0.0
 
+    @property
+    def idealised(self) -> bool:
+        """Whether a part is left out that the real thing has."""
+        return not self.needed and self.reason.startswith("idealised: ")
+
 

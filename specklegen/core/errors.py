@@ -30,6 +30,11 @@ class RuleError(ToldError, ValueError):
     HenyeyGreenstein.g must be between -1 and 1, both excluded
     """
 
+    def __init__(self, message: str, in_tables: str | None = None) -> None:
+        super().__init__(message)
+        self.in_tables = message if in_tables is None else in_tables
+        """The message in the words of a file: ``material.g`` of its tables, where ``Material.g`` names a class."""
+
 
 def reject(field: str, rule: str, value: object, remedy: str = "") -> NoReturn:
     """Raise the house error: ``field must be rule; got value.`` and then the remedy.

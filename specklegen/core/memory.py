@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 from functools import cache
 from pathlib import Path
 
@@ -32,7 +33,7 @@ def memory_limit() -> int:
 
 
 def available_memory() -> int:
-    """Bytes that this process may hold now: the least of its limit, what is free, and what ``ulimit -v`` leaves.
+    """Bytes that this process may hold now: the least of its limit, the free memory, and the rest of ``ulimit -v``.
 
     Other programs change it while one looks: refusals alone may depend on it, never a result.
     """
@@ -90,8 +91,8 @@ def _under_ulimit() -> list[int]:
 
 def _lines(file: Path) -> dict[str, int]:
     """Bytes by name, from a file of the system that states them in kB."""
-    lines = (line.split(":", 1) for line in file.read_text().splitlines())
-    return {name: int(said.split()[0]) * 1024 for name, said in lines if said.rstrip().endswith("kB")}
+    stated = re.findall(r"^(\w+):\s*(\d+) kB$", file.read_text(), re.MULTILINE)
+    return {name: int(kibibytes) * 1024 for name, kibibytes in stated}
 
 
 def require_memory(owner: str, rule: str, needed: float, what: str, remedy: str, *, share: float = 0.5) -> None:

@@ -18,7 +18,10 @@ NANOSECONDS = {
     "normal": 7,  # a complex normal number
     "flop": 0.052,  # of the stationary sampler's products and transforms
     "stack view": 7.3,
-    "phasor": 35,  # of an oblique kernel
+    "phasor": 35,  # of an oblique correlation
+    "object pixel": 1000,  # the modes at a pixel of a hidden object ...
+    "object difference": 600,  # ... and the memory effect at a difference of two
+    "image": 0.5,  # an operation of its image, by pairs of modes or by bright pixels
     "volume path": 1300,
     "volume event": 140,  # a scattering event in any geometry
     "voxel": 16,  # one that a flight or a connection crosses
@@ -29,7 +32,7 @@ NANOSECONDS = {
     "amplitude": 1.5,  # one of the amplitudes whose products are summed in a covariance
     "batch": 3.4e4,  # of a covariance's paths
 }
-SERIAL = {"normal", "flop", "stack view", "phasor"}
+SERIAL = {"normal", "flop", "stack view", "phasor", "object pixel", "object difference", "image"}
 """Operations that any number of threads leaves to one."""
 
 

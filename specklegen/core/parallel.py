@@ -21,7 +21,7 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 _IN_WORKER = False
-_MOST_THREADS = 4096
+MOST_THREADS = 4096
 
 
 def run_serial_in_this_process() -> None:
@@ -44,7 +44,7 @@ def thread_count(threads: int | None = None) -> int:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     from specklegen.core.arguments import whole_number
 
-    return whole_number("threads", threads, 1, _MOST_THREADS, remedy="Leave it out to use every core.")
+    return whole_number("threads", threads, 1, MOST_THREADS, remedy="Leave it out to use every core.")
 
 
 def slices(count: int, size: int) -> list[slice]:
@@ -235,7 +235,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def _forget_other_threads() -> None:
-    """In a forked process only the thread that forked lives on: a lock that another one held is never given back."""
+    """Forget the other threads in a forked process: a lock that one of them held is never given back."""
     global _BLAS
     _BLAS = Lock()
 

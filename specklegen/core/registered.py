@@ -104,7 +104,7 @@ def _has(base: type, field: str) -> bool:
 
 
 class _Members:
-    """In a JSON schema: any of the classes that are known; inside of one of them their names alone."""
+    """Schema in JSON of any of the classes that are known; inside of one of them their names alone."""
 
     def __init__(self, root: type[Registered]) -> None:
         self._root, self._inside = root, False

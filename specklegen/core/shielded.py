@@ -14,6 +14,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from threading import Lock, local
 from typing import Any, NamedTuple, TypeVar
 
@@ -108,9 +109,12 @@ def _shield_torch(stack: ExitStack) -> None:
 def _switches() -> dict[str, _Switch]:
     import torch
 
-    def precision(backend: Any) -> _Switch:
-        return _Switch("ieee", lambda: backend.fp32_precision, lambda value: setattr(backend, "fp32_precision", value))
-
+    # One switch a backend: torch refuses to read the switch of all, where a program has set it and allow_tf32, too.
+    products = {"products on cuda": torch.backends.cuda.matmul, "products on the cpu": torch.backends.mkldnn.matmul}
+    of_backends = {
+        name: _Switch("ieee", partial(getattr, on, "fp32_precision"), partial(setattr, on, "fp32_precision"))
+        for name, on in products.items()
+    }
     return {
         "default dtype": _Switch(torch.float32, torch.get_default_dtype, torch.set_default_dtype),
         "deterministic algorithms": _Switch(
@@ -121,10 +125,7 @@ def _switches() -> dict[str, _Switch]:
             ),
             lambda value: torch.use_deterministic_algorithms(value[0], warn_only=value[1]),
         ),
-        # One switch a backend: torch refuses to read the switch of all, where a program has set it and allow_tf32, too.
-        "products on cuda": precision(torch.backends.cuda.matmul),
-        "products on the cpu": precision(torch.backends.mkldnn.matmul),
-    }
+    } | of_backends
 
 
 _PROCESS: dict[str, _Switch] = {}
@@ -155,7 +156,7 @@ def _process_wide() -> Iterator[None]:
 
 
 def _forget_other_threads() -> None:
-    """In a forked process only the thread that forked lives on: the others will not come out."""
+    """Forget the other threads in a forked process: only the one that forked lives on, they will not come out."""
     global _LOCK, _INSIDE
     _LOCK, inside = Lock(), getattr(_HERE, "inside", False)
     _INSIDE = int(inside and bool(_INSIDE))

@@ -9,12 +9,13 @@ import hashlib
 import json
 import re
 from collections.abc import Callable
+from difflib import get_close_matches
 from functools import cached_property, lru_cache
-from typing import Annotated, Any, ParamSpec, Self, TypeVar, cast
+from typing import Annotated, Any, ParamSpec, Self, TypeVar, cast, get_args
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError, WithJsonSchema
 
 from specklegen.core.display.signature import Legible, positional
 from specklegen.core.errors import RuleError, reject, shown
@@ -63,23 +64,59 @@ _MEMBER = re.compile(r"@|constrained-|function-|literal\[|(float|int|str|bool)$"
 """How a part of a place begins that tells apart the members of a union; nobody wrote it."""
 
 
-def _house_message(owner: str, error: ValidationError) -> str:
-    told: list[str] = []
-    broken: dict[str, tuple[list[str], object]] = {}  # the rules of one field, those of a union's members together
+def broken_rules(owner: str, error: ValidationError, of: type[BaseModel] | None = None) -> RuleError:
+    """Words for what a value breaks: by the names of classes, and of the tables in which a file has them.
+
+    ``owner`` is a class, or a field of one; its fields are those of the class ``of``.
+    """
+    told: list[tuple[str, str]] = []
+    broken: dict[str, tuple[list[str], object, str]] = {}  # the rules of one field, those of a union's members together
+    above = owner.partition(".")[2]
     for item in error.errors():
         context = {name: _bound(value) for name, value in item.get("ctx", {}).items()}
-        if isinstance(context.get("error"), RuleError):
-            told.append(str(context["error"]))
+        place = ".".join(str(part) for part in item["loc"] if not _MEMBER.match(str(part)))
+        inner = context.get("error")
+        if isinstance(inner, RuleError):
+            # Named by its class, which stands in the table of this place; or by a rule that has words of its own.
+            said = re.sub(r"^[A-Z]\w*\.(?=[a-z_])", "", inner.in_tables)
+            tables = [part for part in (above, place) if part] if said != str(inner) else []
+            told.append((str(inner), "\n".join(_within(tables, line) for line in said.split("\n"))))
             continue
-        where = ".".join([owner, *(str(part) for part in item["loc"] if not _MEMBER.match(str(part)))])
         rule = _RULES.get(item["type"])
         rule = rule.format(**context) if rule else _bare(item["msg"])
-        broken.setdefault(where, ([], item["input"]))[0].append(rule)
-    told += [
-        f"{where} must be {' or '.join(dict.fromkeys(rules))}; got {shown(value)}."
-        for where, (rules, value) in broken.items()
-    ]
-    return "\n".join(told)
+        remedy = _meant(of, place) if of is not None and item["type"] == "extra_forbidden" else ""
+        broken.setdefault(place, ([], item["input"], remedy))[0].append(rule)
+    for place, (rules, value, remedy) in broken.items():
+        where = ".".join(part for part in (owner, place) if part)
+        words = f"must be {' or '.join(dict.fromkeys(rules))}; got {shown(value)}.{remedy}"
+        told.append((f"{where} {words}", f"{where.partition('.')[2] or owner} {words}"))
+    return RuleError("\n".join(one for one, _ in told), "\n".join(other for _, other in told))
+
+
+def _within(tables: list[str], line: str) -> str:
+    """A line about a field of the innermost of some tables; the check of a field may have named it already."""
+    for table in reversed(tables):
+        line = line if re.match(rf"{re.escape(table)}[. ]", line) else f"{table}.{line}"
+    return line
+
+
+def _meant(owner: type[BaseModel], name: str) -> str:
+    """Ask whether a field was meant that is written alike, or stands in a table of the owner."""
+    within = {
+        inner: f"{field}.{inner}"
+        for field, info in reversed(owner.model_fields.items()) for part in _values_in(info.annotation)
+        for inner in part.model_fields
+    }  # fmt: skip
+    close = get_close_matches(name, owner.model_fields, 1, 0.6)
+    meant = close[0] if close else within.get(name)
+    return f" Did you mean {meant}?" if meant else ""
+
+
+def _values_in(annotation: Any) -> list[type[BaseModel]]:
+    """Classes of values that an annotation names."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [each for part in get_args(annotation) for each in _values_in(part)]
 
 
 def _bound(value: object) -> object:
@@ -125,7 +162,7 @@ class Value(BaseModel, metaclass=Legible):
                 given = dict(zip(first, unnamed, strict=False)) | fields
                 super().__init__(**{name: _one_zero(value) for name, value in given.items()})
         except ValidationError as error:
-            raise RuleError(_house_message(owner, error)) from None
+            raise broken_rules(owner, error, type(self)) from None
 
     def __dir__(self) -> list[str]:
         return sorted({*dir(type(self)), *type(self).model_fields})
@@ -134,7 +171,7 @@ class Value(BaseModel, metaclass=Legible):
         try:
             super().__setattr__(name, value)
         except ValidationError as error:
-            raise RuleError(_house_message(type(self).__name__, error)) from None
+            raise broken_rules(type(self).__name__, error, type(self)) from None
 
     def canonical_json(self) -> str:
         """Write the value as JSON with sorted keys and shortest round-trip numbers; equal values, equal text."""
@@ -151,7 +188,7 @@ class Value(BaseModel, metaclass=Legible):
 
     def to_toml(self) -> str:
         """Write the value as TOML."""
-        return tomli_w.dumps(self.model_dump(mode="json", by_alias=True, exclude_none=True))
+        return tomli_w.dumps(_without_none(self.model_dump(mode="json", by_alias=True, exclude_none=True)))
 
     @classmethod
     def from_json(cls, text: str) -> Self:
@@ -191,6 +228,15 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+def _without_none(content: Any) -> Any:
+    """JSON with an empty table for each None in a list: TOML has none."""
+    if isinstance(content, dict):
+        return {name: _without_none(value) for name, value in content.items()}
+    if isinstance(content, list) and not (content and isinstance(content[0], float)):  # millions of numbers stay
+        return [{} if value is None else _without_none(value) for value in content]
+    return content
+
+
 def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Remember the last ``size`` results of a pure function of values, keyed by their content."""
 
@@ -198,6 +244,12 @@ def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
         return cast("Callable[P, R]", lru_cache(maxsize=size)(function))
 
     return wrap
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """The same array, which nobody can write into any more: it is kept, and handed out again."""
+    array.flags.writeable = False
+    return array
 
 
 def _frozen_array(value: Any) -> np.ndarray:
@@ -214,7 +266,12 @@ def _frozen_array(value: Any) -> np.ndarray:
     return array
 
 
-Array = Annotated[np.ndarray, BeforeValidator(_frozen_array), PlainSerializer(lambda a: a.tolist())]
+_NESTED: dict[str, Any] = {"type": "array", "items": {"anyOf": [{"type": "number"}, {"type": "array"}]}}
+_PARTS: dict[str, Any] = {"type": "object", "required": ["real", "imag"],
+                          "properties": {"real": _NESTED, "imag": _NESTED}}  # fmt: skip
+Array = Annotated[
+    np.ndarray, BeforeValidator(_frozen_array), PlainSerializer(lambda a: a.tolist()), WithJsonSchema(_NESTED)
+]
 """A read-only float64 array of any shape, finite everywhere, written to JSON as nested lists."""
 
 
@@ -241,7 +298,10 @@ def _parts(array: np.ndarray) -> dict[str, Any]:
     return {"real": array.real.tolist(), "imag": array.imag.tolist()}
 
 
-ComplexArray = Annotated[np.ndarray, BeforeValidator(_complex_array), PlainSerializer(_parts)]
+ComplexArray = Annotated[
+    np.ndarray, BeforeValidator(_complex_array), PlainSerializer(_parts),
+    WithJsonSchema({"anyOf": [_NESTED, _PARTS]}),
+]  # fmt: skip
 """A read-only complex128 array of any shape, finite everywhere, written to JSON as its real and imaginary parts."""
 
 
@@ -291,5 +351,3 @@ def position_vectors(field: str, points: np.ndarray) -> np.ndarray:
     if points.ndim < 1 or points.shape[-1] not in (2, 3):
         reject(field, "positions along the last axis, of length 2 or 3", points.shape)
     return points
-
-

@@ -154,7 +154,7 @@ def _named(path: Path, kind: str) -> Path:
 
 
 def _time_in(folder: Path) -> float:
-    """What the clock of a folder's server says: the date of what is made there; ours where nothing can be made."""
+    """Read the clock of a folder's server from the date of a file made there; ours where none can be made."""
     try:
         with tempfile.TemporaryFile(dir=folder) as probe:
             return os.fstat(probe.fileno()).st_mtime

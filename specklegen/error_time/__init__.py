@@ -1,4 +1,4 @@
-"""Error against run time: what a sampler's run estimates, how far off it says it is, and what that cost."""
+"""Error against run time: estimates of a sampler's run, the errors that it states, and the cost."""
 
 from specklegen.error_time.compare import FACTOR, Row, compare, serving
 from specklegen.error_time.estimates import Estimate

@@ -1,7 +1,7 @@
 """The covariance that a run implies, with the random phases of its fields averaged out.
 
     C_pq = E[ a_p a_q* ]    over the paths of a render               ("paths")
-    C_pq = I K(i_p - i_q) W^(kappa)    of the kernel that its paths estimate    ("stationary", objects)
+    C_pq = I K(i_p - i_q) W^(kappa)    of the correlation that its paths estimate    ("stationary", objects)
 
 One render is one draw of a Gaussian field: its |u|^2 scatters by 100 % whatever the paths. What a number of paths
 decides is the covariance of that Gaussian, found here from the same paths, which are a function of the seed.
@@ -29,7 +29,7 @@ from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.screens.correlation import envelope, screen_correlation
 from specklegen.samplers.screens.rule import errors
 from specklegen.samplers.stationary.sampler import StationaryRenderer
-from specklegen.scene.scene import Scene, require_no_film
+from specklegen.scene.scene import Scene, require_no_film, require_no_focus, require_unpolarised
 from specklegen.synthesis.objects import object_imaging
 from specklegen.synthesis.stacks import mean_intensity, stack_sampler
 
@@ -51,7 +51,7 @@ class Estimate:
 
     @classmethod
     def of_batches(cls, sums: np.ndarray, count: float) -> "Estimate":
-        """From what each of n independent batches adds to the total, complex128[n, P]; NaN errors where n < 2."""
+        """Estimate from the share of n independent batches in the total, complex128[n, P]; NaN errors where n < 2."""
         n = len(sums)
         mean = sums.sum(axis=0) / count
         if n < 2:
@@ -109,9 +109,7 @@ def covariance_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
 
 def eigen_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed, *, reverse: Reverse = "auto") -> Estimate:
     """The entries that ``render(scene, sampler="covariance", paths=paths, seed=seed)`` draws its fields from."""
-    found = covariance(
-        scene, paths=paths, seed=seed, pairs=probes.quadruples, orders="all", reverse=reverse, threads=1
-    )
+    found = covariance(scene, paths=paths, seed=seed, pairs=probes.quadruples, orders="all", reverse=reverse, threads=1)
     return Estimate(found.value, found.standard_error)
 
 
@@ -129,22 +127,26 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
     have it.
     """
     require_no_film("compare", scene)
+    require_unpolarised("compare", scene)
+    require_no_focus("compare", scene)
     renderer = plan(scene, paths=paths, sampler="stationary", threads=1).chosen.prepare(seed, 1)
     assert isinstance(renderer, StationaryRenderer)
-    kernel = renderer.correlation
-    assert isinstance(kernel, MemoryEffectCorrelation | ObliqueCorrelation)
+    correlation = renderer.correlation
+    assert isinstance(correlation, MemoryEffectCorrelation | ObliqueCorrelation)
     lights = scene.lights[probes.points[:, 0]]
     q = -scene.wavenumber * np.diff(lights[probes.ends, :2], axis=1)[:, 0]
     area = scene.beams.window.area
-    found = Estimate.of_batches(area * _batch_sums(kernel, q), kernel.paths)
-    if not scene.illumination.coherent:
-        assert isinstance(kernel, MemoryEffectCorrelation)
-        return Estimate(mean_intensity(kernel, area) * _mode_products(scene, probes, kernel), found.standard_error)
-    pattern = _window_products(scene, probes, kernel) / mean_intensity(kernel, area)
+    found = Estimate.of_batches(area * _batch_sums(correlation, q), correlation.paths)
+    carried = 1.0
     if renderer.sampler.envelope is not None:
         views = scene.sensor.directions.reshape(-1, 3)[probes.points[:, 1], :2]  # type: ignore[union-attr]
         gains = np.sqrt(renderer.sampler.envelope.intensity(lights[:, :2], views))
-        pattern = pattern * gains[probes.ends].prod(axis=1)
+        carried = gains[probes.ends].prod(axis=1)
+    if not scene.illumination.coherent:
+        assert isinstance(correlation, MemoryEffectCorrelation)
+        value = mean_intensity(correlation, area) * _mode_products(scene, probes, correlation) * carried
+        return Estimate(value, found.standard_error * carried)
+    pattern = _window_products(scene, probes, correlation) / mean_intensity(correlation, area) * carried
     return Estimate(pattern * found.value, np.abs(pattern) * found.standard_error)
 
 
@@ -159,43 +161,44 @@ def screens_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Es
     plan(scene, sampler="screens", threads=1)
     stack = scene.thin
     assert stack is not None
-    kernel, (lights, views) = screen_correlation(stack, scene.wavelength), probes.points.T
+    correlation, (lights, views) = screen_correlation(stack, scene.wavelength), probes.points.T
     carried = envelope(stack, scene.wavelength, scene.beams.directions, scene.grid.directions)
     if carried.mirrored is not None:
         reject("sampler", "another one for a single weak screen", stack, "Its field is not circular.")
     gains = carried.direct.reshape(len(scene.lights), -1)[lights, views].astype(np.complex128)
     p, q = probes.ends.T
-    between = kernel.correlation(scene.beams.directions[:, :2], scene.wavenumber)[lights[p], lights[q]]
-    value = _window_products(scene, probes, kernel) * between * gains[p] * gains[q].conj()
+    between = correlation.matrix(scene.beams.directions[:, :2], scene.wavenumber)[lights[p], lights[q]]
+    value = _window_products(scene, probes, correlation) * between * gains[p] * gains[q].conj()
     return Estimate(value, max(errors(scene).values()) * probes.scale(value))
 
 
-def _batch_sums(kernel: MemoryEffectCorrelation | ObliqueCorrelation, q: np.ndarray) -> np.ndarray:
+def _batch_sums(correlation: MemoryEffectCorrelation | ObliqueCorrelation, q: np.ndarray) -> np.ndarray:
     """Sums of contribution times phasor over up to 64 batches of paths at q float64[P, 2], complex128[n, P]."""
-    if isinstance(kernel, ObliqueCorrelation):
-        phasors = np.exp(-1j * (q @ kernel.displacement.T))
-        return batch_sums(kernel.weights * phasors, kernel.owners, kernel.paths)
-    return kernel.weights @ j0(np.hypot(*q.T)[:, None] * kernel.radius).T
+    if isinstance(correlation, ObliqueCorrelation):
+        phasors = np.exp(-1j * (q @ correlation.displacement.T))
+        return batch_sums(correlation.weights * phasors, correlation.owners, correlation.paths)
+    return correlation.weights @ j0(np.hypot(*q.T)[:, None] * correlation.radius).T
 
 
-def _window_products(scene: Scene, probes: Probes, kernel: MemoryEffectCorrelation | ObliqueCorrelation) -> np.ndarray:
+def _window_products(
+    scene: Scene, probes: Probes, correlation: MemoryEffectCorrelation | ObliqueCorrelation
+) -> np.ndarray:
     """I W^(kappa) complex128[P] as the cells of the stack sampler have it."""
-    stacks = stack_sampler(scene, kernel, dtype=torch.complex128)
+    stacks = stack_sampler(scene, correlation, dtype=torch.complex128)
     columns = stacks.shape[1]
     rows, across, ramps = (each.numpy() for each in (stacks.rows, stacks.columns, stacks.ramps))
     turned = np.ones(stacks.shape) if stacks.face is None else stacks.face.numpy()
-    fields = [
-        turned.flat[v] * np.outer(rows[v // columns], across[v % columns]) * ramps[t] for t, v in probes.points
-    ]
+    fields = [turned.flat[v] * np.outer(rows[v // columns], across[v % columns]) * ramps[t] for t, v in probes.points]
     return np.array([np.vdot(fields[q], fields[p]) for p, q in probes.ends])
 
 
-def _mode_products(scene: Scene, probes: Probes, kernel: MemoryEffectCorrelation) -> np.ndarray:
+def _mode_products(scene: Scene, probes: Probes, correlation: MemoryEffectCorrelation) -> np.ndarray:
     """K float64[P] between an object's lit pixels, by the modes that its sampler keeps."""
     beams = scene.illumination
+    window = beams.window
     imaging = object_imaging(
-        kernel, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
-        width=beams.width, profile=beams.profile, grid=scene.grid, dtype=torch.complex128,
+        correlation, wavelength=scene.wavelength, object_shape=beams.brightness.shape, object_pitch=beams.pitch,
+        width=window.width, profile=window.profile, grid=scene.grid, dtype=torch.complex128,
     )  # fmt: skip
     modes = imaging.modes[0, 0].numpy()[:, np.flatnonzero(beams.brightness)[probes.points[:, 0]]]
     return np.array([modes[:, p] @ modes[:, q] for p, q in probes.ends])

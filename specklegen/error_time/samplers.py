@@ -1,4 +1,4 @@
-"""The samplers as a benchmark sees them: what is timed, and what that work knows afterwards."""
+"""The samplers as a benchmark sees them: the work that is timed, and its results."""
 
 from collections.abc import Callable
 from functools import partial

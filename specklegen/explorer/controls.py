@@ -11,7 +11,7 @@ from specklegen.datasets.objects import Bars, Blobs, Glyphs, Points, Polygons, S
 
 
 class State(NamedTuple):
-    """Where the sliders stand; lengths in micrometres, angles in milliradians inside the slab."""
+    """Where the sliders stand; lengths in micrometres, angles in milliradians inside the slab, the lag in ms."""
 
     thickness: float = 1000.0
     mean_free_path: float = 100.0
@@ -25,6 +25,10 @@ class State(NamedTuple):
     camera: int = 192
     photons: float = 0.0
     tilt: float = 0.1
+    lag: float = 2.0
+    focus: float = 0.0
+    lens: float = 0.02
+    magnification: float = 2.0
     sample: int = 0
 
 
@@ -58,6 +62,16 @@ CONTROLS: dict[str, Control] = {
     "camera": Control("camera, pixels a side", (64, 96, 128, 160, 192, 256)),
     "photons": Control("photons a pixel (0: no noise)", (0.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)),
     "tilt": Control("tilt, mrad", (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)),
+    "lag": Control(
+        "lag, ms, of spheres of 0.5 µm in water",
+        (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0),
+    ),
+    "focus": Control(
+        "focus of the lens behind the slab, µm",
+        (-1000.0, -500.0, -200.0, -100.0, -50.0, 0.0, 50.0, 100.0, 200.0, 500.0, 1000.0),
+    ),
+    "lens": Control("aperture of the lens, a sine in the slab", (0.01, 0.015, 0.02, 0.03, 0.04, 0.05)),
+    "magnification": Control("magnification, onto pixels of 6.5 µm", (1.0, 2.0, 3.0, 5.0, 10.0, 20.0)),
     "sample": Control("which sample", tuple(range(16))),
 }
 """Field of a state to its control."""

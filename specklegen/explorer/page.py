@@ -75,6 +75,42 @@ def _tilt(state: State) -> str:
     )
 
 
+def _moved(state: State) -> str:
+    found = shown.moved(state)
+    high = float(np.percentile(found.images, 99.5))
+    now, then = (drawing.png(image, high=high) for image in found.images)
+    half = f"half way to its floor after {found.fallen:.3g} ms" if np.isfinite(found.fallen) else "still for ever"
+    return (
+        drawing.row(
+            drawing.picture(now, "frame at first") + "at first",
+            drawing.picture(then, "frame after the lag") + f"after {state.lag:g} ms",
+        )
+        + drawing.forgetting_svg(found, state.lag)
+        + (
+            f"<p>|g<sub>1</sub>|² of one beam's speckle, {half}; the lag is the dashed line, where it is "
+            f"{found.correlation:.2f}. Brownian spheres of 0.5 µm in water.</p>"
+        )
+    )
+
+
+def _lens(state: State) -> str:
+    found = shown.focused(state)
+    high = float(np.percentile(found.images, 99.5))
+    said = "on the face", f"{abs(state.focus):g} µm {'behind' if state.focus > 0 else 'inside'} it"
+    pictures = (
+        drawing.picture(drawing.png(image, high=high), f"image {where}") + where
+        for image, where in zip(found.images, said, strict=False)
+    )
+    return (
+        drawing.row(*pictures)
+        + (
+            f"<p>A square of {recipe.SPOT:g} µm is lit on the other side. The camera sees {found.field:.3g} µm, "
+            f"in grains of {found.grain:.3g} µm.</p>"
+        )
+        + _text(recipe.lens_toml)(state)
+    )
+
+
 def _lags(state: State) -> str:
     found = shown.autocorrelations(state)
     return drawing.row(
@@ -119,6 +155,8 @@ def _text(write: Callable[[State], str]) -> Callable[[State], str]:
 _PANELS: tuple[tuple[str, bool, Callable[[State], str]], ...] = (
     ("What the camera sees", False, _camera),
     ("Speckle under tilt", False, _tilt),
+    ("Speckle in motion", False, _moved),
+    ("Through a lens", False, _lens),
     ("Autocorrelation", False, _lags),
     ("Memory effect", False, _curve),
     ("Phase retrieval (Katz)", False, _katz),

@@ -10,8 +10,9 @@ import numpy as np
 from specklegen.core.errors import DoubtWarning
 from specklegen.core.statistics import autocorrelation
 from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.recipes.brownian import moving
 from specklegen.explorer.controls import State
-from specklegen.explorer.recipe import SEED, SIDE, SPLIT, recipe_of, tilts_of
+from specklegen.explorer.recipe import PIXEL, SEED, SIDE, SPHERES, SPLIT, lens_of, motion_of, recipe_of, tilts_of
 from specklegen.models.judging.baselines import katz
 from specklegen.models.judging.evaluation import aligned_to, targets_of
 from specklegen.models.metrics import pearson
@@ -69,10 +70,77 @@ def tilted(state: State) -> Tilted:
     return Tilted(np.asarray(found["stack"]), sine / recipe.geometry.grid.pitch, float(c_i(state, np.array([sine]))[0]))
 
 
+class Moved(NamedTuple):
+    """Two frames of the camera's image while particles move, and how the speckle of one beam forgets.
+
+    Attributes
+    ----------
+    images : real[2, H, W]
+        At once, and the state's lag later.
+    lags, intensity : float64[n]
+        Milliseconds, from 0, and |g1|^2 there.
+    fallen : float
+        Milliseconds after which |g1|^2 is half way to its floor.
+    correlation : float
+        |g1|^2 at the state's lag.
+    """
+
+    images: np.ndarray
+    lags: np.ndarray
+    intensity: np.ndarray
+    fallen: float
+    correlation: float
+
+
+@lru_cache(maxsize=4)
+def moved(state: State) -> Moved:
+    """A film of two frames, of spheres in water (:data:`specklegen.explorer.recipe.SPHERES`)."""
+    recipe = motion_of(state)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtWarning)
+        frames = recipe.sample(SEED, SPLIT, state.sample)["frames"]
+    known = moving(recipe.material, recipe.material.extremes()[0])
+    rate = 1e-3 * SPHERES.diffusion * (2 * np.pi / state.wavelength) ** 2  # x of a millisecond
+    floor = known.static_share**2
+    half = known.decay(np.sqrt((1 + floor) / 2)) / rate
+    lags = np.linspace(0, max(3 * half, 1.2 * state.lag), _POINTS)
+    at = float(known.field(np.array(rate * state.lag)) ** 2)
+    return Moved(np.asarray(frames), lags, np.square(known.field(rate * lags)), float(half), at)
+
+
+class Focused(NamedTuple):
+    """A lit spot through a lens.
+
+    Attributes
+    ----------
+    images : float32[1 or 2, H, W]
+        On the exit face, and on the plane in focus where that is another one; of one medium.
+    field : float
+        Side of what the camera sees of the plane, micrometres.
+    grain : float
+        Size of a speckle on the plane, wavelength / (2 aperture), micrometres.
+    """
+
+    images: np.ndarray
+    field: float
+    grain: float
+
+
+@lru_cache(maxsize=4)
+def focused(state: State) -> Focused:
+    """The slab's exit, where :data:`specklegen.explorer.recipe.SPOT` of its entrance is lit, through a lens."""
+    recipe = lens_of(state)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtWarning)
+        images = recipe.sample(SEED, SPLIT, state.sample)["stack"]
+    grain = state.wavelength / (2 * state.lens)
+    return Focused(np.asarray(images), state.camera * PIXEL / state.magnification, grain)
+
+
 def c_i(state: State, sines: np.ndarray) -> np.ndarray:
     """Intensity correlation of the slab at differences of the direction sine, float64 of their shape."""
-    kernel = recipe_of(state).material_of(SEED, SPLIT, state.sample).kernel
-    return np.square(kernel(2 * np.pi / state.wavelength * np.asarray(sines, np.float64)))
+    correlation = recipe_of(state).material_of(SEED, SPLIT, state.sample).correlation
+    return np.square(correlation(2 * np.pi / state.wavelength * np.asarray(sines, np.float64)))
 
 
 class Curve(NamedTuple):
@@ -121,7 +189,7 @@ class Lags(NamedTuple):
 
 
 def autocorrelations(state: State) -> Lags:
-    """What the camera image still tells, beside what it should."""
+    """Show what the camera image still tells, beside the truth."""
     shown = sample(state)
     pitches = shown["parameters"]
     half = max(2, round(SIDE * float(pitches["object_pitch"]) / float(pitches["camera_pitch"])))

@@ -1,4 +1,4 @@
-"""The recipes of a state: what is shown is what they render, and what one takes along is the first of them."""
+"""The recipes of a state: all are rendered and shown, and the first is the one to take along."""
 
 import pprint
 from functools import lru_cache
@@ -9,8 +9,11 @@ import tomli_w
 from scipy.optimize import brentq
 
 from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.datasets.recipes.lens_stack import LensStack
+from specklegen.datasets.recipes.multi_image import DynamicSlab
 from specklegen.datasets.recipes.tilt_stack import TiltStack
 from specklegen.explorer.controls import State
+from specklegen.scene.motion import Brownian
 from specklegen.scene.scatterers import VonMisesFisher
 
 SEED = 1
@@ -19,7 +22,14 @@ SIDE = 28
 """Object pixels along a side."""
 PIXELS = 3.0
 """Camera pixels in a grain."""
+SPHERES = Brownian.of_sphere(radius=0.25, viscosity=1.002e-3, temperature=293.15)
+"""What moves: spheres of half a micrometre in water at 20 degrees Celsius, 0.857 um^2 / s."""
+SPOT = 100.0
+"""Side of the lit window that the lens looks at, micrometres."""
+PIXEL = 6.5
+"""Micrometres between pixels of the camera behind the lens."""
 _PATHS = 20_000  # a kernel that no table holds, in a third of a second
+_SUMMED = 3000  # behind the lens, where paths are summed
 
 
 def recipe_table(state: State) -> dict[str, Any]:
@@ -38,6 +48,31 @@ def tilts_table(state: State) -> dict[str, Any]:
     """Table of the recipe of one beam at two tilts, through the same slab onto the same camera."""
     return _scene(state) | {
         "name": "explored-tilt", "kind": "tilt-stack", "tilts": {"count": 2, "step": 1e-3 * state.tilt},
+    }  # fmt: skip
+
+
+def motion_table(state: State) -> dict[str, Any]:
+    """Table of the recipe of two frames of the same hidden object, while spheres move."""
+    still = recipe_table(state)
+    return still | {
+        "name": "explored-motion", "kind": "dynamic-slab", "material": still["material"] | {"kernel": "estimate"},
+        "dynamics": {
+            "model": "brownian", "frames": 2, "interval": 1e-3 * state.lag, "diffusion": SPHERES.diffusion,
+        },
+    }  # fmt: skip
+
+
+def lens_table(state: State) -> dict[str, Any]:
+    """Table of the recipe of a lit spot through a lens, focused on the slab's exit face and on a plane beside it."""
+    grain = state.wavelength / (2 * state.lens)
+    material = _scene(state)["material"] | {"kernel_paths": _SUMMED}
+    planes = {"planes": 2, "step": state.focus} if state.focus else {}
+    return {
+        "name": "explored-lens", "kind": "lens-stack", "media": "new",
+        "material": {name: value for name, value in material.items() if name != "kernel"},
+        "window": {"width": SPOT, "profile": "square"},
+        "camera": {"shape": [state.camera, state.camera], "pixels_per_grain": grain * state.magnification / PIXEL},
+        "lens": {"aperture": state.lens, "focus": 0.0, **planes},
     }  # fmt: skip
 
 
@@ -70,15 +105,33 @@ def concentration_of(g: float) -> float:
     return float(f"{np.exp(log):.6g}")
 
 
+def _begun(state: State, *names: str) -> State:
+    """The state with some sliders, and the number of the sample, where they begin."""
+    begins = State()
+    return state._replace(**{name: getattr(begins, name) for name in (*names, "sample")})
+
+
+_LENS = "focus", "lens", "magnification"
+
+
 def recipe_of(state: State) -> HiddenObject:
     """Recipe of the hidden object."""
-    return _hidden(state._replace(tilt=State().tilt, sample=0))
+    return _hidden(_begun(state, "tilt", "lag", *_LENS))
 
 
 def tilts_of(state: State) -> TiltStack:
     """Recipe of the two tilts."""
-    begins = State()
-    return _tilts(state._replace(object=begins.object, extent=begins.extent, photons=begins.photons, sample=0))
+    return _tilts(_begun(state, "object", "extent", "photons", "lag", *_LENS))
+
+
+def motion_of(state: State) -> DynamicSlab:
+    """Recipe of the two frames."""
+    return _motion(_begun(state, "tilt", *_LENS))
+
+
+def lens_of(state: State) -> LensStack:
+    """Recipe of the spot through a lens."""
+    return _lens(_begun(state, "aperture", "object", "extent", "photons", "tilt", "lag"))
 
 
 @lru_cache(maxsize=16)
@@ -89,6 +142,21 @@ def _hidden(state: State) -> HiddenObject:
 @lru_cache(maxsize=16)
 def _tilts(state: State) -> TiltStack:
     return TiltStack(**tilts_table(state))
+
+
+@lru_cache(maxsize=16)
+def _motion(state: State) -> DynamicSlab:
+    return DynamicSlab(**motion_table(state))
+
+
+@lru_cache(maxsize=16)
+def _lens(state: State) -> LensStack:
+    return LensStack(**lens_table(state))
+
+
+def lens_toml(state: State) -> str:
+    """TOML file of the recipe of the spot through a lens."""
+    return tomli_w.dumps(lens_table(state))
 
 
 def toml(state: State) -> str:

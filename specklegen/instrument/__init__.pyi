@@ -5,5 +5,6 @@ from .camera import expose as expose
 from .camera import incoherent_sum as incoherent_sum
 from .frames import read_frames as read_frames
 from .lab import LabSetup as LabSetup
+from .mosaic import PolarisationMosaic as PolarisationMosaic
 from .photon_transfer import CameraFit as CameraFit
 from .photon_transfer import fit_camera as fit_camera

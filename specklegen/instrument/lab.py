@@ -1,7 +1,8 @@
 """Laboratory geometry: distances, pixels and an aperture, to and from the engine's directions and windows.
 
 An incoherent object stands a distance u before the scattering layer; a camera without a lens stands v
-behind it, or a lens focused at infinity images the far field onto the camera (v = focal length f). An
+behind it, or a lens focused at infinity images the far field onto the camera (v = focal length f), or an
+objective images a plane near the layer, ``focus`` behind its exit face, by its magnification. An
 aperture D limits the light on the layer. n is the refractive index of the layer, lambda_0 the wavelength
 in vacuum, x_o a place on the object, X one on the camera:
 
@@ -27,31 +28,33 @@ the image of the object fills the camera (h = s), phi_4 is 3/4 k_0 x_o**2 (D/2)*
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.arguments import instance, real_array
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
+from specklegen.core.units import LAB_LENGTHS, plain_lengths, unit_of
+from specklegen.core.values import Finite, NonNegative, Positive, PositiveInt, Value
 from specklegen.scene.faces import Faces
 from specklegen.scene.illumination import IncoherentObject
+from specklegen.scene.imaging import Imaging
 from specklegen.scene.media import Medium, Slab
 from specklegen.scene.scene import Scene, require_range
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.scene.window import Profile
 
 PHASE_LIMIT = 0.3
-_LENGTHS = (
-    "wavelength", "object_distance", "object_extent", "aperture", "camera_distance", "focal_length", "pixel_pitch",
-)  # fmt: skip
+_LENGTHS = LAB_LENGTHS[:-1]  # a bandwidth may be 0
 _ROUNDING = 1e-12  # a limit that was computed and handed back must pass
 
 
 class LabSetup(Value):
-    """A laboratory. Every length is in one unit, which the wavelength fixes: here, say, millimetres.
+    """A laboratory. Every length is in one unit, which the wavelength fixes: here, say, millimetres. Or every one is
+    written with its unit, as "5 mm", and then kept in micrometres.
 
     Parameters
     ----------
@@ -64,7 +67,11 @@ class LabSetup(Value):
     aperture
         Full side or diameter of the illuminated part of the layer, D.
     camera_distance, focal_length
-        From the layer to the camera, v, or the focal length of a lens focused at infinity: one of the two.
+        From the layer to the camera, v, or the focal length of a lens focused at infinity: one of the two, or focus.
+    focus, magnification, numerical_aperture
+        Of an objective, instead: how far behind the exit face the plane lies that it images (negative: inside the
+        layer, as it looks from outside), how large its image is on the camera over the plane, and its aperture in air.
+        What the far field alone has (view_distance, view_pitch, image_position, ...) is refused then.
     pixel_pitch
         Distance between neighbouring pixels, p.
     pixels
@@ -87,7 +94,8 @@ class LabSetup(Value):
     RuleError
         If the speckle is undersampled, the image of the object is larger than the camera, the aperture too
         large for the far-field mapping, the band so wide that it smears the pattern, or not exactly one of
-        camera_distance and focal_length is given.
+        camera_distance, focal_length and focus is given; of an objective, if it has no magnification or aperture, or
+        the light a bandwidth.
 
     Examples
     --------
@@ -96,6 +104,13 @@ class LabSetup(Value):
     ...                camera_distance=200.0, pixel_pitch=0.0065, pixels=(512, 512))  # millimetres
     >>> round(lab.speckle_size, 4), round(lab.magnification, 2)
     (0.0213, -0.4)
+    >>> LabSetup(wavelength="532 nm", object_distance="50 cm", object_extent="1 mm", aperture="5 mm",
+    ...          camera_distance="200 mm", pixel_pitch="6.5 um", pixels=(512, 512)).aperture
+    5000.0
+    >>> microscope = LabSetup(wavelength=0.532, object_distance=5e5, object_extent=100.0, aperture=50.0, focus=-20.0,
+    ...                       magnification=20.0, numerical_aperture=0.25, pixel_pitch=6.5, pixels=(64, 64))
+    >>> round(microscope.speckle_size, 2)  # on the camera, micrometres
+    21.28
     """
 
     wavelength: Positive
@@ -104,6 +119,9 @@ class LabSetup(Value):
     aperture: Positive
     camera_distance: Positive | None = None
     focal_length: Positive | None = None
+    focus: Finite | None = None
+    objective: Positive | None = Field(default=None, alias="magnification")
+    numerical_aperture: Annotated[float, Field(gt=0, lt=1)] | None = None
     pixel_pitch: Positive
     pixels: tuple[PositiveInt, PositiveInt]
     oversampling: PositiveInt = 1
@@ -112,26 +130,40 @@ class LabSetup(Value):
     faces: Literal["fresnel", "matched"] = "fresnel"
     wall: Positive | None = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _plain(cls, fields: Any) -> Any:
+        """Lengths that are written with units, as numbers."""
+        return plain_lengths("LabSetup", fields, LAB_LENGTHS) if isinstance(fields, Mapping) else fields
+
     @model_serializer(mode="wrap")
     def _without_matched_faces(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out what is said of faces where there is no step: such a laboratory is what it was without them."""
+        """Leave out what is said of faces where there is no step: such a laboratory is the same without them."""
         content = write(self)
         if self.refractive_index == 1 and self.wall is None and self.faces == "fresnel":
             content.pop("faces", None)
         if self.wall is None:
             content.pop("wall", None)
+        for name in ("focus", "objective", "magnification", "numerical_aperture"):
+            if content.get(name, 0) is None:
+                content.pop(name)
         return content
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.camera_distance is None) == (self.focal_length is None):
-            reject(
-                "LabSetup.camera_distance",
-                "given, or else focal_length, and not both",
-                (self.camera_distance, self.focal_length),
-            )
-        require_range({f"LabSetup.{name}": getattr(self, name) or 0.0 for name in _LENGTHS})
+        given = (self.camera_distance, self.focal_length, self.focus)
+        if sum(each is not None for each in given) != 1:
+            reject("LabSetup.camera_distance", "given, or else focal_length, or focus, and not two of them", given)
+        lens = {"magnification": self.objective, "numerical_aperture": self.numerical_aperture}
+        for name, number in lens.items():
+            if (number is None) != (self.focus is None):
+                reject(f"LabSetup.{name}", "given with a focus, and only with it", number)
+        require_range({f"LabSetup.{name}": abs(getattr(self, name) or 0.0) for name in _LENGTHS})
         self._check_sampling()
+        if self.focus is not None:
+            if self.bandwidth:
+                reject("LabSetup.bandwidth", "0 with a focus", self.bandwidth, "A lens images one wavelength.")
+            return self
         self._check_field()
         self._check_aperture()
         self._check_bandwidth()
@@ -181,8 +213,33 @@ class LabSetup(Value):
 
     @property
     def view_distance(self) -> float:
-        """Distance v from the layer to the camera, or the focal length of the lens."""
+        """Distance v from the layer to the camera, or the focal length of the lens.
+
+        Raises
+        ------
+        RuleError
+            Of an objective, and with it all that only the far field has.
+        """
+        if self.focus is not None:
+            reject("LabSetup.focus", "left out where the far field is asked for", self.focus,
+                   "An objective images a plane near the layer: scene() serves it.")  # fmt: skip
         return self.camera_distance or self.focal_length or math.nan
+
+    @property
+    def metres(self) -> float:
+        """Metres in its unit of length, by its wavelength: that of light is .15 to 25 micrometres.
+
+        Raises
+        ------
+        RuleError
+            If the wavelength is none of light in nanometres, micrometres, millimetres or metres.
+        """
+        unit = unit_of(self.wavelength)
+        if unit is not None:
+            return unit
+        rule = "that of light, in nanometres, micrometres, millimetres or metres"
+        reject("LabSetup.wavelength", rule, self.wavelength,
+               "A material that is given by its name needs to know the unit of length.")  # fmt: skip
 
     @property
     def layer_faces(self) -> Faces:
@@ -212,12 +269,16 @@ class LabSetup(Value):
 
     @property
     def magnification(self) -> float:
-        """Image over object, -v / u: the image is inverted."""
+        """Image over object, -v / u: the image is inverted. Of an objective, image over the plane that it images."""
+        if self.objective is not None:
+            return self.objective
         return -self.view_distance / self.object_distance
 
     @property
     def speckle_size(self) -> float:
-        """Size of a speckle on the camera, lambda_0 v / D."""
+        """Size of a speckle on the camera, lambda_0 v / D; of an objective, lambda_0 / (2 NA) by its magnification."""
+        if self.objective is not None and self.numerical_aperture is not None:
+            return self.wavelength / (2 * self.numerical_aperture) * self.objective
         return self.wavelength * self.view_distance / self.aperture
 
     @property
@@ -315,8 +376,18 @@ class LabSetup(Value):
                 width=self.aperture,
                 profile=profile,
             ),
-            sensor=FarFieldGrid(shape=self.view_shape, pitch=self.view_pitch),
+            sensor=self._sensor,
         )
+
+    @property
+    def _sensor(self) -> FarFieldGrid | Imaging:
+        """The camera, a pixel a view."""
+        if self.focus is None or self.objective is None or self.numerical_aperture is None:
+            return FarFieldGrid(shape=self.view_shape, pitch=self.view_pitch)
+        return Imaging(
+            shape=self.view_shape, pitch=self.pixel_pitch / self.oversampling, magnification=self.objective,
+            aperture=self.numerical_aperture / self.refractive_index, focus=self.focus,
+        )  # fmt: skip
 
     @classmethod
     def of_scene(

@@ -23,6 +23,7 @@ from specklegen.kernels import inlined, kernel
 from specklegen.kernels.arithmetic import minus_log
 from specklegen.kernels.frames import deflect
 from specklegen.kernels.fresnel import fresnel, reflectance
+from specklegen.kernels.lanes import carried
 from specklegen.kernels.phase_table import choose_type, power, sample
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
@@ -88,12 +89,15 @@ class Ends(NamedTuple):
         Scattering events; ENTRANCE, FAR, SIDE or ENDED.
     turned : float64[n], or float64[0] where not asked for
         Sum of 1 - cos theta, each times the mobility there.
+    doppler : float64[n], or float64[0] where not asked for
+        Sum of (w - w') . V, w' the direction that leaves a collision, V the flow there.
     """
 
     exits: np.ndarray
     collisions: np.ndarray
     faces: np.ndarray
     turned: np.ndarray
+    doppler: np.ndarray
 
 
 @kernel
@@ -112,6 +116,7 @@ def walk_analog(key0, key1, first, volume, table, outer, steps, light, found):
     inside, wall, outside = outer
     stepped = inside != wall or wall != outside
     mobility, transfers = volume.mobility, turned.shape[0] > 0
+    flow, doppler, flows = volume.flow, found.doppler, found.doppler.shape[0] > 0
     k0, k1, zero = np.uint64(key0), np.uint64(key1), np.uint64(0)
     bounded = math.isfinite(bounds[0, 0])
     for n in range(exits.shape[0]):
@@ -123,7 +128,7 @@ def walk_analog(key0, key1, first, volume, table, outer, steps, light, found):
             x = bounds[0, 0] + u * (bounds[1, 0] - bounds[0, 0])
             y = bounds[0, 1] + v * (bounds[1, 1] - bounds[0, 1])
         dx, dy, dz = light[0], light[1], light[2]
-        weight, events, end, total = 1.0, 0, ENDED, 0.0
+        weight, events, end, total, shift = 1.0, 0, ENDED, 0.0, 0.0
         dimension, bounce = _ONE, _BOUNCE
         layer = 0
         if steps is not None:
@@ -205,7 +210,11 @@ def walk_analog(key0, key1, first, volume, table, outer, steps, light, found):
                 weight = weight / _KEPT if coin < _KEPT else 0.0
             sine, cosine = sincos_turns(azimuth)
             drop = sample(table, kind, polar, second)
+            if flows:
+                shift += carried(flow, here, x, y, z, dx, dy, dz)
             dx, dy, dz = deflect(dx, dy, dz, drop, cosine, sine)
+            if flows:
+                shift -= carried(flow, here, x, y, z, dx, dy, dz)
             if transfers:
                 total += drop * mobility[here]
         exits[n, X], exits[n, Y], exits[n, Z] = x, y, z
@@ -213,3 +222,5 @@ def walk_analog(key0, key1, first, volume, table, outer, steps, light, found):
         collisions[n], ends[n] = events, end
         if transfers:
             turned[n] = total
+        if flows:
+            doppler[n] = shift

@@ -165,7 +165,7 @@ def _checked(path: Path) -> Any:
 
 
 class KernelCache(FunctionCache):
-    """The cache of one kernel: what it cannot read is compiled, what it cannot write is left out; either is said."""
+    """The cache of one kernel: an unreadable file is compiled anew, an unwritable one left out; either is said."""
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)

@@ -23,17 +23,21 @@ LANES = 128  # the state of all lanes stays in the first-level cache
 X, Y, Z, WX, WY, WZ, FLOWN = (LANES * n for n in range(7))
 # The first vertex, the direction leaving it; the path's weight W, its power there, the density it was drawn with.
 X1, Y1, Z1, OX, OY, OZ, AMOUNT, POWER, DENSITY = (LANES * n for n in range(7, 16))
-# The sum of 1 - cos theta over the vertices behind the first one, where it is asked for; the coin of absorption.
-TURNED, COIN = (LANES * n for n in range(16, 18))
+# Sums over the vertices behind the first one, where they are asked for: of 1 - cos theta, and of (w - w') . V, w' the
+# direction that leaves; the coin of absorption.
+TURNED, DOPPLER, COIN = (LANES * n for n in range(16, 19))
 # Uniforms of the present step, and whether its connection may be kept.
-KEEP, POLAR, AZIMUTH, FLIGHT, CANDIDATE = (LANES * n for n in range(18, 23))
+KEEP, POLAR, AZIMUTH, FLIGHT, CANDIDATE = (LANES * n for n in range(19, 24))
 # 1 - cos theta of the last scattering, or what a table is looked up for, and what stands there.
-DROP, SHAPE = (LANES * n for n in range(23, 25))
-STATE = 25 * LANES
+DROP, SHAPE = (LANES * n for n in range(24, 26))
+STATE = 26 * LANES
 
 # uint64[ADDRESS]: number of the path, and vertices so far.
 PATH, ORDER = 0, LANES
 ADDRESS = 2 * LANES
+
+# Rows of what else the lanes hold: those of paths in flight, and of paths that wait for a lane.
+FLYING, WAITING = 0, 1
 
 ASIDE = np.uint64(0x80000000)  # dimensions of what not every walk draws lie apart
 _ONE = np.uint64(1)
@@ -131,6 +135,24 @@ def add_turns(state, count):
 
 
 @inlined
+def carried(flow, cell, x, y, z, wx, wy, wz):
+    """W . V(x) of the flow in a cell: V at the origin, then its gradient, row after row."""
+    vx = fma(flow[cell, 3], x, fma(flow[cell, 4], y, fma(flow[cell, 5], z, flow[cell, 0])))
+    vy = fma(flow[cell, 6], x, fma(flow[cell, 7], y, fma(flow[cell, 8], z, flow[cell, 1])))
+    vz = fma(flow[cell, 9], x, fma(flow[cell, 10], y, fma(flow[cell, 11], z, flow[cell, 2])))
+    return fma(wx, vx, fma(wy, vy, wz * vz))
+
+
+@inlined
+def add_doppler(flow, sign, state, count):
+    """Add ``sign`` w . V of every lane's vertex and direction to what it collects, of a flow float64[1, 12]."""
+    for i in range(count):
+        state[DOPPLER + i] += sign * carried(
+            flow, 0, state[X + i], state[Y + i], state[Z + i], state[WX + i], state[WY + i], state[WZ + i]
+        )
+
+
+@inlined
 def fly(mean_free_path, state, count):
     """Move every lane by a free flight along its direction."""
     for i in range(count):
@@ -151,8 +173,17 @@ def adopt(state, address, lane, other_state, other_address, other):
 
 
 @inlined
-def drop_ended(state, address, count, thickness, albedo, last_order):
+def hand_on(beside, row, lane, other_row, other):
+    """Put what another lane holds beside its state, float64[2, n LANES], into ``lane``."""
+    for quantity in range(0, beside.shape[1], LANES):
+        beside[row, quantity + lane] = beside[other_row, quantity + other]
+
+
+@inlined
+def drop_ended(state, address, count, thickness, albedo, last_order, jones, row):
     """Fill the lanes of paths that left, were absorbed or are too long with the last ones.
+
+    jones, row : matrices of polarised light (:mod:`specklegen.kernels.jones`), and which of its rows these lanes have
 
     Returns (lanes still in use, paths that were too long, sum of their W).
     """
@@ -169,6 +200,8 @@ def drop_ended(state, address, count, thickness, albedo, last_order):
             weight += state[AMOUNT + lane]
         count -= 1
         adopt(state, address, lane, state, address, count)
+        if jones is not None:
+            hand_on(jones.carried, row, lane, row, count)
     return count, unfinished, weight
 
 

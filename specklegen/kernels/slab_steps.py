@@ -13,6 +13,7 @@ from specklegen.kernels.lanes import (
     AZIMUTH,
     COIN,
     DENSITY,
+    DOPPLER,
     FLIGHT,
     FLOWN,
     KEEP,
@@ -61,6 +62,15 @@ class Layer(NamedTuple):
     thickness: float
     sigma_t: float
     albedo: float
+
+
+class FlowingLayer(NamedTuple):
+    """A :class:`Layer`, and the flow float64[1, 12] of its particles (or float64[0, 12]), as of a volume."""
+
+    thickness: float
+    sigma_t: float
+    albedo: float
+    flow: np.ndarray
 
 
 class Light(NamedTuple):
@@ -128,7 +138,7 @@ def start(where, first, count, layer, rate, light, state, address):
         state[X + i], state[Y + i], state[Z + i] = state[X1 + i], state[Y1 + i], state[Z1 + i]
         state[WX + i], state[WY + i], state[WZ + i] = light.x, light.y, light.z
         state[KEEP + i] = state[FLIGHT + i]
-        state[FLOWN + i] = state[TURNED + i] = state[COIN + i] = 0.0
+        state[FLOWN + i] = state[TURNED + i] = state[DOPPLER + i] = state[COIN + i] = 0.0
         address[ORDER + i] = _ONE
     if rate > 0.0:
         for i in range(count):

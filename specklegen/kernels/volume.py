@@ -46,6 +46,8 @@ class Volume(NamedTuple):
         Voxels per length along x, y, z; 0 where there is one.
     mobility : float64[n], or float64[0] at rest
         How fast the particles of each voxel move beside the fastest.
+    flow : float64[n, 12], or float64[0, 12] where nothing flows
+        V = V_0 + A x of each voxel: V_0, then A row after row.
     """
 
     bounds: np.ndarray
@@ -56,6 +58,7 @@ class Volume(NamedTuple):
     majorant: np.ndarray
     per_length: np.ndarray
     mobility: np.ndarray
+    flow: np.ndarray
 
     @property
     def dimension(self) -> int:

@@ -28,6 +28,7 @@ from specklegen.kernels.lanes import (
     CANDIDATE,
     COIN,
     DENSITY,
+    DOPPLER,
     DROP,
     FLIGHT,
     FLOWN,
@@ -53,6 +54,7 @@ from specklegen.kernels.lanes import (
     Y,
     Z,
     adopt,
+    carried,
     draw,
     scatter,
     scatter_by_table,
@@ -65,7 +67,7 @@ from specklegen.kernels.rng import uniforms
 from specklegen.kernels.slab_steps import Leg, survivor_weight
 from specklegen.kernels.sources import KEPT, TYPE, WORDS, draw_starts, sample_start, start_densities, turn
 from specklegen.kernels.volume import EXTRA, VOXELS, corners, escape_distance, free_flight, inside, optical_depth, voxel
-from specklegen.kernels.walk import TRANSFER, write_record
+from specklegen.kernels.walk import FLOW, TRANSFER, write_record
 
 FAR, NEAR = 0, 1
 _ISOTROPIC = 0.25 / math.pi
@@ -231,7 +233,7 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
     light_kinds, lights, view_kinds, views = probes.light_kinds, probes.lights, probes.view_kinds, probes.views
     bounds, cells, extinction, per_length = volume.bounds, volume.cells, volume.extinction, volume.per_length
     albedos, materials, majorants = volume.albedo, volume.material, volume.majorant
-    mobility = volume.mobility
+    mobility, flow = volume.mobility, volume.flow
     source_kinds, source_rows = sources.kinds, sources.rows
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
     box, dimension = corners(bounds), cells[EXTRA, 0]
@@ -243,7 +245,7 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
     thinnest = extinction.min()
     near = (light_kinds == NEAR).any() or (view_kinds == NEAR).any()
     records, orders, paths = found.records, found.orders, found.paths
-    capacity, transfers = records.shape[0], records.shape[1] > TRANSFER
+    capacity, transfers, flows = records.shape[0], records.shape[1] > TRANSFER, records.shape[1] > FLOW
     kept_count = events = unfinished = 0
     unfinished_weight = 0.0
     k0, k1, sample64 = np.uint64(where.key0), np.uint64(where.key1), np.uint64(where.sample)
@@ -290,7 +292,7 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
                 kept = survivor_weight(weight, w, threshold, u)
             if kept > 0.0:
                 if kept_count < capacity:
-                    write_record(records[kept_count], leg, leg, kept, 0.0, 0.0)
+                    write_record(records[kept_count], leg, leg, kept, 0.0, 0.0, 0.0)
                     orders[kept_count], paths[kept_count] = 1, p
                     types[kept_count, 0] = types[kept_count, 1] = kind
                 kept_count += 1
@@ -302,7 +304,7 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
             state[OX + i], state[OY + i], state[OZ + i] = ox, oy, oz
             state[FIRST_ALBEDO + i] = state[ALBEDO + i] = albedos[here]
             state[DENSITY + i], state[AMOUNT + i] = joint / scattering, scattering / joint
-            state[COIN + i] = state[FLOWN + i] = state[TURNED + i] = 0.0
+            state[COIN + i] = state[FLOWN + i] = state[TURNED + i] = state[DOPPLER + i] = 0.0
             state[POWER + i] = state[BACKWARD + i] = 1.0
             address[PATH + i], address[ORDER + i] = np.uint64(p), _ONE
             address[FIRST_TYPE + i], address[FLIGHTS + i], address[VOXEL + i] = kind, _FLIGHT, here
@@ -378,10 +380,17 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
                     entry = Leg(
                         state[X1 + i], state[Y1 + i], state[Z1 + i], state[OX + i], state[OY + i], state[OZ + i]
                     )
-                    write_record(records[kept_count], entry, leg, kept, state[FLOWN + i], state[TURNED + i])
+                    write_record(records[kept_count], entry, leg, kept, state[FLOWN + i], state[TURNED + i],
+                                 state[DOPPLER + i])  # fmt: skip
                     orders[kept_count], paths[kept_count] = address[ORDER + i], address[PATH + i]
                     types[kept_count, 0], types[kept_count, 1] = address[FIRST_TYPE + i], kind
                 kept_count += 1
+        if flows:
+            for i in range(fresh):
+                state[DOPPLER + i] += carried(
+                    flow, address[VOXEL + i], state[X + i], state[Y + i], state[Z + i], state[WX + i], state[WY + i],
+                    state[WZ + i],
+                )  # fmt: skip
         if not by_lobe:
             for i in range(fresh):
                 # Below the albedo, the coin is a uniform again: it chooses the type that scatters.
@@ -398,6 +407,12 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
         if transfers:
             for i in range(fresh):
                 state[TURNED + i] += state[DROP + i] * mobility[address[VOXEL + i]]
+        if flows:
+            for i in range(fresh):
+                state[DOPPLER + i] -= carried(
+                    flow, address[VOXEL + i], state[X + i], state[Y + i], state[Z + i], state[WX + i], state[WY + i],
+                    state[WZ + i],
+                )  # fmt: skip
         if homogeneous:
             for i in range(flying):
                 state[FLIGHT + i] = minus_log(state[FLIGHT + i]) * mean_free_path

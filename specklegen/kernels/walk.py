@@ -19,13 +19,16 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
+from specklegen.kernels.jones import scatter_polarised, unpolarised, write_matrix
 from specklegen.kernels.lanes import (
     ADDRESS,
     AMOUNT,
     ASIDE,
     CANDIDATE,
     COIN,
+    DOPPLER,
     FLOWN,
+    FLYING,
     KEEP,
     LANES,
     ORDER,
@@ -36,6 +39,7 @@ from specklegen.kernels.lanes import (
     POWER,
     STATE,
     TURNED,
+    WAITING,
     WX,
     WY,
     WZ,
@@ -45,12 +49,14 @@ from specklegen.kernels.lanes import (
     X,
     Y,
     Z,
+    add_doppler,
     add_turns,
     adopt,
     draw,
     draw_coin,
     drop_ended,
     fly,
+    hand_on,
     mark_candidates,
     scatter,
     scatter_by_table,
@@ -60,6 +66,7 @@ from specklegen.kernels.reflections import Mirror, mirror_of, reflect, reflect_f
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.slab_steps import (
     Address,
+    Layer,
     Leg,
     contribution,
     leave,
@@ -77,6 +84,7 @@ WEIGHT = 12  # W over the probability of keeping
 LENGTH = 13  # sum of the free flights from x1 to x_B
 RECORD = 14
 TRANSFER = 14  # sum of 1 - cos theta over x2 ... x_(B-1), each times the mobility there: a column only where asked for
+FLOW = 15  # sum of (omega_(b-1) - omega_b) . V(x_b) over the same: one more, only where particles flow
 
 _ONE = np.uint64(1)
 
@@ -104,7 +112,7 @@ class Found(NamedTuple):
 
     Attributes
     ----------
-    records, orders, paths : float64[cap, RECORD or TRANSFER + 1], int32[cap], int64[cap]
+    records, orders, paths : float64[cap, RECORD, TRANSFER + 1 or FLOW + 1], int32[cap], int64[cap]
     bounces : int8[cap, 2]
         Reflections of the first and of the last leg; left as it is without faces.
     ranks : int64[cap]
@@ -119,10 +127,10 @@ class Found(NamedTuple):
 
 
 @inlined
-def write_record(row, entry, last, weight, length, turned):
+def write_record(row, entry, last, weight, length, turned, doppler):
     """Fill one record: entrance and direction leaving it, exit and direction arriving there, weight, path length.
 
-    And the sum of 1 - cos theta between, where the row has room for it.
+    And the sums of 1 - cos theta and of the Doppler shifts between, where the row has room for them.
     """
     row[ENTRY], row[ENTRY + 1], row[ENTRY + 2] = entry.x, entry.y, entry.z
     row[ENTRY_DIRECTION], row[ENTRY_DIRECTION + 1], row[ENTRY_DIRECTION + 2] = entry.wx, entry.wy, entry.wz
@@ -132,13 +140,15 @@ def write_record(row, entry, last, weight, length, turned):
     row[LENGTH] = length
     if row.shape[0] > TRANSFER:
         row[TRANSFER] = turned
+    if row.shape[0] > FLOW:
+        row[FLOW] = doppler
 
 
 @kernel
-def trace_slab(where, first, count, layer, lobe, aim, stretch, faces, light, probes, rules, found):
+def trace_slab(where, first, count, slab, lobe, aim, stretch, faces, light, probes, rules, found, jones):
     """Trace paths and write the kept connections.
 
-    where, layer, light, rules, found : Address, Layer, Light (z > 0), Rules, Found
+    where, slab, light, rules, found : Address, FlowingLayer, Light (z > 0), Rules, Found
     lobe, aim : Lobe           the phase function, and the lobe of first directions about the light; either both are
                                closed, of one g, or both are tables
     stretch : Stretch          how paths are drawn towards the far face; of a rate above 0 not with ``reverse``, and not
@@ -147,18 +157,20 @@ def trace_slab(where, first, count, layer, lobe, aim, stretch, faces, light, pro
     probes : float64[n, 5]     views at which the contribution is judged, and the optical depth to the outside
                                along each as (at z = 0, per length of z); with faces the views as they look at a vertex
                                after no reflection, then after one, ..., and depths hold -ln of what faces leave
+    jones : Jones or None      of polarised light, neither between faces nor stretched; None leaves it out likewise
 
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written: call again with more room.
     """
-    thickness, sigma_t = layer.thickness, layer.sigma_t
+    thickness, sigma_t, flow = slab.thickness, slab.sigma_t, slab.flow
+    layer = Layer(thickness, sigma_t, slab.albedo)
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
     aim_rows, aim_guide, aim_places = aim.rows, aim.guide, aim.places
     survival, importance = stretch.survival, stretch.rows
     pull = Pull(stretch.rate, stretch.most, stretch.aimed)
     reverse, threshold = rules.reverse, rules.threshold
     records, orders, paths, bounces = found.records, found.orders, found.paths, found.bounces
-    capacity, transfers = records.shape[0], records.shape[1] > TRANSFER
+    capacity, transfers, flows = records.shape[0], records.shape[1] > TRANSFER, records.shape[1] > FLOW
     kept_count = events = unfinished = 0
     unfinished_weight = 0.0
     chance = -math.expm1(-sigma_t * thickness / light.z)
@@ -175,17 +187,23 @@ def trace_slab(where, first, count, layer, lobe, aim, stretch, faces, light, pro
     views = mirror.views
     flying = waiting = started = 0
     while True:
-        flying, cut, cut_weight = drop_ended(state, address, flying, thickness, survival, last_order)
+        flying, cut, cut_weight = drop_ended(
+            state, address, flying, thickness, survival, last_order, jones, FLYING
+        )  # fmt: skip
         unfinished += cut
         unfinished_weight += cut_weight
         while flying < LANES and (waiting > 0 or started < count):
             if waiting > 0:
                 waiting -= 1
                 adopt(state, address, flying, fresh, fresh_address, waiting)
+                if jones is not None:
+                    hand_on(jones.carried, FLYING, flying, WAITING, waiting)
                 flying += 1
                 continue
             waiting = min(LANES, count - started)
             start(where, first + started, waiting, layer, pull.rate, light, fresh, fresh_address)
+            if jones is not None:
+                unpolarised(jones.carried, waiting)
             if faces is not None:
                 reflect_first(where, layer, light, mirror, fresh, fresh_address, waiting)
             started += waiting
@@ -205,7 +223,7 @@ def trace_slab(where, first, count, layer, lobe, aim, stretch, faces, light, pro
                         if kept_count < capacity:
                             entry = Leg(x, y, fresh[Z1 + i], 0.0, 0.0, 0.0)
                             last = Leg(x, y, unfolded(z, thickness, m, up), 0.0, 0.0, 0.0)
-                            write_record(records[kept_count], entry, last, kept, 0.0, 0.0)
+                            write_record(records[kept_count], entry, last, kept, 0.0, 0.0, 0.0)
                             orders[kept_count], paths[kept_count] = 1, fresh_address[PATH + i]
                             if faces is not None:
                                 bounces[kept_count, 0], bounces[kept_count, 1] = int(fresh[Z1 + i] / thickness), m
@@ -217,7 +235,9 @@ def trace_slab(where, first, count, layer, lobe, aim, stretch, faces, light, pro
             if faces is not None:
                 turn_over(thickness, fresh, waiting)
                 reflect(where, thickness, faces, fresh, fresh_address, waiting)
-            waiting, cut, cut_weight = drop_ended(fresh, fresh_address, waiting, thickness, survival, last_order)
+            waiting, cut, cut_weight = drop_ended(
+                fresh, fresh_address, waiting, thickness, survival, last_order, jones, WAITING
+            )  # fmt: skip
             unfinished += cut
             unfinished_weight += cut_weight
         if flying == 0:
@@ -252,23 +272,36 @@ def trace_slab(where, first, count, layer, lobe, aim, stretch, faces, light, pro
                             state[X1 + i], state[Y1 + i], state[Z1 + i], state[OX + i], state[OY + i], state[OZ + i]
                         )
                         last = Leg(x, y, unfolded(z, thickness, m, up), wx, wy, -wz if m % 2 else wz)
-                        write_record(records[kept_count], entry, last, kept, state[FLOWN + i], state[TURNED + i])
+                        write_record(records[kept_count], entry, last, kept, state[FLOWN + i], state[TURNED + i],
+                                     state[DOPPLER + i])  # fmt: skip
                         orders[kept_count], paths[kept_count] = address[ORDER + i], address[PATH + i]
+                        if jones is not None:
+                            write_matrix(jones.carried, i, jones.found[kept_count])
                         if faces is not None:
                             bounces[kept_count, 0], bounces[kept_count, 1] = int(state[Z1 + i] / thickness), m
                     kept_count += 1
+        if flows:
+            add_doppler(flow, 1.0, state, flying)
         if pull.rate > 0.0:
             steer(where, g, rows, guide, pull, importance, state, address, flying)
             if transfers:
                 add_turns(state, flying)
+            if flows:
+                add_doppler(flow, -1.0, state, flying)
             fly_stretched(mean_free_path, pull.rate, state, flying)
             continue
-        if rows.shape[0] == 0:
+        if jones is not None:
+            scatter_polarised(
+                where, g, rows, guide, places, jones.matrices, jones.carried[FLYING], jones.step, state, address, flying
+            )  # fmt: skip
+        elif rows.shape[0] == 0:
             scatter(g, state, flying)
         else:
             scatter_by_table(rows, guide, state, flying)
         if transfers:
             add_turns(state, flying)
+        if flows:
+            add_doppler(flow, -1.0, state, flying)
         fly(mean_free_path, state, flying)
         if faces is not None:
             reflect(where, thickness, faces, state, address, flying)

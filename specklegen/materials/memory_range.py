@@ -142,10 +142,10 @@ def _half_range(slab: Slab, paths: int) -> float:
     from specklegen.paths.analog_walk import require_walkable
 
     require_walkable("materials.memory_range", slab, paths)
-    kernel = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
-    if not kernel.weights.any():
+    correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
+    if not correlation.weights.any():
         reject("materials.memory_range paths", "enough for some light to come through", paths, "Or thin the layer.")
-    return kernel.half_range() * slab.thickness
+    return correlation.half_range() * slab.thickness
 
 
 def _ends(values: list[float], shares: tuple[float, float]) -> tuple[float, float]:

@@ -15,7 +15,7 @@ _GLOBULES, _MICELLES = 0.6, 0.4
 
 
 def fat_index(wavelength: float) -> float:
-    """Of milk fat, through 1.470 at 466 nm and 1.460 at 633 nm as a + b / lambda^2.
+    """Refractive index of milk fat, through 1.470 at 466 nm and 1.460 at 633 nm as a + b / lambda^2.
 
     Michalski, Briard and Michel, Lait 81, 787 (2001).
     """

@@ -1,4 +1,4 @@
-"""What a preset holds, and what it makes."""
+"""A preset: its fields, and the media made of it."""
 
 import math
 from collections.abc import Callable, Mapping

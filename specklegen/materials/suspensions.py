@@ -38,7 +38,7 @@ class Sizes(Value):
         return float(4 / 3 * math.pi * (self.numbers * self.radii**3).sum())
 
     def filling(self, share: float) -> "Sizes":
-        """As many of them as fill a share of the volume."""
+        """Return as many particles as fill a share of the volume."""
         return self.replace(numbers=self.numbers * share / self.volume)
 
 

@@ -8,7 +8,7 @@ lights and far views it depends on the medium:
   first zero lies lambda / W away. The constant phase is chosen such that the field on the exit face is real and
   positive at the window's centre for a beam along the axis. Refracting faces let the root of
   (1 - R(i)) (1 - R(v)) through; echoes between them are left out;
-* on the plane that a lens is focused on: the image of that of the slab;
+* on the plane that a lens is focused on: the image of that of the slab; of focused light: the sum of its beams';
 * of a box or a voxel grid: the field *scattered* by it, for the light that misses or crosses it is not limited by
   it (that of a plane wave is a delta at v = i): see :mod:`specklegen.mean.finite`.
 """
@@ -66,6 +66,9 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
     lights = instance("mean_field scene", scene, Scene).illumination
     if not lights.coherent:
         reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", lights.type)
+    if scene.illumination.focused:
+        beams = mean_field(scene.replace(illumination=scene.beams), most_nodes=most_nodes)
+        return np.tensordot(scene.illumination.amplitudes(scene.wavelength), beams, axes=1)  # type: ignore[attr-defined]
     if scene.sensor.focused:
         lens = lens_of(scene)
         return lens.image(mean_field(lens.pupil_scene, most_nodes=most_nodes))
@@ -80,6 +83,8 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
         field = _rays(scene)
     elif not scene.medium.has_sides:  # of plane waves it would have no far field
         field = _layer(scene, scene.beams)
+        if scene.polarisers is not None:  # forward, a sphere sends on the polarisation that it has met
+            field *= scene.polarisers.straight
     else:
         field = scattered_mean(scene, most_nodes)
     return field.reshape(len(scene.lights), *scene.sensor.shape)

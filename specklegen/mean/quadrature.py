@@ -39,7 +39,7 @@ class _Axis(NamedTuple):
 
     @classmethod
     def across(cls, edges: np.ndarray, drift: float, rate: float, phase: float) -> "_Axis":
-        """For faces at ``edges``, rays that move sideways by ``drift`` and turn by up to ``phase``."""
+        """Nodes across faces at ``edges``, for rays that move sideways by ``drift`` and turn by up to ``phase``."""
         # Behind a tilted ray's voxels the integrand only bends, and halving catches that; at the sides it ends.
         breaks = np.unique(np.concatenate([edges, edges[[0, -1]] - drift]))
         middle = (breaks[1:] + breaks[:-1]) / 2

@@ -33,6 +33,7 @@ from specklegen.paths.analog_walk import Exits, require_walkable, walk
 from specklegen.paths.faces import reflectance
 from specklegen.paths.steps import end_indices, optics, unscattered
 from specklegen.scene.media import Medium, PlaneMedium, require_medium
+from specklegen.scene.polarisation import require_scalar
 
 _STEPS = 30  # of angle, three degrees each
 
@@ -168,6 +169,7 @@ def reflectance_transmittance(
     owner = "reflectance_transmittance"
     budget = Budget(owner, paths, rel_error, seconds, seed, threads)
     require_medium(f"{owner} medium", medium, "Thin screens let all light through; of a Scene give its medium.")
+    require_scalar(f"{owner} medium", medium)
     if medium.dimension == 2:
         reject(f"{owner} medium", "of three dimensions", medium, "In flatland there are no solid angles.")
     angle = real_number(f"{owner} angle", angle)

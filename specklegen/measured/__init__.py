@@ -1,4 +1,4 @@
-"""What a laboratory measured, from the files on its disk: camera frames with what belongs to them, and curves.
+"""Measurements of a laboratory, from the files on its disk: camera frames with their setups, and curves.
 
 Public names stand in ``__init__.pyi``.
 """

@@ -1,3 +1,6 @@
+from .catalogue import PublicData as PublicData
+from .catalogue import public_data as public_data
+from .catalogue import public_data_names as public_data_names
 from .curve import MeasuredCurve as MeasuredCurve
 from .curve import read_curve as read_curve
 from .measurement import Measurement as Measurement
@@ -8,3 +11,6 @@ from .observations import MemoryCurve as MemoryCurve
 from .observations import Observation as Observation
 from .observations import TemporalCurve as TemporalCurve
 from .observations import Transmittance as Transmittance
+from .sphere import Sphere as Sphere
+from .sphere import SphereReadings as SphereReadings
+from .sphere import read_sphere as read_sphere

@@ -101,7 +101,7 @@ def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> Measur
     rows: list[list[float]] = []
     lines: list[int] = []
     separator: str | None = None
-    for number, line in enumerate(_text(path).splitlines(), 1):
+    for number, line in enumerate(text_of("read_curve path", path).splitlines(), 1):
         text = line.strip().lstrip("\ufeff")
         if not text or text.startswith("#"):
             continue
@@ -145,7 +145,8 @@ def _columns(columns: Sequence[int] | None) -> tuple[int, ...]:
     return tuple(whole_number("read_curve columns", each) for each in columns)
 
 
-def _text(path: str | Path) -> str:
+def text_of(field: str, path: str | Path) -> str:
+    """Text of a file in UTF-8 of at most 16 MiB, or refuse it by the name of a field."""
     try:
         with Path(path).open("rb") as file:
             content = file.read(MOST_BYTES + 1)
@@ -153,12 +154,8 @@ def _text(path: str | Path) -> str:
             raise ValueError(f"it is longer than {MOST_BYTES} bytes")
         return content.decode("utf-8")
     except (OSError, ValueError, TypeError) as error:
-        reject(
-            "read_curve path",
-            "a text that can be read",
-            path if isinstance(path, str) else str(path),
-            f"It cannot: {error}.",
-        )
+        given = path if isinstance(path, str) else str(path)
+        reject(field, "a text that can be read", given, f"It cannot: {error}.")
 
 
 def _is_number(text: str) -> bool:

@@ -40,7 +40,7 @@ TABLES = {
 
 
 class Errors(NamedTuple):
-    """Bounds of an atlas kernel's errors: two standard errors of the paths plus the error of interpolation."""
+    """Bounds of a correlation's errors: two standard errors of the paths plus the error of interpolation."""
 
     correlation: float
     """Of C_I, at the worst q."""
@@ -107,7 +107,7 @@ class Atlas:
 
     def place(self, slab: Slab) -> tuple[float, float, float] | None:
         """Coordinates of a slab, of the family that the table is for; None outside it, and where faces reflect."""
-        if not slab.faces.matched:
+        if not slab.faces.matched or slab.polarisation != "scalar":
             return None
         depth, drop = slab.optical_depth, _drop(slab.scatterer)
         if depth <= 0 or slab.albedo <= 0:
@@ -128,7 +128,7 @@ class Atlas:
         weights = (a[:, None, None] * b[:, None] * c).reshape(-1)
         return weights @ block.reshape(64, -1)
 
-    def kernel(self, slab: Slab, place: tuple[float, float, float]) -> MemoryEffectCorrelation:
+    def of(self, slab: Slab, place: tuple[float, float, float]) -> MemoryEffectCorrelation:
         """K of a slab at a place."""
         row = self.row(place)
         albedo = slab.albedo
@@ -228,7 +228,7 @@ def atlas_correlation(slab: Slab, tolerance: float = TOLERANCE) -> MemoryEffectC
 
     Returns
     -------
-    kernel
+    correlation
         With one row of weights: radii of r, and the intensity per unit area among them. None outside the
         tables, and where the table's stated error is above the tolerance.
     """
@@ -236,7 +236,7 @@ def atlas_correlation(slab: Slab, tolerance: float = TOLERANCE) -> MemoryEffectC
     if found is None:
         return None
     atlas, place = found
-    return atlas.kernel(slab, place) if atlas.errors(place).correlation <= tolerance else None
+    return atlas.of(slab, place) if atlas.errors(place).correlation <= tolerance else None
 
 
 def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation:
@@ -254,12 +254,12 @@ def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLE
     tolerance
         Largest error of C_I with which the atlas will do; 0 leaves the atlas out.
     """
-    kernel = atlas_correlation(slab, tolerance)
-    if kernel is not None:
-        return kernel
+    correlation = atlas_correlation(slab, tolerance)
+    if correlation is not None:
+        return correlation
     file = cache.path_of(slab, paths)
-    kernel = cache.load(file)
-    if kernel is None:
-        kernel = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
-        cache.store(kernel, file)
-    return kernel
+    correlation = cache.load(file)
+    if correlation is None:
+        correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
+        cache.store(correlation, file)
+    return correlation

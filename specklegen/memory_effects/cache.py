@@ -1,18 +1,22 @@
-"""Kernels kept on disk: what a material's kernel cost is paid once per user.
+"""Correlations kept on disk: what a material's correlation cost is paid once per user.
 
 A file is named by the digest of everything that decides its content (material, paths, the sources of the
-estimator) and starts with the digest of the rest of it. Readers see it whole or not at all, whoever else is
-writing (:mod:`specklegen.core.whole_files`). A folder that cannot be written, or a file
-that is damaged, costs an estimate and nothing else.
+estimator; of its last bits the versions of libraries and the processor) and starts with the digest of the rest
+of it. Readers see it whole or not at all, whoever else is writing (:mod:`specklegen.core.whole_files`). A folder
+that cannot be written, or a file that is damaged, costs an estimate and nothing else.
 """
 
 import hashlib
 import io
+import os
+import platform
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from llvmlite.binding import get_host_cpu_name
 
+from specklegen.core.libraries import library_versions
 from specklegen.core.whole_files import sweep, write_whole
 from specklegen.kernels.cache import cache_root, say_once
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
@@ -21,22 +25,25 @@ from specklegen.scene.media import Slab
 LIMIT = 2000  # files, about 0.2 MB each; the oldest go first
 _SUFFIX = ".kernel"
 _DIGEST = 32  # bytes of SHA-256
-_SOURCES = ("kernels/*.py", "paths/*.py", "core/random_streams.py", "memory_effects/correlation.py")
+_SOURCES = (
+    "kernels/*.py", "paths/*.py", "scene/*.py", "scene/scatterers/*.py", "core/random_streams.py", "core/quadrature.py",
+    "memory_effects/correlation.py",
+)  # fmt: skip
 
 
 def folder() -> Path:
-    """Where kernels are kept: under SPECKLEGEN_CACHE, by default the user's cache directory."""
+    """Where correlations are kept: under SPECKLEGEN_CACHE, by default the user's cache directory."""
     return cache_root() / "memory-kernels"
 
 
 def path_of(slab: Slab, paths: int) -> Path:
-    """File of the kernel that ``paths`` paths give of a slab."""
-    key = hashlib.sha256(f"{_sources_digest()} {slab.fingerprint()} {paths}".encode()).hexdigest()
+    """File of the correlation that ``paths`` paths give of a slab."""
+    key = hashlib.sha256(f"{_sources_digest()} {_arithmetic()} {slab.fingerprint()} {paths}".encode()).hexdigest()
     return folder() / (key + _SUFFIX)
 
 
 def load(file: Path) -> MemoryEffectCorrelation | None:
-    """Read a kernel; None where there is no file, or a damaged one."""
+    """Read a correlation; None where there is no file, or a damaged one."""
     try:
         content = file.read_bytes()
     except OSError:
@@ -51,11 +58,15 @@ def load(file: Path) -> MemoryEffectCorrelation | None:
         )
 
 
-def store(kernel: MemoryEffectCorrelation, file: Path) -> None:
-    """Keep a kernel, if the folder can be written."""
+def store(correlation: MemoryEffectCorrelation, file: Path) -> None:
+    """Keep a correlation, if the folder can be written."""
     buffer = io.BytesIO()
     np.savez_compressed(
-        buffer, radius=kernel.radius, weights=kernel.weights, paths=kernel.paths, single_share=kernel.single_share
+        buffer,
+        radius=correlation.radius,
+        weights=correlation.weights,
+        paths=correlation.paths,
+        single_share=correlation.single_share,
     )
     payload = buffer.getvalue()
     try:
@@ -86,6 +97,12 @@ def _remove(file: Path) -> None:
         file.unlink(missing_ok=True)
     except OSError:
         pass
+
+
+def _arithmetic() -> str:
+    """What decides last bits besides: a home folder may be shared by machines, and outlives libraries."""
+    chosen = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "MKL_CBWR")]
+    return f"{sorted(library_versions().items())} {platform.machine()} {get_host_cpu_name()} {chosen}"
 
 
 @lru_cache(maxsize=1)

@@ -10,7 +10,7 @@ positive semidefinite for any set of tilts, and its errors are those of the batc
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.special import j0
@@ -27,9 +27,11 @@ from specklegen.paths.endpoints import AXIS
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.steps import refracting_layers
 from specklegen.paths.tracer import plane_tracer
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
+from specklegen.scene.polarisation import require_scalar
 
-_BINS = 640
+RADIUS_BINS = 640
+"""Bins of lateral distances."""
 _AT_ONCE = 2**13  # q's
 SCAN_STEP, SCAN_POINTS, SCAN_MOST = 1.25, 16, 64
 ROOT_NODES = (1 + 1 / SCAN_STEP) / 2 - (1 - 1 / SCAN_STEP) / 2 * np.cos(np.pi * (np.arange(6) + 0.5) / 6)
@@ -57,6 +59,8 @@ class MemoryEffectCorrelation:
         Standard error of C_I at its worst q, where it is not to be had from batches; else NaN.
     """
 
+    isotropic: ClassVar[bool] = True
+    """Whether K depends on |q| alone."""
     radius: np.ndarray
     weights: np.ndarray
     paths: int
@@ -78,7 +82,7 @@ class MemoryEffectCorrelation:
         used = share > 0
         return self.radius[used], share[used] / share[used].sum()
 
-    def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
+    def matrix(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
         """Matrix float64[T, T] of K between beams at direction sines float64[T, 2]; positive semidefinite."""
         difference = sines[:, None, :] - sines[None, :, :]
         q = wavenumber * np.hypot(difference[..., 0], difference[..., 1])
@@ -166,7 +170,7 @@ def _one_minus_bessel(q: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
 
 @remembered(64)
-def axial_tracer(medium: Slab, transfer: bool = False) -> SlabTracer:
+def axial_tracer(medium: PlaneMedium, transfer: bool = False) -> SlabTracer:
     """Paths of a plane wave along the axis, seen along the axis; of wavelength 1, which decides nothing.
 
     ``transfer`` collects what motion needs, along the same paths.
@@ -175,17 +179,18 @@ def axial_tracer(medium: Slab, transfer: bool = False) -> SlabTracer:
 
 
 def estimate_correlation(
-    medium: Slab, paths: int, seed: Seed, *, threads: int | None = None
+    medium: PlaneMedium, paths: int, seed: Seed, *, threads: int | None = None
 ) -> MemoryEffectCorrelation:
     """Estimate K of a slab in transmission along the axis, from ``paths`` paths in 64 batches.
 
     K does not depend on the wavelength: q r does.
     """
+    require_scalar("estimate_correlation medium", medium)
     if refracting_layers(medium):
         return _of_axial_light(medium, paths, seed, threads)
     tracer = axial_tracer(medium)
     edges = np.log(_told_apart(medium))
-    rows = np.zeros((min(BATCHES, max(paths, 1)), _BINS))
+    rows = np.zeros((min(BATCHES, max(paths, 1)), RADIUS_BINS))
     bounds = np.linspace(0, paths, len(rows) + 1).astype(int)
     bank = tracer.trace(seed, paths, threads=threads)
     starts = np.searchsorted(bank.paths, bounds)
@@ -197,45 +202,50 @@ def estimate_correlation(
         some = bank.select(part)
         radius[part], weight[part] = lateral_distance(some), contributions(tracer.layout, some)
         place[part] = _bins(radius[part], edges)
-        rows[n] = np.bincount(place[part], weight[part], minlength=_BINS)
+        rows[n] = np.bincount(place[part], weight[part], minlength=RADIUS_BINS)
 
     map_blocks(batch, range(len(rows)), threads)
     return _of_bins(rows, radius, weight, place, weight[bank.orders == 1].sum(), paths)
 
 
-def _of_axial_light(medium: Slab, paths: int, seed: Seed, threads: int | None) -> MemoryEffectCorrelation:
+def _of_axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: int | None) -> MemoryEffectCorrelation:
     """K of layers that refract, from light that is not aimed (:mod:`specklegen.kernels.analog_walk`)."""
     light, batches = axial_light(medium, paths, seed, threads), min(BATCHES, max(paths, 1))
     radius = np.hypot(*light.displacement.T)
-    place = _bins(radius, np.log(_told_apart(medium)))
+    place = radius_bins(medium, radius)
     batch = np.arange(paths) * batches // max(paths, 1)
-    rows = np.bincount(batch * _BINS + place, light.weight, batches * _BINS).reshape(batches, _BINS)
+    rows = np.bincount(batch * RADIUS_BINS + place, light.weight, batches * RADIUS_BINS).reshape(batches, RADIUS_BINS)
     return _of_bins(rows, radius, light.weight, place, light.once.sum(), paths)
+
+
+def radius_bins(medium: PlaneMedium, radius: np.ndarray) -> np.ndarray:
+    """Bin int64[n] of each lateral distance behind a medium, of :data:`RADIUS_BINS`; 0 is that of distance 0 alone."""
+    return _bins(radius, np.log(_told_apart(medium)))
 
 
 def _bins(radius: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Bin int64[n] of each radius, between ``edges`` of its logarithm; 0 is that of radius 0 alone."""
     with np.errstate(divide="ignore"):
-        bins = (np.log(radius) - edges[0]) / (edges[1] - edges[0]) * (_BINS - 1)
-    return np.where(radius > 0, np.clip(bins, 0, _BINS - 2) + 1, 0).astype(np.int64)
+        bins = (np.log(radius) - edges[0]) / (edges[1] - edges[0]) * (RADIUS_BINS - 1)
+    return np.where(radius > 0, np.clip(bins, 0, RADIUS_BINS - 2) + 1, 0).astype(np.int64)
 
 
 def _of_bins(
     rows: np.ndarray, radius: np.ndarray, weight: np.ndarray, place: np.ndarray, single: float, paths: int
 ) -> MemoryEffectCorrelation:
     """K of radii and weights float64[M] in bins int64[M], of which batches hold ``rows`` float64[batches, bins]."""
-    squares = np.bincount(place, weight * radius**2, minlength=_BINS)
+    squares = np.bincount(place, weight * radius**2, minlength=RADIUS_BINS)
     share = rows.sum(axis=0)
     total = share.sum()
     return MemoryEffectCorrelation(
-        radius=np.sqrt(np.divide(squares, share, out=np.zeros(_BINS), where=share > 0)),
+        radius=np.sqrt(np.divide(squares, share, out=np.zeros(RADIUS_BINS), where=share > 0)),
         weights=rows,
         paths=paths,
         single_share=float(single / total) if total else 0.0,
     )
 
 
-def _told_apart(medium: Slab) -> tuple[float, float]:
+def _told_apart(medium: PlaneMedium) -> tuple[float, float]:
     """Smallest and largest radius with a bin of its own.
 
     Thin forward-scattering slabs need the 1 - g: light that is scattered twice walks about (1 - g) L sideways,

@@ -12,17 +12,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.arguments import choice, instance, positive_number, real_array
+from specklegen.core.arguments import choice, instance, positive_number, real_array, real_number
 from specklegen.core.budgets import Budget, Reverse, require_time
 from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject, warn_user
+from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds as seconds_of
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
@@ -31,6 +32,7 @@ from specklegen.core.shielded import shielded
 from specklegen.core.statistics import BATCHES, batch_sums, jackknife
 from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.memory_effects.oblique import estimate_oblique_correlation
+from specklegen.memory_effects.polarised import Channel, Polariser, axial_curve, pair_curve, polariser
 from specklegen.paths.analog_walk import require_walkable
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
@@ -80,6 +82,19 @@ class Aim(NamedTuple):
     reversal: Decision
 
 
+def _require_angles(owner: str, tilts: np.ndarray) -> None:
+    if tilts.ndim != 1 or not np.isfinite(tilts).all() or (tilts.size and np.abs(tilts).max() >= np.pi / 2):
+        reject(f"{owner} tilts", _TILTS.format("(T,)"), tilts, "Use np.deg2rad.")
+
+
+def _checked_view(owner: str, view: ArrayLike, mode: Mode) -> np.ndarray:
+    found = real_array(f"{owner} view", view)
+    side = 1.0 if mode == "transmission" else -1.0
+    if found.shape != (3,) or not abs(np.linalg.norm(found) - 1) <= 1e-6 or found[2] * side <= 0:
+        reject(f"{owner} view", f"a unit vector of shape (3,) on the side of {mode}", found)
+    return found
+
+
 def aimed(
     owner: str, medium: PlaneMedium, wavelength: float, tilts: np.ndarray, mode: Mode, view: ArrayLike | None,
     reverse: Reverse, tolerance: float,
@@ -103,8 +118,7 @@ def aimed(
             "Without scattered light there is no speckle that could be correlated. Towards either end all light is "
             "scattered once, and C_I of transmission along the axis tends to 1 at tilts small beside the lobe.",
         )  # fmt: skip
-    if not np.isfinite(tilts).all() or (tilts.size and np.abs(tilts).max() >= np.pi / 2):
-        reject(f"{owner} tilts", _TILTS.format("(T,)"), tilts, "Use np.deg2rad.")
+    _require_angles(owner, tilts)
     wavelength = positive_number(f"{owner} wavelength", wavelength)
     warn_of_dependence(medium.mean_free_path, wavelength)
     choice(f"{owner} mode", mode, ("transmission", "reflection"))
@@ -112,9 +126,7 @@ def aimed(
     if view is None:
         sine = 0.0 if mode == "transmission" else np.sin(_OFF_BACKSCATTER)
         view = directions_of_sines("view", [sine, 0.0], side)
-    view = real_array(f"{owner} view", view)
-    if view.shape != (3,) or not abs(np.linalg.norm(view) - 1) <= 1e-6 or view[2] * side <= 0:
-        reject(f"{owner} view", f"a unit vector of shape (3,) on the side of {mode}", view)
+    view = _checked_view(owner, view, mode)
     light = directions_of_sines(f"{owner} tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines(f"{owner} view + tilts", view[:2] + light[:, :2], side)
     if refracting_layers(medium):
@@ -154,7 +166,7 @@ def _require_axial(
 
 
 @dataclass(frozen=True)
-class MemoryEffect(Pictured):
+class MemoryEffect(Pictured, Labelled):
     """A memory-effect curve.
 
     Attributes
@@ -182,6 +194,10 @@ class MemoryEffect(Pictured):
     near_field : bool
         Whether tilts keep their angle to the scatterers' lobe, since mean free paths are shorter than the far field
         that tells them apart (docs/physics.md 10).
+    channel : "none", "co" or "crossed"
+        Analyser before the camera; of scalar light "none".
+    azimuth : float
+        Of the tilts from the polarisation of the light, radians.
 
     Examples
     --------
@@ -202,6 +218,8 @@ class MemoryEffect(Pictured):
     paths: int
     reverse: bool
     near_field: bool = False
+    channel: Channel = "none"
+    azimuth: float = 0.0
 
     def __repr__(self) -> str:
         return summary(self, tilts=self.tilts, intensity=self.intensity, paths=self.paths, reverse=self.reverse)
@@ -215,6 +233,18 @@ class MemoryEffect(Pictured):
             "paths": self.paths,
             "reversed paths": "used" if self.reverse else "left out",
         }
+
+    def _arrays(self) -> Mapping[str, Labels]:
+        along = ("tilts",)
+        return {
+            "tilts": Labels(along, self.tilts, "rad", coordinate=True), "q": Labels(along, self.q, coordinate=True),
+            "field": Labels(along, self.field), "intensity": Labels(along, self.intensity),
+            "decorrelation": Labels(along, self.decorrelation), "standard_error": Labels(along, self.standard_error),
+        }  # fmt: skip
+
+    def _numbers(self) -> Mapping[str, str | int | float | bool]:
+        return {"single_share": self.single_share, "paths": self.paths, "reverse": self.reverse,
+                "near_field": self.near_field, "channel": self.channel, "azimuth": self.azimuth}  # fmt: skip
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """C_I over the tilt in units of the slab, with bars of two standard errors."""
@@ -232,6 +262,8 @@ def memory_effect(
     wavelength: float,
     tilts: ArrayLike,
     mode: Mode = "transmission",
+    channel: Channel = "none",
+    azimuth: float = 0.0,
     paths: int | None = None,
     rel_error: float | None = None,
     seconds: float | None = None,
@@ -258,6 +290,12 @@ def memory_effect(
         float[T], radians, in the x-z plane; as the wavelength.
     mode
         "transmission" looks along the axis; "reflection" back through the entrance face.
+    channel
+        Of a slab whose ``polarisation`` is not "scalar", in linearly polarised light: what passes an analyser along the
+        polarisation ("co") or across it ("crossed"), or all of it ("none").
+    azimuth
+        Of the tilts from that polarisation, radians: 0 along it, pi/2 across it. The curves differ
+        (docs/polarisation.md).
     paths, seconds, seed, reverse, tolerance, threads
         See :class:`specklegen.core.budgets.Budget`.
     rel_error
@@ -289,16 +327,15 @@ def memory_effect(
     (array([1. , 0.8, 0.6]), (3,))
     """
     budget = Budget("memory_effect", paths, rel_error, seconds, seed, threads, reverse, tolerance)
-    if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
-        return _of_screens(medium, wavelength, tilts, mode, view)
+    seen = analysed("memory_effect", medium, channel, azimuth)
     tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
     wavelength = positive_number("memory_effect wavelength", wavelength)
     require_tilts("memory_effect", tilts.size, f"{tilts.size} tilts")
-    if tilts.ndim != 1:
-        reject("memory_effect tilts", _TILTS.format("(T,)"), tilts, "Use np.deg2rad.")
-    light, view, views, side, reversal = aimed(
-        "memory_effect", medium, wavelength, tilts, mode, view, reverse, tolerance
-    )
+    _require_angles("memory_effect", tilts)
+    if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
+        return _of_screens(medium, wavelength, tilts, mode, view)
+    aim = aimed("memory_effect", medium, wavelength, tilts, mode, view, budget.reverse, budget.tolerance)
+    light, view, views, side, reversal = aim
     largest = steepest(medium, tilts)
     lobe = lobe_loss(medium, wavelength, largest)
     near = lobe.spurious and medium.albedo > 0
@@ -309,24 +346,15 @@ def memory_effect(
     symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
     lateral = near and not reversal.needed
     curve = _axial if symmetric else _lateral if lateral else partial(_exact, near=near)
+    if seen is not None:
+        curve = partial(_polarised, seen=seen, symmetric=symmetric, near=near)
 
     def run(count: int, seed: Seed) -> tuple:
         return curve(medium, wavelength, light, view, views, side, count, seed, reversal.needed, threads)
 
     keyed = pilot_seed(medium.unitless_fingerprint())
     count = budget.count(lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0)))
-    if mode == "transmission" and (reversal.needed or not medium.faces.matched or as_slab(medium) is None):
-        require_reach("memory_effect", relative_variance(medium), count)
-    if refracting_layers(medium):
-        require_walkable("memory_effect", medium, count)
-    ends = 2.0 * (1 + len(light)) * count * (2 if reversal.needed else 1)
-    drawn = side > 0 and medium.faces.matched and not reversal.needed and draws_across(medium)
-    events = count * (events_across(medium) if drawn else events_per_path(medium))
-    require_time(
-        "memory_effect tilts",
-        seconds_of({"path": count, "event": events, "end": ends}, thread_count(threads)),
-        f"{len(light)} tilts of {count} paths, {events:.1e} scatterings", "Ask for fewer tilts, or for fewer paths.",
-    )  # fmt: skip
+    require_traced("memory_effect", medium, aim, count, threads)
     field, intensity, decorrelation, error, single, lit = run(count, seed)
     if np.isnan(single):
         warn_user(
@@ -347,7 +375,55 @@ def memory_effect(
         paths=count,
         reverse=reversal.needed,
         near_field=near,
+        channel=channel,
+        azimuth=float(azimuth),
     )
+
+
+def require_traced(owner: str, medium: PlaneMedium, aim: Aim, count: int, threads: int | None) -> None:
+    """Refuse fewer paths than it takes for any to cross an absorbing medium, and a month of computing.
+
+    Raises
+    ------
+    RuleError
+        With the remedy.
+    """
+    reverse, matched, slab = aim.reversal.needed, medium.faces.matched, as_slab(medium)
+    polarised = slab is not None and slab.polarisation != "scalar"
+    if aim.side > 0 and (reverse or not matched or slab is None or polarised):
+        require_reach(owner, relative_variance(medium), count)
+    if refracting_layers(medium):
+        require_walkable(owner, medium, count)
+    ends = 2.0 * (1 + len(aim.light)) * count * (2 if reverse else 1)
+    drawn = aim.side > 0 and matched and not reverse and draws_across(medium)
+    events = count * (events_across(medium) if drawn else events_per_path(medium))
+    require_time(
+        f"{owner} tilts", seconds_of({"path": count, "event": events, "end": ends}, thread_count(threads)),
+        f"{len(aim.light)} tilts of {count} paths, {events:.1e} scatterings",
+        "Ask for fewer tilts, or for fewer paths.",
+    )  # fmt: skip
+
+
+def analysed(owner: str, medium: object, channel: str, azimuth: float) -> Polariser | None:
+    """Light and analyser of a medium that knows polarisation; None of one where light is a scalar.
+
+    Raises
+    ------
+    RuleError
+        For a channel or an azimuth that is none, or that a scalar medium is asked for.
+    """
+    choice(f"{owner} channel", channel, get_args(Channel))
+    azimuth = real_number(f"{owner} azimuth", azimuth)
+    if not np.isfinite(azimuth):
+        reject(f"{owner} azimuth", "finite, in radians", azimuth)
+    if getattr(medium, "polarisation", "scalar") != "scalar":
+        return polariser(channel, azimuth)  # type: ignore[arg-type]
+    remedy = 'Give the Slab polarisation = "projector" or "vector".'
+    if channel != "none":
+        reject(f"{owner} channel", '"none" of a medium in which light is a scalar', channel, remedy)
+    if azimuth:
+        reject(f"{owner} azimuth", "0 where light is a scalar: all tilts are alike", azimuth, remedy)
+    return None
 
 
 def require_tilts(owner: str, tilts: int, what: str, other: float = 0.0) -> None:
@@ -370,16 +446,14 @@ def _warn_of_neither(lobe: LobeLoss, tilt: float) -> None:
     )  # fmt: skip
 
 
-def _of_screens(medium: ThinMedium, wavelength: float, tilts: ArrayLike, mode: Mode, view: ArrayLike | None):
+def _of_screens(medium: ThinMedium, wavelength: float, tilts: np.ndarray, mode: Mode, view: ArrayLike | None):
     """Curve of thin screens at a fixed view, in closed form (:mod:`specklegen.theory.phase_screens`, Eq. 2)."""
-    tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
-    require_tilts("memory_effect", tilts.size, f"{tilts.size} tilts")
     require_time("memory_effect tilts", 1e-9 * _SCREEN_TILT * tilts.size, f"{tilts.size} tilts", "Ask for fewer tilts.")
     if mode != "transmission":
         reject("memory_effect mode", '"transmission" behind thin screens', mode)
     stack, sines = require_thin(medium, wavelength), np.sin(tilts)
     terms = lobes(stack, wavelength)
-    seen = np.zeros(2) if view is None else real_array("memory_effect view", view)[:2]
+    seen = np.zeros(2) if view is None else _checked_view("memory_effect", view, mode)[:2]
     lateral = np.stack([sines, 0 * sines], axis=-1)
     walks = [terms.correlation(seen, tilt_ways(stack, each)) for each in lateral]
     kept = index_correlation(stack, wavelength, np.zeros(1), np.abs(sines))[0]
@@ -400,26 +474,38 @@ _FAINTEST = 1e-290
 
 
 def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
-    kernel = estimate_correlation(medium, paths, seed, threads=threads)
-    if not kernel.weights.sum() > _FAINTEST:
+    correlation = estimate_correlation(medium, paths, seed, threads=threads)
+    if not correlation.weights.sum() > _FAINTEST:
         return _dark(len(light))
     q = 2 * np.pi / wavelength * light[:, 0]
-    intensity, decorrelation, error = kernel.intensity(q)
-    lit = kernel.weights.sum(axis=1)
-    return kernel(q).astype(np.complex128), intensity, decorrelation, error, kernel.single_share, lit
+    intensity, decorrelation, error = correlation.intensity(q)
+    lit = correlation.weights.sum(axis=1)
+    return correlation(q).astype(np.complex128), intensity, decorrelation, error, correlation.single_share, lit
+
+
+def _polarised(
+    medium, wavelength, light, view, views, side, paths, seed, reverse, threads, *, seen, symmetric, near
+):  # fmt: skip
+    if symmetric:
+        found = axial_curve(medium, wavelength, light[:, 0], seen, paths, seed, threads)
+    else:
+        lights, views = np.concatenate([AXIS[None], light]), np.concatenate([view[None], views])
+        options = {"reverse": reverse, "near": near}
+        found = pair_curve(medium, wavelength, lights, views, seen, paths, seed, threads, **options)
+    return found.field, found.intensity, 1 - found.intensity, found.standard_error, found.single_share, found.lit
 
 
 def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
     """K_t = E[w e^(ik t . R)] / E[w], R the lateral way from face to face about the first pair."""
-    kernel = estimate_oblique_correlation(medium, AXIS, view, paths, seed, threads=threads)
-    if not kernel.weights.sum() > _FAINTEST:
+    correlation = estimate_oblique_correlation(medium, AXIS, view, paths, seed, threads=threads)
+    if not correlation.weights.sum() > _FAINTEST:
         return _dark(len(light))
     k = 2 * np.pi / wavelength
-    sums = [kernel.weights * np.exp(1j * k * (kernel.displacement @ tilt)) for tilt in light[:, :2]]
-    batches = np.array([batch_sums(each, kernel.owners, paths) for each in (*sums, kernel.weights)]).T
+    sums = [correlation.weights * np.exp(1j * k * (correlation.displacement @ tilt)) for tilt in light[:, :2]]
+    batches = np.array([batch_sums(each, correlation.owners, paths) for each in (*sums, correlation.weights)]).T
     intensity, error = jackknife(batches, lambda total: np.square(np.abs(total[:-1] / total[-1])))
     whole = batches.sum(axis=0)
-    return whole[:-1] / whole[-1], intensity, 1 - intensity, error, kernel.single_share, batches[:, -1].real
+    return whole[:-1] / whole[-1], intensity, 1 - intensity, error, correlation.single_share, batches[:, -1].real
 
 
 def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads, near=False):

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.arguments import real_array
+from specklegen.core.arguments import array_from_zero
 from specklegen.core.display.plot import Pictured
 from specklegen.core.display.repr import short
-from specklegen.core.errors import reject
+from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
 from specklegen.core.statistics import jackknife
 from specklegen.paths.momentum import momentum_classes
@@ -28,7 +28,7 @@ _EXPOSURE_BYTES = 8 * 2**20  # of one exposure: sums of 64 batches at its nodes,
 
 
 @dataclass(frozen=True)
-class ExposureContrast(Pictured):
+class ExposureContrast(Pictured, Labelled):
     """Squared contrast of speckle over exposures.
 
     Attributes
@@ -72,6 +72,14 @@ class ExposureContrast(Pictured):
             "largest standard error": float(self.standard_error.max(initial=0.0)),
         }
 
+    def _arrays(self) -> Mapping[str, Labels]:
+        along = ("exposures",) if self.exposures.ndim == 1 else tuple(f"axis_{n}" for n in range(self.exposures.ndim))
+        return {
+            "exposures": Labels(along, self.exposures, "time of the motion", coordinate=True),
+            "x": Labels(along, self.x, coordinate=True), "squared": Labels(along, self.squared),
+            "standard_error": Labels(along, self.standard_error),
+        }  # fmt: skip
+
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """K^2 over the exposure, with bars of two standard errors."""
         order = np.argsort(self.exposures, axis=None)
@@ -104,30 +112,82 @@ class LightClasses:
 
     __repr__ = short
 
+    @property
+    def weights(self) -> np.ndarray:
+        """Shares float64[C] of a single batch."""
+        return self.shares[0]
+
     def reduced_time(self, field: str, times: np.ndarray) -> np.ndarray:
         """X of times, float64[...]."""
         return 0.0 * times if self.motion is None else reduced_time(field, self.motion, self.wavelength, times)
 
+    def fields(self, field: str, times: np.ndarray) -> np.ndarray:
+        """Sums over the light of what is left of its field at times float64[n], of each batch, real[batches, n]."""
+        return self.shares @ np.exp(-2 * np.outer(self.transfer, self.reduced_time(field, times)))
+
     def contrast(self, owner: str, exposures: ArrayLike) -> ExposureContrast:
         """K^2 of exposures float64[...], for the method that owns it."""
-        field = f"{owner} exposures"
-        asked = np.atleast_1d(real_array(field, exposures))
-        if not (np.isfinite(asked).all() and (asked >= 0).all()):
-            reject(field, "at least 0", asked)
-        require_memory(field, "held", _EXPOSURE_BYTES * asked.size, f"{asked.size} exposures", "Ask for fewer at once.")
-        u, weight = exposure_nodes()
-        powers = [self.shares @ np.exp(-2 * np.outer(self.transfer, self.reduced_time(field, time * u)))
-                  for time in asked.ravel()]  # fmt: skip
-        sums = np.concatenate([*powers, self.shares.sum(axis=1, keepdims=True)], axis=1)
+        return _contrast(self, self.shares.sum(axis=1, keepdims=True), owner, exposures)
 
-        def squared(total: np.ndarray) -> np.ndarray:
-            return np.square(total[:-1] / total[-1]).reshape(-1, len(u)) @ weight
 
-        with np.errstate(invalid="ignore", divide="ignore"):  # of light that there is none of
-            value, error = jackknife(sums, squared)
-        return ExposureContrast(
-            asked, self.reduced_time(field, asked), value.reshape(asked.shape), error.reshape(asked.shape)
-        )  # fmt: skip
+@dataclass(frozen=True)
+class LightPaths:
+    """Light of particles that flow, path by path: phases that have turned often are no classes.
+
+    Attributes
+    ----------
+    weights, transfer, doppler : float64[M]
+        Intensity, momentum transfer Y and Doppler shift D of each connection.
+    batch : int64[M]
+        Its batch of independent paths.
+    batches : int
+    motion, wavelength
+        As of :class:`LightClasses`.
+    """
+
+    weights: np.ndarray
+    transfer: np.ndarray
+    doppler: np.ndarray
+    batch: np.ndarray
+    batches: int
+    motion: Motion | None
+    wavelength: float
+
+    __repr__ = short
+
+    def reduced_time(self, field: str, times: np.ndarray) -> np.ndarray:
+        """X of times, float64[...]."""
+        return 0.0 * times if self.motion is None else reduced_time(field, self.motion, self.wavelength, times)
+
+    def fields(self, field: str, times: np.ndarray) -> np.ndarray:
+        """Sums over the light of what is left of its field at times float64[n], of each batch, complex[batches, n]."""
+        k, found = 2 * np.pi / self.wavelength, np.empty((len(times), self.batches), np.complex128)
+        for n, (x, time) in enumerate(zip(self.reduced_time(field, times), times, strict=True)):
+            left = self.weights * np.exp(-2 * x * self.transfer - 1j * k * time * self.doppler)
+            found[n] = np.bincount(self.batch, left.real, self.batches)
+            found[n] += 1j * np.bincount(self.batch, left.imag, self.batches)
+        return found.T
+
+    def contrast(self, owner: str, exposures: ArrayLike) -> ExposureContrast:
+        """K^2 of exposures float64[...], for the method that owns it."""
+        return _contrast(self, np.bincount(self.batch, self.weights, self.batches)[:, None], owner, exposures)
+
+
+def _contrast(light: LightClasses | LightPaths, lit: np.ndarray, owner: str, exposures: ArrayLike) -> ExposureContrast:
+    """K^2 of exposures float64[...] of light whose batches sum up to float64[batches, 1]."""
+    field = f"{owner} exposures"
+    asked = np.atleast_1d(array_from_zero(field, exposures, finite=True))
+    require_memory(field, "held", _EXPOSURE_BYTES * asked.size, f"{asked.size} exposures", "Ask for fewer at once.")
+    u, weight = exposure_nodes()
+    sums = np.concatenate([*(light.fields(field, time * u) for time in asked.ravel()), lit], axis=1)
+
+    def squared(total: np.ndarray) -> np.ndarray:
+        return np.square(np.abs(total[:-1] / total[-1])).reshape(-1, len(u)) @ weight
+
+    with np.errstate(invalid="ignore", divide="ignore"):  # of light that there is none of
+        value, error = jackknife(sums, squared)
+    x = light.reduced_time(field, asked)
+    return ExposureContrast(asked, x, value.reshape(asked.shape), error.reshape(asked.shape))
 
 
 def light_classes(

@@ -2,8 +2,8 @@
 
     C(delta, x) = E[ w e^(ik v . x - ik delta . R) ] / E[w]
 
-(a while later, where scatterers move, with e^(-2 x Y) in the mean, :mod:`specklegen.memory_effects.temporal`) over the
-light that leaves a medium at any view: v its lateral direction, R how far it has come sideways on the exit
+(a while later, where scatterers move, with e^(i k tau D - 2 x Y) in the mean, :mod:`specklegen.paths.momentum`) over
+the light that leaves a medium at any view: v its lateral direction, R how far it has come sideways on the exit
 face, w its weight. A tilt by delta moves the pattern there by delta times the slope of R with v, the distance of the
 optimum plane; Osnabrugge, Horstmeyer, Papadopoulos, Judkewitz, Vellekoop, Optica 4, 886 (2017). Behind thin screens it
 is Eq. 1 of :mod:`specklegen.theory.phase_screens`; behind a slab the paths are walked here, from the axis on and one
@@ -24,24 +24,26 @@ from specklegen.core.budgets import Budget, require_time
 from specklegen.core.display.plot import Pictured
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
+from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import NANOSECONDS
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.core.statistics import BATCHES, jackknife
-from specklegen.memory_effects.temporal import require_motion
+from specklegen.memory_effects.temporal import require_even_flow, require_motion
 from specklegen.paths.analog_walk import require_walkable, walked
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.stretching import relative_variance
 from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import PlaneMedium, Slab
-from specklegen.scene.motion import fastest, reduced_time
+from specklegen.scene.motion import law_of, reduced_time
+from specklegen.scene.polarisation import require_scalar
 from specklegen.scene.screens import ScreenStack, ThinMedium, require_thin
 from specklegen.theory.phase_screens import coherence, spread, tilt_ways
 
 
 @dataclass(frozen=True)
-class JointCorrelation(Pictured):
+class JointCorrelation(Pictured, Labelled):
     """Correlation of the scattered field with itself, tilted and shifted along x.
 
     Attributes
@@ -81,6 +83,18 @@ class JointCorrelation(Pictured):
             "largest standard error": float(self.standard_error.max()),
             "plane": self.plane,
         }
+
+    def _arrays(self) -> Mapping[str, Labels]:
+        axes = ("tilts", "shifts", "lags")[: self.magnitude.ndim]
+        return {
+            "tilts": Labels(("tilts",), self.tilts, coordinate=True),
+            "shifts": Labels(("shifts",), self.shifts, "length of the scene", coordinate=True),
+            "lags": Labels(axes[2:], self.lags, "time of the motion", coordinate=True),
+            "magnitude": Labels(axes, self.magnitude), "standard_error": Labels(axes, self.standard_error),
+        }  # fmt: skip
+
+    def _numbers(self) -> Mapping[str, str | int | float | bool]:
+        return {"plane": self.plane}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """|C| with the best shift of each tilt as a dashed line; a curve where there is one tilt, or one shift.
@@ -164,6 +178,9 @@ def joint_correlation(
     if lags.ndim > 1 or not (np.isfinite(lags).all() and (lags >= 0).all()):
         reject(f"{owner} lags", "at least 0, of shape () or (L,)", np.atleast_1d(lags))
     slab = isinstance(medium, PlaneParallel)
+    require_scalar(f"{owner} medium", medium)
+    if not slab:
+        require_thin(medium, wavelength)  # before anything else is asked of it
     pairs = tilts.size * shifts.size * lags.size
     require_memory(
         f"{owner} tilts", "held", (_PAIR_BYTES if slab else _SCREEN_BYTES) * pairs,
@@ -179,11 +196,12 @@ def joint_correlation(
     x = 0 * lags
     if lags.any():
         require_motion(owner, medium)
-        law = fastest(medium.motions)
-        x = x if law is None else reduced_time(f"{owner} lags", law[0], wavelength, lags)
+        require_even_flow(owner, medium)
+        law = law_of(medium.motions)
+        x = x if law is None else reduced_time(f"{owner} lags", law, wavelength, lags)
 
     def run(count: int, seed: Seed) -> JointCorrelation:
-        return replace(_of_slab(medium, wavelength, tilts, shifts, x, count, seed, threads), lags=lags)
+        return replace(_of_slab(medium, wavelength, tilts, shifts, x, lags, count, seed, threads), lags=lags)
 
     keyed = pilot_seed(medium.unitless_fingerprint())
     count = budget.count(lambda n: float(np.nan_to_num(run(n, keyed).standard_error).max(initial=0.0)))
@@ -200,20 +218,22 @@ _SCREEN_PAIR = 400
 
 
 def _of_slab(
-    medium: PlaneMedium, wavelength: float, tilts: np.ndarray, shifts: np.ndarray, x: np.ndarray, paths: int,
-    seed: Seed, threads: int | None,
+    medium: PlaneMedium, wavelength: float, tilts: np.ndarray, shifts: np.ndarray, x: np.ndarray, lags: np.ndarray,
+    paths: int, seed: Seed, threads: int | None,
 ) -> JointCorrelation:
-    walks, ways, weights, turned = walked(medium, paths, seed, threads)
+    walks, ways, weights, turned, doppler = walked(medium, paths, seed, threads)
     k, batch = 2 * np.pi / wavelength, np.arange(len(weights)) * BATCHES // len(weights)
     if not weights.any():
         reject("joint_correlation paths", "enough for some scattered light to come through", paths)
     sums = [np.bincount(batch, weights, BATCHES)]
     for tilt in tilts:
         for shift in shifts:
-            # Over both axes alike: x stands for y as well.
-            waves = np.exp(1j * k * (ways * shift - tilt * walks)).mean(axis=1) * weights
-            for one in x.ravel():
+            # Over both axes alike: x stands for y as well, where no flow has a direction.
+            axes = slice(0, 1) if doppler.any() else slice(None)
+            waves = np.exp(1j * k * (ways * shift - tilt * walks)[:, axes]).mean(axis=1) * weights
+            for one, lag in zip(x.ravel(), lags.ravel(), strict=True):
                 kept = waves * np.exp(-2 * one * turned) if one else waves
+                kept = kept * np.exp(1j * k * lag * doppler) if doppler.any() else kept
                 sums += [np.bincount(batch, part, BATCHES) for part in (kept.real, kept.imag)]
     value, error = jackknife(np.array(sums).T, lambda s: np.hypot(s[1::2], s[2::2]) / s[0])
     shape = (len(tilts), len(shifts), *x.shape)

@@ -13,17 +13,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread, slices
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.paths.analog_walk import axial_light
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.layout import plane_layout
-from specklegen.paths.momentum import momentum_transfer
+from specklegen.paths.momentum import doppler_shift, momentum_transfer
 from specklegen.paths.roulette import slab_roulette
 from specklegen.paths.slab_tracer import SlabTracer, plane_proposal
 from specklegen.paths.steps import refracting_layers
 from specklegen.scene.media import PlaneMedium
+from specklegen.scene.polarisation import require_scalar
 
 _AT_ONCE = 2**22  # phasors in memory
 
@@ -46,6 +48,8 @@ class ObliqueCorrelation:
         Share of single scattering in the intensity.
     transfer : float64[M] or None
         Momentum transfer Y of each connection, where it was asked for.
+    doppler : float64[M] or None
+        Doppler shift D of each connection, where it was asked for and particles flow.
     """
 
     displacement: np.ndarray
@@ -54,8 +58,9 @@ class ObliqueCorrelation:
     paths: int
     single_share: float = float("nan")
     transfer: np.ndarray | None = None
+    doppler: np.ndarray | None = None
 
-    def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
+    def matrix(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
         """Matrix complex128[T, T] of K_v(k(i_a - i_b)) between beams at direction sines float64[T, 2].
 
         A sum of outer products, so Hermitian and positive semidefinite for any beams.
@@ -87,10 +92,17 @@ def estimate_oblique_correlation(
 ) -> ObliqueCorrelation:  # fmt: skip
     """Estimate K_v of a slab about a light and a view float64[3] (unit vectors of travel) from ``paths`` paths.
 
-    It does not depend on the wavelength: q R does. ``transfer`` collects what motion needs. Layers that refract are
-    known with both along the axis alone.
+    It does not depend on the wavelength: q R does. ``transfer`` collects what motion needs.
+
+    Raises
+    ------
+    RuleError
+        For a light or a view aside of the axis where layers refract.
     """
+    require_scalar("estimate_oblique_correlation medium", medium)
     if refracting_layers(medium):
+        if not (light[2] == view[2] == 1):
+            reject("estimate_oblique_correlation light and view", "along the axis where layers refract", (light, view))
         return _of_axial_light(medium, paths, seed, threads)
     layout = plane_layout(medium, 1.0, light[None], view[None])
     tracer = SlabTracer(layout, medium, replace(plane_proposal(medium, light, view), transfer=transfer))
@@ -100,7 +112,9 @@ def estimate_oblique_correlation(
     total = weights.sum()
     single = float(weights[bank.orders == 1].sum() / total) if total else 0.0
     turned = momentum_transfer(layout, bank) if transfer else None
-    return ObliqueCorrelation(face_to_face(bank, medium, light, view), weights, bank.paths, paths, single, turned)
+    shifts = doppler_shift(layout, bank) if transfer and medium.flows else None
+    ways = face_to_face(bank, medium, light, view)
+    return ObliqueCorrelation(ways, weights, bank.paths, paths, single, turned, shifts)
 
 
 def _of_axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: int | None) -> ObliqueCorrelation:

@@ -6,9 +6,11 @@ u_x is the field behind the same cylinders after independent Gaussian steps of <
 e^(-D q^2 tau) of the correlation of light scattered once with momentum transfer q; x = D k^2 tau. No path, no phase
 function and no momentum transfer enters: transport theory says E[w e^(-2xY)] / E[w] (docs/physics.md), and is judged.
 
-A step that would make two cylinders overlap is drawn again; in an ideal gas few do.
+A step that would make two cylinders overlap is drawn again; in an ideal gas few do. Cylinders that a flow carries
+instead go where it says; those that would come to overlap stay where they were.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,11 +32,11 @@ class TemporalCorrelation:
     Attributes
     ----------
     x : float64[X]
-        D k^2 tau.
+        D k^2 tau; of a flow times.
     field, standard_error : float64[X, V, L]
-        Real part of g1 (the law has no other), and its error by the jackknife over batches.
+        Real part of g1 (of random motion the law has no other), and its error by the jackknife over batches.
     imaginary, imaginary_error : float64[X, V, L]
-        Of the imaginary part, 0 within noise.
+        Of the imaginary part, of random motion 0 within noise.
     """
 
     x: np.ndarray
@@ -60,6 +62,19 @@ def moved(
     return found
 
 
+def _carried(
+    gas: CylinderGas, centres: np.ndarray, time: float, flow: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """Centres float64[N, 2] a time later; pairs that would come to overlap stay where they were."""
+    found, radius = centres + time * flow(centres), gas.cylinder.radius
+    while len(found):
+        pairs = cKDTree(found).query_pairs(2 * radius, output_type="ndarray").ravel()
+        if not len(pairs):
+            break
+        found[pairs] = centres[pairs]
+    return found
+
+
 def temporal_correlation(
     gas: CylinderGas,
     light: Light,
@@ -70,6 +85,7 @@ def temporal_correlation(
     seed: int,
     batches: int = BATCHES,
     workers: int | None = None,
+    flow: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> TemporalCorrelation:
     """Solve ``placements`` placements, and each again after every lag.
 
@@ -89,6 +105,8 @@ def temporal_correlation(
         Independent batches behind the standard errors.
     workers
         Threads; by default one per core. The result is the same to the bit for any number.
+    flow
+        Velocities float64[N, 2] of centres float64[N, 2], which then move by these alone for the times ``x``.
 
     Raises
     ------
@@ -109,9 +127,9 @@ def temporal_correlation(
         rng = np.random.default_rng(np.random.SeedSequence([seed, number, 1]))
         centres = gas.placement(seed, number, clear)
         found = [sensor(scatter(gas.cylinder, centres, light)).T]
-        for step in steps:
+        for step, time in zip(steps, np.diff(x, prepend=0.0), strict=True):
             if step > 0:
-                centres = moved(gas, centres, step, rng, clear)
+                centres = moved(gas, centres, step, rng, clear) if flow is None else _carried(gas, centres, time, flow)
                 found.append(sensor(scatter(gas.cylinder, centres, light)).T)
             else:
                 found.append(found[-1])

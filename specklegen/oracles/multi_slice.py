@@ -8,7 +8,8 @@ here knows of paths, of segments or of their far field: fields of different tilt
 correlation is read off. docs/physics.md 10.
 
 Light is never scattered backwards and loses nothing by its slant (no 1 / cos theta), so this judges slabs of
-L / l* <= 0.2 only: there its |K| agrees with random walks within 0.013 (L / l* <= 0.1) and 0.02.
+L / l* <= 0.2 only: there its |K| agrees with random walks within 0.013 (L / l* <= 0.1) and 0.02. Layers one behind the
+other are slabs one behind the other.
 
 Brownian scatterers that have moved for a lag tau leave e^(-D q^2 tau) = e^(-x (q/k)^2) of the amplitude of a screen's
 component at the transverse wavevector q, x = D k^2 tau; what is lost comes back as another screen's. Over all views of
@@ -17,12 +18,14 @@ one beam, tilted by nothing, that is exp{-OD [1 - <e^(-x sin^2 theta)>]}, the me
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import fft2, ifft2
 
 from specklegen.core.errors import reject
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
+from specklegen.scene.scatterers import Scatterer
 
 MOST_TRANSPORT = 0.2  # L / l*
 MOST_SCATTERED = 0.25  # of the light, by one screen
@@ -49,16 +52,34 @@ class MultiSlice:
     on_axis: np.ndarray
 
 
+class _Part(NamedTuple):
+    """One layer: its screens, all alike, and the way from the middle between two of them to the next.
+
+    Attributes
+    ----------
+    screens : int
+        How many.
+    half : complex64[n, n]
+        Transfer of half a step.
+    amplitude : float32[n, n]
+        Root of the power of a screen's phase in each bin.
+    """
+
+    screens: int
+    half: np.ndarray
+    amplitude: np.ndarray
+
+
 def multi_slice(
-    slab: Slab, *, wavelength: float, pitch: float, size: int, bins: list[int], realizations: int = 1, seed: int = 0,
-    reach: float = 0.1, motion: float = 0.0,
+    slab: PlaneMedium, *, wavelength: float, pitch: float, size: int, bins: list[int], realizations: int = 1,
+    seed: int = 0, reach: float = 0.1, motion: float = 0.0,
 ) -> MultiSlice:  # fmt: skip
     """Correlate the fields of tilted plane waves behind random phase screens.
 
     Parameters
     ----------
     slab
-        Of albedo 1 and a thickness of at most 0.2 transport lengths; its scatterers may be of any kind.
+        Slab or layers, of albedo 1 and at most 0.2 transport lengths thick; their scatterers may be of any kind.
     wavelength
         Inside the slab.
     pitch, size
@@ -81,28 +102,63 @@ def multi_slice(
     _check(slab, wavelength, pitch)
     if not 0 <= motion < np.inf:
         reject("multi_slice motion", "finite and at least 0", motion)
-    count = int(np.ceil(slab.optical_depth / MOST_SCATTERED))
-    step = slab.thickness / count
-    sines = np.fft.fftfreq(size, pitch / wavelength)
+    parts, sines = _parts(slab, wavelength, pitch, size), np.fft.fftfreq(size, pitch / wavelength)
     power = np.square(sines) + np.square(sines)[:, None]
-    cosine = np.sqrt(np.clip(1 - power, 0, None))
-    half = np.where(power < 1, np.exp(1j * np.pi / wavelength * step * (cosine - 1)), 0).astype(np.complex64)
-    amplitude = np.sqrt(_spectrum(slab, sines) * (step / slab.mean_free_path)).astype(np.float32)
-    unit = np.exp(2j * np.pi * np.arange(size) / size).astype(np.complex64)
     views = (power < reach**2) & (power > 0)  # without what was not scattered
-    kept = np.exp(-motion * power).astype(np.float32)
-    found = [
-        _realization(
-            _screens([seed, n], amplitude, kept, count, moving=motion > 0), half, unit, [0, *bins], views, sines
-        )
-        for n in range(realizations)
-    ]
+    kept = np.exp(-motion * power).astype(np.float32) if motion else None
+    found = [_realization(_screens([seed, n], parts, kept), [0, *bins], views, sines) for n in range(realizations)]
     tilts = np.array(bins) * wavelength / (pitch * size)
     return MultiSlice(tilts, np.array([every for every, _ in found]), np.array([axis for _, axis in found]))
 
 
-def _check(slab: Slab, wavelength: float, pitch: float) -> None:
-    transport = slab.thickness / slab.transport_length
+def slice_views(
+    slab: PlaneMedium, *, wavelength: float, pitch: float, size: int, bins: list[tuple[int, int]],
+    realizations: int = 1, seed: int = 0,
+) -> Iterator[np.ndarray]:  # fmt: skip
+    """Far fields of tilted plane waves behind random phase screens, of one realization after the other.
+
+    Parameters
+    ----------
+    slab, wavelength, pitch, size, realizations, seed
+        As of :func:`multi_slice`; the screens are the same.
+    bins
+        Tilts (x, y) in whole bins of the grid's transform.
+
+    Yields
+    ------
+    complex64[T, size, size]
+        (1 / wavelength) sum E e^(-ik s.x) dA of every tilt at the sines s of ``np.fft.fftfreq(size, pitch /
+        wavelength)``, rows along y. Light that was not scattered lies in the tilt's own bin.
+
+    Raises
+    ------
+    RuleError
+        As :func:`multi_slice`.
+    """
+    _check(slab, wavelength, pitch)
+    parts = _parts(slab, wavelength, pitch, size)
+    for n in range(realizations):
+        yield np.array(_spectra(_screens([seed, n], parts), size, bins)) * np.float32(pitch**2 / wavelength)
+
+
+def _parts(medium: PlaneMedium, wavelength: float, pitch: float, size: int) -> list[_Part]:
+    """Layers one after the other."""
+    sines, found = np.fft.fftfreq(size, pitch / wavelength), []
+    power = np.square(sines) + np.square(sines)[:, None]
+    cosine = np.sqrt(np.clip(1 - power, 0, None))
+    for layer in medium.layers:
+        count = int(np.ceil(layer.optical_depth / MOST_SCATTERED))
+        step = layer.thickness / count
+        half = np.where(power < 1, np.exp(1j * np.pi / wavelength * step * (cosine - 1)), 0)
+        amplitude = np.sqrt(_spectrum(layer.scatterer, sines) * (step / layer.mean_free_path))
+        found.append(_Part(count, half.astype(np.complex64), amplitude.astype(np.float32)))
+    return found
+
+
+def _check(slab: PlaneMedium, wavelength: float, pitch: float) -> None:
+    transport = sum(layer.optical_depth * (1 - layer.scatterer.mean_cosine()) for layer in slab.layers)
+    if slab.refracts:
+        reject("multi_slice slab.faces", "matched, and layers of one index", slab.faces)
     if slab.albedo != 1:
         reject("multi_slice slab.albedo", "1", slab.albedo)
     if transport > MOST_TRANSPORT * (1 + 1e-9):
@@ -118,13 +174,13 @@ def _check(slab: Slab, wavelength: float, pitch: float) -> None:
         )  # fmt: skip
 
 
-def _spectrum(slab: Slab, sines: np.ndarray) -> np.ndarray:
+def _spectrum(scatterer: Scatterer, sines: np.ndarray) -> np.ndarray:
     """Share of scattered light in each bin, float64[n, n]; bins in the middle of the lobe are averaged."""
 
     def density(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         power = x**2 + y**2
         cosine = np.sqrt(np.clip(1 - power, 1e-6, None))
-        return np.where(power < 1, np.square(np.abs(slab.scatterer.amplitude(cosine))) / cosine, 0)
+        return np.where(power < 1, np.square(np.abs(scatterer.amplitude(cosine))) / cosine, 0)
 
     share = density(sines, sines[:, None])
     width = sines[1] - sines[0]
@@ -136,41 +192,51 @@ def _spectrum(slab: Slab, sines: np.ndarray) -> np.ndarray:
 
 
 def _screens(
-    seed: list[int], amplitude: np.ndarray, kept: np.ndarray, count: int, *, moving: bool
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Factors e^(i phi) of every screen, before it moved and after: complex64[n, n] each."""
+    seed: list[int], parts: list[_Part], kept: np.ndarray | None = None
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Factors e^(i phi) of each screen, before and after it moved, and half a step beside it: complex64[n, n] each.
+
+    ``kept`` float32[n, n] is what motion leaves of the phases' amplitudes.
+    """
     at_rest, moved = np.random.default_rng(seed), np.random.default_rng([*seed, 1])
 
-    def noise(rng: np.random.Generator) -> np.ndarray:
+    def noise(rng: np.random.Generator, amplitude: np.ndarray) -> np.ndarray:
         real, imaginary = rng.standard_normal((2, *amplitude.shape), dtype=np.float32)
         return (real + 1j * imaginary) * amplitude
 
-    for n in range(0, count, 2):  # the real and the imaginary part of one transform are two screens
-        first = noise(at_rest)
-        later = first * kept + noise(moved) * np.sqrt(1 - kept**2) if moving else first
-        before = np.asarray(fft2(first))
-        after = np.asarray(fft2(later)) if moving else before
-        yield np.exp(1j * before.real), np.exp(1j * after.real)
-        if n + 1 < count:
-            yield np.exp(1j * before.imag), np.exp(1j * after.imag)
+    for count, half, amplitude in parts:
+        for n in range(0, count, 2):  # the real and the imaginary part of one transform are two screens
+            first = noise(at_rest, amplitude)
+            later = first if kept is None else first * kept + noise(moved, amplitude) * np.sqrt(1 - kept**2)
+            before = np.asarray(fft2(first))
+            after = before if kept is None else np.asarray(fft2(later))
+            yield np.exp(1j * before.real), np.exp(1j * after.real), half
+            if n + 1 < count:
+                yield np.exp(1j * before.imag), np.exp(1j * after.imag), half
 
 
-def _realization(screens, half, unit, bins, views, sines):
-    """|K| over all views, and C_I about the axis, of each tilt but the first: float64[T] each."""
-    size = len(unit)
-    fields = [np.broadcast_to(unit[np.arange(size) * tilt % size], (size, size)).copy() for tilt in bins]
-    for before, after in screens:
+def _spectra(
+    screens: Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]], size: int, bins: list[tuple[int, int]]
+) -> list[np.ndarray]:
+    """Transforms complex64[n, n] of plane waves of tilts (x, y) in bins; all but the first meet screens that moved."""
+    unit = np.exp(2j * np.pi * np.arange(size) / size).astype(np.complex64)
+    fields = [np.outer(unit[np.arange(size) * y % size], unit[np.arange(size) * x % size]) for x, y in bins]
+    behind = np.ones((), np.complex64)
+    for before, after, half in screens:
         for number, field in enumerate(fields):
-            field[...] = _propagated(_propagated(field, half) * (after if number else before), half)
-    spectra = [np.roll(np.asarray(fft2(field)), -tilt, axis=1) for field, tilt in zip(fields, bins, strict=True)]
+            field[...] = np.asarray(ifft2(np.asarray(fft2(field)) * (behind * half))) * (after if number else before)
+        behind = half
+    return [np.asarray(fft2(field)) * behind for field in fields]
+
+
+def _realization(screens, bins, views, sines):
+    """|K| over all views, and C_I about the axis, of each tilt but the first: float64[T] each."""
+    found = _spectra(screens, len(sines), [(tilt, 0) for tilt in bins])
+    spectra = [np.roll(each, -tilt, axis=1) for each, tilt in zip(found, bins, strict=True)]
     every = np.array([_joined(spectra[0], other) for other in spectra[1:]])
     where = np.broadcast_to(sines, views.shape)[views]
     axis = [_axis(spectra[0][views], other[views], where) for other in spectra[1:]]
     return every, np.array(axis)
-
-
-def _propagated(field: np.ndarray, transfer: np.ndarray) -> np.ndarray:
-    return np.asarray(ifft2(np.asarray(fft2(field)) * transfer))
 
 
 def _power(field: np.ndarray) -> float:

@@ -38,8 +38,8 @@ class Exits(NamedTuple):
         Share of the light of each path that absorption has left; 0 of those that roulette ended.
     collisions, face : int64[P]
         Scattering events; ENTRANCE, FAR, SIDE or ENDED of :mod:`specklegen.kernels.analog_walk`.
-    transfer : float64[P]
-        Momentum transfer Y (:mod:`specklegen.paths.momentum`); 0 of a medium at rest.
+    transfer, doppler : float64[P]
+        Momentum transfer Y and Doppler shift D (:mod:`specklegen.paths.momentum`); 0 of a medium at rest.
     seen : float64[P, SEEN_COLUMNS], or float64[0, SEEN_COLUMNS]
         What is seen of each path along the axis, where it is asked for.
     """
@@ -50,6 +50,7 @@ class Exits(NamedTuple):
     collisions: np.ndarray
     face: np.ndarray
     transfer: np.ndarray
+    doppler: np.ndarray
     seen: np.ndarray
 
     def scattered(self, face: int) -> np.ndarray:
@@ -100,7 +101,7 @@ def walk(
     key = stream_key(seed, stream)
     exits = np.empty((paths, analog_walk.COLUMNS))
     collisions, face = np.empty((2, paths), np.int64)
-    turned = np.zeros(paths if len(volume.mobility) else 0)
+    turned, shifts = np.zeros(paths if len(volume.mobility) else 0), np.zeros(paths if len(volume.flow) else 0)
     seen, steps = np.empty((paths if axis else 0, SEEN_COLUMNS)), None
     if medium.indices or axis:
         known = optics(medium)  # type: ignore[arg-type]
@@ -115,13 +116,13 @@ def walk(
             medium.faces.indices,
             None if steps is None else steps._replace(seen=seen[part]),
             light,
-            Ends(exits[part], collisions[part], face[part], turned[part]),
+            Ends(exits[part], collisions[part], face[part], turned[part], shifts[part]),
         )
 
     map_blocks(block, slices(paths, _BLOCK), threads)
+    transfer, shift = (each if len(each) else np.zeros(paths) for each in (turned, shifts))
     return Exits(exits[:, : analog_walk.DX], exits[:, analog_walk.DX : analog_walk.WEIGHT],
-                 exits[:, analog_walk.WEIGHT], collisions, face,
-                 turned if len(turned) else np.zeros(paths), seen)  # fmt: skip
+                 exits[:, analog_walk.WEIGHT], collisions, face, transfer, shift, seen)  # fmt: skip
 
 
 def transmittance(slab: PlaneMedium, paths: int, seed: Seed) -> tuple[float, float]:
@@ -138,8 +139,8 @@ def transmittance(slab: PlaneMedium, paths: int, seed: Seed) -> tuple[float, flo
 
 def walked(
     slab: PlaneMedium, paths: int, seed: Seed, threads: Threads = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Lateral walks float64[P, 2], directions float64[P, 2], weights float64[P], 0 of light that is not seen, and Y.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Lateral walks float64[P, 2], directions float64[P, 2], weights float64[P], 0 of light that is not seen, Y and D.
 
     Of scattered light behind a slab, from a beam along the axis; directions as they are in ``faces.inside``.
     """
@@ -147,7 +148,7 @@ def walked(
     ways = exits.direction[:, :2]
     if slab.indices:
         ways = ways * (slab.indices[-1] / slab.faces.inside)
-    return exits.position[:, :2], ways, exits.scattered(analog_walk.FAR), exits.transfer
+    return exits.position[:, :2], ways, exits.scattered(analog_walk.FAR), exits.transfer, exits.doppler
 
 
 class AxialLight(NamedTuple):

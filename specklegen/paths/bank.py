@@ -18,9 +18,9 @@ class PathBank:
 
     Attributes
     ----------
-    records : float64[M, walk.RECORD], or of a column more
-        Vertices, directions, weights and path lengths, and the momentum transfer where it was asked for; the properties
-        below name the columns.
+    records : float64[M, walk.RECORD], or of one or two columns more
+        Vertices, directions, weights and path lengths, where they were asked for the momentum transfer, and the Doppler
+        shift of what flows; the properties below name the columns.
     orders : int32[M]
         Number of vertices, B.
     paths : int64[M]
@@ -38,6 +38,9 @@ class PathBank:
         Paths ended by ``max_order``.
     unfinished_weight : float
         Sum of the weights W that these carried.
+    jones : complex128[M, 2, 2] or None
+        Of polarised light, what x2 ... x_(B-1) do to it, between the frames of both directions
+        (:mod:`specklegen.paths.jones`); without a meaning where light is scattered once.
     """
 
     records: np.ndarray
@@ -49,6 +52,7 @@ class PathBank:
     events: int = 0
     unfinished: int = 0
     unfinished_weight: float = 0.0
+    jones: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.records)
@@ -89,6 +93,11 @@ class PathBank:
         return self.records[:, walk.TRANSFER]
 
     @property
+    def doppler(self) -> np.ndarray:
+        """float64[M], sum of (w_(b-1) - w_b) . V(x_b) over x2 ... x_(B-1): length per unit of time."""
+        return self.records[:, walk.FLOW]
+
+    @property
     def single(self) -> Self:
         """The connections of single scattering."""
         return self.select(self.orders == 1)
@@ -111,7 +120,25 @@ class PathBank:
         records[:, walk.EXIT : walk.EXIT + 3] = bank.entry
         records[:, walk.EXIT_DIRECTION : walk.EXIT_DIRECTION + 3] = -bank.entry_direction
         records[:, walk.WEIGHT :] = bank.records[:, walk.WEIGHT :]
-        return replace(bank, records=records, types=bank.types[:, ::-1], bounces=bank.bounces[:, ::-1])
+        jones = None if bank.jones is None else backwards(bank.jones, bank.entry_direction, bank.exit_direction)
+        return replace(bank, records=records, types=bank.types[:, ::-1], bounces=bank.bounces[:, ::-1], jones=jones)
+
+
+def walk_frame(directions: np.ndarray) -> np.ndarray:
+    """Frames float64[..., 2, 3] across directions float64[..., 3], in which matrices of a walk stand: the kernels'."""
+    x, y, z = np.moveaxis(directions, -1, 0)
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    return np.stack([first, np.stack([b, sign + y * y * a, -y], axis=-1)], axis=-2)
+
+
+def backwards(matrices: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Matrices complex128[M, 2, 2] of paths walked backwards, whose directions float64[M, 3] were first and last."""
+    into = walk_frame(last) @ np.swapaxes(walk_frame(-last), -1, -2)
+    outof = walk_frame(-first) @ np.swapaxes(walk_frame(first), -1, -2)
+    return outof @ np.swapaxes(matrices, -1, -2) @ into
 
 
 def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
@@ -121,11 +148,14 @@ def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
     columns = banks[0].records.shape[1] if banks else walk.RECORD
     records, orders, paths = np.empty((total, columns)), np.empty(total, np.int32), np.empty(total, np.int64)
     types, bounces = np.empty((total, 2), np.int32), np.empty((total, 2), np.int8)
+    jones = np.empty((total, 2, 2), np.complex128) if banks and banks[0].jones is not None else None
 
     def copy(n: int) -> None:
         to, bank = slice(ends[n], ends[n + 1]), banks[n]
         records[to], orders[to], paths[to], types[to] = bank.records, bank.orders, bank.paths, bank.types
         bounces[to] = bank.bounces
+        if jones is not None:
+            jones[to] = bank.jones
 
     map_blocks(copy, range(len(banks)), threads)
     return PathBank(
@@ -138,14 +168,15 @@ def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
         events=sum(b.events for b in banks),
         unfinished=sum(b.unfinished for b in banks),
         unfinished_weight=sum(b.unfinished_weight for b in banks),
+        jones=jones,
     )
 
 
-def columns_of(transfer: bool) -> int:
-    """Columns of a record, with or without the momentum transfer."""
-    return walk.TRANSFER + 1 if transfer else walk.RECORD
+def columns_of(transfer: bool, flows: bool = False) -> int:
+    """Columns of a record, with or without the momentum transfer, and then the Doppler shift of what flows."""
+    return (walk.FLOW if flows else walk.TRANSFER) + 1 if transfer else walk.RECORD
 
 
-def empty_bank(count: int, transfer: bool = False) -> PathBank:
+def empty_bank(count: int, columns: int = walk.RECORD) -> PathBank:
     """A bank of ``count`` paths without connections."""
-    return replace(concatenate([]), count=count, records=np.empty((0, columns_of(transfer))))
+    return replace(concatenate([]), count=count, records=np.empty((0, columns)))

@@ -88,12 +88,13 @@ def single_factors(layout: Layout, bank: PathBank) -> np.ndarray:
     if not (lights.near or views.near) and len(layout.table.kinds) == 1:
         bank = bank.select(slice(0, 1))
     out = np.empty((len(lights), len(views), len(bank)), np.complex128)
+    passed = layout.polarised and layout.polarised.single(-lights.vectors, views.vectors)
     seen = views.vectors * np.array([1.0, 1.0, -1.0]) if turned.any() else views.vectors
     kernels.single_factors(
         layout.table, bank.records, bank.types, lights.near, np.ascontiguousarray(lights.vectors),
         views.near, np.ascontiguousarray(seen), out,
     )  # fmt: skip
-    return out
+    return out if passed is None else out * passed[..., None]
 
 
 def turned_over(bank: PathBank) -> np.ndarray:
@@ -119,6 +120,12 @@ def multiple_amplitudes(
     """
     if layout.middle is not None:
         return _by_light(layout, bank, bidirectional, reverse, threads)
+    if layout.polarised is not None:
+        forward = _polarised(layout, bank, np.ones(1), threads)
+        if not bidirectional:
+            return forward
+        backward = _polarised(layout, bank.reversed(), reversal_phases(layout, bank), threads)
+        return forward + backward if reverse else np.concatenate([forward, backward], axis=1)
     root = np.sqrt(bank.weight)
     forward = _pairs(
         endpoint_factors(layout, bank, layout.lights, "entry", threads) * root,
@@ -131,6 +138,16 @@ def multiple_amplitudes(
         endpoint_factors(layout, bank, layout.views, "entry", threads),
     )
     return forward + backward if reverse else np.concatenate([forward, backward], axis=1)
+
+
+def _polarised(layout: Layout, bank: PathBank, phases: np.ndarray, threads: Threads) -> np.ndarray:
+    """Amplitudes of polarised light one way: both components in which it arrives at x_B, through the analyser."""
+    assert layout.polarised is not None, "asked for"
+    lights = endpoint_factors(layout, bank, layout.lights, "entry", threads) * (np.sqrt(bank.weight) * phases)
+    views = endpoint_factors(layout, bank, layout.views, "exit", threads)
+    into = layout.polarised.arriving(bank, -layout.lights.vectors)
+    out = layout.polarised.passing(bank, layout.views.vectors)
+    return _pairs(lights * into[0], views * out[0]) + _pairs(lights * into[1], views * out[1])
 
 
 def _by_light(layout: Layout, bank: PathBank, bidirectional: bool, reverse: bool, threads: Threads) -> np.ndarray:
@@ -155,6 +172,11 @@ def contributions(layout: Layout, bank: PathBank) -> np.ndarray:
     power = bank.weight * np.square(np.abs(endpoint_factors(layout, bank, layout.lights, "entry")[0]))
     power *= np.square(np.abs(endpoint_factors(layout, bank, layout.views, "exit")[0]))
     once = bank.orders == 1
+    if layout.polarised is not None:
+        many = bank.select(~once)
+        into = layout.polarised.arriving(many, -layout.lights.vectors)
+        out = layout.polarised.passing(many, layout.views.vectors)
+        power[~once] *= np.square(np.abs((into * out).sum(axis=0)[0]))
     if once.any():
         power[once] *= np.square(np.abs(single_factors(layout, bank.select(once))[0, 0]))
     return power

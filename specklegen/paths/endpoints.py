@@ -68,7 +68,7 @@ class Endpoints:
         return offsets(vectors, self.reference, self.wavelength)
 
     def of(self, chosen: np.ndarray | slice) -> Self:
-        """Those of these numbers."""
+        """Return the endpoints of these numbers."""
         if not isinstance(self.given, FarFieldGrid):
             return replace(self, given=self.given[chosen])
         numbers = np.arange(*chosen.indices(len(self))) if isinstance(chosen, slice) else np.asarray(chosen)

@@ -122,13 +122,13 @@ def middle_light(scene: Scene) -> np.ndarray | None:
     (:mod:`specklegen.paths.kept_angles`), and near enough for slants and depths to stay. A film has that of its rest.
     """
     found = _apart(scene)
-    if found is None or not found[1].spurious or found[0] ** 2 > SLANT:
+    if found is None or not found[1].spurious or found[0] ** 2 > SLANT or scene.polarisers is not None:
         return None
     return reference_direction(scene.at_rest.lights)
 
 
 def far_field_decision(scene: Scene) -> Decision | None:
-    """What path sums of several tilts do beside narrow lobes; a doubt where that loses what light keeps, else None.
+    """Decide how path sums of several tilts treat narrow lobes; a doubt where that loses what light keeps, else None.
 
     Views of one tilt do not matter: their grains are far finer than any lobe.
     """

@@ -9,10 +9,13 @@ from specklegen.kernels.phase_table import PhaseTable
 from specklegen.kernels.volume import Volume
 from specklegen.paths.endpoints import Endpoints, light_endpoints, plane_endpoints, view_endpoints
 from specklegen.paths.far_field import middle_light
+from specklegen.paths.jones import Analysed, Ends
 from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.volumes import materials, volume_of
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import PlaneMedium
+from specklegen.scene.polarisation import Polarisation
+from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
 
 
@@ -32,6 +35,8 @@ class Layout:
     middle : float64[3] or None
         The light whose angles to the particles' lobes all lights keep (:mod:`specklegen.paths.kept_angles`); None where
         each has its own.
+    polarised : Analysed or None
+        Light and analyser of a polarised medium; None where light is a scalar.
     """
 
     volume: Volume
@@ -41,6 +46,7 @@ class Layout:
     wavelength: float
     faces: Faces = field(default_factory=Faces)
     middle: np.ndarray | None = None
+    polarised: Analysed | None = None
 
     def of_ends(self, lights: np.ndarray | slice, views: np.ndarray | slice) -> Self:
         """The same with only the lights and views of these numbers."""
@@ -85,7 +91,13 @@ def scene_layout(scene: Scene) -> Layout:
         wavelength=scene.wavelength,
         faces=scene.medium.faces,
         middle=middle_light(scene),
+        polarised=None if scene.polarisers is None else Analysed(Ends(*_model(scene)), *scene.polarisers.fields),
     )
+
+
+def _model(scene: Scene) -> tuple[Scatterer, Polarisation]:
+    """Particle and model of the slab of a polarised scene."""
+    return scene.slab.scatterer, scene.slab.polarisation
 
 
 def plane_layout(medium: PlaneMedium, wavelength: float, lights: np.ndarray, views: np.ndarray) -> Layout:

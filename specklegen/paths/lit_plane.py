@@ -103,9 +103,7 @@ def lit_plane(scene: Scene) -> LitPlane:
         outer, near = (float(reached[order][np.searchsorted(share, part)]) for part in (_INSIDE, _HALO))
         extent, halo = max(extent, base + 2 * outer), max(halo, near)
         lit = window.area + np.pi * float(weights @ np.square(aside).sum(-1) / weights.sum())
-        distance = gap + camera.focus * scene.medium.faces.inside / scene.medium.faces.outside
-        found = _moments(weights, bank.count, lit, fine_lens(lens).image_area(distance))
-        moments = max(moments, found, key=lambda m: m.concentration)
+        moments = max(moments, pixel_moments(scene, lens, bank, weights, lit), key=lambda m: m.concentration)
     return LitPlane(extent, halo, moments, _turned(scene, layout, bank))
 
 
@@ -138,11 +136,12 @@ def _sideways(bank: PathBank, light: np.ndarray) -> np.ndarray:
     return bank.exit[:, :2] - bank.entry[:, :2] + bank.entry[:, 2:] * (light[:2] / light[2])
 
 
-def _moments(weights: np.ndarray, count: int, lit: float, areas: np.ndarray) -> PathMoments:
-    """Of connections that each light a disc of their own ``areas`` float64[M] of what is ``lit``."""
-    relative = weights / (weights.sum() / count)
-    each = relative * np.sqrt(np.maximum(lit / areas, 1.0))
-    squares = float(np.square(each).sum() / count)
+def pixel_moments(scene: Scene, lens: Lens, bank: PathBank, weights: np.ndarray, lit: float) -> PathMoments:
+    """Moments of connections of ``weights`` float64[M] that each light the disc of their image, of a ``lit`` area."""
+    distance = _depth(scene, bank) + lens.camera.focus * scene.medium.faces.inside / scene.medium.faces.outside
+    relative = weights / (weights.sum() / bank.count)
+    each = relative * np.sqrt(np.maximum(lit / fine_lens(lens).image_area(distance), 1.0))
+    squares = float(np.square(each).sum() / bank.count)
     return PathMoments(squares, squares, float(effective_count(each))).stated()
 
 

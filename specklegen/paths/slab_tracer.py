@@ -15,15 +15,17 @@ from specklegen.core.parallel import Threads, map_blocks
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import walk
 from specklegen.kernels.footprints import UNLIMITED
+from specklegen.kernels.jones import CARRIED, ENTRIES, STEP, Jones
 from specklegen.kernels.reflections import Faces
-from specklegen.kernels.slab_steps import Address, Layer, Light
+from specklegen.kernels.slab_steps import Address, FlowingLayer, Light
 from specklegen.paths import faces
 from specklegen.paths.bank import BLOCK, PathBank, columns_of, concatenate, empty_bank
+from specklegen.paths.jones import ends_of, walk_matrices
 from specklegen.paths.layered_tracer import trace_layers
 from specklegen.paths.layout import Layout
 from specklegen.paths.phase_tables import walk_lobes
 from specklegen.paths.stretching import draws_across, events_per_depth, stretch_along, unstretched
-from specklegen.paths.volumes import footprint_code
+from specklegen.paths.volumes import collects_flow, footprint_code, volume_of
 from specklegen.scene.illumination import CollimatedBeams, reference_direction
 from specklegen.scene.media import Medium, PlaneMedium, as_slab
 
@@ -160,8 +162,10 @@ def trace(
     calls and joining the banks gives the same bank.
 
     """
+    flowing = volume_of(medium, 3)
+    columns = columns_of(proposal.transfer, collects_flow(flowing))
     if medium.albedo == 0 or medium.thickness == 0 or count == 0:
-        return empty_bank(count, proposal.transfer)
+        return empty_bank(count, columns)
     across = stretches(medium, proposal)
     foretold = events_across(medium) if across else events_per_path(medium)
     require_traceable(medium, foretold)
@@ -174,8 +178,9 @@ def trace(
     upwards = bool(len(proposal.probes) and proposal.probes[0, 2] > 0)
     stretch = stretch_along(slab, float(proposal.reference[2])) if across else unstretched(slab)
     shares = np.array([share for _, share in slab.scatterer.components])
+    ends = ends_of(slab)
 
-    where, layer = Address(*key, sample), Layer(slab.thickness, slab.extinction, slab.albedo)
+    where, layer = Address(*key, sample), FlowingLayer(slab.thickness, slab.extinction, slab.albedo, flowing.flow)
     mirrors = None if slab.faces.matched else Faces(*slab.faces.indices, images, int(upwards))
     ix, iy, iz = map(float, proposal.reference)
     light = Light(ix, iy, iz, proposal.footprint, proposal.extent, proposal.radius)
@@ -185,19 +190,25 @@ def trace(
         size = min(BLOCK, first + count - start)
         capacity = 2 * size if proposal.threshold else int(size * (4 + 2 * foretold))
         while True:
-            records, bounces = np.empty((capacity, columns_of(proposal.transfer))), np.zeros((capacity, 2), np.int8)
+            records, bounces = np.empty((capacity, columns)), np.zeros((capacity, 2), np.int8)
             orders = np.empty(capacity, np.int32)
             paths, ranks = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
             output = walk.Found(records, orders, paths, bounces, ranks)
+            jones = None
+            if ends is not None:
+                room = np.empty((2, CARRIED)), np.empty(STEP), np.zeros((capacity, ENTRIES))
+                jones = Jones(walk_matrices(ends), *room)
             found, events, unfinished, unfinished_weight = walk.trace_slab(
-                where, start, size, layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules, output
-            )
+                where, start, size, layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules, output,
+                jones,
+            )  # fmt: skip
             if found <= capacity:
                 break
             capacity = found
         records, bounces, orders, paths = (a.take(ranks[:found], axis=0) for a in (records, bounces, orders, paths))
         types = _types(shares, seed, sample, orders, paths)
-        return PathBank(records, orders, paths, types, bounces, size, events, unfinished, unfinished_weight)
+        turned = jones and jones.found.take(ranks[:found], axis=0).view(np.complex128).reshape(-1, 2, 2)
+        return PathBank(records, orders, paths, types, bounces, size, events, unfinished, unfinished_weight, turned)
 
     return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads), threads)
 

@@ -105,7 +105,7 @@ def _beam_row(scene: Scene, reference: np.ndarray, covered: np.ndarray) -> dict:
 
 
 def _spread(directions: np.ndarray) -> list[int]:
-    """At most _REFERENCES indices, each the farthest from those before: all of few, the extremes of many."""
+    """Choose at most _REFERENCES indices, each the farthest from those before: all of few, the extremes of many."""
     chosen = [0]
     distance = np.linalg.norm(directions - directions[0], axis=1)
     while len(chosen) < _REFERENCES and distance.max() > 1e-3:

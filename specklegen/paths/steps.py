@@ -121,5 +121,5 @@ def _shares(steps: np.ndarray, passed: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _behind(r: float, echo: float) -> float:
-    """What a face of reflectance r sends back, with what lies behind it, whose ``echo`` comes back to the face."""
+    """Light that a face of reflectance r sends back, with the ``echo`` of all that lies behind it."""
     return r + ((1 - r) ** 2 * echo / (1 - r * echo) if r < 1 else 0.0)

@@ -117,7 +117,7 @@ def draws_across(medium: PlaneMedium) -> bool:
     error rests on many paths.
     """
     slab = as_slab(medium)
-    if slab is None:
+    if slab is None or slab.polarisation != "scalar":
         return False
     return slab.albedo > 0 and _unaided_variance(decay(slab), slab.optical_depth) > _WORTH
 

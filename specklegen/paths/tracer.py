@@ -27,6 +27,7 @@ from specklegen.paths.volumes import materials
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import PlaneMedium
+from specklegen.scene.polarisation import Polarisers
 from specklegen.scene.scene import Scene
 
 
@@ -83,11 +84,15 @@ def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
 def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
     """Tracer of beams through a slab.
 
+    Polarised scenes have the same paths whatever light and analyser are: a seed is one medium.
     Its roulette judges views as they are, or, where lights keep their angles to lobes, those ``aside`` too as which the
     middle light sees them.
     """
     if scene.film:
         return _filming(slab_tracer(scene.at_rest, reverse, aside), scene)
+    if scene.polarisers is not None and scene.polarisers != Polarisers():
+        alike = slab_tracer(scene.replace(polarisers=Polarisers()), reverse, aside)
+        return replace(alike, layout=scene_layout(scene))
     views, layout = probe_views(scene), scene_layout(scene)
     if reverse:
         require_reflection(scene.slab, views)
@@ -110,7 +115,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
     if scene.film:
         return _filming(volume_tracer(scene.at_rest, reverse), scene)
     if not scene.medium.has_sides:
-        if not scene.slab.faces.matched:
+        if not scene.slab.faces.matched or scene.polarisers is not None:
             return slab_tracer(scene, reverse)
         require_traceable(scene.slab, events_per_path(scene.slab))
     layout = scene_layout(scene)

@@ -17,6 +17,7 @@ from specklegen.paths.bank import BLOCK, PathBank, columns_of, concatenate, empt
 from specklegen.paths.endpoints import probes
 from specklegen.paths.layout import Layout
 from specklegen.paths.phase_tables import closed_lobe
+from specklegen.paths.volumes import collects_flow
 
 
 @dataclass(frozen=True)
@@ -94,11 +95,13 @@ def traced(
     if transfer and not len(volume.mobility):  # at rest
         volume = volume._replace(mobility=np.zeros(len(volume.extinction)))
 
+    columns = columns_of(transfer, collects_flow(volume))
+
     def block(start: int) -> PathBank:
         size = min(BLOCK, first + count - start)
         room = int(capacity * size) + 1
         while True:
-            records, bounces = np.empty((room, columns_of(transfer))), np.zeros((room, 2), np.int8)
+            records, bounces = np.empty((room, columns)), np.zeros((room, 2), np.int8)
             orders, types = np.empty(room, np.int32), np.empty((room, 2), np.int32)
             paths, ranks = np.empty(room, np.int64), np.empty(room, np.int64)
             found, events, unfinished, unfinished_weight = volume_walk.trace_volume(
@@ -112,4 +115,4 @@ def traced(
         return PathBank(records, orders, paths, types, bounces[:found], size, events, unfinished, unfinished_weight)
 
     banks = map_blocks(block, range(first, first + count, BLOCK), threads)
-    return concatenate(banks, threads) if banks else empty_bank(count, transfer)
+    return concatenate(banks, threads) if banks else empty_bank(count, columns)

@@ -9,7 +9,7 @@ from specklegen.kernels import footprints
 from specklegen.kernels.volume import VOXELS, Volume
 from specklegen.scene.layers import Layer, Stratified, merged
 from specklegen.scene.media import Medium
-from specklegen.scene.motion import fastest
+from specklegen.scene.motion import fastest, flow_rows
 from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.window import Profile
 
@@ -50,20 +50,22 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
         cells = np.array([[1, 1, 1], [1, 1, 1], [dimension, 1, 0]])
         sigma = np.array([1 / medium.mean_free_path])
         albedo = np.array([float(medium.albedo)])
-        mobility = speeds(medium)
-        return Volume(bounds, cells, sigma, albedo, np.zeros(1, np.int64), sigma, np.zeros(3), mobility)
+        mobility, flow = speeds(medium), flow_rows(medium.motions, dimension)
+        return Volume(bounds, cells, sigma, albedo, np.zeros(1, np.int64), sigma, np.zeros(3), mobility, flow)
     extinction = np.array(medium.extinction)
     grid = extinction if dimension == 3 else extinction[:, None, :]
     block = _block_size(grid, medium.thickness)
     majorant = _block_maxima(grid, block)
     counts = np.array(grid.shape[::-1])
+    material = np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64)
+    flow = flow_rows(medium.motions, dimension)
     return Volume(
         bounds, np.array([counts, majorant.shape[::-1], (dimension, block, 0)]), extinction.ravel(),
         np.broadcast_to(medium.albedo, extinction.shape).ravel().copy(),
-        np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64), majorant.ravel(),
+        material, majorant.ravel(),
         np.where(counts > 1, counts / (bounds[1] - bounds[0]), 0.0),
-        speeds(medium)[np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64)]
-        if medium.moves else np.empty(0),
+        speeds(medium)[material] if fastest(medium.motions) else np.empty(0),
+        flow[material] if len(flow) else flow,
     )  # fmt: skip
 
 
@@ -75,14 +77,38 @@ def speeds(medium: Medium, layers: Sequence[Layer] | None = None) -> np.ndarray:
 
 def mobility_at(volume: Volume, points: np.ndarray) -> np.ndarray:
     """Speed of the particles at points float64[n, 3] of a volume beside the fastest, float64[n]."""
+    if len(volume.mobility) <= 1:
+        return np.full(len(points), volume.mobility[0] if len(volume.mobility) else 0.0)
+    return volume.mobility[_cells_at(volume, points)]
+
+
+def velocity_at(volume: Volume, points: np.ndarray) -> np.ndarray:
+    """V(x) float64[n, 3] of the flow at points float64[n, 3] of a volume, 0 where nothing flows."""
+    if not len(volume.flow):
+        return np.zeros((len(points), 3))
+    rows = volume.flow[_cells_at(volume, points) if len(volume.flow) > 1 else np.zeros(len(points), np.int64)]
+    return rows[:, :3] + np.einsum("nij,nj->ni", rows[:, 3:].reshape(-1, 3, 3), points)
+
+
+def drift_of(volume: Volume) -> np.ndarray | None:
+    """The velocity float64[3] of all particles of a volume, where they have one; None where they do not."""
+    rows = volume.flow
+    return rows[0, :3] if len(rows) and (rows == rows[0]).all() and not rows[0, 3:].any() else None
+
+
+def collects_flow(volume: Volume) -> bool:
+    """Whether paths have to collect their Doppler shifts: not of one velocity, which the ends tell."""
+    return len(volume.flow) > 0 and drift_of(volume) is None
+
+
+def _cells_at(volume: Volume, points: np.ndarray) -> np.ndarray:
+    """Number of the voxel or layer at points float64[n, 3], int64[n]."""
     counts = volume.cells[VOXELS]
-    if len(volume.mobility) == 1:
-        return np.full(len(points), volume.mobility[0])
     if len(volume.bounds) > 2:  # layers
-        return volume.mobility[np.searchsorted(volume.bounds[2:, 2], points[:, 2], side="right")]
+        return np.searchsorted(volume.bounds[2:, 2], points[:, 2], side="right")
     finite = np.where(np.isfinite(volume.bounds[0]), volume.bounds[0], 0.0)
     x, y, z = np.clip(((points - finite) * volume.per_length).astype(np.int64), 0, counts - 1).T
-    return volume.mobility[(z * counts[1] + y) * counts[0] + x]
+    return (z * counts[1] + y) * counts[0] + x
 
 
 def _layered(medium: Stratified, dimension: int) -> Volume:
@@ -101,7 +127,7 @@ def _layered(medium: Stratified, dimension: int) -> Volume:
         bounds, np.array([[1, 1, len(layers)], [1, 1, 1], [dimension, 1, 0]]), extinction,
         np.array([layer.albedo for layer in layers]),
         np.array([known.index(layer.scatterer.canonical_json()) for layer in layers]), extinction.max(keepdims=True),
-        np.zeros(3), mobility,
+        np.zeros(3), mobility, flow_rows([layer.motion for layer in layers], dimension),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A plan: what a render will do, what it leaves out and why, and what that costs; told in words by ``explain``."""
+"""A plan: steps, idealisations with their reasons, and cost of a render; told in words by ``explain``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,11 +15,12 @@ from specklegen.samplers.sampler import Sampler
 from specklegen.scene.scene import Scene
 
 _LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel"}
+_FOCI = "focal point"
 
 
 @dataclass(frozen=True)
 class Plan(Pictured):
-    """What a render will do, what it leaves out and why, and what that costs.
+    """Steps of a render, the parts left out with their reasons, and the cost.
 
     Attributes
     ----------
@@ -41,7 +42,7 @@ class Plan(Pictured):
     lens : Lens or None
         Through which the fields of ``chosen``, over its pupil, become an image.
     pixel : PathMoments or None
-        Of what a path adds to a pixel of that image.
+        Of what a path adds to a pixel of that image, or to the field of focused light.
 
     Examples
     --------
@@ -123,12 +124,8 @@ class Plan(Pictured):
         return tuple(f"{d.part}: {d.reason}" for d in self.decisions if d.doubt)
 
     def explain(self) -> str:
-        """Tell in words what will be done, what is left out and why, what it costs and what else would cost."""
-        shape = "x".join(str(n) for n in self.scene.sensor.shape)
-        lines = [
-            f"{_described(self.scene)}; {_lit(self.scene)}, {shape} {'views' if self.lens is None else 'pixels'}.",
-            f"Sampler: {self.sampler} ({self.summation}), {self.paths} paths.",
-        ]
+        """Tell the steps in words, the parts left out with their reasons, and the cost beside the alternatives'."""
+        lines = [self._about, f"Sampler: {self.sampler} ({self.summation}), {self.paths} paths."]
         lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.decisions]
         lines += [
             f"Expected error ({self.chosen.error_of}, relative): {self.expected_error:.2g}"
@@ -139,22 +136,41 @@ class Plan(Pictured):
         lines += _memory_note(self.scene)
         lines += [f"Instead, {way} would take about {cost:.2g} s." for way, cost in self.alternatives.items()]
         if self.scene.illumination.limited:
-            lines.append(f"Ballistic fraction: {ballistic_fraction(self.scene):.2g}.")
+            lines.append(f"Ballistic fraction: {ballistic_fraction(self.chosen.scene):.2g}.")
         return "\n".join(lines)
+
+    def summary(self) -> str:
+        """Tell the same in four lines: the scene, sampler and cost, parts that take part or not, and doubts if any."""
+        used = [d.part for d in self.decisions if d.needed]
+        ideal = [d.part for d in self.decisions if d.idealised]
+        without = [d.part for d in self.decisions if not d.needed and d.part not in ideal]
+        parts = {"Takes part": used, "Left out": without, "Idealised": ideal}
+        lines = [
+            self._about,
+            f"Sampler: {self.sampler}, {self.paths} paths: expected error {self.expected_error:.2g}; "
+            f"about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
+            " ".join(f"{words}: {', '.join(names)}." for words, names in parts.items() if names),
+        ]
+        return "\n".join(lines + [f"Doubtful: {doubt}." for doubt in self.doubts])
+
+    @property
+    def _about(self) -> str:
+        shape = "x".join(str(n) for n in self.scene.sensor.shape)
+        return f"{_described(self.scene)}; {_lit(self.scene)}, {shape} {'views' if self.lens is None else 'pixels'}."
 
 
 def _lit(scene: Scene) -> str:
     """A few words about the lights."""
     light = scene.illumination
     number = light.images[0] if light.images else len(scene.lights)
-    words = counted(number, _LIGHTS.get(type(light).__name__, "tilt"))
+    words = counted(number, _FOCI if light.focused else _LIGHTS.get(type(light).__name__, "tilt"))
     if light.limited:
-        words += f" through a window {light.width:.4g} wide"
+        words += f" through a window {scene.beams.width:.4g} wide"
     return words
 
 
 def _memory_note(scene: Scene) -> list[str]:
-    """That g alone does not fix the memory effect, where there is a g."""
+    """Say that g alone does not fix the memory effect, where there is a g."""
     if scene.thin is not None:
         return []
     medium = scene.volume

@@ -5,6 +5,7 @@ sampler and folds what they say. A plan is a pure function of the scene and the 
 scene's fingerprint. Predicted seconds may differ between machines, choices may not.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -20,6 +21,7 @@ from specklegen.core.parallel import thread_count
 from specklegen.core.shielded import shielded
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
+from specklegen.paths.focused_light import focus_moments
 from specklegen.paths.lit_plane import LitPlane, lens_of, lit_plane
 from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import scene_reversal
@@ -60,10 +62,15 @@ def _motion(scene: Scene) -> list[Decision]:
         return []
     if not scene.film:
         return [Decision("motion", False, "all beams are on at one time (CollimatedBeams.times)")]
+    told = [Decision(
+        "flow", True, "particles are carried along, and turn a path by the sum of k (w_(b-1) - w_b) . V(x_b) t: exact "
+        "while they move little beside the mean free path, or all alike",
+    )] if scene.volume.flows else []  # fmt: skip
     law, _ = fastest(scene.volume.motions) or (None, None)
-    assert law is not None
+    if law is None:
+        return told
     x = float(reduced_time("CollimatedBeams.times", law, scene.wavelength, np.ptp(np.asarray(scene.beams.times))))
-    return [Decision(
+    return [*told, Decision(
         "motion", True, f"a film of {len(scene.lights)} frames up to x = k^2 <Dr^2> / 6 = {x:.3g}, after which a path "
         "of momentum transfer Y keeps e^(-2 x Y) of its amplitude (temporal_correlation)",
     )]  # fmt: skip
@@ -116,8 +123,8 @@ def plan(
     streamed
         State, and hold against the memory there is, what :func:`specklegen.render_tiles` holds at a time.
     envelope
-        Whether the stationary sampler may draw fields under an envelope that turns with the tilt; False of recipes,
-        whose modes have none.
+        Whether the stationary sampler may draw fields under an envelope that turns with the tilt, and by the
+        correlation about another direction than the axis; False of recipes, whose modes know neither.
     threads
         Threads for the prediction of seconds.
 
@@ -155,8 +162,15 @@ def planned(
     streamed: bool = False,
     envelope: bool = True,
 ) -> Plan:
-    """Plan within a budget: what every verb that renders asks, and what refuses for it; see :func:`plan`."""
-    asked = _checked(scene, sampler)
+    """Plan within a budget, or refuse: every verb that renders asks here; see :func:`plan`."""
+    instance("plan scene", scene, Scene)
+    asked = asked_sampler("sampler", sampler)
+    if asked is not None and asked.thin is False and scene.thin is not None:
+        reject("sampler", '"auto" or "screens" for a thin medium', asked.name)
+    if asked is not None and asked.thin and scene.thin is None:
+        reject("sampler", "another one for a medium of scatterers", asked.name, "It draws thin screens alone.")
+    if scene.illumination.focused:
+        return _planned_focus(scene, budget, asked, mean, field_tolerance, streamed)
     if scene.sensor.focused:
         return _planned_image(scene, budget, asked, mean, field_tolerance)
     grid = scene.sensor.regular_grid
@@ -176,8 +190,10 @@ def _planned(
     mean, streamed, envelope = flag("mean", mean), flag("streamed", streamed), flag("envelope", envelope)
     tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
     scene, exposed = with_sub_frames(scene, tolerance)
-    if not streamed:  # the stack and its views alone, before any pilot, whose time would be lost
-        _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (8 * len(scene.lights) + 48))
+    if not streamed:  # the images and their views alone, before any pilot, whose time would be lost
+        light = scene.illumination
+        each = 8 * len(scene.lights) if light.coherent else 4 * math.prod(light.images)
+        _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (each + 48))
 
     reversal = scene_reversal(scene, budget.reverse, tolerance)
     request = Request(
@@ -213,6 +229,43 @@ def _planned(
     )
 
 
+def _planned_focus(
+    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float, streamed: bool
+) -> Plan:
+    """Plan light that a lens focuses: the fields of its collimated beams, by one bank of paths, and their sums."""
+    if asked not in (None, PathSums):
+        reject("sampler", '"auto" or "paths" for focused beams', asked.name,
+               "Others have light under the window alone, or know no sums of beams.")  # fmt: skip
+    lit = scene.replace(illumination=scene.beams)
+
+    def made_of(budget: Budget) -> Plan:
+        return planned(lit, budget, sampler=PathSums, mean=mean, field_tolerance=field_tolerance, streamed=streamed)
+
+    made = made_of(budget)
+    afar = scene if made.lens is None else scene.replace(sensor=made.lens.grid)
+    moments = focus_moments(afar, made.reverse, made.lens)
+    if budget.rel_error is not None:
+        paths = moments.paths_for(budget.rel_error, within_image=True)
+        if paths > made.paths:
+            made = made_of(replace(budget, paths=paths, rel_error=None))
+    beams = len(lit.lights)
+    judged = made.chosen.pilot.decisions  # type: ignore[attr-defined] # of each beam alone
+    left = {"stationary sampler", "stationary image"}
+    told = [d for d in made.decisions if d not in judged and d.part not in left]
+    said = Decision(
+        "focused light", True, f"{len(scene.illumination.vectors)} foci as sums of {beams} collimated beams through "
+        f"a window {lit.beams.width:.4g} wide, by one bank of paths",
+    )  # fmt: skip
+    rare = rare_paths_decision(moments.effective_paths)
+    operations = dict(made.operations)
+    sums = 8.0 * len(scene.illumination.vectors) * beams * np.prod(lit.sensor.shape, dtype=float)
+    operations["flop"] = operations.get("flop", 0.0) + sums
+    return replace(
+        made, scene=scene, pixel=moments, decisions=(said, *((rare,) if rare else ()), *told), operations=operations,
+        seconds=seconds(operations, thread_count(budget.threads)),
+    )  # fmt: skip
+
+
 def _planned_image(
     scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float
 ) -> Plan:
@@ -224,11 +277,12 @@ def _planned_image(
     lens, lit = lens_of(scene), lit_plane(scene)
     few = _too_narrow(scene, lit, asked)
     tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
+    at_faces = asked is not None and asked.from_face
     if few is None and lit.turned > tolerance:
         few = Decision(
-            "stationary image", asked is not None, f"between the middle of the pupil and its rim its correlation under "
+            "stationary image", at_faces, f"between the middle of the pupil and its rim its correlation under "
             f"a tilt turns by {lit.turned:.2g}, for the pattern moves with the beam, allowed {tolerance:g}",
-            doubt=asked is not None,
+            doubt=at_faces,
         )  # fmt: skip
     wanted = PathSums if few is not None and asked is None else asked
     made = _planned(lens.pupil_scene, budget, wanted, mean, field_tolerance)
@@ -287,7 +341,7 @@ def _proposed(
         said += told
         if chosen is None:
             continue
-        lost = max((each.error for each in told if each.doubt), default=0.0)
+        lost = max([0.0, *(each.error for each in told if each.doubt)])
         if lost <= request.tolerance:
             return chosen, said
         for other in kinds[:n]:
@@ -300,19 +354,10 @@ def _proposed(
     )
 
 
-def _checked(scene: Scene, sampler: AnySampler) -> type[Sampler] | None:
-    """Refuse what :func:`plan` cannot mean; the sampler that is asked for, None of "auto"."""
-    instance("plan scene", scene, Scene)
-    asked = asked_sampler("sampler", sampler)
-    if asked is not None and asked.thin is False and scene.thin is not None:
-        reject("sampler", '"auto" or "screens" for a thin medium', asked.name)
-    if asked is not None and asked.thin and scene.thin is None:
-        reject("sampler", "another one for a medium of scatterers", asked.name, "It draws thin screens alone.")
-    return asked
-
-
 def streaming_obstacle(scene: Scene) -> str | None:
     """Why :func:`specklegen.render_tiles` does not serve a scene; None where it does."""
+    if scene.illumination.focused:
+        return "beams that are focused, whose fields are sums over others"
     if scene.sensor.regular_grid is not None and getattr(scene.illumination, "exposure", None) is not None:
         return "beams with an exposure, whose images hold no field"
     if scene.sensor.regular_grid is None or not (scene.illumination.limited and scene.illumination.coherent):

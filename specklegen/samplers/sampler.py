@@ -26,6 +26,7 @@ from specklegen.scene.scene import Scene
 if TYPE_CHECKING:
     import torch
 
+    from specklegen.instrument.lens import Lens
     from specklegen.scene.media import Slab
     from specklegen.scene.screens import ScreenStack
     from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatch, Places
@@ -129,7 +130,7 @@ class Imager(Protocol):
         ...
 
     def at(self, places: "Places") -> "Imager":
-        """Those of some of the media."""
+        """Return the renderers of some of the media."""
         ...
 
     def media(self, streams: "Streams") -> Media:
@@ -175,6 +176,10 @@ class MediaRequest:
         What tells the contrast of images, where the memory effect does not.
     film : FilmBatch or None
         Memory effect in time, of media that move: asked of samplers that say ``films``.
+    planes : tuple of Lens
+        Of a camera with a lens: for each plane in focus one, all over the directions of the medium's scene.
+    imager : Imager or None
+        What draws the one medium, where its recipe has found that from the medium's paths already.
     """
 
     sight: "Sight"
@@ -187,6 +192,8 @@ class MediaRequest:
     shared: bool = False
     contrast: "Contrast | None" = None
     film: "FilmBatch | None" = None
+    planes: "tuple[Lens, ...]" = ()
+    imager: "Imager | None" = None
 
 
 class Sampler(ABC):

@@ -5,8 +5,9 @@ Directions are unit vectors of travel; the optical axis is the last one (z).
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
-from specklegen.core.values import Array, Positive, Value, position_vectors, unit_vectors
+from specklegen.core.values import Array, Positive, Value, position_vectors, read_only, unit_vectors
 from specklegen.scene.window import Profile, Window
 
 MOST_SUB_FRAMES = 4096
@@ -55,13 +56,15 @@ def directions_of_sines(field: str, sines: ArrayLike, sign: float = 1.0) -> np.n
     return np.concatenate([sines, sign * np.sqrt(1 - square)[..., None]], axis=-1)
 
 
-class _Light(Value):
+class Light(Value):
     """What every illumination answers, so that nobody has to ask for its type."""
 
     limited: ClassVar[bool] = True
     """Whether beams pass a window; otherwise light is unlimited sideways."""
     near: ClassVar[bool] = False
     """Whether lights are points, not directions."""
+    focused: ClassVar[bool] = False
+    """Whether each light is a sum of collimated beams, the scene's ``beams``, that meet in a point."""
 
     @property
     def coherent(self) -> bool:
@@ -83,7 +86,7 @@ class _Light(Value):
         return self.replace(**{"points" if self.near else "directions": self.vectors[chosen]})
 
 
-class PlaneWaves(_Light):
+class PlaneWaves(Light):
     """Plane waves of unit irradiance, unlimited sideways.
 
     Parameters
@@ -113,7 +116,7 @@ class PlaneWaves(_Light):
         return cls(directions=_tilted("PlaneWaves.tilts", angles, dimensions))
 
 
-class CollimatedBeams(_Light):
+class CollimatedBeams(Light):
     """Coherent collimated beams, one per tilt, all through one window of the entrance face.
 
     Parameters
@@ -259,7 +262,7 @@ class CollimatedBeams(_Light):
         return cls(directions=directions, width=width, profile=profile, times=times, exposure=exposure)
 
 
-class PointSources(_Light):
+class PointSources(Light):
     """Point sources of unit strength, e^(ikr) / r^((d-1)/2), inside or outside the medium.
 
     |u|^2 is then relative to the irradiance at unit distance from a source.
@@ -289,7 +292,7 @@ class PointSources(_Light):
         return self
 
 
-class IncoherentObject(_Light):
+class IncoherentObject(Light):
     """A far object of mutually incoherent pixels: one collimated beam a pixel, intensities added.
 
     Pixel (row, column) sends its beam at direction sines -(index - centre) * pitch, so that the image
@@ -331,7 +334,7 @@ class IncoherentObject(_Light):
         )  # fmt: skip
         if (self.brightness < 0).any():
             reject("IncoherentObject.brightness", "at least 0 everywhere", float(self.brightness.min()))
-        object_sines("IncoherentObject", self.brightness.shape, self.pitch)
+        require_corner("IncoherentObject", self.brightness.shape, self.pitch)
         return self
 
     @property
@@ -357,11 +360,8 @@ class IncoherentObject(_Light):
     @cached_property
     def directions(self) -> np.ndarray:
         """float64[h * w, 3], the beam of each pixel in C order."""
-        found = directions_of_sines(
-            "IncoherentObject.pitch", object_sines("IncoherentObject", self.brightness.shape, self.pitch)
-        )
-        found.flags.writeable = False  # kept, and equal scenes share what is made of it
-        return found
+        sines = object_sines("IncoherentObject", self.brightness.shape, self.pitch)
+        return read_only(directions_of_sines("IncoherentObject.pitch", sines))
 
     @cached_property
     def beams(self) -> CollimatedBeams:
@@ -370,18 +370,28 @@ class IncoherentObject(_Light):
         return CollimatedBeams(directions=self.directions[lit], width=self.width, profile=self.profile)
 
 
-def object_sines(owner: str, shape: tuple[int, ...], pitch: float) -> np.ndarray:
-    """Direction sines float64[h * w, 2] = (x, y) of the pixels of an object, in C order."""
-    rows, columns = (-(np.arange(n) - (n - 1) / 2) * pitch for n in shape)
-    if np.hypot(rows[0], columns[0]) >= 1:
+def require_corner(owner: str, shape: tuple[int, ...], pitch: float) -> None:
+    """Refuse an object whose pixels reach beyond the half space."""
+    if math.hypot(*((n - 1) / 2 * pitch for n in shape)) >= 1:
         reject(f"{owner}.pitch", "small enough that the object's corner has a sine below 1", pitch)
-    y, x = np.meshgrid(rows, columns, indexing="ij")
-    return np.stack([x.ravel(), y.ravel()], axis=-1)
 
 
-Illumination = Annotated[
-    PlaneWaves | CollimatedBeams | PointSources | IncoherentObject, Field(discriminator="type")
-]
+def object_sines(owner: str, shape: tuple[int, ...], pitch: float, pixels: np.ndarray | None = None) -> np.ndarray:
+    """Direction sines float64[n, 2] = (x, y) of some pixels of an object, by their numbers, or of all in C order.
+
+    Raises
+    ------
+    RuleError
+        If pixels reach beyond the half space, or there are more of them than memory holds.
+    """
+    require_corner(owner, shape, pitch)
+    if pixels is None:
+        require_memory(
+            owner, "held", 64.0 * math.prod(shape), f"directions of {shape} pixels", "Use an object of fewer pixels."
+        )
+        pixels = np.arange(math.prod(shape))
+    numbers = reversed(np.divmod(pixels, shape[1]))
+    return np.stack([-(n - (count - 1) / 2) * pitch for n, count in zip(numbers, reversed(shape), strict=True)], -1)
 
 
 def reference_direction(directions: np.ndarray) -> np.ndarray:

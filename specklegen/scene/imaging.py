@@ -18,6 +18,7 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
 from specklegen.core.values import ComplexArray, Finite, Positive, PositiveInt, Value
+from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.sensors import FarFieldGrid, Sensor, Side
 
 MOST_TERMS = 231
@@ -218,7 +219,8 @@ class Imaging(Sensor):
     @property
     def corners(self) -> np.ndarray:
         """float64[4, 3], the corners of the square around the aperture."""
-        return self.pupil_grid(3).corners
+        ends = self.aperture * np.array([(x, y) for y in (-1, 1) for x in (-1, 1)])
+        return directions_of_sines("Imaging.aperture", ends, self.sign)
 
     @property
     def positions(self) -> tuple[np.ndarray, np.ndarray]:

@@ -47,16 +47,8 @@ class Layer(Value):
 
     Parameters
     ----------
-    thickness
-        Length along the optical axis (z).
-    mean_free_path
-        1 / sigma_t, the mean distance between collisions, in the same unit.
-    albedo
-        Share of collisions that scatter; the rest absorb.
-    scatterer
-        What one particle does with the light that it scatters.
-    motion
-        How its particles move; by default they are at rest.
+    thickness, mean_free_path, albedo, scatterer, motion
+        Of what lies in it, as of a :class:`Slab`.
     index
         Its refractive index; left out, that of the medium's ``faces.inside``, as of all neighbours that say none. Where
         two layers differ, the face between them reflects and refracts.
@@ -114,7 +106,12 @@ class Bulk(Value):
     @property
     def moves(self) -> bool:
         """Whether any of its particles does."""
-        return fastest(self.motions) is not None
+        return self.flows or fastest(self.motions) is not None
+
+    @property
+    def flows(self) -> bool:
+        """Whether any of its particles are carried along."""
+        return any(motion is not None and motion.carries for motion in self.motions)
 
 
 class PlaneParallel(Bulk):
@@ -156,6 +153,19 @@ class PlaneParallel(Bulk):
     def unitless_fingerprint(self) -> str:
         """SHA-256 of the medium in units of its thickness (or, without any, of its mean free path)."""
         return unitless_fingerprint(self, self.thickness or self.mean_free_path)
+
+
+def require_still_faces(medium: PlaneParallel, owner: str) -> None:
+    """Refuse a flow between faces that reflect or refract.
+
+    Raises
+    ------
+    RuleError
+        With the remedy.
+    """
+    if medium.flows and medium.refracts:
+        reject(f"{owner}.motion", "at rest or random between faces that reflect", medium.motions,
+               "Leave out the flow, or the steps of the index.")  # fmt: skip
 
 
 class Stratified(PlaneParallel, Registered):
@@ -226,6 +236,7 @@ class Stratified(PlaneParallel, Registered):
                 remedy = "Or give the field another name."
                 reject(f"{owner}.{name}", f"what its layers say, {value(self):.10g}", said, remedy)
         fastest(self.motions)  # laws that are no factor apart are refused
+        require_still_faces(self, owner)
         return self
 
     def content(self) -> object:

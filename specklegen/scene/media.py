@@ -4,7 +4,15 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, NonNegative, Positive, UnitInterval, position_vectors
@@ -18,8 +26,10 @@ from specklegen.scene.layers import (
     is_stratified,
     left_out,
     merged,
+    require_still_faces,
 )
 from specklegen.scene.motion import AnyMotion, Motion, fastest
+from specklegen.scene.polarisation import Polarisation, require_polarised
 from specklegen.scene.scatterers import AnyScatterer
 from specklegen.scene.screens import GroundGlass, PhaseScreen, ScreenStack
 
@@ -83,6 +93,11 @@ class Slab(PlaneParallel):
         directions are always those inside.
     motion
         How the particles move (:class:`Brownian`, or a :class:`Motion` of one's own); by default they are at rest.
+    polarisation
+        "scalar": light has none. "projector": every scattering takes away what of the field lies along the new
+        direction, as particles of low contrast do, whose lobe is otherwise kept. "vector": by the particles' own
+        amplitudes S1 and S2 (:class:`Mie`, :class:`Rayleigh`). Known to :func:`memory_effect`,
+        :func:`temporal_correlation`, :func:`mueller_matrix` and scenes with ``polarisers``; all else refuses it.
 
     Examples
     --------
@@ -99,15 +114,19 @@ class Slab(PlaneParallel):
     scatterer: AnyScatterer
     faces: Faces = Faces()
     motion: AnyMotion | None = None
+    polarisation: Polarisation = "scalar"
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         _require_density("Slab", self.mean_free_path)
+        require_still_faces(self, "Slab")
+        require_polarised("Slab", self.polarisation, self.scatterer, self.faces, self.motion)
         return self
 
     @model_serializer(mode="wrap")
     def _without_what_does_nothing(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return left_out(write(self), faces=self.faces.matched, motion=self.motion is None)
+        nothing = {"motion": self.motion is None, "polarisation": self.polarisation == "scalar"}
+        return left_out(write(self), faces=self.faces.matched, **nothing)
 
     @property
     def optical_depth(self) -> float:
@@ -262,6 +281,12 @@ class VoxelGrid(_Bounded):
     material: Array = Field(default_factory=lambda: np.zeros(()), validate_default=True)
     scatterers: tuple[AnyScatterer, ...]
     motion: AnyMotion | tuple[AnyMotion | None, ...] | None = None
+
+    @field_validator("motion", mode="before")
+    @classmethod
+    def _at_rest(cls, given: Any) -> Any:
+        """Read an empty table, which TOML has for a material at rest."""
+        return [None if each == {} else each for each in given] if isinstance(given, list) else given
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -1,4 +1,4 @@
-"""How the particles of a medium move: laws of their mean square displacement.
+"""How the particles of a medium move: laws of their mean square displacement, and flows that carry them along.
 
 Independent particles that are displaced at random by Dr between two times turn the phase of a path by the sum of q_b .
 Dr_b over its scatterings, q_b = k (w_b - w_(b-1)), and leave of its amplitude, on average,
@@ -15,6 +15,15 @@ one's own is one method:
 
         def mean_square(self, lag):
             return self.amount * lag**self.power
+
+A flow carries particles by V(x) tau, to which there is nothing random. It turns the phase of each path by
+
+    k tau D,    D = sum_b (w_(b-1) - w_b) . V(x_b)
+
+a Doppler shift of its own, which nothing forgets: what decorrelates is that paths have different ones. Of a uniform V
+the sum is (i - v) . V, whatever the path: the pattern moves, and that is all. Of the shear V = rate z along x, on the
+axis, D = rate M, M the sum of s w_x w_z over all legs (Wu, Pine, Chaikin, Huang, Weitz, J. Opt. Soc. Am. B 7, 15
+(1990)). Displacements are small: beside the mean free path, and beside what the flow itself changes over.
 """
 
 from __future__ import annotations
@@ -26,15 +35,18 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import model_validator
 
 from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.errors import reject
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry
-from specklegen.core.values import NonNegative
+from specklegen.core.values import Array, Finite, NonNegative, position_vectors
 
 BOLTZMANN = 1.380649e-23
 """Of the International System, joules per kelvin; exact since 2019."""
+FLOW_COLUMNS = 12
+"""Numbers of V(x) = V_0 + A x in space: V_0, then A, row after row."""
 _ROUNDING = 1e-9  # relative, of eigenvalues: below it a root of a covariance is 0
 
 
@@ -65,6 +77,23 @@ class Motion(Registered):
     @abstractmethod
     def mean_square(self, lag: ArrayLike) -> np.ndarray:
         """<Dr^2> float64[...] after times of at least 0 float64[...], in the medium's unit of length, squared."""
+
+    def affine(self, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+        """V_0 float64[d] and A float64[d, d] of the flow V(x) = V_0 + A x that carries all particles along.
+
+        By default it is 0. In space d = 3, (x, y, z); in flatland 2, (x, z).
+        """
+        return np.zeros(dimension), np.zeros((dimension, dimension))
+
+    @property
+    def dimension(self) -> int | None:
+        """2 or 3, where it serves flatland or space alone."""
+        return None
+
+    @property
+    def carries(self) -> bool:
+        """Whether it carries particles along."""
+        return any(part.any() for part in self.affine(self.dimension or 3))
 
     def speed_beside(self, other: "Motion") -> float:
         """How many times faster <Dr^2> grows than by another law of the same medium.
@@ -144,6 +173,98 @@ class Brownian(Motion):
         return self.diffusion / other.diffusion if other.diffusion else 0.0
 
 
+class Flow(Motion):
+    """A steady flow, V(x) = V_0 + A x, and nothing random. Subclass it for a flow of your own.
+
+    A subclass is a frozen value with fields of its own and one method, ``affine(dimension)``: V_0 float64[d], length
+    per unit of time, and A float64[d, d], one over a unit of time. A flow that is not linear is made of pieces: layers,
+    or voxels of several materials.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import specklegen as sg
+    >>> class Turntable(sg.Flow):
+    ...     per_second: float
+    ...     def affine(self, dimension):
+    ...         turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    ...         return np.zeros(3), 2 * np.pi * self.per_second * turn
+    >>> Turntable(per_second=1.0).carries
+    True
+    """
+
+    @abstractmethod
+    def affine(self, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+        """V_0 float64[d] and A float64[d, d] of V(x) = V_0 + A x: d = 3, (x, y, z), or in flatland 2, (x, z)."""
+
+    def mean_square(self, lag: ArrayLike) -> np.ndarray:
+        """0: nothing is random."""
+        return 0.0 * real_array(f"{type(self).__name__}.mean_square lag", lag)
+
+
+class Drift(Flow):
+    """One velocity for all particles: a medium, or a piece of one, that moves as a whole.
+
+    Parameters
+    ----------
+    velocity
+        float64[3], or float64[2] in flatland, length per unit of time.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> blood = sg.Drift(velocity=[500.0, 0.0, 0.0])  # um / s
+    >>> still = sg.Layer(thickness=300.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> sg.Layers(layers=[still, still.replace(motion=blood), still]).moves
+    True
+    """
+
+    velocity: Array
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if position_vectors("Drift.velocity", self.velocity).ndim != 1:
+            reject("Drift.velocity", "one velocity, of length 2 or 3", self.velocity.shape)
+        return self
+
+    @property
+    def dimension(self) -> int:
+        """Number of components of its velocity."""
+        return len(self.velocity)
+
+    def affine(self, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+        """The velocity, and no gradient."""
+        return self.velocity, np.zeros((dimension, dimension))
+
+
+class Shear(Flow):
+    """A flow along x that is faster the deeper it is, V = rate z: a liquid between a plate at rest and one that moves.
+
+    Parameters
+    ----------
+    rate
+        Velocity over depth, one over a unit of time.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(
+    ...     thickness=100.0, mean_free_path=10.0, scatterer=sg.Isotropic(), motion=sg.Shear(rate=20.0)
+    ... )
+    >>> curve = sg.temporal_correlation(slab, wavelength=6.283185, lags=[0.0, 2.5e-3], paths=5000)
+    >>> curve.intensity.round(1)
+    array([1. , 0.2])
+    """
+
+    rate: Finite
+
+    def affine(self, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+        """No velocity at the origin, and the gradient of x along z."""
+        gradient = np.zeros((dimension, dimension))
+        gradient[0, -1] = self.rate
+        return np.zeros(dimension), gradient
+
+
 AnyMotion = Annotated[Motion, *member_of(Motion)]
 """A motion of any type, written with its type."""
 
@@ -156,12 +277,47 @@ def fastest(motions: Sequence[Motion | None]) -> tuple[Motion, np.ndarray] | Non
     RuleError
         For laws that differ by more than a factor.
     """
-    moving = [motion for motion in motions if motion is not None]
+    moving = [motion for motion in motions if motion is not None and not isinstance(motion, Flow)]
     if not moving:
         return None
     most = max(moving, key=lambda motion: motion.speed_beside(moving[0]))
-    speeds = np.array([0.0 if motion is None else motion.speed_beside(most) for motion in motions])
+    speeds = np.array([
+        0.0 if motion is None or isinstance(motion, Flow) else motion.speed_beside(most) for motion in motions
+    ])  # fmt: skip
     return (most, speeds) if speeds.any() else None
+
+
+def law_of(motions: Sequence[Motion | None]) -> Motion | None:
+    """The fastest of a medium's random motions, or, where it has none, a flow; None where all rest."""
+    found = fastest(motions)
+    if found is not None:
+        return found[0]
+    return next((motion for motion in motions if motion is not None and motion.carries), None)
+
+
+def flow_rows(motions: Sequence[Motion | None], dimension: int) -> np.ndarray:
+    """V_0 and A of each of a medium's motions in space, float64[n, 12]; float64[0, 12] where nothing flows.
+
+    Raises
+    ------
+    RuleError
+        For a flow of another dimension, and one that is no number.
+    """
+    rows = np.zeros((len(motions), FLOW_COLUMNS))
+    axes = [0, 1, 2] if dimension == 3 else [0, 2]
+    for row, motion in zip(rows, motions, strict=True):
+        if motion is None or not motion.carries:
+            continue
+        if motion.dimension not in (None, dimension):
+            reject(f"{type(motion).__name__}.velocity", f"of {dimension} components in this medium", motion)
+        velocity, gradient = (np.asarray(part, np.float64) for part in motion.affine(dimension))
+        fits = velocity.shape == (dimension,) and gradient.shape == (dimension, dimension)
+        if not fits or not np.isfinite(velocity).all() or not np.isfinite(gradient).all():
+            shapes = f"({dimension},) and ({dimension}, {dimension})"
+            reject(f"{type(motion).__name__}.affine", f"finite, of shapes {shapes}", (velocity, gradient))
+        row[axes] = velocity
+        row[3:].reshape(3, 3)[np.ix_(axes, axes)] = gradient
+    return rows if rows.any() else rows[:0]
 
 
 def reduced_time(owner: str, motion: Motion, wavelength: float, lag: ArrayLike) -> np.ndarray:

@@ -1,19 +1,22 @@
 """The scene: what is simulated, in one frozen value."""
 
 from collections.abc import Mapping
-from typing import Any, Self, cast
+from functools import cached_property
+from typing import Annotated, Any, Self, cast
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
 from specklegen.core.values import Positive, Value
-from specklegen.scene.illumination import CollimatedBeams, Illumination
+from specklegen.scene.focused import FocusedBeams
+from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
 from specklegen.scene.imaging import Imaging
-from specklegen.scene.layers import PlaneParallel
+from specklegen.scene.layers import PlaneParallel, left_out
 from specklegen.scene.media import AnyMedium, Medium, Slab, require_medium
-from specklegen.scene.motion import fastest, reduced_time
+from specklegen.scene.motion import flow_rows, law_of, reduced_time
+from specklegen.scene.polarisation import Polarisers
 from specklegen.scene.scatterers.mie import Mie
 from specklegen.scene.schematic import draw_scene
 from specklegen.scene.screens import ScreenStack, require_thin
@@ -24,6 +27,9 @@ NEAREST = 0.01
 """Wavelengths between a sensor point and a source inside the medium, at least."""
 LARGEST = 1e60
 """Largest length, in any unit, and the inverse of the smallest one: what is squared twice is still a float64."""
+Illumination = Annotated[
+    PlaneWaves | CollimatedBeams | FocusedBeams | PointSources | IncoherentObject, Field(discriminator="type")
+]
 _TOUCHING = 1e-9  # of an exposure: one may end where the next begins, up to rounding
 
 
@@ -36,10 +42,13 @@ class Scene(Value, Pictured):
         Inside the medium.
     medium, illumination, sensor
         See :class:`Slab`, :class:`Layers`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`,
-        :class:`CollimatedBeams`, :class:`PointSources`, :class:`IncoherentObject`; :class:`FarField`,
-        :class:`NearField`, :class:`Imaging`. All of them in space, or all in flatland: the length of their vectors
-        says which. Thin media (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit by beams or an
-        object, and seen by a far-field grid in transmission.
+        :class:`CollimatedBeams`, :class:`FocusedBeams`, :class:`PointSources`, :class:`IncoherentObject`;
+        :class:`FarField`, :class:`NearField`, :class:`Imaging`. All of them in space, or all in flatland: the length of
+        their vectors says which. Thin media (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit
+        by collimated beams or an object, and seen by a far-field grid in transmission.
+    polarisers
+        Light and analyser before and behind a medium whose ``polarisation`` is not "scalar" (:class:`Polarisers`); of
+        others none.
 
     Examples
     --------
@@ -57,6 +66,12 @@ class Scene(Value, Pictured):
     medium: AnyMedium
     illumination: Illumination
     sensor: AnySensor
+    polarisers: Polarisers | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_polarisers(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out polarisers where there are none: the scene is what it was before it could have any."""
+        return left_out(write(self), polarisers=self.polarisers is None)
 
     @model_validator(mode="after")
     def _finite_power(self) -> Self:
@@ -73,6 +88,7 @@ class Scene(Value, Pictured):
                 ", ".join(f"{name} of {d} coordinates" for name, d in known.items()),
                 "Flatland vectors are (x, z), those of space (x, y, z).",
             )
+        self._require_polarisers()
         if getattr(self.illumination, "times", None) is not None:  # beams alone have any
             moves = self.medium.moves if self.thin is None else self.thin.velocities is not None
             if not moves:
@@ -80,6 +96,8 @@ class Scene(Value, Pictured):
                        "Only a ScreenStack with velocities moves, and a medium with a motion.")  # fmt: skip
             if self.thin is None:
                 self._require_film()
+        if self.illumination.focused:
+            self._require_focus()
         if self.sensor.focused:
             self._require_lens()
         if self.thin is not None:
@@ -100,6 +118,23 @@ class Scene(Value, Pictured):
         self._require_crossing()
         return self
 
+    def _require_polarisers(self) -> None:
+        """Refuse polarised media without an analyser, analysers before others, and what no polarised scene is for."""
+        polarisation = getattr(self.medium, "polarisation", "scalar")
+        if polarisation == "scalar":
+            if self.polarisers is not None:
+                reject("Scene.polarisers", "left out before a medium in which light is a scalar", self.polarisers,
+                       'Give the Slab polarisation = "projector" or "vector".')  # fmt: skip
+            return
+        if self.polarisers is None:
+            reject("Scene.polarisers", "given before a polarised medium", None,
+                   "Polarisers.parallel() or crossed(); without an analyser both images of a seed add up.")  # fmt: skip
+        served = self.illumination.limited and not self.illumination.focused
+        served = served and not self.sensor.near and not self.sensor.focused
+        if not served or getattr(self.illumination, "exposure", None) is not None:
+            reject("Scene.medium", 'of polarisation = "scalar" here', polarisation,
+                   "It is known of beams and objects from afar, at single times, without any lens.")  # fmt: skip
+
     def _require_lens(self) -> None:
         """Refuse a lens before what it does not serve, an aperture that nothing fills, and pixels too large."""
         if not isinstance(self.medium, PlaneParallel) or not self.illumination.limited:
@@ -113,6 +148,14 @@ class Scene(Value, Pictured):
         camera = cast(Imaging, self.sensor)
         require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})
         camera.require_lens(self.wavelength, self.medium.faces.largest_sine)
+
+    def _require_focus(self) -> None:
+        """Refuse focused light before thin screens, and what its window or its medium does not let in."""
+        light = cast(FocusedBeams, self.illumination)
+        if self.thin is not None:
+            reject("Scene.illumination", f"CollimatedBeams or an object in front of a {self.medium.type}", light.type,
+                   "Superpose the fields of collimated beams.")  # fmt: skip
+        light.require_focus(self.wavelength, self.medium.faces.largest_sine)
 
     def _require_film(self) -> None:
         """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""
@@ -129,7 +172,8 @@ class Scene(Value, Pictured):
             times = np.concatenate([instants[:1], times + exposure])
         if self.sensor.near:
             reject("Scene.sensor", "in the far field, for films of a medium that moves", self.sensor.type)
-        law, _ = fastest(self.volume.motions) or (None, None)
+        flow_rows(self.volume.motions, self.dimension)  # of another dimension they are refused
+        law = law_of(self.volume.motions)
         if law is not None:
             with np.errstate(over="ignore"):
                 since = times - times[:1]
@@ -187,7 +231,7 @@ class Scene(Value, Pictured):
             lengths[f"{medium.type}.lower"] = max(float(np.abs(medium.lower).max()), 1 / LARGEST)
             lengths[f"{medium.type}.upper"] = max(float(np.abs(medium.upper).max()), 1 / LARGEST)
         if light.limited:
-            lengths[f"{light.type}.width"] = light.width
+            lengths[f"{light.type}.width"] = self.beams.width
         if np.isfinite(medium.mean_free_path):
             lengths[f"{medium.type}.mean_free_path"] = medium.mean_free_path
         require_range(lengths)
@@ -228,8 +272,9 @@ class Scene(Value, Pictured):
         light, sensor = self.illumination, self.sensor
         about |= {"illumination": f"{light.type}, {len(light.vectors)} in all"}
         if light.limited:
-            about |= {"window": f"{light.profile}, {light.width:.4g}"}
-            about |= {"speckle size (sine)": self.wavelength / light.width}
+            width = self.beams.width
+            about |= {"window": f"{light.profile}, {width:.4g}"}
+            about |= {"speckle size (sine)": self.wavelength / width}
         return about | {"sensor": f"{sensor.type}, {'x'.join(map(str, sensor.shape))}"}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
@@ -241,7 +286,11 @@ class Scene(Value, Pictured):
 
         Of scatterers that move it is that of the scene at rest: their paths are the same.
         """
-        return unitless_fingerprint(self.at_rest, self.wavelength)
+        return self._unitless_fingerprint
+
+    @cached_property
+    def _unitless_fingerprint(self) -> str:
+        return unitless_fingerprint(self.at_rest, self.wavelength)  # seconds, of millions of pixels as text
 
     @property
     def film(self) -> bool:
@@ -276,8 +325,18 @@ class Scene(Value, Pictured):
         return 2 * np.pi / self.wavelength
 
     @property
+    def hides_object(self) -> bool:
+        """Whether an incoherent object lights the medium: one image comes of all its points."""
+        return not self.illumination.coherent and self.illumination.images == ()
+
+    @property
     def beams(self) -> CollimatedBeams:
-        """The coherent beams that carry light: the illumination's own, those of an object's lit pixels, or instants."""
+        """The coherent beams that carry light: the illumination's own, those of an object's lit pixels, or instants.
+
+        Of focused light, those that every focus is a sum of.
+        """
+        if self.illumination.focused:
+            return cast(FocusedBeams, self.illumination).modes(self.wavelength)
         if not self.illumination.coherent:
             return self.illumination.beams
         if not isinstance(self.illumination, CollimatedBeams):  # plane waves, points
@@ -302,7 +361,7 @@ class Scene(Value, Pictured):
 
     @property
     def thickness(self) -> float:
-        """Of the medium along the optical axis."""
+        """Thickness of the medium along the optical axis."""
         return self.volume.thickness if self.thin is None else self.thin.thickness
 
     @property
@@ -322,7 +381,8 @@ class Scene(Value, Pictured):
     @property
     def lights(self) -> np.ndarray:
         """float64[T, d]: directions of travel of the coherent lights, or the points of point sources."""
-        return self.illumination.vectors if self.illumination.coherent else self.beams.directions
+        own = self.illumination.coherent and not self.illumination.focused
+        return self.illumination.vectors if own else self.beams.directions
 
     @property
     def views(self) -> np.ndarray:
@@ -345,9 +405,23 @@ class Scene(Value, Pictured):
         return self.wavelength / self.beams.width
 
 
+def require_unpolarised(owner: str, scene: Scene) -> None:
+    """Refuse scenes of polarised light where nothing is known of it."""
+    if scene.polarisers is not None:
+        reject(f"{owner} scene", "one without polarisers", scene.polarisers,
+               "render and covariance know polarised light.")  # fmt: skip
+
+
+def require_no_focus(owner: str, scene: Scene) -> None:
+    """Refuse focused light where every light is a beam of its own."""
+    if scene.illumination.focused:
+        reject(f"{owner} scene", "lit by beams that are not focused", scene.illumination.type,
+               "Use render, mean_field or transmission_matrix, or the collimated beams, scene.beams.")  # fmt: skip
+
+
 def require_no_film(owner: str, scene: Scene) -> None:
     """Refuse films of media that move where nothing of time is known."""
-    if scene.film or not (scene.illumination.coherent or scene.illumination.images == ()):
+    if scene.film or not (scene.illumination.coherent or scene.hides_object):
         reject(f"{owner} scene", "one without times of its beams", "CollimatedBeams.times",
                "Render its film, or ask temporal_correlation for what is left of the field after a time.")  # fmt: skip
 

@@ -69,6 +69,13 @@ def _draw_light(axes: "Axes", scene: "Scene") -> None:
         axes.plot(*_placed(scene, light.points), "*", color="C3", ms=8)
         axes.text(-1.65, -1.3, counted(len(light.points), "point source"), fontsize=8)
         return
+    if light.focused:
+        depth = float(np.clip(light.points[:, -1].sum() / max(len(light.points), 1) / scene.thickness, -0.6, 1.6))
+        for side in (-0.7, 0.7):
+            axes.plot([-0.9, depth], [side, 0.0], color="C3", lw=1)
+        axes.plot([-0.9, -0.9], [-0.7, 0.7], color="C3", lw=3, alpha=0.5)  # the lens
+        axes.text(-1.65, -1.3, f"light focused on {counted(len(light.points), 'point')}", fontsize=8)
+        return
     if light.images == ():
         axes.imshow(light.brightness, extent=(-1.65, -1.05, -0.3, 0.3), cmap="gray", vmin=0, aspect="auto")
         axes.text(-1.65, -1.3, "{}x{} mutually incoherent beams".format(*light.brightness.shape), fontsize=8)

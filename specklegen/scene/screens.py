@@ -243,7 +243,7 @@ class ScreenStack(_Thin):
 
     @property
     def thickness(self) -> float:
-        """From the first screen to the exit plane."""
+        """Distance from the first screen to the exit plane."""
         return sum(self.gaps) + self.behind
 
     @property
@@ -282,21 +282,29 @@ class ScreenStack(_Thin):
 ThinMedium = PhaseScreen | GroundGlass | ScreenStack
 
 
+_MOST_WAVES = 1e12
+
+
 def require_thin(medium: ThinMedium, wavelength: float) -> ScreenStack:
     """Return a thin medium as a stack, unless the model of thin screens does not hold at a wavelength.
 
     Raises
     ------
     RuleError
-        If a screen's correlation length is below the wavelength, or the medium scatters too wide.
+        If it is no thin medium, a screen's correlation length is below the wavelength, or it scatters too wide.
     """
-    stack = medium.stack
+    stack = getattr(medium, "stack", None)
+    if stack is None:
+        reject("medium", "a slab or layers, or a PhaseScreen, GroundGlass or ScreenStack", medium)
     shortest = float(stack.correlation_lengths.min())
     if shortest < wavelength:
         reject(
             f"{medium.type}.correlation_length", f"at least the wavelength, {wavelength:g}", shortest,
             "A finer phase scatters into evanescent waves and around right angles, and is no thin screen.",
         )  # fmt: skip
+    if float(stack.correlation_lengths.max()) > _MOST_WAVES * wavelength:
+        reject("wavelength", f"at least {1 / _MOST_WAVES:g} of a screen's correlation length", wavelength,
+               "Phases over more wavelengths have no digits left.")  # fmt: skip
     angle = stack.rms_angle(wavelength)
     if angle > STEEPEST:
         reject(

@@ -15,7 +15,7 @@ from specklegen.core.errors import reject
 from specklegen.core.memory import memory_limit
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry
-from specklegen.core.values import Array, Finite, Positive, PositiveInt, position_vectors, unit_vectors
+from specklegen.core.values import Array, Finite, Positive, PositiveInt, position_vectors, read_only, unit_vectors
 from specklegen.scene.illumination import directions_of_sines
 
 Side = Literal["transmission", "reflection"]
@@ -252,7 +252,7 @@ class FarFieldGrid(Sensor):
     def directions(self) -> np.ndarray:
         """float64[H, W, 3], unit vectors of travel."""
         y, x = np.meshgrid(*reversed(self.sines), indexing="ij")
-        return directions_of_sines("FarFieldGrid.pitch", np.stack([x, y], axis=-1), self.sign)
+        return read_only(directions_of_sines("FarFieldGrid.pitch", np.stack([x, y], axis=-1), self.sign))
 
     @property
     def center_direction(self) -> np.ndarray:

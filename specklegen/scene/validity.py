@@ -54,9 +54,13 @@ def idealisations(
             "faces", False, f"idealised: matched to the surroundings{index}; in air or water they reflect, and the "
             f"memory effect's range is half and less ({remedy})",
         ))  # fmt: skip
-    scalar = "idealised: light is a scalar in the medium"
-    alone = "; what a thick medium depolarises has a contrast of 0.71 unless an analyser selects one polarisation"
-    found.append(Decision("polarisation", False, scalar + (alone if halves == 1 else ", and leaves it depolarised")))
+    if scene.polarisers is None:
+        scalar = "idealised: light is a scalar in the medium"
+        alone = "; what a thick medium depolarises has a contrast of 0.71 unless an analyser selects one polarisation"
+        told = scalar + (alone if halves == 1 else ", and leaves it depolarised")
+        found.append(Decision("polarisation", False, told))
+    else:
+        found.append(Decision("polarisation", True, "carried along every path, and seen through an analyser"))
     if not band:
         found.append(Decision(
             "bandwidth", False, "idealised: light of one wavelength; a band lowers the contrast where paths differ in "

@@ -110,7 +110,7 @@ def _square_cells(width: float, centres: np.ndarray, size: float) -> np.ndarray:
 
 
 def _gaussian_cells(width: float, centres: np.ndarray, size: float) -> np.ndarray:
-    """At the centres: cells are far smaller than the window."""
+    """Transmission at the centres of cells, which are far smaller than the window."""
     return np.exp(-8 * np.square(centres / width))
 
 

@@ -1,1 +1,1 @@
-"""From the memory-effect correlation to fields and images: one tensor program, in batches, on any device."""
+"""Synthesis of fields and images from the memory-effect correlation: one tensor program, in batches, on any device."""

@@ -22,7 +22,7 @@ from specklegen.scene.window import Window
 from specklegen.synthesis.correlations import Correlations, LightBatch
 from specklegen.synthesis.exit_grid import disc_power
 from specklegen.synthesis.fused import fused
-from specklegen.synthesis.modes import on_differences
+from specklegen.synthesis.modes import on_differences, on_signed_differences
 from specklegen.synthesis.sight import Sight
 
 
@@ -74,6 +74,8 @@ def speckle_variance(
 ) -> torch.Tensor:
     """V by the differences (row, column) of two object pixels, neither below 0: float64[M, h, w].
 
+    Of K that is not the same in all directions at differences 0, 1, ..., -2, -1: float64[M, 2h - 1, 2w - 1].
+
     Parameters
     ----------
     sight
@@ -94,8 +96,19 @@ def speckle_variance(
             for axis, power in enumerate(window_powers(sight))
         ]
         shown = along[0][:, :, None] * along[1][:, None]
+    if not all(k.isotropic for _, k in modes):
+        signed = [share.square()[:, None, None] * on_signed_differences(k, shape, wavevector).square()
+                  for share, k in modes]  # fmt: skip
+        y, x = (_wrapped(2 * count - 1, sight.device) for count in shape)
+        return shown[:, y[:, None], x] * sum(signed[1:], signed[0])
     seen = [share.square()[:, None, None] * on_differences(k, shape, wavevector).square() for share, k in modes]
     return shown * sum(seen[1:], seen[0])
+
+
+def _wrapped(period: int, device: torch.device) -> torch.Tensor:
+    """Lengths of differences 0, 1, ..., -2, -1, int64[period]."""
+    number = torch.arange(period, device=device)
+    return torch.minimum(number, period - number)
 
 
 def _lags_on_the_cpu(
@@ -174,8 +187,10 @@ def _contrast_on_the_cpu(light: torch.Tensor, variance: torch.Tensor) -> torch.T
         rows, columns = brightness.shape
         grid = 2 * rows - 1, 2 * columns - 1
         pairs = np.fft.irfft2(np.square(np.abs(np.fft.rfft2(brightness, grid))), grid)
-        y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in grid)
-        found.append(np.sqrt(max((pairs * own[y[:, None], x]).sum(), 0.0)) / brightness.sum())
+        if own.shape != grid:
+            y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in grid)
+            own = own[y[:, None], x]
+        found.append(np.sqrt(max((pairs * own).sum(), 0.0)) / brightness.sum())
     return torch.tensor(found, dtype=torch.float64)
 
 
@@ -188,14 +203,17 @@ def _contrast_on_the_cpu(light: torch.Tensor, variance: torch.Tensor) -> torch.T
 def speckle_contrast(light: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
     """Expected contrast float64[B] of images of objects real[B, h, w], over media, of what one camera pixel sees.
 
-    Its square is sum_jl O_j O_l V(j - l) / (sum O)^2, V float64[B, h, w] from :func:`speckle_variance`.
+    Its square is sum_jl O_j O_l V(j - l) / (sum O)^2, V float64[B, h, w] or [B, 2h - 1, 2w - 1] from
+    :func:`speckle_variance`.
     """
     rows, columns = light.shape[1:]
     grid = [2 * rows - 1, 2 * columns - 1]
     brightness = light.to(torch.float64)
     pairs = torch.fft.irfft2(torch.fft.rfft2(brightness, grid).abs().square(), grid)
-    y, x = (torch.minimum(torch.arange(n, device=light.device), n - torch.arange(n, device=light.device)) for n in grid)
-    total = (pairs * variance[:, y[:, None], x]).sum((1, 2))
+    if [*variance.shape[1:]] != grid:
+        y, x = (_wrapped(n, light.device) for n in grid)
+        variance = variance[:, y[:, None], x]
+    total = (pairs * variance).sum((1, 2))
     return torch.sqrt(total.clamp(min=0)) / brightness.sum((1, 2))
 
 
@@ -213,7 +231,7 @@ class ExpectedContrast:
 
     @classmethod
     def of(cls, sight: Sight, correlations: Correlations) -> Self:
-        """Of light of one mode."""
+        """Return the variance under light of one mode."""
         return cls(speckle_variance(sight, correlations))
 
     def contrast(self, light: torch.Tensor) -> torch.Tensor:

@@ -24,12 +24,21 @@ else:
 class Correlations(Protocol):
     """K of M media."""
 
+    @property
+    def isotropic(self) -> bool:
+        """Whether K of all depends on |q| alone; else they have ``planar``."""
+        ...
+
     def __call__(self, q: torch.Tensor) -> torch.Tensor:
         """K float64[M, n] at lateral wavevector differences float64[M, n]; 1 where there is no light."""
         ...
 
+    def planar(self, qx: torch.Tensor, qy: torch.Tensor) -> torch.Tensor:
+        """K float64[M, ...] at lateral wavevector differences float64[M, ...], along x and y."""
+        ...
+
     def at(self, places: Places) -> Self:
-        """Those of some of the media."""
+        """Return the correlations of some of the media."""
         ...
 
     def __len__(self) -> int:
@@ -37,8 +46,10 @@ class Correlations(Protocol):
         ...
 
 
-class Kernel(Protocol):
-    """K of one medium, such as :class:`MemoryEffectCorrelation`."""
+class Correlation(Protocol):
+    """K of one medium, such as :class:`MemoryEffectCorrelation`; if not ``isotropic`` it has ``planar`` instead."""
+
+    isotropic: bool
 
     @property
     def weights(self) -> np.ndarray:
@@ -56,26 +67,46 @@ class Tabulated:
 
     Attributes
     ----------
-    kernels : sequence of Kernel
+    correlations : sequence of Correlation
     """
 
-    kernels: Sequence[Kernel]
+    correlations: Sequence[Any]
+
+    @property
+    def isotropic(self) -> bool:
+        """Whether K of all depends on |q| alone."""
+        return all(k.isotropic for k in self.correlations)
+
+    def planar(self, qx: torch.Tensor, qy: torch.Tensor) -> torch.Tensor:
+        """K float64[M, ...]."""
+        lengths = torch.hypot(qx, qy)
+        if self.isotropic or qx.device.type == "meta":
+            return self(lengths.flatten(1)).view_as(lengths)
+        along, across, rows = qx.cpu().numpy(), qy.cpu().numpy(), []
+        for n, k in enumerate(self.correlations):
+            if not k.weights.any():
+                rows.append(np.ones(along[n].shape))
+            else:
+                rows.append(k(np.hypot(along[n], across[n])) if k.isotropic else k.planar(along[n], across[n]))
+        return torch.from_numpy(np.stack(rows)).to(qx.device)
 
     def __call__(self, q: torch.Tensor) -> torch.Tensor:
         """K float64[M, n]."""
         if q.device.type == "meta":
             return torch.empty_like(q)
         asked = q.cpu().numpy()
-        rows = [k(row) if k.weights.any() else np.ones_like(row) for k, row in zip(self.kernels, asked, strict=True)]
+        rows = [
+            k(row) if k.weights.any() else np.ones_like(row) for k, row in zip(self.correlations, asked, strict=True)
+        ]
         return torch.from_numpy(np.stack(rows)).to(q.device)
 
     def at(self, places: Places) -> Tabulated:
-        """Those of some of the media."""
-        numbers = np.arange(len(self.kernels))[places if isinstance(places, slice) else np.asarray(places)]
-        return Tabulated([self.kernels[n] for n in numbers])
+        """Return the correlations of some of the media."""
+        numbers = np.arange(len(self.correlations))[places if isinstance(places, slice) else np.asarray(places)]
+        return Tabulated([self.correlations[n] for n in numbers])
 
     def __len__(self) -> int:
-        return len(self.kernels)
+        return len(self.correlations)
 
 
 @dataclass(frozen=True)
@@ -93,12 +124,22 @@ class Mixtures:
     share: torch.Tensor
     mixture: Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
 
+    @property
+    def isotropic(self) -> bool:
+        """True: they are functions of |q|."""
+        return True
+
+    def planar(self, qx: torch.Tensor, qy: torch.Tensor) -> torch.Tensor:
+        """K float64[M, ...]."""
+        lengths = torch.hypot(qx, qy)
+        return self(lengths.flatten(1)).view_as(lengths)
+
     def __call__(self, q: torch.Tensor) -> torch.Tensor:
         """K float64[M, n]."""
         return self.mixture(q, self.radius, self.share)
 
     def at(self, places: Places) -> Mixtures:
-        """Those of some of the media."""
+        """Return the correlations of some of the media."""
         return Mixtures(self.radius[places], self.share[places], self.mixture)
 
     def __len__(self) -> int:
@@ -132,7 +173,7 @@ class FilmBatch:
         return [Mixtures(self.radius, lag.contiguous(), self.mixture) for lag in self.shares.unbind(1)]
 
     def at(self, places: Places) -> Self:
-        """Of some of the media."""
+        """Return the light of some of the media."""
         return type(self)(self.radius[places], self.shares[places], self.mixture, self.between)
 
 

@@ -154,6 +154,6 @@ def matrix_flops(x: Axis, y: Axis, shape: tuple[int, int]) -> float:
 
 
 def fft_flops(x: Axis, y: Axis) -> float:
-    """Those of an FFT, as many of a matrix product as take its time: it reaches about a third of their speed."""
+    """Count an FFT in operations of a matrix product that take its time: it reaches about a third of their speed."""
     size = x.period * y.period
     return 3 * 5.0 * size * np.log2(size)

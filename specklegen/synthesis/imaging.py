@@ -31,12 +31,13 @@ import torch
 from specklegen.core.budgets import require_time
 from specklegen.core.errors import counted, reject
 from specklegen.core.memory import require_memory
+from specklegen.core.nanoseconds import seconds
 from specklegen.synthesis import optics
 from specklegen.synthesis.contrast import speckle_contrast, speckle_variance, window_powers
 from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatch, Places
 from specklegen.synthesis.exit_grid import disc_power
 from specklegen.synthesis.films import film_root, filmed
-from specklegen.synthesis.modes import Modes, karhunen_loeve, one_by_one
+from specklegen.synthesis.modes import Modes, karhunen_loeve, one_by_one, polynomial_bytes
 from specklegen.synthesis.sight import Sight, lags_between
 from specklegen.synthesis.streams import Streams
 
@@ -47,10 +48,6 @@ BUCKETS = (1, 2, 3, 4, 6, 8, 11, 16, 22, 28)
 """Numbers of modes that media on a device are rendered with, so that few shapes occur."""
 _CHUNK = 32  # bright pixels transformed at once ...
 _MOST_VALUES = 2**25  # ... of so many lags together
-_NANOSECONDS = 0.5  # of an operation of an image on one core: found .10, .63 s where .11, .61 were predicted
-_DIFFERENCE_NANOSECONDS, _PIXEL_NANOSECONDS = 600.0, 1000.0
-"""Of K at a difference, and of the modes at a pixel, on one core: found 1.9 s and 7.5 where 2.2 and 8.8 were predicted,
-of a thousand and two thousand pixels a side."""
 _MOST_BYTES = 2**27  # of spectra: pairs of very many modes would not fit into memory
 
 
@@ -78,9 +75,9 @@ class Imaging:
         Transform from lags to camera pixels.
     camera_columns : real[M, T, W, 2 m]
         Its other half, real and imaginary parts of the conjugate, of whose product only the real part is wanted.
-    variance : float64[M, h, w]
+    variance : float64[M, h, w] or float64[M, 2h - 1, 2w - 1]
         Covariance of the images of two object pixels at one camera pixel, over the square of their mean, by the
-        difference (row, column) between them.
+        difference (row, column) between them; of a memory effect that is not round by that of either sign.
     lags : (int, int)
         Size of the lag grid.
     shape : (h, w)
@@ -125,7 +122,7 @@ class Imaging:
 
     def of(self, tensors: dict[str, torch.Tensor]) -> "Imaging":
         """The same of other media; see :meth:`tensors`."""
-        return replace(self, **tensors)
+        return replace(self, **tensors) if tensors else self
 
     @property
     def statics(self) -> tuple:
@@ -150,11 +147,12 @@ class Imaging:
     @property
     def spectra_bytes(self) -> int:
         """Memory of one medium's :meth:`spectra`."""
-        lags = self.lags[0] * (self.lags[1] // 2 + 1)
-        return self.rank * (self.rank + 1) // 2 * lags * self.object_rows.element_size()
+        return pair_bytes(self.lags, self.rank, self.object_rows.element_size())
 
     def fields(self, keys: torch.Tensor, still: torch.Tensor, sample: int = 0) -> torch.Tensor:
-        """Draw media: the fields b G_r under the window, complex[B, F, N, R, lag rows, lag columns], 0 beyond it.
+        """Draw media: the fields b G_r under the window, complex[B, F, N, R, rows, columns], 0 beyond it.
+
+        Of one medium on the CPU on the cells of its window alone, else on the grid of the lags.
 
         Parameters
         ----------
@@ -170,7 +168,7 @@ class Imaging:
         rows, columns = self.cells.expand(count, 2).repeat_interleave(halves, 0).unbind(1)
         drawn = optics.fields(
             keys.flatten(0, 1), sample, still.repeat_interleave(halves), rows, columns, envelope,
-            self.draws * self.rank, [*self.lags],
+            self.draws * self.rank, [*(self.envelope.shape[1:] if one_by_one(keys.device) else self.lags)],
         )  # fmt: skip
         if self.film is not None:
             drawn = filmed(self.film if len(self.film) == 1 else self.film.repeat_interleave(halves, 0), drawn)
@@ -226,41 +224,32 @@ class Imaging:
         return sum(seen[1:], seen[0])
 
     def points_cheaper(self, lit: int, frames: int, draws: int) -> bool:
-        """Whether ``lit`` bright pixels one by one take fewer operations than all pairs of modes."""
-        by_points, by_pairs = self._operations(lit, draws)
-        return self.spectra_bytes * frames > _MOST_BYTES or by_pairs > by_points
+        """Whether ``lit`` bright pixels one by one take fewer operations than all pairs of modes.
 
-    def _operations(self, lit: int, draws: int) -> tuple[float, float]:
-        """Operations of a frame by ``lit`` bright pixels one by one, and by all pairs of modes."""
-        tilts, (rows, columns) = self.modes.shape[1], self.lags
-        cells_count, lag_count = rows * columns / 4, rows * columns
-        transform = 5.0 * lag_count * math.log2(lag_count)
-        pairs = self.rank * (self.rank + 1) / 2 * (0.5 * transform + (20 * draws + 40 * tilts) * lag_count)
-        return lit * tilts * draws * (4.0 * self.rank * cells_count + transform + 4 * lag_count), pairs
-
-    def require_time(self, lit: int, frames: int, draws: int) -> None:
-        """Say what an image of an object of ``lit`` bright pixels takes on one core, or refuse it; see the budget's.
+        What the cheaper form takes is said where it is long, and refused where nobody waits for it; see the budget's.
 
         Raises
         ------
         RuleError
             With the days.
         """
-        by_points, by_pairs = self._operations(lit, draws)
-        least = by_points if self.points_cheaper(lit, frames, draws) else by_pairs
+        by_points, by_pairs = image_operations(self.lags, self.rank, self.modes.shape[1], lit, draws)
+        points = self.spectra_bytes * frames > _MOST_BYTES or by_pairs > by_points
+        least = by_points if points else by_pairs
         rows, columns = self.lags
         require_time(
-            "object_imaging", 1e-9 * _NANOSECONDS * frames * least,
+            "object_imaging", seconds({"image": frames * least}, 1),
             f"an image of {lit} bright pixels by {self.rank} modes on {columns} x {rows} points",
             "Use a narrower window, a smaller camera, or an object of fewer pixels.",
         )  # fmt: skip
+        return points
 
     def superposed(self, drawn: torch.Tensor, amplitudes: torch.Tensor, step: float) -> torch.Tensor:
         """Images of beams that interfere, under the first base tilt, over their mean over media: real[B, 1, H, W].
 
         Parameters
         ----------
-        drawn : complex[B, 1, N, R, lag rows, lag columns]
+        drawn : complex[B, 1, N, R, rows, columns]
             From :meth:`fields`.
         amplitudes : complex[B, h, w]
             Of the beams from the smallest sines y and x; their phases are 0 in the middle of the window.
@@ -285,9 +274,10 @@ class Imaging:
         rows, columns = self.envelope.shape[1:]
         light = self.modes[:, 0].unflatten(2, self.shape) * waves[:, None].to(self.object_rows.dtype)
         light = self.object_rows[:, None, :rows] @ light @ self.object_columns[:, None, :, :columns]
-        views = torch.fft.ifft2(
-            (drawn[:, 0, :, :, :rows, :columns] * light[:, None]).sum(2), s=self.lags, norm="forward"
-        )
+        # Strides decide the last bits of complex products: those of the grid of lags, on every device.
+        down, across = (n - m for n, m in zip(self.lags, drawn.shape[-2:], strict=True))
+        drawn = torch.nn.functional.pad(drawn[:, 0], (0, across, 0, down))[..., :rows, :columns]
+        views = torch.fft.ifft2((drawn * light[:, None]).sum(2), s=self.lags, norm="forward")
         spectrum = torch.fft.rfft2(torch.view_as_real(views).square().sum(-1).sum(1), norm="forward")[:, None]
         image = optics.seen(torch.view_as_real(spectrum), self.transforms)[:, :1]
         power = torch.view_as_real(light).square().sum((-1, 1)) * self.envelope.square()
@@ -302,7 +292,7 @@ class Imaging:
 
     @property
     def transforms(self) -> dict[str, torch.Tensor]:
-        """As :func:`optics.images` wants them."""
+        """Transforms, as :func:`optics.images` wants them."""
         names = ("object_rows", "object_columns", "camera_rows", "camera_columns")
         return {name: getattr(self, name) for name in names}
 
@@ -325,14 +315,13 @@ class Imaging:
         ramps_y, ramps_x = self.object_rows[0, :rows].mT, self.object_columns[0, :, :columns]
         at_once = min(_CHUNK, max(1, _MOST_VALUES // (self.lags[0] * self.lags[1])))
         totals = []
-        for frame in drawn[0, :, :, :, :rows, :columns]:
+        for frame in torch.view_as_real(drawn[0, :, :, :, :rows, :columns].contiguous()).flatten(3):
             for modes in self.modes[0]:
                 total = torch.zeros(self.lags, dtype=self.modes.dtype, device=modes.device)
                 for chunk in lit.split(at_once) if len(lit) else ():
                     row, column = chunk // self.shape[1], chunk % self.shape[1]
                     ramps = ramps_y[row][:, :, None] * ramps_x[column][:, None, :]
-                    for draw in frame:
-                        flat = torch.view_as_real(draw.contiguous()).reshape(self.rank, -1)
+                    for flat in frame:
                         field = torch.view_as_complex((modes[:, chunk].T @ flat).view(len(chunk), rows, columns, 2))
                         views = torch.fft.ifft2(field * ramps, s=self.lags, norm="forward")
                         power = torch.view_as_real(views).square_()
@@ -340,6 +329,47 @@ class Imaging:
                         total += torch.tensordot(bright[chunk], power, dims=1)
                 totals.append(torch.fft.rfft2(total, norm="forward"))
         return optics.seen(torch.view_as_real(torch.stack(totals)[None]), self.transforms)
+
+
+def pair_bytes(lags: tuple[int, int], rank: int, each: int) -> int:
+    """Memory of the spectra of all pairs of modes, of ``each`` bytes a number."""
+    return rank * (rank + 1) // 2 * lags[0] * (lags[1] // 2 + 1) * each
+
+
+def image_operations(lags: tuple[int, int], rank: int, tilts: int, lit: int, draws: int) -> tuple[float, float]:
+    """Operations of a frame by ``lit`` bright pixels one by one, and by all pairs of modes."""
+    cells, count = lags[0] * lags[1] / 4, lags[0] * lags[1]
+    transform = 5.0 * count * math.log2(count)
+    pairs = rank * (rank + 1) / 2 * (0.5 * transform + (20 * draws + 40 * tilts) * count)
+    return lit * tilts * draws * (4.0 * rank * cells + transform + 4 * count), pairs
+
+
+def expected_work(sight: Sight, rank: int, degree: int, lit: int) -> tuple[dict[str, float], float]:
+    """Counted operations of the first image of an object behind one medium, and bytes, before any of it is made.
+
+    Parameters
+    ----------
+    sight
+        Of one medium.
+    rank, degree
+        Modes, and the highest degree of their polynomials.
+    lit
+        Pixels that shine.
+    """
+    (h, w), (rows, columns), (high, wide) = sight.shape, sight.most_cells, sight.camera
+    lags, tilts = _lags(rows, columns), sight.base.shape[1]
+    pairs = pair_bytes(lags, rank, 8)
+    by_points, by_pairs = image_operations(lags, rank, tilts, lit, 1)
+    one_by_one = pairs > _MOST_BYTES or by_pairs > by_points
+    half = lags[1] // 2 + 1
+    operations = mode_operations(sight, 1) | {
+        "normal": float(rank * rows * columns),
+        "image": by_points if one_by_one else by_pairs,
+        "phasor": float(lags[0] * (h + high) + half * (w + wide)),
+        "product": float(high * half * (lags[0] + wide)),
+    }
+    held = polynomial_bytes(sight.lattice.full, degree), field_bytes(rows, columns, lags, rank, precise=False)
+    return operations, max(held) + 8 * rank * h * w + (0 if one_by_one else 2 * pairs)
 
 
 @dataclass(frozen=True)
@@ -350,7 +380,7 @@ class ImagedMedia:
     ----------
     imaging : Imaging
         Of each, or of all.
-    drawn : complex[B, F, N, R, lag rows, lag columns] or None
+    drawn : complex[B, F, N, R, rows, columns] or None
         Fields.
     spectra : complex[B, F, R(R+1)/2, n, m] or None
         Their products, where many objects share them.
@@ -390,7 +420,6 @@ class ImagedMedia:
         """Images over that of a pixel of brightness 1; one object on the CPU is imaged in the cheaper form."""
         if self.drawn is not None and self._looked_at(light):
             frames, draws = self.drawn.shape[1:3]
-            self.imaging.require_time(int((light != 0).sum()), frames, draws)
             if self.imaging.points_cheaper(int((light != 0).sum()), frames, draws):
                 return self.imaging.images_by_points(self.drawn, light)
         spectra = self.imaging.spectra(self.drawn) if self.spectra is None else self.spectra  # type: ignore[arg-type]
@@ -576,20 +605,34 @@ def _require_time(sight: Sight, light: LightBatch | None) -> None:
     """Say what the modes of objects of many pixels take on one core, or refuse them; see the budget's."""
     if not one_by_one(sight.device):
         return
-    (rows, columns), tilts = sight.shape, sight.base.shape[1]
-    # K is asked at the differences of pixels, for the variance and for the modes: of both signs between tilts.
-    differences = (1 if light is None else light.shares.shape[1]) + (4 * tilts**2 if tilts > 1 else 1)
-    each = differences * _DIFFERENCE_NANOSECONDS + tilts * _PIXEL_NANOSECONDS
+    rows, columns = sight.shape
     require_time(
-        "object_imaging", 1e-9 * len(sight) * rows * columns * each,
+        "object_imaging", seconds(mode_operations(sight, 1 if light is None else light.shares.shape[1]), 1),
         f"the modes of {columns} x {rows} pixels behind {counted(len(sight), 'medium')}",
         "Use an object of fewer pixels.",
     )  # fmt: skip
 
 
-def _require_room(rows: int, columns: int, lags: tuple[int, int], modes: int, precise: bool) -> None:
+def mode_operations(sight: Sight, lights: int) -> dict[str, float]:
+    """Counted operations of the modes of media under so many modes of the light.
+
+    Of a thousand and two thousand pixels a side they were found to take 1.9 s and 7.5 where 2.2 and 8.8 were predicted.
+    """
+    (rows, columns), tilts = sight.shape, sight.base.shape[1]
+    pixels = float(len(sight) * rows * columns)
+    # K is asked at the differences of pixels, for the variance and for the modes: of both signs between tilts.
+    differences = lights + (4 * tilts**2 if tilts > 1 else 1)
+    return {"object pixel": tilts * pixels, "object difference": differences * pixels}
+
+
+def field_bytes(rows: int, columns: int, lags: tuple[int, int], modes: int, precise: bool) -> int:
+    """Memory of the fields of modes on cells of the exit face, and of their sum over bright points."""
     # White noise of the modes, mixed; fields of a point over the lags, their transform and square; the sum over points.
-    held = (8 if precise else 4) * (4 * modes * rows * columns + 8 * lags[0] * lags[1])
+    return (8 if precise else 4) * (4 * modes * rows * columns + 8 * lags[0] * lags[1])
+
+
+def _require_room(rows: int, columns: int, lags: tuple[int, int], modes: int, precise: bool) -> None:
+    held = field_bytes(rows, columns, lags, modes, precise)
     require_memory(
         "object_imaging", "held", held, f"{counted(modes, 'mode')} on {columns} x {rows} cells of the exit face",
         "Use a narrower window (window.width) or a smaller field of view.",

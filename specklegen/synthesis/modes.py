@@ -10,7 +10,7 @@ or root is chosen by rounding: neighbours in power stay together, and the order 
 
 The degree is 6, that of all polynomials where there are few beams, and rises where the polynomials leave out more
 than half of the tolerance. At a quarter to one memory-effect range that takes at most a quarter more modes than the
-exact expansion needs at the same tolerance (tests/samplers/stationary/test_modes.py).
+exact expansion needs at the same tolerance (tests/synthesis/test_modes.py).
 Source of the recurrence: Gautschi, *Orthogonal Polynomials* (2004), section 2.2.3, with every step orthogonalised anew.
 """
 
@@ -76,8 +76,14 @@ class Lattice:
         """Number of beams, T h w."""
         return math.prod(self.full)
 
+    def thinned(self, side: int) -> Lattice:
+        """A lattice of the same extent with at most ``side`` points along each axis: it has about as many modes."""
+        apart = max(1.0, *((n - 1) / (side - 1) for n in self.shape))
+        rows, columns = (round((n - 1) / apart) + 1 for n in self.shape)
+        return Lattice((rows, columns), self.step * apart, self.base, self.kept)
+
     def at(self, places: Places) -> Lattice:
-        """Of some of the media."""
+        """Return the modes of some of the media."""
         kept = None if self.kept is None else self.kept[places]
         return Lattice(self.shape, self.step[places], self.base[places], kept)
 
@@ -103,7 +109,7 @@ class Modes:
     rank: torch.Tensor
 
     def at(self, places: Places) -> Modes:
-        """Of some of the media."""
+        """Return the modes of some of the media."""
         return Modes(self.lattice.at(places), self.degree, self.columns[places], self.rank[places])
 
     def values(self, rank: int) -> torch.Tensor:
@@ -201,9 +207,19 @@ def on_differences(correlations: Correlations, shape: tuple[int, int], step: tor
     return correlations(step[:, None] * torch.from_numpy(distance).to(device))[:, torch.from_numpy(which).to(device)]
 
 
+def on_signed_differences(correlations: Correlations, shape: tuple[int, int], step: torch.Tensor) -> torch.Tensor:
+    """K float64[M, 2h - 1, 2w - 1] at the differences of two pixels 0, 1, ..., -2, -1 along either axis: of any K."""
+    h, w = (torch.cat([torch.arange(n), torch.arange(1 - n, 0)]).double().to(step.device) for n in shape)
+    dy, dx = (step[:, None] * n for n in (h, w))
+    return correlations.planar(*torch.broadcast_tensors(dx[:, None], dy[:, :, None]))
+
+
 def memory(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
-    """K at the differences of all beams: float64[M, h, w] of one tilt, else float64[M, T, T, 2h - 1, 2w - 1]."""
-    if lattice.tilts == 1:
+    """K at the differences of all beams: float64[M, h, w] of one tilt, else float64[M, T, T, 2h - 1, 2w - 1].
+
+    The latter, too, of one tilt where K is not the same in all directions.
+    """
+    if lattice.tilts == 1 and correlations.isotropic:
         return on_differences(correlations, lattice.shape, lattice.step)
     (h, w), device = lattice.shape, lattice.step.device
     gap = lattice.base[:, :, None] - lattice.base[:, None]
@@ -211,7 +227,9 @@ def memory(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
     step = lattice.step[:, None, None, None]
     dy, dx = (gap[..., axis, None] - step * n for axis, n in ((1, along[0]), (0, along[1])))
     distance = torch.hypot(dy[..., :, None], dx[..., None, :])
-    if device.type == "cpu":  # many are the same, and K is what takes the time there
+    if not correlations.isotropic:
+        found = correlations.planar(*torch.broadcast_tensors(dx[..., None, :], dy[..., :, None]))
+    elif device.type == "cpu":  # many are the same, and K is what takes the time there
         found = torch.empty_like(distance)
         for n, own in enumerate(distance):
             unique, which = torch.unique(own, return_inverse=True)
@@ -224,7 +242,7 @@ def memory(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
 def coefficients(known: torch.Tensor, lattice: Lattice, degree: int) -> torch.Tensor:
     """A = B^T K B, float64[M, N, N], of the polynomials of a lattice, from K on its differences (:func:`memory`)."""
     (h, w), tilts, device = lattice.shape, lattice.tilts, known.device
-    if tilts == 1:
+    if known.ndim == 3:
         rows, columns = (folded(count, degree).to(device) for count in (h, w))
         return (rows @ known @ columns.T).flatten(1)[:, places((h, w), degree).to(device)]
     between = known  # [M, T, T, m_y^2, m_x^2]; the one polynomial of one beam is 1
@@ -244,12 +262,12 @@ def factor(matrix: torch.Tensor, size: int) -> torch.Tensor:
     return torch.linalg.cholesky_ex(matrix + jitter)[0]
 
 
-def kept(triangle: torch.Tensor, size: int, tolerance: float) -> torch.Tensor:
+def kept(power: torch.Tensor, size: int, tolerance: float) -> torch.Tensor:
     """Which columns of L to keep, bool[..., N], so that at most ``tolerance`` of the intensity is left out.
 
-    The strongest are, as few as will do; columns of nearly one power are kept or left out together.
+    Of powers float64[..., N], sums of the squares of columns. The strongest are kept, as few as will do; columns of
+    nearly one power are kept or left out together.
     """
-    power = triangle.square().sum(-2)
     descending = power.sort(dim=-1, descending=True)[0]
     left = size - descending.cumsum(-1)
     following = torch.nn.functional.pad(descending[..., 1:], (0, 1))
@@ -288,6 +306,11 @@ def sum_of_squares(correlations: Correlations, lattice: Lattice) -> float:
     """
     h, w = (torch.arange(n, dtype=torch.float64) for n in lattice.shape)
     pairs = torch.outer(*(torch.where(n > 0, 2.0, 1.0) * (len(n) - n) for n in (h, w)))
+    if not correlations.isotropic:
+        signed = [torch.cat([n, n[1:].flip(0)]) for n in (h, w)]
+        pairs = torch.outer(*(len(n) - each for n, each in zip((h, w), signed, strict=True)))
+        squares = on_signed_differences(correlations, lattice.shape, lattice.step)[0].square().cpu()
+        return lattice.tilts**2 * float((pairs * squares).sum())
     squares = on_differences(correlations, lattice.shape, lattice.step)[0].square().cpu()
     return lattice.tilts**2 * float((pairs * squares).sum())
 
@@ -303,6 +326,14 @@ def fewest(matrix: torch.Tensor, squares: float, wanted: float) -> float:
     return len(matrix) + missing**2 / (max(left, 0.0) + 1e-9 * squares)
 
 
+def polynomial_bytes(lattice_shape: tuple[int, ...], degree: int) -> int:
+    """Memory that polynomials take while modes are made of them."""
+    count, beams = polynomial_count(lattice_shape, degree), math.prod(lattice_shape)
+    per_axis = [min(n, degree + 1) for n in lattice_shape]
+    # K between all products of polynomials, twice; its matrix, factor and index, with what they are made from; values.
+    return 8 * (2 * math.prod(n**2 for n in per_axis) + 8 * count**2 + 3 * beams * count)
+
+
 def require_room(lattice_shape: tuple[int, ...], degree: int) -> None:
     """Refuse polynomials that would not fit into memory.
 
@@ -312,11 +343,8 @@ def require_room(lattice_shape: tuple[int, ...], degree: int) -> None:
         With the bytes they take.
     """
     count, beams = polynomial_count(lattice_shape, degree), math.prod(lattice_shape)
-    per_axis = [min(n, degree + 1) for n in lattice_shape]
-    # K between all products of polynomials, twice; its matrix, factor and index, with what they are made from; values.
-    held = 8 * (2 * math.prod(n**2 for n in per_axis) + 8 * count**2 + 3 * beams * count)
     require_memory(
-        "object_imaging", "held", held, f"{count} modes of {beams} beams",
+        "object_imaging", "held", polynomial_bytes(lattice_shape, degree), f"{count} modes of {beams} beams",
         "Use a smaller field of view in memory-effect ranges, fewer pixels, a longer coherence length, or a larger "
         "mode_tolerance.",
     )  # fmt: skip
@@ -340,24 +368,23 @@ def karhunen_loeve(correlations: Correlations, lattice: Lattice, tolerance: floa
     """
     degree, known = first_degree(lattice.full), memory(correlations, lattice)
     require_room(lattice.full, degree)
-    at_once = 1 if one_by_one(known.device) else max(len(known), 1)
-    found, first = [], []
-    for start in range(0, len(known), at_once):
-        own = slice(start, start + at_once)
-        some = lattice.at(own)
-        triangle = factor(coefficients(known[own], some, degree), lattice.size)
-        enough = _enough(triangle, some, degree, tolerance)
-        if all(enough):
-            first.append(([*range(start, start + len(enough))], _chosen(triangle, some, degree, tolerance)))
-            continue
-        for n, yes in enumerate(enough):
-            one = slice(start + n, start + n + 1)
-            if yes:
-                made = _chosen(triangle[n : n + 1], lattice.at(one), degree, tolerance)
-            else:
-                made = _raised(correlations.at(one), known[one], lattice.at(one), degree, tolerance)
-            found.append(([start + n], made))
-    return first + found
+    if one_by_one(known.device):  # products and sums alone, for what follows has the same bits in batches
+        places = [slice(n, n + 1) for n in range(len(known))]
+        triangles = [factor(coefficients(known[n], lattice.at(n), degree), lattice.size) for n in places]
+        enough = [yes for triangle in triangles for yes in _enough(triangle, lattice, degree, tolerance)]
+        triangle, power = torch.cat(triangles), torch.cat([each.square().sum(-2) for each in triangles])
+    else:
+        triangle = factor(coefficients(known, lattice, degree), lattice.size)
+        enough, power = _enough(triangle, lattice, degree, tolerance), triangle.square().sum(-2)
+    found = []
+    if at := [n for n, yes in enumerate(enough) if yes]:
+        some = slice(None) if all(enough) else at
+        found.append((at, _chosen(triangle[some], power[some], lattice.at(some), degree, tolerance)))
+    for n, yes in enumerate(enough):
+        if not yes:
+            one = slice(n, n + 1)
+            found.append(([n], _raised(correlations.at(one), known[one], lattice.at(one), degree, tolerance)))
+    return found
 
 
 def _enough(triangle: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> list[bool]:
@@ -367,8 +394,10 @@ def _enough(triangle: torch.Tensor, lattice: Lattice, degree: int, tolerance: fl
     return (1 - reached(triangle, lattice.size) <= POLYNOMIAL_SHARE * tolerance).tolist()
 
 
-def _chosen(triangle: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> Modes:
-    chosen = kept(triangle, lattice.size, tolerance)
+def _chosen(
+    triangle: torch.Tensor, power: torch.Tensor, lattice: Lattice, degree: int, tolerance: float
+) -> Modes:
+    chosen = kept(power, lattice.size, tolerance)
     first = torch.sort((~chosen).to(torch.int8), dim=-1, stable=True)[1]
     rank = chosen.sum(-1)
     ordered = triangle.gather(2, first[:, None].expand_as(triangle))
@@ -385,7 +414,7 @@ def _raised(
         matrix = coefficients(known, lattice, degree)
         triangle = factor(matrix, lattice.size)
         if _enough(triangle, lattice, degree, tolerance)[0]:
-            return _chosen(triangle, lattice, degree, tolerance)
+            return _chosen(triangle, triangle.square().sum(-2), lattice, degree, tolerance)
         least = fewest(matrix[0], squares, (1 - POLYNOMIAL_SHARE * tolerance) * lattice.size)
         degree = degree * 3 // 2
         while degree < sum(lattice.full) - len(lattice.full) and polynomial_count(lattice.full, degree) < least:

@@ -12,7 +12,7 @@ from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
-from specklegen.scene.illumination import object_sines
+from specklegen.scene.illumination import require_corner
 from specklegen.scene.sensors import FarFieldGrid, require_resolved
 from specklegen.scene.window import Profile
 from specklegen.synthesis.correlations import LightBatch, Tabulated
@@ -23,13 +23,59 @@ from specklegen.synthesis.streams import Streams
 if TYPE_CHECKING:
     import torch
 
+    from specklegen.memory_effects.polarised_fields import PolarisedCorrelation
     from specklegen.synthesis.imaging import ImagedMedia, Imaging
 else:
     torch = LazyModule("torch")
 
 
+MODE_TOLERANCE = 0.01
+"""Share of the intensity that the modes of an object leave out, unless something else is asked for."""
+_THINNED = 24
+"""Points a side of the lattice on which modes are counted before they are made."""
+
+
+def _host(value: ArrayLike) -> torch.Tensor:
+    return torch.as_tensor(np.asarray(value, np.float64))[None]
+
+
+def object_sight(
+    wavelength: float,
+    shape: tuple[int, int],
+    pitch: float,
+    width: float,
+    profile: Profile,
+    grid: FarFieldGrid,
+    *,
+    base: ArrayLike = ((0.0, 0.0),),
+    pixel_integration: bool = False,
+) -> Sight:
+    """How an object of (h, w) pixels is seen by a camera through one medium; see :func:`object_imaging`."""
+    return Sight(
+        wavelength=wavelength, profile=profile, shape=shape, camera=grid.shape, center=grid.center,
+        integrated=pixel_integration, width=_host(width), object_pitch=_host(pitch), camera_pitch=_host(grid.pitch),
+        base=_host(np.atleast_2d(np.asarray(base, np.float64))),
+    )  # fmt: skip
+
+
+def expected_image(
+    correlation: MemoryEffectCorrelation | PolarisedCorrelation, sight: Sight, lit: int,
+    tolerance: float = MODE_TOLERANCE,
+) -> tuple[dict[str, float], float]:  # fmt: skip
+    """Counted operations and bytes of the first image of an object of ``lit`` bright pixels, before it is made.
+
+    The modes are counted on a lattice of the same extent and fewer pixels, with a K as good as there is.
+    """
+    from specklegen.synthesis.imaging import expected_work
+    from specklegen.synthesis.modes import karhunen_loeve
+
+    with one_torch_thread():
+        ((_, modes),) = karhunen_loeve(Tabulated([correlation]), sight.lattice.thinned(_THINNED), tolerance)
+    return expected_work(sight, int(modes.rank[0]), modes.degree, lit)
+
+
 def object_imaging(
-    kernel: MemoryEffectCorrelation,
+    correlation: MemoryEffectCorrelation | PolarisedCorrelation,
     *,
     wavelength: float,
     object_shape: tuple[int, int],
@@ -40,7 +86,7 @@ def object_imaging(
     base: ArrayLike = ((0.0, 0.0),),
     light: LightModes | None = None,
     pixel_integration: bool = False,
-    tolerance: float = 0.01,
+    tolerance: float = MODE_TOLERANCE,
     device: torch.device | str = "cpu",
     dtype: torch.dtype | None = None,
 ) -> Imaging:
@@ -48,7 +94,7 @@ def object_imaging(
 
     Parameters
     ----------
-    kernel
+    correlation
         K of the material.
     wavelength, width, profile, grid
         As in :class:`Scene`.
@@ -75,22 +121,20 @@ def object_imaging(
 
     if not pixel_integration:
         require_resolved("object_imaging grid pitch", wavelength, width, grid.pitch)
-    object_sines("object_imaging", object_shape, object_pitch)  # refuses pixels beyond the half space
-    host = lambda value: torch.as_tensor(np.asarray(value, np.float64))[None]  # noqa: E731
-    one = lambda value: host(value).to(device)  # noqa: E731
-    sight = Sight(
-        wavelength=wavelength, profile=profile, shape=object_shape, camera=grid.shape, center=grid.center,
-        integrated=pixel_integration, width=host(width), object_pitch=host(object_pitch), camera_pitch=host(grid.pitch),
-        base=host(np.atleast_2d(np.asarray(base, np.float64))),
-    )  # fmt: skip
+    require_corner("object_imaging", object_shape, object_pitch)
+    one = lambda value: _host(value).to(device)  # noqa: E731
+    sight = object_sight(
+        wavelength, object_shape, object_pitch, width, profile, grid, base=base, pixel_integration=pixel_integration
+    )
     if torch.device(device).type != "cpu":  # which is not asked for its cells
         sight = replace(sight.on(device), bound=sight.most_cells)
     known = None
     if light is not None:
-        known = LightBatch(one(light.shares), tuple(Tabulated([k]) for k in light.kernels), one(light.flat))
+        known = LightBatch(one(light.shares), tuple(Tabulated([k]) for k in light.correlations), one(light.flat))
     with one_torch_thread():
         ((_, made),) = imagings(
-            sight, Tabulated([kernel]), known, tolerance=tolerance, precise=dtype in (torch.complex128, torch.float64)
+            sight, Tabulated([correlation]), known, tolerance=tolerance,
+            precise=dtype in (torch.complex128, torch.float64),
         )  # fmt: skip
     return made
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 else:
     torch = LazyModule("torch")
 
-_LONGEST = 2**16
+_LONGEST = 2**40  # beyond what any memory holds
 
 
 class Cells(NamedTuple):
@@ -99,7 +99,7 @@ class Sight:
         return 2 * np.pi / self.wavelength
 
     def at(self, places: Places) -> Sight:
-        """Of some of the media."""
+        """Return the sight of some of the media."""
         rows = {name: value[places] for name, value in vars(self).items() if isinstance(value, torch.Tensor)}
         return replace(self, **rows)
 
@@ -164,10 +164,10 @@ def _smooth(primes: tuple[int, ...]) -> np.ndarray:
     """Numbers up to ``_LONGEST`` without other prime factors, int64, ascending."""
     found = np.ones(1, np.int64)
     for prime in primes:
-        powers = prime ** np.arange(int(np.log(_LONGEST) / np.log(prime)) + 1, dtype=np.int64)
-        found = np.unique(np.outer(found, powers))
-        found = found[found <= _LONGEST]
-    return found
+        new = found
+        while len(new := new[new <= _LONGEST // prime] * prime):
+            found = np.append(found, new)
+    return np.sort(found)
 
 
 @lru_cache(maxsize=8)
@@ -178,8 +178,7 @@ def _on(device: torch.device, primes: tuple[int, ...]) -> torch.Tensor:
 def fast_length(least: torch.Tensor, *, real: bool = False) -> torch.Tensor:
     """Fast length of a transform of at least so many points, int64[...]: ``scipy.fft.next_fast_len``."""
     lengths = _on(least.device, (2, 3, 5) if real else (2, 3, 5, 7, 11))
-    # Longer ones do not fit into memory, which whoever makes them says.
-    return lengths[torch.searchsorted(lengths, least).clamp(max=len(lengths) - 1)]
+    return lengths[torch.searchsorted(lengths, least).clamp(max=len(lengths) - 1)]  # not to ask a device
 
 
 def lags_between(count: torch.Tensor) -> torch.Tensor:

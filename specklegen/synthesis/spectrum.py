@@ -119,14 +119,14 @@ class LightModes:
     ----------
     shares : float64[N]
         mu_n, the share of the intensity in each mode.
-    kernels : tuple of MemoryEffectCorrelation
+    correlations : tuple of MemoryEffectCorrelation
         The memory effect of each mode.
     flat : float
         Share in modes too weak to show: it comes as an even brightness.
     """
 
     shares: np.ndarray
-    kernels: tuple[MemoryEffectCorrelation, ...]
+    correlations: tuple[MemoryEffectCorrelation, ...]
     flat: float = 0.0
 
     @property
@@ -251,7 +251,7 @@ def light_modes(
             "Use a narrower filter, or a thinner or less scattering layer.",
         )
     gates = np.square(vectors[:, :kept]) / share[:, None]  # up to mu_n, which the kernels do not feel
-    kernels = tuple(
+    correlations = tuple(
         MemoryEffectCorrelation(
             radius=correlation.radius,
             weights=(correlation.joint[:, used] @ gate)[None],
@@ -260,4 +260,4 @@ def light_modes(
         )
         for gate in gates.T
     )
-    return LightModes(power[:kept], kernels, float(max(0.0, 1 - power[:kept].sum())))
+    return LightModes(power[:kept], correlations, float(max(0.0, 1 - power[:kept].sum())))

@@ -12,16 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
-from specklegen.memory_effects.correlation import MemoryEffectCorrelation
-from specklegen.memory_effects.film import FilmCorrelation
-from specklegen.memory_effects.oblique import ObliqueCorrelation
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.synthesis.exit_grid import Axis, fft_flops, matrix_flops, sampled_amplitude, stack_axes
@@ -35,9 +32,31 @@ else:
 _SMALL_PHASE = 1e-3  # radians that nobody sees beside the field tolerance of path sums
 
 
-def mean_intensity(kernel: MemoryEffectCorrelation | ObliqueCorrelation | FilmCorrelation, area: float) -> float:
+class Weighed(Protocol):
+    """Correlations of paths that have weights."""
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Contributions, of any shape."""
+        ...
+
+    @property
+    def paths(self) -> int:
+        """What to divide their sum by for the intensity per unit area."""
+        ...
+
+
+class Matrices(Weighed, Protocol):
+    """Correlations that know the matrix between beams."""
+
+    def matrix(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
+        """Matrix between beams at direction sines float64[T, 2], for the ``roots`` of :func:`stack_sampler`."""
+        ...
+
+
+def mean_intensity(correlation: Weighed, area: float) -> float:
     """Intensity I at the centre of the view: contribution per path and area of the window."""
-    return float(kernel.weights.sum() / kernel.paths * area) if kernel.paths else 0.0
+    return float(correlation.weights.sum() / correlation.paths * area) if correlation.paths else 0.0
 
 
 @dataclass(frozen=True)
@@ -130,7 +149,7 @@ def tilt_roots(correlation: np.ndarray) -> np.ndarray:
 
 def stack_sampler(
     scene: Scene,
-    kernel: MemoryEffectCorrelation | ObliqueCorrelation | FilmCorrelation,
+    correlation: Matrices,
     *,
     device: torch.device | str = "cpu",
     dtype: torch.dtype | None = None,
@@ -142,7 +161,7 @@ def stack_sampler(
 
     Parameters
     ----------
-    scene, kernel
+    scene, correlation
         The scene, and K of its medium: that of the axis, or one about the middle of its beams and views.
     device, dtype
         Where and in what precision to draw; the random numbers are the same everywhere.
@@ -165,7 +184,7 @@ def stack_sampler(
     x, y = stack_axes(scene, drift)
     first = np.array([axis[0] for axis in grid.sines])
     k = scene.wavenumber
-    ramp = np.sqrt(mean_intensity(kernel, beams.window.area))
+    ramp = np.sqrt(mean_intensity(correlation, beams.window.area))
     if drift is None:
         window = np.broadcast_to(ramp * sampled_amplitude(x, y, beams.window), (len(sines), y.count, x.count))
     else:
@@ -173,7 +192,7 @@ def stack_sampler(
     steps = [np.arange(n) * grid.pitch for n in grid.shape]
     rows = np.exp(-1j * k * steps[0][:, None] * y.positions)
     columns = np.exp(-1j * k * steps[1][:, None] * x.positions)
-    mixing = roots(kernel.correlation(sines, k)) if len(sines) else np.zeros((0, 1))
+    mixing = roots(correlation.matrix(sines, k)) if len(sines) else np.zeros((0, 1))
     if fft is None:
         fft = fft_flops(x, y) < matrix_flops(x, y, grid.shape)
     # A Gaussian window reaches 2.5 widths; the transform of a coarse grid spans 2 and would cut it off.

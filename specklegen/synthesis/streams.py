@@ -26,5 +26,5 @@ class Streams(NamedTuple):
     words: torch.Tensor
 
     def at(self, places: list[int]) -> Streams:
-        """Those of some of the media."""
+        """Return the streams of some of the media."""
         return Streams(self.keys[places], self.still[places], self.words[places])

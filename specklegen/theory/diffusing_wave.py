@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import root_scalar
 
-from specklegen.core.arguments import positive_number, real_array, real_number
+from specklegen.core.arguments import array_from_zero, number_from_zero, positive_number, real_number
 from specklegen.core.errors import reject
 
 EXTRAPOLATION = 2 / 3
@@ -131,14 +131,8 @@ def inferred_depths(field: float, x: float, *, extrapolation: float = EXTRAPOLAT
 
 
 def _root(x: ArrayLike, owner: str) -> np.ndarray:
-    found = real_array(f"{owner} x", x)
-    if not (np.isfinite(found) & (found >= 0)).all():
-        reject(f"{owner} x", "finite and at least 0", found)
-    return np.sqrt(6 * found)
+    return np.sqrt(6 * array_from_zero(f"{owner} x", x, finite=True))
 
 
 def _length(owner: str, value: float) -> float:
-    length = real_number(f"{owner} extrapolation", value)
-    if not 0 <= length < np.inf:
-        reject(f"{owner} extrapolation", "finite and at least 0", value)
-    return length
+    return number_from_zero(f"{owner} extrapolation", value, finite=True)

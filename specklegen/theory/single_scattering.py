@@ -178,7 +178,7 @@ def _distances(points: np.ndarray, owner: np.ndarray, speed: np.ndarray, face: n
 
 
 def _lead(speed, face, a: int, b: int, corners: np.ndarray, owner: np.ndarray) -> np.ndarray:
-    """By how much face a is later than face b at every corner, float64[n, d+1]; 0 where another face is always first.
+    """Lead of face b over face a at every corner, float64[n, d+1]; 0 where another face is always first.
 
     Times are scaled by the product of the speeds, so that rays parallel to a face need no exception.
     """

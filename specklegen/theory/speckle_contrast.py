@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import toeplitz
 from scipy.special import gammainc
 
-from specklegen.core.arguments import real_array, real_number, whole_number
+from specklegen.core.arguments import array_from_zero, number_from_zero, real_number, whole_number
 from specklegen.core.errors import reject
 from specklegen.core.quadrature import gauss_legendre
 
@@ -53,7 +53,7 @@ def exposure_average(y: ArrayLike) -> np.ndarray:
     >>> [round(float(f), 4) for f in exposure_average([0.0, 1e-9, 2.0, float("inf")])]
     [1.0, 1.0, 0.5677, 0.0]
     """
-    return _average(_checked("exposure_average y", y))
+    return _average(array_from_zero("exposure_average y", y))
 
 
 def _average(y: np.ndarray) -> np.ndarray:
@@ -92,9 +92,8 @@ def exponential_contrast_squared(
     >>> float(exponential_contrast_squared(5e-3, 5e-3).round(4))  # seconds
     0.5677
     """
-    x = _checked("exponential_contrast_squared exposure", exposure) / _checked(
-        "exponential_contrast_squared correlation_time", correlation_time, above=True
-    )
+    exposure = array_from_zero("exponential_contrast_squared exposure", exposure)
+    x = exposure / array_from_zero("exponential_contrast_squared correlation_time", correlation_time, above=True)
     rho, beta = _shares("exponential_contrast_squared", dynamic_share, beta)
     return beta * _shared(rho, x)
 
@@ -132,8 +131,8 @@ def correlation_time(
     >>> [float(tau) for tau in correlation_time([0.0, 0.56766764, 1.2], 5e-3).round(6)]
     [0.0, 0.005, inf]
     """
-    squared = _checked("correlation_time contrast_squared", contrast_squared)
-    exposure = _checked("correlation_time exposure", exposure, above=True)
+    squared = array_from_zero("correlation_time contrast_squared", contrast_squared)
+    exposure = array_from_zero("correlation_time exposure", exposure, above=True)
     rho, beta = _shares("correlation_time", dynamic_share, beta)
     if rho == 0:
         reject("correlation_time dynamic_share", "above 0", dynamic_share, "Light that all stands still has no time.")
@@ -188,10 +187,9 @@ def diffusing_contrast_squared(exposure: ArrayLike, tau0: ArrayLike, *, gamma: f
     >>> [float(k) for k in diffusing_contrast_squared([0.001, 0.01, 0.1, 1.0], 1.0).round(4)]
     [0.8728, 0.6576, 0.297, 0.0546]
     """
-    share = _checked("diffusing_contrast_squared exposure", exposure) / _checked(
-        "diffusing_contrast_squared tau0", tau0, above=True
-    )
-    b = 2 * float(_checked("diffusing_contrast_squared gamma", gamma, above=True)) * np.sqrt(6 * share)
+    exposure = array_from_zero("diffusing_contrast_squared exposure", exposure)
+    share = exposure / array_from_zero("diffusing_contrast_squared tau0", tau0, above=True)
+    b = 2 * number_from_zero("diffusing_contrast_squared gamma", gamma, above=True) * np.sqrt(6 * share)
     safe = np.clip(b, 1e-8, 1e75)  # b^4 stays a number; below, the first term of the series is exact
     found = 4 * (gammainc(2, safe) / safe**2 - 6 * gammainc(4, safe) / safe**4)
     return np.where(b < 1e-8, 1 - 8 / 15 * b, np.where(b > 1e75, 0.0, found))
@@ -221,7 +219,7 @@ def contrast_squared(field: FieldCorrelation, exposure: float) -> float:
     >>> round(contrast_squared(lambda lag: np.exp(-lag / 5e-3), 5e-3), 4)  # one exponential
     0.5677
     """
-    exposure = float(_checked("contrast_squared exposure", exposure))
+    exposure = number_from_zero("contrast_squared exposure", exposure)
     u, weight = exposure_nodes()
     return float(weight @ _power("contrast_squared field", field, exposure * u))
 
@@ -253,7 +251,7 @@ def class_contrast_squared(transfer: ArrayLike, shares: ArrayLike, exposure: Arr
     0.6388
     """
     y, p = _classes("class_contrast_squared", transfer, shares)
-    exposure = _checked("class_contrast_squared exposure", exposure)
+    exposure = array_from_zero("class_contrast_squared exposure", exposure)
     found = np.empty(exposure.shape)
     for at, time in np.ndenumerate(exposure):
         fastest = 4 * float(y.max()) * float(time)
@@ -282,7 +280,7 @@ def class_field(transfer: ArrayLike, shares: ArrayLike) -> FieldCorrelation:
     18
     """
     y, p = _classes("class_field", transfer, shares)
-    return lambda lags: _decay(y, p, _checked("class_field lag", lags).ravel())
+    return lambda lags: _decay(y, p, array_from_zero("class_field lag", lags).ravel())
 
 
 def sub_frame_contrast_squared(field: FieldCorrelation, exposure: float, frames: int) -> float:
@@ -311,7 +309,7 @@ def sub_frame_contrast_squared(field: FieldCorrelation, exposure: float, frames:
     [0.25, 0.065, 0.016]
     """
     frames = whole_number("sub_frame_contrast_squared frames", frames, 1, _MOST_FRAMES)
-    exposure = float(_checked("sub_frame_contrast_squared exposure", exposure))
+    exposure = number_from_zero("sub_frame_contrast_squared exposure", exposure)
     share = np.arange(frames) / frames
     weight = np.where(share > 0, 2 * (1 - share), 1.0) / frames
     return float(weight @ _power("sub_frame_contrast_squared field", field, exposure * share))
@@ -339,7 +337,7 @@ def sub_frames(field: FieldCorrelation, exposure: float, *, tolerance: float) ->
     >>> sub_frames(lambda t: np.exp(-t), 3.0, tolerance=0.01)
     21
     """
-    tolerance = float(_checked("sub_frames tolerance", tolerance, above=True))
+    tolerance = number_from_zero("sub_frames tolerance", tolerance, above=True)
     allowed = (1 + tolerance) * contrast_squared(field, exposure)
 
     def held(count: int) -> bool:
@@ -398,7 +396,7 @@ def contrast_estimate(contrast_squared: ArrayLike, grains: ArrayLike) -> Contras
     >>> round(float(found.mean), 3), round(float(found.standard_deviation), 3)
     (0.98, 0.269)
     """
-    squared = _checked("contrast_estimate contrast_squared", contrast_squared, above=True)
+    squared = array_from_zero("contrast_estimate contrast_squared", contrast_squared, above=True)
     n = _grains("contrast_estimate", grains)
     if (squared > 1).any():
         reject("contrast_estimate contrast_squared", "at most 1", squared)
@@ -494,7 +492,7 @@ def _power(owner: str, field: FieldCorrelation, lags: np.ndarray) -> np.ndarray:
 
 
 def _classes(owner: str, transfer: ArrayLike, shares: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    y, p = _checked(f"{owner} transfer", transfer), _checked(f"{owner} shares", shares)
+    y, p = array_from_zero(f"{owner} transfer", transfer), array_from_zero(f"{owner} shares", shares)
     if y.ndim != 1 or not len(y) or p.shape != y.shape:
         reject(f"{owner} shares", "one number for each transfer, and at least one", (y.shape, p.shape))
     if not np.isfinite(y).all() or not np.isfinite(p).all() or not p.any():
@@ -513,15 +511,7 @@ def _shares(owner: str, dynamic_share: float, beta: float) -> tuple[float, float
 
 
 def _grains(owner: str, grains: ArrayLike) -> np.ndarray:
-    n = _checked(f"{owner} grains", grains)
+    n = array_from_zero(f"{owner} grains", grains)
     if not (np.isfinite(n) & (n >= 2)).all():
         reject(f"{owner} grains", "finite and at least 2", grains)
     return n
-
-
-def _checked(field: str, value: ArrayLike, above: bool = False) -> np.ndarray:
-    """Numbers at least 0 (or above 0)."""
-    found = real_array(field, value)
-    if not ((found > 0) if above else (found >= 0)).all():
-        reject(field, "above 0" if above else "at least 0", found)
-    return found

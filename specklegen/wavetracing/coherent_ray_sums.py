@@ -5,21 +5,19 @@ All paths from a point source to given points are found, none is sampled: up to 
     u = sum over paths of a e^{ik |path|},   |u|^2 the power flux,
 
 a = sqrt(P / 4 pi) / |path| for images, times -1 for each reflection if soft (u = 0 there), +1 if hard (du/dn = 0).
-A path by an edge carries u_i(Q) D A e^{iks}, with reflections before and behind; a path by two edges takes the first
-edge's wave as what meets the second, and may be reflected in between. A wave of principal radii r1 and r2, and of
-radius re in the plane of ray and edge, 1/re = cos^2 psi / r1 + sin^2 psi / r2, is diffracted with
+A path by an edge carries u_i(Q) D A e^{iks}, with reflections before and behind; one by two edges, perhaps with
+reflections in between, D of `specklegen.wavetracing.double_edges`, uniform where both edges are nearly in line. A wave
+of radius r in the plane of ray and edge spreads behind it as A = sqrt(r / (s (r + s))); at a first edge r is s', at a
+second one 1/r = cos^2 psi / (s' + s) + sin^2 psi / s, psi between the edges across the ray. Paths are reciprocal.
 
-    A = sqrt(re / (s (re + s))),   L = s (re + s) r1 r2 sin^2 beta / (re (r1 + s) (r2 + s)).
-
-From a point r1 = r2 = re = s'. From an edge, s behind it, r2 = s across the edge and r1 = s' + s along it: for parallel
-edges L = s1 s2 / (s1 + s2), as of a line of light. Paths by one edge, and by parallel edges, are reciprocal; by others
-not quite, since the first edge's L does not know where the light goes behind the second.
+Surfaces are perfect, or of their material: reflection by Fresnel's coefficients, TE for "soft" and TM for "hard", and
+the images' parts of D multiplied by those of the faces, as `lossy_wedge_field` has it. Black and diffuse surfaces have
+no images; nothing goes through walls.
 
 Sources: J. B. Keller, J. Opt. Soc. Am. 52, 116 (1962); R. G. Kouyoumjian, P. H. Pathak, Proc. IEEE 62, 1448 (1974);
-S. Steinberg, M. Pharr, *Wave Tracing*, section on bilinear path tracing. Every surface is perfect, whatever its
-material. Left out: corners, slopes of the incident wave. Light is there or not by ray
-queries, but within 1e-12 rad of a boundary of light and shadow by the angles that the edge's coefficient sees, so that
-nothing is lost or doubled there. Light by two edges may see either side of such a boundary.
+S. Steinberg, M. Pharr, *Wave Tracing*, section on bilinear path tracing. Left out: corners. Light is there or not by
+ray queries, but within 1e-12 rad of a boundary of light and shadow by the angles that the edge's coefficient sees, so
+that nothing is lost or doubled there. Light by two edges may see either side of such a boundary.
 """
 
 from __future__ import annotations
@@ -35,14 +33,21 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import choice, instance, real_array, whole_number
 from specklegen.core.errors import reject, warn_user
+from specklegen.wavetracing.double_edges import Bend, double_diffraction
 from specklegen.wavetracing.edges import normals
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.facets import facets_of
 from specklegen.wavetracing.geometry import Geometry
-from specklegen.wavetracing.wedge import NEAREST, geometric_shares, wedge_coefficients
+from specklegen.wavetracing.kernels.wedges import wedge_terms
+from specklegen.wavetracing.materials import CONDUCTOR, reflected
+from specklegen.wavetracing.wedge import NEAREST, geometric_shares
 
 _CLEAR = 1e-7  # of a leg's length, at both of its ends, in which nothing blocks it
+_ON_FACE = 1e-9  # radians
+_ALONG = 1e-7  # radians from a face, within which a leg from edge to edge runs along it
+_RAISED = 4e-7  # of the scene's size, above _CLEAR: how far a point on a surface is taken off it to see what it sees
 _ROUNDING = 1e-12  # radians from a boundary at which its angle, not a query of the ray, says what is seen
+_ON_SURFACE = 1e-8  # of the scene's size, within which a point lies on a surface
 _MOST = 50_000  # combinations of facets and edges
 _ROUNDS = 60  # of unfolding at one edge, then the other
 _STILL = 1e-14  # of an edge's length: a step of that unfolding that is none
@@ -56,6 +61,9 @@ class _Mirrors:
     normal: np.ndarray  # float64[F, 3]
     point: np.ndarray  # float64[F, 3]
     facet: np.ndarray  # int32[faces], of each face by its number
+    size: float  # of the scene
+    rows: np.ndarray  # float64[F, 4], what kernels know of the material of each
+    hard: bool
 
     def sequences(self, most: int) -> Iterator[tuple[int, ...]]:
         """All sequences of up to ``most`` facets without one twice in turn."""
@@ -73,10 +81,25 @@ class _Mirrors:
         return found
 
     def turned(self, direction: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
-        """A direction float64[3] behind reflection in the facets in turn."""
+        """Directions float64[..., 3] behind reflection in the facets in turn."""
         for f in sequence:
-            direction = direction - 2 * (direction @ self.normal[f]) * self.normal[f]
+            direction = direction - 2 * (direction @ self.normal[f])[..., None] * self.normal[f]
         return direction
+
+    def reflected(self, facet: int, cosine: np.ndarray) -> np.ndarray:
+        """Coefficients complex128[P] of reflection at a facet, at cosines float64[P] of incidence."""
+        return reflected(self.rows[facet], cosine)[int(self.hard)]
+
+    def along(self, start: np.ndarray, end: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
+        """Coefficients complex128[P] of all reflections from ``start`` to ``end`` at the facets in turn."""
+        ray, found = end - self.images(start, sequence)[-1], np.ones(len(end), complex)
+        if sequence:
+            ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+        for f in sequence[::-1]:
+            across = ray @ self.normal[f]
+            found *= self.reflected(f, np.abs(across))
+            ray = ray - 2 * across[:, None] * self.normal[f]
+        return found
 
     def clear(self, start: np.ndarray, end: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
         """Whether light from ``start`` gets to ``end``, float64[P, 3] each, by reflection in the facets in turn."""
@@ -108,13 +131,32 @@ class _Mirrors:
         safe = np.where((step != 0).any(axis=1)[:, None], step, 1.0)
         return self.scene.ray(origin, safe, near=_CLEAR, threads=1)
 
+    def raised(self, points: np.ndarray, source: np.ndarray) -> np.ndarray:
+        """Points float64[P, 3], those that lie on a facet a little off it, towards the side of the source."""
+        out, corners = points.copy(), self.scene.vertices
+        if not len(self.normal) or not len(points):
+            return out
+        size = float(np.ptp(np.vstack([corners, points, source[None]]), axis=0).max())
+        for normal, at in zip(self.normal, self.point, strict=True):
+            near = np.flatnonzero(np.abs((points - at) @ normal) <= _ON_SURFACE * size)
+            side = 1.0 if (source - at) @ normal >= 0 else -1.0
+            step = side * _RAISED * size * normal
+            if len(near):
+                distance, _ = self.scene.ray(points[near] + step, np.broadcast_to(-step, (len(near), 3)), threads=1)
+                out[near[np.abs(distance - 1) < 0.1]] += step
+        return out
 
-def _mirrors(scene: Geometry) -> _Mirrors:
+
+def _mirrors(scene: Geometry, wavelength: float | None, hard: bool) -> _Mirrors:
     found = facets_of(scene)
     of = np.full(int(scene.number.max(initial=-1)) + 1, -1, np.int32)
     of[scene.number[scene.order]] = found.facet
     first = np.unique(found.facet, return_index=True)[1]
-    return _Mirrors(scene, found.normals, scene.tree.corners[first, :3], of)
+    rows = np.full((len(found.normals), 4), float(CONDUCTOR))
+    if wavelength is not None and scene.meshes:
+        rows = np.array([mesh.material.row(wavelength) for mesh in scene.meshes])[found.material[first]]
+    size = float(np.ptp(scene.vertices, axis=0).max()) if len(scene.vertices) else 0.0
+    return _Mirrors(scene, found.normals, scene.tree.corners[first, :3], of, size, rows, hard)
 
 
 @dataclass(frozen=True)
@@ -150,6 +192,11 @@ class _Edge:
         top = self.n * np.pi
         # Rounding around the faces: those beyond are inside the wedge, and blocked anyway.
         return np.where(phi > top, np.where(phi - top < 2 * np.pi - phi, top, 0.0), phi)
+
+    def in_air(self, direction: np.ndarray) -> np.ndarray:
+        """Whether directions float64[P, 3] lead from the edge into the air, or along a face; not into its wedge."""
+        phi = np.arctan2(direction @ self.normal, direction @ self.inward) % (2 * np.pi)
+        return (phi <= self.n * np.pi + _ON_FACE) | (phi >= 2 * np.pi - _ON_FACE)
 
     def boundaries(
         self, came: np.ndarray, goes: np.ndarray
@@ -187,13 +234,14 @@ def coherent_rays(
     reflections: int = 1,
     diffractions: int = 2,
     polarisation: Literal["soft", "hard"] = "soft",
+    surfaces: Literal["perfect", "material"] = "perfect",
 ) -> np.ndarray:
     """Return the field of a point source at points, by all paths of a number of reflections and diffractions.
 
     Parameters
     ----------
     geometry
-        The scene; every surface perfectly reflecting.
+        The scene.
     source
         Its place, wavelength and power; the beam angle plays no part.
     points : float64[..., 3]
@@ -202,7 +250,9 @@ def coherent_rays(
     diffractions
         Most edges on a path: 0, 1 or 2.
     polarisation
-        "soft": u = 0 on surfaces; "hard": du/dn = 0.
+        "soft": u = 0 on perfect surfaces, TE on others; "hard": du/dn = 0, TM.
+    surfaces
+        "perfect": whatever their material; "material": by it, without what goes through walls.
 
     Returns
     -------
@@ -235,7 +285,8 @@ def coherent_rays(
     reflections = whole_number("coherent_rays reflections", reflections, 0, 4)
     diffractions = whole_number("coherent_rays diffractions", diffractions, 0, 2)
     choice("coherent_rays polarisation", polarisation, ("soft", "hard"))
-    mirrors = _mirrors(geometry)
+    choice("coherent_rays surfaces", surfaces, ("perfect", "material"))
+    mirrors = _mirrors(geometry, source.wavelength if surfaces == "material" else None, polarisation == "hard")
     edges = _edges(mirrors) if diffractions else []
     facets = len(mirrors.normal)
     # Of r reflections, C(r + m, m) ways to fall before, between and behind m edges.
@@ -252,27 +303,31 @@ def coherent_rays(
     flat = points.reshape(-1, 3)
     _doubt_corners(edges, flat, source.wavelength)
     start = np.broadcast_to(source.position, flat.shape)
-    sign = -1.0 if polarisation == "soft" else 1.0
+    if len(flat) and (k * np.linalg.norm(flat - start, axis=1)).min() < NEAREST:
+        reject(
+            "coherent_rays points", "1 / k away from the source at least",
+            float(np.linalg.norm(flat - start, axis=1).min()), "Nearer by there is no power flux of a ray.",
+        )  # fmt: skip
+    seen_from = mirrors.raised(flat, source.position)
     sequences = list(mirrors.sequences(reflections))
     u = np.zeros(len(flat), complex)
-    seen = {sequence: mirrors.clear(start, flat, sequence).astype(float) for sequence in sequences}
+    seen = {sequence: mirrors.clear(start, seen_from, sequence).astype(float) for sequence in sequences}
     for edge in edges:
         for before in sequences:
             for behind in sequences:
                 if len(before) + len(behind) <= reflections and edge.leaves(before[-1:] + behind[-1:]):
-                    part = _by_edge(mirrors, edge, start, flat, before, behind, k, polarisation, seen)
-                    u += sign ** (len(before) + len(behind)) * part
+                    u += _by_edge(mirrors, edge, start, flat, seen_from, before, behind, k, seen)
     for sequence, share in seen.items():
         r, good = np.linalg.norm(mirrors.images(start, sequence)[-1] - flat, axis=1), share > 0
-        u[good] += share[good] * sign ** len(sequence) * np.exp(1j * k * r[good]) / r[good]
+        back = mirrors.along(start[good], flat[good], sequence)
+        u[good] += share[good] * back * np.exp(1j * k * r[good]) / r[good]
     if diffractions == 2:
         for one, two in product(edges, edges):
             for before, between, behind in product(sequences, repeat=3):
                 count = len(before) + len(between) + len(behind)
                 apart = one.leaves(before[-1:] + between[:1]) and two.leaves(between[-1:] + behind[-1:])
                 if count <= reflections and apart and (one is not two or between):
-                    part = _by_two(mirrors, one, two, start, flat, before, between, behind, k, polarisation)
-                    u += sign**count * part
+                    u += _by_two(mirrors, one, two, start, flat, seen_from, before, between, behind, k)
     return (np.sqrt(source.power / (4 * np.pi)) * u).reshape(points.shape[:-1])
 
 
@@ -289,47 +344,64 @@ def _doubt_corners(edges: list[_Edge], points: np.ndarray, wavelength: float) ->
         )  # fmt: skip
 
 
-def _wave(edge: _Edge, q, source, point, radii, k: float, polarisation: str) -> np.ndarray:
-    """D A e^{iks} at points of the wave from ``source`` that meets an edge at q; places float64[P, 3].
-
-    radii : its radii in the plane of ray and edge, and the two principal ones, float64[P] each
-    """
-    came, goes = source - q, point - q
-    s1, s = np.linalg.norm(came, axis=1), np.linalg.norm(goes, axis=1)
-    if (k * s < NEAREST).any() or (k * s1 < NEAREST).any():
+def _bend(
+    mirrors: _Mirrors, edge: _Edge, inner: np.ndarray, outer: np.ndarray, k: float, on_face: float | None = None
+) -> Bend:
+    """A ray's bend at an edge, from steps float64[P, 3] along both of its legs; the inner one's angle ``on_face``."""
+    r = np.linalg.norm(inner, axis=1), np.linalg.norm(outer, axis=1)
+    nearest = float(min(r[0].min(), r[1].min()))
+    if k * nearest < NEAREST:
         reject(
-            "coherent_rays points", "1 / k away from edges at least", float(min(s.min(), s1.min())),
+            "coherent_rays points", "1 / k away from edges at least", nearest,
             "The theory describes a ray from the edge, and nearer by there is none.",
         )  # fmt: skip
-    cosine = (goes @ edge.along) / s
-    sine = np.sqrt(np.maximum(1 - cosine**2, 1e-24))
-    within, one, two = radii
-    length = s * (within + s) / within * one / (one + s) * two / (two + s) * sine**2
-    soft, hard = wedge_coefficients(
-        edge.n, edge.angle(goes), edge.angle(came), length, k, np.arcsin(np.minimum(sine, 1.0))
-    )
-    return (soft if polarisation == "soft" else hard) * np.sqrt(within / (s * (s + within))) * np.exp(1j * k * s)
+    sine = np.sqrt(np.maximum(1 - ((inner @ edge.along) / r[0]) ** 2, 1e-24))
+    phi, other = edge.angle(inner), edge.angle(outer)
+    if on_face is not None:
+        phi = np.full_like(phi, on_face)
+    across = np.cos(phi)[:, None] * edge.normal - np.sin(phi)[:, None] * edge.inward
+    first, last = np.minimum(phi, other), edge.n * np.pi - np.maximum(phi, other)
+    images = [mirrors.reflected(f, np.abs(sine * np.sin(a))) for f, a in zip(edge.faces, (first, last), strict=True)]
+    return Bend(edge.n, phi, other, across, sine, np.stack([np.ones_like(images[0]), *images], axis=1))
 
 
-def _by_edge(mirrors, edge, start, end, before, behind, k, polarisation, seen) -> np.ndarray:
+def _by_edge(mirrors, edge, start, end, seen_from, before, behind, k, seen) -> np.ndarray:
     """Field by one edge, with reflections before and behind it; corrects what is ``seen`` of waves that end there."""
     source, point = mirrors.images(start, before)[-1], mirrors.images(end, behind)[-1]
     q, good = edge.crossing(source, point)
     good &= mirrors.clear(start, q, before)
-    good &= mirrors.clear(end, q, behind)
+    good &= mirrors.clear(seen_from, q, behind)
+    towards = mirrors.images(seen_from, behind)[-1] - q  # off the surface that a point may lie on
+    good &= edge.in_air(source - q) & edge.in_air(towards)
     u = np.zeros(len(end), complex)
     if good.any():
-        q, source, point = q[good], source[good], point[good]
-        r = np.linalg.norm(source - q, axis=1)
-        u[good] = np.exp(1j * k * r) / r * _wave(edge, q, source, point, (r, r, r), k, polarisation)
-        for facets, there, share in edge.boundaries(source - q, point - q):
+        back = mirrors.along(start[good], q[good], before) * mirrors.along(end[good], q[good], behind)
+        q, source, point, towards = q[good], source[good], point[good], towards[good]
+        r, s = np.linalg.norm(source - q, axis=1), np.linalg.norm(point - q, axis=1)
+        bend, terms = _bend(mirrors, edge, towards, source - q, k), np.empty((len(q), 3), complex)
+        wedge_terms(bend.n, bend.angle, bend.outer, s * r / (s + r) * bend.sine**2, k, terms)
+        spread = np.exp(1j * k * (r + s)) / np.sqrt(r * s * (r + s))
+        u[good] = back * (terms * bend.weights).sum(axis=1) / bend.sine * spread
+        for facets, there, share in edge.boundaries(source - q, towards):
             sequence = (*before, *facets, *behind[::-1])
             if there.any() and sequence in seen:
                 seen[sequence][np.flatnonzero(good)[there]] = share[there]
     return u
 
 
-def _by_two(mirrors, one, two, start, end, before, between, behind, k, polarisation) -> np.ndarray:
+def _sides(edge: _Edge, step: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    """Faces of an edge's wedge that a leg along ``step`` float64[3] runs along: angle, and the way into the air."""
+    found, top = [], edge.n * np.pi
+    across = step - (step @ edge.along) * edge.along
+    across = across / max(float(np.linalg.norm(across)), 1e-300)
+    for angle, turn in ((0.0, 1.0), (top, -1.0)):
+        face = np.cos(angle) * edge.inward + np.sin(angle) * edge.normal
+        if np.linalg.norm(across - face) < _ALONG:
+            found.append((angle, turn * (np.cos(angle) * edge.normal - np.sin(angle) * edge.inward)))
+    return found
+
+
+def _by_two(mirrors, one, two, start, end, seen_from, before, between, behind, k) -> np.ndarray:
     """Field by two edges in turn, with reflections before, between and behind them."""
     source, point = mirrors.images(start, before)[-1], mirrors.images(end, behind)[-1]
     p, first = np.broadcast_to(one.start + one.length / 2 * one.along, end.shape), np.ones(len(end), bool)
@@ -341,20 +413,43 @@ def _by_two(mirrors, one, two, start, end, before, between, behind, k, polarisat
         if np.abs(p - before_p).max() <= _STILL * one.length:
             break
     good = first & second & (np.linalg.norm(mirrors.images(p, between)[-1] - q, axis=1) * k > NEAREST)
-    for a, b, sequence in ((start, p, before), (p, q, between), (end, q, behind)):
-        if good.any():
-            good[good] = mirrors.clear(a[good], b[good], sequence)
     u = np.zeros(len(end), complex)
+    # Light along a face is there on its every side in the air, half of it what the face reflects.
+    faces: list[tuple[float | None, float | None, np.ndarray]] = [(None, None, np.zeros(3))]
+    n = int(good.argmax())
+    if not between and good.any() and one.facets & two.facets:
+        step = q[n] - p[n]
+        both = product(_sides(one, step), _sides(two, -step))
+        faces = [(a, b, side) for (a, side), (b, other) in both if side @ other > 0.5] or faces
+    for here, there, side in faces:
+        raised = _RAISED * mirrors.size * side
+        seen = good.copy()
+        for a, b, sequence in ((start, p, before), (p + raised, q + raised, between), (seen_from, q, behind)):
+            if seen.any():
+                seen[seen] = mirrors.clear(a[seen], b[seen], sequence)
+        ends = start, end, seen_from, p, q
+        part = _double(mirrors, one, two, ends, seen, before, between, behind, k, here, there)
+        u += part if here is None else part / 2
+    return u
+
+
+def _double(mirrors, one, two, ends, good, before, between, behind, k, here, there) -> np.ndarray:
+    """Field by two edges of the ``good`` paths by p and q; ``here`` and ``there``, angles of a leg along a face."""
+    start, end, seen_from, p, q = ends
+    u = np.zeros(len(end), complex)
+    source, point = mirrors.images(start, before)[-1], mirrors.images(end, behind)[-1]
     if good.any():
+        towards = (mirrors.images(seen_from, behind)[-1] - q)[good]
         p, q, source, point = p[good], q[good], source[good], point[good]
+        back = mirrors.along(start[good], p, before) * mirrors.along(p, q, between)
+        back *= mirrors.along(end[good], q, behind)
         seen, ahead = mirrors.images(p, between)[-1], mirrors.images(q, between[::-1])[-1]
-        r, s = np.linalg.norm(source - p, axis=1), np.linalg.norm(seen - q, axis=1)
-        ray = (q - seen) / s[:, None]
-        u[good] = np.exp(1j * k * r) / r * _wave(one, p, source, ahead, (r, r, r), k, polarisation)
-        # Both edges across the ray: the angle between them is that of their planes with it.
-        first, second = (a - (ray @ a)[:, None] * ray for a in (mirrors.turned(one.along, between), two.along))
-        cosine = (first * second).sum(axis=1)
-        share = cosine**2 / np.maximum((first * first).sum(axis=1) * (second * second).sum(axis=1), 1e-300)
+        r, s, t = (np.linalg.norm(step, axis=1) for step in (source - p, seen - q, point - q))
+        first = _bend(mirrors, one, ahead - p, source - p, k, here)
+        second = _bend(mirrors, two, seen - q, towards, k, there)
+        first = first._replace(across=mirrors.turned(first.across, between))
+        share = (first.across * second.across).sum(axis=1) ** 2
         within = 1 / (share / (r + s) + (1 - share) / s)
-        u[good] *= _wave(two, q, seen, point, (within, r + s, s), k, polarisation)
+        spread = np.sqrt(within / (r * s * (r + s) * t * (within + t)))
+        u[good] = back * double_diffraction(first, second, r, s, t, k) * spread * np.exp(1j * k * (r + s + t))
     return u

@@ -17,14 +17,14 @@ from pydantic import Field, model_validator
 from specklegen.core.arguments import choice, instance, positive_number
 from specklegen.core.display.plot import Pictured, draw_map
 from specklegen.core.display.repr import short
-from specklegen.core.errors import reject
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed
 from specklegen.core.values import Array, Positive, Value
 from specklegen.wavetracing.coherent_ray_sums import coherent_rays
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.geometry import Geometry
-from specklegen.wavetracing.materials import LIGHT_SPEED
+from specklegen.wavetracing.materials import DIFFUSE, LIGHT_SPEED, WALL
 from specklegen.wavetracing.plane import Plane
 from specklegen.wavetracing.tracing import Diffraction, trace
 from specklegen.wavetracing.wave_trace import Ledger, Statistics
@@ -134,7 +134,7 @@ def coverage(
         Hertz.
     method
         "wave" (with diffraction), "ray", or "phase": all paths of one reflection and two edges at most, with their
-        phases, without chance (`coherent_rays`; mean power of soft and hard, every surface perfect).
+        phases, without chance (`coherent_rays`; mean power of TE and TM, surfaces by their material).
     gain
         G_r of the receiving antenna, as a factor.
     beams, seed, max_events, diffraction, threads
@@ -143,7 +143,9 @@ def coverage(
     Raises
     ------
     RuleError
-        For an argument out of range.
+        For an argument out of range, or the middle of a cell within wavelength / 2 pi of the transmitter.
+
+    A `DoubtWarning` says where "phase" leaves out light through walls or from diffuse surfaces.
 
     Examples
     --------
@@ -160,9 +162,23 @@ def coverage(
     instance("coverage transmitter", transmitter, Transmitter)
     instance("coverage plane", plane, Plane)
     wavelength = LIGHT_SPEED / frequency
+    nearest = float(np.linalg.norm(plane.points - transmitter.position, axis=-1).min())
+    if nearest < wavelength / (2 * np.pi):
+        reject(
+            "coverage plane", f"at least wavelength / 2 pi = {wavelength / (2 * np.pi):.3g} m from the transmitter",
+            nearest, "Nearer by an antenna receives no wave: Friis' formula would give more power than is sent.",
+        )  # fmt: skip
     source = PointEmitter(transmitter.position, wavelength, transmitter.power, transmitter.beam_angle)
     if method == "phase":
-        both = [coherent_rays(geometry, source, plane.points, polarisation=name) for name in ("soft", "hard")]
+        kinds = {int(mesh.material.row(wavelength)[0]) for mesh in geometry.meshes}
+        if kinds & {WALL, DIFFUSE}:
+            warn_user(
+                'coverage: method "phase" has no light through walls and none of diffuse surfaces; use "wave" for it',
+            )
+        points = plane.points.copy()  # kernels are compiled for arrays that may be written into
+        both = [
+            coherent_rays(geometry, source, points, polarisation=name, surfaces="material") for name in ("soft", "hard")
+        ]
         power = received_power(np.mean(np.square(np.abs(both)), axis=0), wavelength, gain)
         none = power == 0
         return Coverage(

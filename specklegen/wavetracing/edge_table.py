@@ -25,7 +25,8 @@ def edge_table(scene: Geometry, facets: Facets) -> EdgeTable:
     both = np.stack([face, np.where(other < 0, face, other)], axis=1)
     at = np.full(3 * len(scene), -1, np.int32)
     sides = np.flatnonzero(scene.topology.diffracts)
-    first = (scene.topology.neighbour[sides] < 0) | (sides // 3 < scene.topology.neighbour[sides])
+    neighbour = scene.topology.neighbour[sides]
+    first = (neighbour < 0) | (sides // 3 < neighbour)
     kept = length > 0
     at[sides[first][kept]] = np.flatnonzero(kept)
     return EdgeTable(

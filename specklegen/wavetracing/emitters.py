@@ -78,6 +78,16 @@ class CollimatedEmitter(Value):
         """Tangent 9 / (2 k a) of the half opening angle of each beam."""
         return 9 * self.wavelength / (4 * np.pi * self.beam_radius)
 
+    @property
+    def origin(self) -> np.ndarray:
+        """Middle of the rectangle, float64[3]."""
+        return (self.lower + self.upper) / 2
+
+    @property
+    def coherence(self) -> float:
+        """Coherence width sigma_g = sqrt(2 Sigma): the degree of coherence is exp(-d^2 / 2 sigma_g^2)."""
+        return float(np.sqrt(2 * self.sigma))
+
     def packed(self) -> np.ndarray:
         """Return what kernels know, float64[SOURCE]."""
         out = np.empty(SOURCE)
@@ -129,6 +139,16 @@ class PointEmitter(Value):
     def beam_radius(self) -> float:
         """Half-width a of a beam at the source."""
         return 9 * self.wavelength / (4 * np.pi * self.tangent)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """Its place, float64[3]."""
+        return self.position
+
+    @property
+    def coherence(self) -> float:
+        """Infinite: the light of a point is coherent with itself anywhere."""
+        return np.inf
 
     def packed(self) -> np.ndarray:
         """Return what kernels know, float64[SOURCE]."""

@@ -10,12 +10,16 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from specklegen.wavetracing.geometry import Geometry
-from specklegen.wavetracing.kernels.regions import Facets
+from specklegen.wavetracing.kernels.edge_waves import EdgeTable
+from specklegen.wavetracing.kernels.regions import Facets, Openings
 
 _FOUND: WeakKeyDictionary[Geometry, Facets] = WeakKeyDictionary()
-_PLANE = 1e-7  # radians between triangles of one facet
+_PLANE = 1e-7  # radians between triangles of one facet, and facets of one sheet
+MOST_EDGES = 256
+"""Edges of an opening that the exact sampler of patterns takes; its work grows with their square."""
 
 
 def facets_of(scene: Geometry) -> Facets:
@@ -68,28 +72,96 @@ def _facets_of(scene: Geometry) -> Facets:
     ring_of = ring_of[np.argsort(index)]
     number = np.full(rings, -1, np.int32)
     number[ring_of] = np.arange(len(ring_of))
-    loop = np.full(3 * count, -1, np.int32)
-    loop[border[hole_sides]] = number[label[hole_sides]]
+    # Sides of a hole's border, those of the faces across them too.
+    corners = welded[faces]
+    ahead = np.roll(corners, -1, axis=1)
+    pair = (np.minimum(corners, ahead) * size + np.maximum(corners, ahead)).ravel()
+    beside = np.isin(pair, pair[border[hole_sides]])
     facet_of_hole = of[hole_sides][np.sort(index)]
 
     places = scene.order
-    back = np.empty(count, np.int32)
-    back[places] = np.arange(count, dtype=np.int32)
-    across = np.where(neighbour >= 0, back[neighbour] if count else 0, -1)
-    across = np.where(found.diffracts, across, -2).astype(np.int32)
+    holes = len(ring_of)
+    first_loop = _starts(number[label[hole_sides]], holes)
+    loop_ends = np.ascontiguousarray(ends[hole_sides])
+    first_rim, count_rim = _starts(of, facets), np.bincount(of, minlength=facets)
+    thin = np.bincount(number[label[hole_sides]], neighbour[border[hole_sides]] >= 0, holes) == 0
     whole = np.bincount(of, ~edge, facets) == 0
+    rim = np.bincount(of, np.linalg.norm(ends[:, 3:] - ends[:, :3], axis=1), facets)
+    breadth = np.divide(length[:, 0], rim, out=np.zeros(facets), where=length[:, 0] > 0)
     return Facets(
         facet=facet[places].astype(np.int32),
-        across=across.reshape(-1, 3)[places],
-        loop=loop.reshape(-1, 3)[places],
+        beside=beside.reshape(-1, 3)[places],
         normals=normals,
         whole=whole,
-        rims=_starts(of, facets),
+        sheet=_sheets(normals, origin),
+        breadth=np.where(count_rim <= MOST_EDGES, breadth, np.inf),
+        rims=first_rim,
         rim_ends=np.ascontiguousarray(ends),
+        rim_edges=np.where(neighbour[border] < 0, 2, edge).astype(np.int8),
         holes=_starts(facet_of_hole, facets),
-        loops=_starts(number[label[hole_sides]], len(ring_of)),
-        loop_ends=np.ascontiguousarray(ends[hole_sides]),
+        loops=first_loop,
+        loop_ends=loop_ends,
+        thin=thin,
         material=scene.mesh[places].astype(np.int32),
+    )
+
+
+def _sheets(normals: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Numbers int32[F] of the planes that facets lie in, whichever way they face."""
+    if not len(normals):
+        return np.empty(0, np.int32)
+    middle = origin.mean(axis=0)
+    reach = float(np.abs(origin - middle).max()) or 1.0
+    axis = np.abs(normals).argmax(axis=1)
+    turned = normals * np.where(np.take_along_axis(normals, axis[:, None], axis=1) < 0, -1.0, 1.0)
+    height = ((origin - middle) * turned).sum(axis=1) / reach
+    pairs = cKDTree(np.column_stack([turned, height])).query_pairs(_PLANE, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(normals), len(normals)))
+    return connected_components(graph, directed=False)[1].astype(np.int32)
+
+
+def openings_of(facets: Facets, table: EdgeTable, reach: float) -> Openings:
+    """Group the holes of each facet that lie within ``reach``, over which light is coherent, of each other."""
+    holes, ends = len(facets.loops) - 1, facets.loop_ends
+    number = np.diff(facets.loops)
+    facet = np.repeat(np.arange(len(facets.normals)), np.diff(facets.holes))
+    of = np.repeat(np.arange(holes), number)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.bincount(of, values[:, n], holes) for n in range(3)], axis=1) / number[:, None]
+
+    centre = mean(ends[:, :3])
+    radius = np.zeros(holes)
+    np.maximum.at(radius, of, np.linalg.norm(ends[:, :3] - centre[of], axis=1))
+    if not holes:
+        pairs = np.empty((0, 2), np.int64)
+    elif np.isinf(reach):
+        pairs = np.stack([np.arange(holes), facets.holes[facet]], axis=1)
+    else:
+        pairs = cKDTree(centre).query_pairs(reach + 2 * radius.max(), output_type="ndarray")
+        one, two = pairs.T
+        apart = np.linalg.norm(centre[one] - centre[two], axis=1) - radius[one] - radius[two]
+        pairs = pairs[(facet[one] == facet[two]) & (apart <= reach)]
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(holes, holes))
+    count, label = connected_components(graph, directed=False) if holes else (0, np.empty(0, np.int32))
+    a, b = ends[:, :3] - centre[of], ends[:, 3:] - centre[of]
+    area = np.linalg.norm(mean(np.cross(a, b)) * number[:, None], axis=1) / 2
+    length = np.bincount(of, np.linalg.norm(b - a, axis=1), holes)
+    breadth = np.zeros(count)
+    np.maximum.at(breadth, label, 2 * area / length)
+    breadth[np.bincount(label, number, count) > MOST_EDGES] = np.inf
+    # An edge borders a hole if either of its faces does.
+    bare = np.ones(len(table.edges), bool)
+    bare[table.at[(table.at >= 0) & facets.beside]] = False
+    return Openings(
+        of=label.astype(np.int32),
+        starts=_starts(np.sort(label), count),
+        members=np.argsort(label, kind="stable").astype(np.int64),
+        breadth=breadth,
+        balls=np.column_stack([centre, radius * (1 + 1e-9)]),
+        screens=np.unique(facet).astype(np.int64),
+        outer=np.flatnonzero(bare & (table.edges[:, 6] > 0)),
+        bare=bare,
     )
 
 

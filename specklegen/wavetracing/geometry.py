@@ -16,6 +16,7 @@ from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, map_blocks, slices
 from specklegen.wavetracing.cones import Cone
 from specklegen.wavetracing.edges import Edges, Topology, edges_of, gaps, topology, weld
+from specklegen.wavetracing.intake import Intake, shared_walls, split_at_junctions, turned_faces
 from specklegen.wavetracing.kernels import cone_bvh, ray_bvh
 from specklegen.wavetracing.meshes import Mesh
 
@@ -24,7 +25,7 @@ _NEEDLE = 1e-12  # of doubled area over squared length, below which a triangle i
 
 
 class Geometry:
-    """Triangles of one or more meshes, welded, in a hierarchy.
+    """Triangles of one or more meshes, welded, mended and in a hierarchy.
 
     Parameters
     ----------
@@ -36,11 +37,13 @@ class Geometry:
     vertices : float64[V, 3]
         Of all meshes.
     faces : int32[F, 3]
-        Without duplicates.
+        As they stand after the intake: without duplicates, wound one way, split at T-junctions.
     number : int32[F]
-        Number of each face through all meshes, duplicates counted; what queries return.
+        Number that each face has through all meshes as they were given; what queries return.
     mesh : int32[F]
         The mesh of each face.
+    intake : Intake
+        What was done to the faces.
 
     Raises
     ------
@@ -64,14 +67,29 @@ class Geometry:
         )
         mesh = np.repeat(np.arange(len(self.meshes), dtype=np.int32), [len(m.faces) for m in self.meshes])
         self.welded = weld(self.vertices)
-        kept = _without_duplicates(self.welded, faces)
-        self.faces, self.number, self.mesh = faces[kept], kept.astype(np.int32), mesh[kept]
+        self._take_in(faces, mesh)
         self._warn_of_slivers()
         nodes = cone_bvh.node_count(len(self.faces))
         self.tree = cone_bvh.Tree(np.empty((nodes, 6)), np.empty(nodes, np.int32), np.empty((len(self.faces), 9)))
         self.order = np.empty(len(self.faces), np.int32)
         cone_bvh.build(self.vertices, self.faces, self.tree.boxes, self.tree.link, self.order)
         cone_bvh.lay_out(self.vertices, self.faces, self.order, self.tree.corners)
+
+    def _take_in(self, faces: np.ndarray, mesh: np.ndarray) -> None:
+        """Set the faces that stand, their numbers and meshes, and the report."""
+        kept = _without_duplicates(self.welded, faces)
+        duplicates, removed = len(faces) - len(kept), 0
+        if duplicates:
+            shared = shared_walls(self.vertices, faces, mesh, self.welded)
+            removed = int(shared.sum())
+            kept = kept[~shared[kept]]
+            if duplicates > removed // 2:
+                warn_user(f"{duplicates - removed // 2} duplicate triangles were dropped")
+        found, row, split, searched, sides = split_at_junctions(self.vertices, faces[kept], self.welded)
+        turned, one_sided = turned_faces(self.vertices, found, sides)
+        self.faces = np.where(turned[:, None], found[:, ::-1], found)
+        self.number, self.mesh = kept[row].astype(np.int32), mesh[kept[row]]
+        self.intake = Intake(duplicates - removed // 2, removed, split, int(turned.sum()), one_sided, searched)
 
     def __repr__(self) -> str:
         return summary(self, vertices=self.vertices, faces=self.faces, meshes=len(self.meshes))
@@ -148,7 +166,7 @@ class Geometry:
         while True:
             found, _ = cone_bvh.collect(cone.packed(), near, far, self.tree, out)
             if found <= len(out):
-                return np.sort(self.number[self.order[out[:found]]].astype(np.int64))
+                return np.unique(self.number[self.order[out[:found]]].astype(np.int64))
             out = np.empty(found, np.int64)
 
     def ray(
@@ -202,14 +220,11 @@ def _check_depths(near: float, far: float) -> None:
 
 
 def _without_duplicates(welded: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Rows of ``faces`` of which no earlier one has the same three vertices; warns of the others."""
+    """Rows of ``faces`` of which no earlier one has the same three vertices."""
     if not len(faces):
         return np.empty(0, np.int64)
     corners = np.sort(welded[faces], axis=1)
     order = np.lexsort(corners.T)  # stable: the first of its kind stays
     same = np.zeros(len(faces), bool)
     same[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
-    dropped = int(same.sum())
-    if dropped:
-        warn_user(f"{dropped} duplicate triangles were dropped")
     return np.flatnonzero(~same)

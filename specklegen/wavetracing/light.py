@@ -27,7 +27,7 @@ class Light(Protocol):
 
     @property
     def wavelength(self) -> float:
-        """In the medium around the screen, in the unit of all lengths."""
+        """Wavelength in the medium around the screen, in the unit of all lengths."""
         ...
 
     def field(self, points: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from specklegen.core.arguments import complex_array, real_number
 from specklegen.core.display.plot import Pictured, draw_map
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
-from specklegen.core.values import Array, Positive, PositiveInt, Value
+from specklegen.core.values import Array, Positive, PositiveInt, Value, read_only
 
 
 class Plane(Value):
@@ -64,19 +64,20 @@ class Plane(Value):
         normal = self.normal / np.linalg.norm(self.normal)
         x = np.cross(self.up, normal)
         x = x / np.linalg.norm(x)
-        return np.stack([x, np.cross(normal, x), normal])
+        return read_only(np.stack([x, np.cross(normal, x), normal]))
 
     @cached_property
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions of the columns along x and of the rows along y, float64[W] and float64[H], 0 in the middle."""
         rows, columns = self.shape
-        return (np.arange(columns) - (columns - 1) / 2) * self.pitch, (np.arange(rows) - (rows - 1) / 2) * self.pitch
+        x, y = ((np.arange(n) - (n - 1) / 2) * self.pitch for n in (columns, rows))
+        return read_only(x), read_only(y)
 
     @cached_property
     def points(self) -> np.ndarray:
         """Middles of the pixels, float64[H, W, 3]."""
         x, y = self.coordinates
-        return self.center + x[None, :, None] * self.axes[0] + y[:, None, None] * self.axes[1]
+        return read_only(self.center + x[None, :, None] * self.axes[0] + y[:, None, None] * self.axes[1])
 
 
 @dataclass(frozen=True)

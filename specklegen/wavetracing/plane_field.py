@@ -96,7 +96,7 @@ def field_on_plane(
     if not callable(getattr(light, "field", None)):
         reject("field_on_plane light", "a PlaneWave, or another light with a wavelength and a field", light)
     wavelength = positive_number("field_on_plane light.wavelength", getattr(light, "wavelength", None))
-    points = plane.points.reshape(-1, 3)
+    points = plane.points.copy().reshape(-1, 3)  # kernels are compiled for arrays that may be written into
     lowest = float(points[:, 2].min())
     if lowest < 0 or (lowest == 0 and opening is not None and method != "spectrum"):
         reject("field_on_plane plane", "behind the screen, at z > 0", lowest)
@@ -142,7 +142,7 @@ def _rim_field(rim: Rim, light: PlaneWave, points: np.ndarray, threads: int | No
 
 
 def _far_field(rim: Rim, light: Light, points: np.ndarray) -> np.ndarray:
-    """By Psi about the middle of the opening, so that r is the distance from there."""
+    """Field by Psi about the middle of the opening, so that r is the distance from there."""
     k = 2 * np.pi / light.wavelength
     middle = np.append(rim.centre, 0.0)
     rays = points - middle

@@ -22,7 +22,7 @@ from specklegen.core.parallel import Threads, in_turn, thread_count
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.wavetracing.edge_table import edge_table
 from specklegen.wavetracing.emitters import CollimatedEmitter, Emitter, PointEmitter
-from specklegen.wavetracing.facets import facets_of
+from specklegen.wavetracing.facets import facets_of, openings_of
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.kernels import beam_walk
 from specklegen.wavetracing.kernels.edge_walk import Sums, walk_edges
@@ -37,7 +37,11 @@ Diffraction = Literal["fraunhofer", "utd"]
 Amplitude = Literal["auto", "uniform", "gaussian"]
 
 _MODES: dict[str, int] = {"wave": beam_walk.WAVE, "ballistic": beam_walk.BALLISTIC, "ray": beam_walk.RAY}
-_AMPLITUDES: dict[str, int] = {"auto": 0, "uniform": 1, "gaussian": 2}
+_AMPLITUDES: dict[str, int] = {
+    "auto": beam_walk.AUTO, "uniform": beam_walk.UNIFORM_LIGHT, "gaussian": beam_walk.GAUSSIAN_LIGHT,
+}  # fmt: skip
+_COHERENT = 3.3  # coherence widths sigma_g beyond which fringes are below .5 %: exp(-3.3^2 / 2)
+_ON_SURFACE = 1e-10  # of the scene's size, within which a receiver lies on a surface
 _BLOCK, _BLOCKS = 2048, 64  # beams of a block at least; blocks at most
 
 _Counts = tuple[np.ndarray, ...]
@@ -66,7 +70,8 @@ def trace(
     emitter
         A `CollimatedEmitter` or a `PointEmitter`.
     planes
-        Receivers. Light passes them; a beam that crosses several, or one twice, counts in each.
+        Receivers. Light passes them; a beam that crosses several, or one twice, counts in each. One that lies on a
+        surface is taken a little off it, on the side of the source: there light counts as it comes and as it leaves.
     beams
         How many.
     seed
@@ -79,9 +84,10 @@ def trace(
         theory, for the mean of soft and hard, right from a wavelength behind an edge on; edges must be long, and
         corners send nothing. Mode "wave" only.
     amplitude
-        Light in an opening. "uniform": u = 1 over all holes of the screen met, and the pattern's wavevector added to
-        the ray's. "gaussian": the beam's own field, added to the mean. "auto": uniform where all edges in the region
-        border holes that lie in it wholly, else gaussian.
+        Light in a hole, or on a plate. "uniform": u = 1 over all holes that the source sees as one, and the pattern's
+        wavevector added to the ray's. "gaussian": the beam's own field, added to the mean. Both are right for even
+        light. "auto": uniform where a beam is at least as wide as the largest of the holes, else gaussian. Past other
+        edges it is the beam's own field in any case.
     max_events
         Interactions after which a beam is stopped, and counted as such.
     threads
@@ -114,6 +120,7 @@ def trace(
     max_events = whole_number("trace max_events", max_events, 0, 2**31 - 1)
     _check(geometry, emitter, mode, diffraction, amplitude)
     facets = facets_of(geometry)
+    planes = [_raised(plane, facets, geometry, emitter) for plane in planes]
     sizes = [plane.shape[0] * plane.shape[1] for plane in planes]
     first_cell = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     walked = _by_edges if diffraction == "utd" else _by_patterns
@@ -153,12 +160,15 @@ def _by_patterns(
     key, materials = stream_key(seed, Stream.BEAMS), _materials(geometry, emitter)
     receivers = Receivers(_packed(planes), first_cell)
     source, cells, rules = emitter.packed(), int(first_cell[-1]), beam_walk.Rules(mode, amplitude, max_events)
+    table = edge_table(geometry, facets)
+    openings = openings_of(facets, table, _COHERENT * emitter.coherence)
 
     def walk(first: int, count: int) -> _Counts:
         tally = beam_walk.Tally(np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells), *_ledger(), np.zeros(1))
         beam_walk.walk_beams(
-            key, first, count, rules, source, emitter.wavelength, geometry.tree, facets, materials, receivers, tally
-        )
+            key, first, count, rules, source, emitter.wavelength, geometry.tree, facets, openings, table, materials,
+            receivers, tally,
+        )  # fmt: skip
         return tally.counts, *tally, np.zeros(2)
 
     return walk
@@ -220,6 +230,21 @@ def _packed(planes: list[Plane]) -> np.ndarray:
     """Return float64[R, RECEIVER], what kernels know of receivers: centre, axes, pitch, rows, columns."""
     rows = [np.concatenate([plane.center, plane.axes.ravel(), [plane.pitch, *plane.shape]]) for plane in planes]
     return np.array(rows).reshape(-1, RECEIVER)
+
+
+def _raised(plane: Plane, facets: Facets, geometry: Geometry, emitter: Emitter) -> Plane:
+    """Return the receiver; one on a surface a little off it, towards the source, so that no rounding decides."""
+    if not len(facets.normals):
+        return plane
+    normal = plane.axes[2]
+    size = float(np.ptp(np.vstack([geometry.vertices, plane.center[None]]), axis=0).max())
+    parallel = np.linalg.norm(np.cross(facets.normals, normal), axis=1) < 1e-9
+    corner = facets.rim_ends[np.minimum(facets.rims[:-1], len(facets.rim_ends) - 1), :3]
+    height = ((corner - plane.center) * normal).sum(axis=1)
+    if not (parallel & (np.abs(height) <= _ON_SURFACE * size)).any():
+        return plane
+    side = float((emitter.origin - plane.center) @ normal)
+    return plane.replace(center=plane.center + (1.0 if side >= 0 else -1.0) * 2 * _ON_SURFACE * size * normal)
 
 
 def _doubt_short_edges(facets: Facets, wavelength: float) -> None:

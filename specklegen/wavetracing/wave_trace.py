@@ -1,4 +1,4 @@
-"""What tracing beams finds: power on receivers, how beams ended, and what they met."""
+"""Results of traced beams: power on receivers, how beams ended, and what they met."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -61,10 +61,8 @@ class Statistics:
     Attributes
     ----------
     surface, open, matter, null : int
-        Ordinary surface events; regions passed; regions in which matter was hit; regions that changed nothing: without
-        edge or hit, or with nothing open as the mean of the beam sees them.
-    restarts, plain_rays : int
-        Stretches lengthened because the cone touched at once; beams that went on as a plain ray after 16 of them.
+        Ordinary surface events; openings and edges passed; surfaces hit with an edge of theirs in the cone; of the
+        passed ones those that changed nothing, with nothing open as the mean of the beam sees them.
     uniform, gaussian, local_chirp : int
         Patterns of uniform and of Gaussian light; of the latter those whose phase, too curved for the
         grid, was taken out.
@@ -91,8 +89,6 @@ class Statistics:
     open: int
     matter: int
     null: int
-    restarts: int
-    plain_rays: int
     uniform: int
     gaussian: int
     trials: int

@@ -2,20 +2,23 @@
 
 import csv
 import json
+import shlex
 
 import numpy as np
 import pytest
+import typer
 from quick_recipes import few_paths
 from typer.testing import CliRunner
+from zscore import assert_z
 
+import specklegen as sg
 from specklegen.cli import commands
+from specklegen.cli.examples import EXAMPLES
+from specklegen.cli.learning import losses_starting_with
 from specklegen.core.errors import RuleError
 from specklegen.datasets import recipe_names
 
-COMMANDS = [
-    "recipes", "plan", "render", "memory-effect", "reflectance", "generate", "preview", "info", "verify", "export",
-    "train", "evaluate", "recoverable", "reconstruct", "compare",
-]  # fmt: skip
+COMMANDS = ["recipes", *commands.COMMANDS]
 
 
 def run(*words: str):
@@ -40,7 +43,31 @@ def refused(*words: str) -> str:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help(command):
-    assert "--help" in succeed(command, "--help")
+    said = succeed(command, "--help")
+    assert "--help" in said
+    assert f"  specklegen {EXAMPLES[command][0]}\n" in said
+
+
+def context_of(line: str):
+    """What the parser makes of a line; it refuses an option that is none, or a wrong value."""
+    command, words = typer.main.get_command(commands.app), shlex.split(line)
+    while words and words[0] in getattr(command, "commands", {}):
+        command, words = command.commands[words[0]], words[1:]
+    return command.make_context("specklegen", words)
+
+
+def test_every_command_has_examples_that_the_command_line_reads():
+    assert set(EXAMPLES) == set(COMMANDS) | {"recipes show", "recipes schema"}
+    for line in (line for lines in EXAMPLES.values() for line in lines):
+        assert context_of(line).params is not None
+    with pytest.raises(Exception, match="No such option: --no-such"):
+        context_of("plan through-slab --no-such")
+    with pytest.raises(Exception, match="0 is not in the range|greater than or equal to 1"):  # older and newer parsers
+        context_of("plan through-slab --samples 0")
+
+
+def test_losses_are_completed():
+    assert losses_starting_with("l1") == ["l1", "l1-invariant"]
 
 
 def test_recipes_are_listed_and_shown():
@@ -49,8 +76,20 @@ def test_recipes_are_listed_and_shown():
 
 def test_plan_says_what_it_does_and_costs():
     said = succeed("plan", "through-slab", "--samples", "10")
-    for part in ("Sampler: stationary", "left out", "10 samples", "MiB on disk"):
+    for part in ("Sampler: stationary", "Left out: ", "Idealised: faces", "10 samples", "MiB on disk"):
         assert part in said
+    assert len(said.strip().splitlines()) == 5
+    why = succeed("plan", "through-slab", "--samples", "10", "--verbose")
+    assert "- faces: left out: idealised: matched" in why
+
+
+def test_plan_of_ranges_is_that_of_the_largest_error():
+    said = succeed("plan", "through-slab", "--samples", "1", "--set", "material.g.uniform=[0.5, 0.9]")
+    lines = said.strip().splitlines()
+    low, high = lines[0].split("errors ")[1].split(";")[0].split(" to ")
+    assert lines[0].startswith("2 corners of its ranges: stationary")
+    assert float(low) <= float(high)
+    assert f"expected error {high};" in lines[2]
 
 
 def test_render_writes_stack_picture_and_scene(tmp_path):
@@ -64,6 +103,30 @@ def test_render_writes_stack_picture_and_scene(tmp_path):
     assert np.array_equal(field, np.load(tmp_path / "b/stack.npz")["field"])
 
 
+def test_memory_effect_of_presets_faces_and_scenes(tmp_path):
+    few = ("--paths", "2000", "--points", "3", "--largest", "0.5", "--json")
+    matched = json.loads(succeed("memory-effect", *few, "--out", tmp_path))
+    faced = json.loads(succeed("memory-effect", *few, "--index", "1.4", "--out", tmp_path))
+    assert faced[0]["intensity_correlation"][1] < matched[0]["intensity_correlation"][1]
+    skin = ("--material", "skin", "--wavelength", "0.806", "--thickness", "300")
+    assert json.loads(succeed("memory-effect", *skin, *few, "--out", tmp_path))[0]["curve"] == "skin"
+    assert "memory-effect --g must be left out with --material" in refused("memory-effect", *skin, "--g", "0.5")
+    layer = {"thickness": 5.0, "mean_free_path": 5.0, "scatterer": sg.Isotropic()}
+    scene = sg.Scene(
+        wavelength=0.5, medium=sg.Layers(layers=[sg.Layer(**layer), sg.Layer(**layer)]),
+        illumination=sg.CollimatedBeams.tilts([0.0], width=500.0), sensor=sg.FarField.grid((4, 4), 1e-3),
+    )  # fmt: skip
+    (tmp_path / "two.toml").write_text(scene.to_toml())
+    said = json.loads(succeed("memory-effect", "--scene", tmp_path / "two.toml", *few, "--out", tmp_path))[0]
+    medium = scene.medium
+    curve = sg.memory_effect(medium, wavelength=0.5, tilts=np.deg2rad([0, 0.25, 0.5]), paths=2000)
+    assert said["curve"] == "two"
+    np.testing.assert_array_equal(said["intensity_correlation"], curve.intensity)
+    assert "--wavelength must be left out with --scene" in refused(
+        "memory-effect", "--scene", tmp_path / "two.toml", "--wavelength", "0.5"
+    )
+
+
 def test_memory_effect_writes_table_and_figure(tmp_path):
     succeed("memory-effect", "--g", "0", "--g", "0.9", "--paths", "5000", "--points", "5", "--out", tmp_path)
     rows = list(csv.DictReader((tmp_path / "memory-effect.csv").open()))
@@ -71,6 +134,31 @@ def test_memory_effect_writes_table_and_figure(tmp_path):
     assert float(rows[0]["intensity_correlation"]) == 1
     assert float(rows[4]["intensity_correlation"]) < 0.1 < float(rows[9]["intensity_correlation"])
     assert (tmp_path / "memory-effect.png").stat().st_size > 1000
+
+
+def test_memory_effect_in_time(tmp_path):
+    """A table of |g1|^2 in units of 1/(D k^2) or of a time, as temporal_correlation has it; bad lags are named."""
+    few = ("--g", "0", "--paths", "5000", "--points", "5", "--out", tmp_path)
+    succeed("memory-effect", "--lags", "0.02", *few)
+    rows = list(csv.DictReader((tmp_path / "memory-effect.csv").open()))
+    found = np.array([float(row["intensity_correlation"]) for row in rows])
+    lags = np.linspace(0, 0.02, 5)
+    np.testing.assert_allclose([float(row["x"]) for row in rows], lags, rtol=1e-5)
+    slab = sg.Slab(thickness=100.0, mean_free_path=10.0, scatterer=sg.Isotropic(), motion=sg.Brownian(diffusion=1.0))
+    law = sg.temporal_correlation(slab, wavelength=2 * np.pi, lags=lags, paths=5000, seed=3)
+    assert_z(found[1:], law.intensity[1:], 2**0.5 * law.standard_error[1:])
+    assert (tmp_path / "memory-effect.png").stat().st_size > 1000
+    said = json.loads(succeed("memory-effect", "--lags", "1e-3", "--diffusion", "0.5", *few, "--json"))[0]
+    assert said["lag"][-1] == pytest.approx(1e-3)
+    assert said["x"][-1] == pytest.approx(0.5 * (2 * np.pi / 0.5) ** 2 * 1e-3, rel=1e-6)
+    for words, says in (
+        (("--lags", "-1"), "--lags must be above 0 and finite"),
+        (("--lags", "nan"), "--lags must be above 0 and finite"),
+        (("--diffusion", "1"), "--diffusion must be left out without --lags"),
+        (("--lags", "1", "--material", "ground-glass", "--wavelength", "0.5"), "--lags must be left out of thin"),
+    ):
+        assert says in refused("memory-effect", *words), words
+
 
 
 def test_reflectance_writes_totals_and_densities(tmp_path):
@@ -103,7 +191,7 @@ def test_generate_resumes_and_previews(tmp_path):
         (("generate", "nope", "--out", "x"), ["recipe must be one of", "through-slab", "nope", "specklegen recipes"]),
         (("plan", "through-slab", "--images", "/no/such/folder"), ["Folder.path", "/no/such/folder"]),
         (("plan", "through-slab", "--set", "material.g=1.0"), ["Material.g", "1.0"]),
-        (("plan", "through-slab", "--set", "material.gg=1.0"), ["Material.gg", "no such field"]),
+        (("plan", "through-slab", "--set", "material.gg=1.0"), ["Material.gg", "no such field", "Did you mean g?"]),
         (("plan", "through-slab", "--set", "material"), ["KEY=VALUE", "material"]),
         (("render", "--g", "1"), ["HenyeyGreenstein.g", "1.0"]),
         (("render", "--thickness", "-5"), ["thickness", "-5"]),
@@ -121,6 +209,35 @@ def test_bad_input_is_named(words, says, tmp_path, monkeypatch):
         assert part in message, message
 
 
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ("[material]\ng = 2.0", "error: material.g must be between -1 and 1"),
+        ("[material]\nscatterer = {type = 'HenyeyGreenstein', g = 2.0}", "error: material.scatterer.g must be between"),
+        ("[material]\nscatterer = {type = 'Tabulated'}", "error: material.scatterer."),
+        ("[objects]\nshap = [8, 8]", "error: objects.shap must be absent: there is no such field; got [8, 8]."),
+        ("g = 0.5", "error: g must be absent: there is no such field; got 0.5. Did you mean material.g?"),
+        ("[matrial]\ng = 0.5", "Did you mean material?"),
+        ("[samples]\ntrain = 0", "error: samples.train must be at least 1"),
+        ("kind = 'hiden-object'", "error: recipe.kind must be"),
+    ],
+)  # fmt: skip
+def test_errors_speak_of_the_tables_of_a_file(table, says, tmp_path, capsys):
+    file = tmp_path / "mine.toml"
+    top, _, rest = table.partition("[")
+    file.write_text(f'inherits = "through-slab"\n{top}\n' + (f"[{rest}" if rest else ""))
+    with pytest.raises(SystemExit) as end:
+        commands.main(["plan", str(file)])
+    assert end.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_file_that_is_not_there_is_said_to_be_missing():
+    said = refused("plan", "no-such.toml")
+    assert "recipe must be a file that is there, or a packaged name; got 'no-such.toml'" in said
+    assert "any-object" not in said
+
+
 def test_an_unwritable_folder_is_found_at_once(tmp_path):
     (tmp_path / "file").write_text("in the way")
     assert "--out must be a writable folder" in refused("render", "--out", tmp_path / "file" / "sub")
@@ -135,7 +252,7 @@ def test_main_prints_the_message_and_exits(monkeypatch, capsys):
     with pytest.raises(SystemExit) as exit_status:
         commands.main()
     assert exit_status.value.code == 2
-    assert "error: HenyeyGreenstein.g must be" in capsys.readouterr().err
+    assert "error: g must be" in capsys.readouterr().err
 
 
 def test_verify_fails_on_damage_and_succeeds_once_it_is_mended(tmp_path):

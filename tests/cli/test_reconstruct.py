@@ -121,6 +121,35 @@ def test_what_cannot_be_is_refused(setup, tmp_path, words, message):
         raise result.exception
 
 
+def test_a_laboratory_s_files_are_read_whole(setup, tmp_path, monkeypatch):
+    """Dark frames, a beam, a second exposure in the file: what the solver is given is the image without them."""
+    image = tifffile.imread(setup / "one.tiff").astype(np.float64)
+    beam = np.exp(-np.square(np.linspace(-1.2, 0.8, 128)))[:, None] * np.ones((2, 128, 128))
+    rng = np.random.default_rng(1)
+    light = np.rint(np.pad(image, ((0, 0), (4, 0))) * np.pad(beam, ((0, 0), (0, 0), (4, 0))) + 100).astype(np.uint16)
+    tifffile.imwrite(setup / "lab.tif", light, photometric="minisblack", compression="zlib")
+    for n in range(2):
+        tifffile.imwrite(setup / f"dark_{n}.tif", rng.normal(100, 0.5, (128, 132)).round().astype(np.uint16))
+    given = []
+    monkeypatch.setattr(
+        "specklegen.models.recoverability.assessment.reconstruct_and_assess", lambda stack, *a, **k: given.append(stack)
+    )
+    words = ("reconstruct", setup / "lab.tif", "--setup", setup / "setup.toml", "--out", tmp_path)
+    region = "--region=0,4,128,128"
+    for envelope in ("fit", "none"):
+        run(*words, "--dark", setup / "dark_*.tif", region, "--keep", "1:", "--envelope", envelope)
+    fitted, left = (np.asarray(stack)[0, 0] / np.asarray(stack).mean() for stack in given)
+    expected = image / image.mean()
+    inside = beam[0] / beam[0].mean()
+    # The light under the beam has less noise than its envelope, fitted to speckle, has error: a few percent.
+    assert np.std(fitted / expected.clip(0.05)) < 0.1 < np.std(left / expected.clip(0.05))
+    assert np.abs(left / (expected * inside) - 1)[expected > 0.5].mean() < 0.05
+    result = run(*words, "--dark", setup / "dark_*.tif", "--background", 3)
+    assert "--background must be 0 with --dark" in str(result.exception)
+    for wrong in ("--region=all", "--keep=a"):
+        assert isinstance(run(*words, wrong).exception, RuleError), wrong
+
+
 def test_no_probability_of_what_is_no_speckle(setup, tmp_path):
     """White noise blurred by four pixels."""
     noise = gaussian_filter(np.random.default_rng(0).standard_normal((128, 128)), 4)

@@ -51,7 +51,7 @@ REFUSED = {
     "text for a length": (lambda: slab(thickness="thick"), ["Slab.thickness", "a number", "'thick'"]),
     "missing field": (lambda: sg.Slab(thickness=1.0, scatterer=sg.Isotropic()), ["Slab.mean_free_path", "given"]),
     "unknown field": (lambda: slab(thicknes=2.0), ["Slab.thicknes", "there is no such field", "2.0"]),
-    "unknown scatterer": (lambda: slab(scatterer={"type": "Rayleigh"}), ["Slab.scatterer", "Isotropic", "Rayleigh"]),
+    "unknown scatterer": (lambda: slab(scatterer={"type": "Dipoles"}), ["Slab.scatterer", "Isotropic", "Dipoles"]),
     "scatterer a number": (lambda: slab(scatterer=0.9), ["Slab.scatterer", "0.9"]),
     "g = 1": (lambda: sg.HenyeyGreenstein(g=1.0), ["HenyeyGreenstein.g", "-1 and 1, both excluded", "1.0", "0.999"]),
     "g = -1": (lambda: sg.HenyeyGreenstein(g=-1.0), ["HenyeyGreenstein.g", "both excluded", "-1.0"]),

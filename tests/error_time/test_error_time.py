@@ -67,9 +67,7 @@ def test_a_wrong_error_model_is_caught(slope, floor):
     assert abs(fit.slope + 0.5) > limit() * fit.slope_error
 
 
-@pytest.mark.parametrize(
-    "bad", [([1, 1], [1, 2], [1, 1]), ([1, 2], [0, 2], [1, 1]), ([1, 2], [1, 2], [1, np.nan])]
-)
+@pytest.mark.parametrize("bad", [([1, 1], [1, 2], [1, 1]), ([1, 2], [0, 2], [1, 1]), ([1, 2], [1, 2], [1, np.nan])])
 def test_trend_refuses(bad):
     with pytest.raises(RuleError, match="fit_trend"):
         fit_trend(*bad)
@@ -131,7 +129,7 @@ def test_paths_imply_what_their_renders_scatter_about():
 @pytest.mark.parametrize(("center", "kernel"), [((0.0, 0.0), "axial"), ((0.5, 0.2), "oblique")])
 def test_stationary_model_is_that_of_its_stacks(center, kernel):
     scene = small(center=center)
-    assert plan(scene, sampler="stationary").chosen.kernel == kernel
+    assert plan(scene, sampler="stationary").chosen.form == kernel
     probes = Probes(np.array([(0, 38), (2, 42), (0, 39)]), np.array([(0, 1), (0, 2)]))
     model = stationary_estimate(scene, probes, 2000, 1).value
     fields = render(scene, paths=2000, sampler="stationary", seed=1, realizations=4000).field.reshape(4000, 3, -1)

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 from scipy.stats import t as student
 from typer.testing import CliRunner
+from zscore import assert_z
 
 import specklegen as sg
 from specklegen.cli import commands, explore
@@ -22,6 +23,7 @@ from specklegen.explorer.controls import CONTROLS, State
 FALSE_ALARM = 1e-6
 BEGIN = State()
 WIDE = State(extent=0.3, thickness=1500.0, camera=128)
+UNMADE = ("tilt", "lag", "focus", "lens", "magnification", "sample")
 UNFIT = State(thickness=4000.0, aperture=5e3, camera=64)
 
 
@@ -44,9 +46,9 @@ def test_the_recipe_as_toml_and_python_is_the_recipe(tmp_path):
 
 
 def test_every_physical_control_changes_the_recipe():
-    """But the tilt and the number of the sample, which it is not made of."""
+    """But the tilt, the lag, the lens and the number of the sample, which it is not made of."""
     prints = {recipe.recipe_of(state).fingerprint() for state in states()}
-    unmade = sum(len({CONTROLS[n].steps[0], CONTROLS[n].steps[-1]} - {getattr(BEGIN, n)}) for n in ("tilt", "sample"))
+    unmade = sum(len({CONTROLS[n].steps[0], CONTROLS[n].steps[-1]} - {getattr(BEGIN, n)}) for n in UNMADE)
     assert len(prints) == len(list(states())) - unmade + 1
 
 
@@ -79,6 +81,68 @@ def test_tilted_speckle_correlates_as_is_said():
     limit = student.isf(FALSE_ALARM / 2, 15) * measured.std(ddof=1) / 4
     assert abs(measured.mean() - found[0].correlation) < limit
     assert abs(measured.mean() - panels.c_i(BEGIN, np.array([0.1e-3]))[0]) > limit
+
+
+def test_frames_forget_as_the_curve_says():
+    """|g1|^2 against other paths of the slab, and the frames of 12 media against it at two lags; power with both."""
+    found = panels.moved(BEGIN)
+    assert np.interp(BEGIN.lag, found.lags, found.intensity) == pytest.approx(found.correlation, abs=1e-3)
+    slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9), motion=recipe.SPHERES)
+    some = found.lags[[10, 40, 80]]
+    other = sg.temporal_correlation(slab, wavelength=0.5, lags=1e-3 * some, paths=40_000, seed=8)
+    error = 1.8 * other.standard_error  # of 20 000 paths of its own, and these
+    assert_z(found.intensity[[10, 40, 80]], other.intensity, error)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(found.intensity[[20, 60, 100]], other.intensity, error)
+
+    few = State(camera=64, extent=0.02)  # so small an object that its speckle is that of one beam
+    measured = []
+    for lag in (2.0, 100.0):
+        frames = [panels.moved(few._replace(lag=lag, sample=n)) for n in range(12)]
+        alike = np.array([np.corrcoef(each.images.reshape(2, -1))[0, 1] for each in frames])
+        measured.append((alike.mean(), frames[0].correlation, alike.std(ddof=1) / np.sqrt(12)))
+    assert_z(*np.transpose(measured), degrees=11, slack=0.02)  # of an image's own mean and a wide beam's
+    assert measured[0][0] > measured[1][0] + 0.3
+
+
+THIN = State(thickness=200.0, mean_free_path=50.0, camera=64, focus=200.0)
+
+
+def test_what_the_lens_shows_is_the_file_that_is_taken_along(tmp_path):
+    """Both planes, and each of the three sliders makes other images."""
+    (tmp_path / "lens.toml").write_text(recipe.lens_toml(THIN))
+    found = panels.focused(THIN)
+    np.testing.assert_array_equal(found.images, load_recipe(tmp_path / "lens.toml").sample(1, "test", 0)["stack"])
+    assert found.images.shape == (2, 64, 64)
+    for name, step in (("focus", -100.0), ("lens", 0.01), ("magnification", 3.0)):
+        other = panels.focused(THIN._replace(**{name: step}))
+        assert not np.allclose(other.images[1], found.images[1], rtol=0.05), name
+    on_face = panels.focused(THIN._replace(focus=0.0)).images  # one plane
+    assert on_face.shape == (1, 64, 64)
+
+
+def test_a_plane_is_as_large_as_pixels_over_magnification():
+    """The pitch of the engine's camera, half of it at twice the magnification."""
+    for magnification, pitch in ((2.0, 3.25), (5.0, 1.3)):
+        state = THIN._replace(magnification=magnification)
+        made = recipe.lens_of(state)
+        lens = made.lenses(made.material.extremes()[0], np.zeros(1))[0]
+        assert lens.camera.pitch == pytest.approx(pitch)
+        assert panels.focused(state).field == pytest.approx(64 * pitch)
+        assert panels.focused(state).grain == pytest.approx(0.5 / (2 * 0.02))
+
+
+def test_pixels_larger_than_half_a_grain_are_refused_in_their_panel():
+    text = page.panels(THIN._replace(magnification=1.0))
+    assert "CameraGrid.pixels_per_grain must be at least 2" in text
+    assert "of the object" in text  # the others stay
+    assert "200 µm behind it" in page.panels(THIN)
+
+
+def test_the_frames_are_of_the_object_that_is_shown():
+    """Behind the same fields, to the bit: the first frame is that of the recipe at rest."""
+    state = State(refractive_index=1.5)  # which no table holds
+    np.testing.assert_array_equal(panels.moved(state).images[0], panels.sample(state)["image"])
 
 
 def test_the_memory_curve_is_that_of_the_slab():
@@ -195,6 +259,7 @@ def test_what_is_impossible_is_said_and_does_nothing(monkeypatch):
     text = page.panels(State(camera=64))
     assert "slab must be &lt;b&gt;thin&lt;/b&gt;" in text
     assert "phase retrieval" in text
+    assert "after 2 ms" in text
 
 
 def test_the_rate_is_that_of_sixteen_samples(monkeypatch):

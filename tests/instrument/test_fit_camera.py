@@ -281,4 +281,4 @@ def test_files_that_are_no_frames_say_why(tmp_path):
     with pytest.raises(ValueError, match="not frames of grey counts"):
         read_frames(tmp_path / "a.npy")
     asked = CliRunner().invoke(app, ["fit-camera", "--pairs", str(tmp_path / "none.tif"), "--dark", "x"])
-    assert "files of frames that can be read" in str(asked.exception)
+    assert "fit-camera --pairs must be a file, a folder or a pattern with frames" in str(asked.exception)

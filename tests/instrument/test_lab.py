@@ -396,7 +396,7 @@ def test_every_laboratory_that_passes_keeps_its_correlation(log_u, log_v, log_ap
             lambda: LabSetup(**{**EXAMPLE, "camera_distance": None}),
             r"camera_distance must be given, or else focal_leng",
         ),
-        (lambda: LabSetup(**EXAMPLE, focal_length=50.0), r"and not both; got \(50\.0, 50\.0\)"),
+        (lambda: LabSetup(**EXAMPLE, focal_length=50.0), r"not two of them; got \(50\.0, 50\.0, None\)"),
         (lambda: LabSetup(**{**EXAMPLE, "wavelength": -1}), r"LabSetup\.wavelength must be greater than 0"),
         (lambda: LabSetup(**{**EXAMPLE, "aperture": np.nan}), r"LabSetup\.aperture must be finite"),
         (
@@ -435,3 +435,64 @@ def test_a_setup_is_a_value():
     scaled = LabSetup(**{**EXAMPLE, **metres})
     assert scaled.phase_errors == pytest.approx(setup.phase_errors)
     assert scaled.view_pitch == pytest.approx(setup.view_pitch)
+
+
+MICROSCOPE = {  # micrometres
+    "wavelength": 0.532, "object_distance": 5e5, "object_extent": 1e4, "aperture": 40.0, "focus": -10.0,
+    "magnification": 20.0, "numerical_aperture": 0.25, "pixel_pitch": 6.5, "pixels": (16, 24), "refractive_index": 1.4,
+}  # fmt: skip
+
+
+def test_an_objective_images_a_plane_by_its_magnification():
+    """A scene's lens has the aperture inside the layer, the plane in the medium outside, and pixels of the camera."""
+    setup = LabSetup(**MICROSCOPE)
+    slab = sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    scene = setup.scene(slab, np.ones((2, 2)))
+    camera = scene.sensor
+    assert (camera.shape, camera.focus, camera.magnification) == ((16, 24), -10.0, 20.0)
+    assert camera.aperture == pytest.approx(0.25 / 1.4)
+    assert scene.wavelength / (2 * camera.aperture) * camera.magnification == pytest.approx(setup.speckle_size)
+    assert setup.magnification == 20.0
+    fine = LabSetup(**MICROSCOPE | {"oversampling": 2}).scene(slab, np.ones((2, 2))).sensor
+    assert fine.shape == (32, 48)
+    assert fine.positions[0][-1] == pytest.approx(camera.positions[0][-1] + 6.5 / 20 / 4)
+    image = sg.render(scene, paths=200, seed=0, threads=1).intensity
+    assert image.shape == (16, 24)
+    assert np.isfinite(image).all()
+
+
+def test_a_setup_with_an_objective_is_written_and_read_and_others_are_what_they_were():
+    setup = LabSetup(**MICROSCOPE)
+    assert LabSetup.from_toml(setup.to_toml()) == setup == setup.replace(focus=-10.0)
+    assert setup.replace(focus=5.0).focus == 5.0
+    assert not {"focus", "magnification", "objective", "numerical_aperture"} & LabSetup(**EXAMPLE).model_dump().keys()
+
+
+@pytest.mark.parametrize(
+    ("field", "changes"),
+    [("LabSetup.camera_distance", {"camera_distance": 100.0}), ("LabSetup.magnification", {"magnification": None}),
+     ("LabSetup.numerical_aperture", {"numerical_aperture": None}), ("LabSetup.bandwidth", {"bandwidth": 1e-3}),
+     ("LabSetup.focus", {"focus": 1e70})],
+)  # fmt: skip
+def test_an_objective_is_given_whole_and_alone(field, changes):
+    with pytest.raises(sg.RuleError, match=re.escape(field)):
+        LabSetup(**MICROSCOPE | changes)
+    with pytest.raises(sg.RuleError, match=r"LabSetup\.magnification must be given with a focus"):
+        LabSetup(**EXAMPLE | {"magnification": 2.0})
+
+
+def test_a_coarse_pixel_is_refused_with_the_pitch_that_passes():
+    with pytest.raises(sg.RuleError, match=r"LabSetup\.pixel_pitch") as error:
+        LabSetup(**MICROSCOPE | {"pixel_pitch": 30.0})
+    at_most = float(re.search(r"at most ([0-9.]+)", str(error.value))[1])
+    assert LabSetup(**MICROSCOPE | {"pixel_pitch": at_most}).speckle_size == pytest.approx(2 * at_most, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["view_distance", "view_pitch", "object_resolution", "phase_errors"])
+def test_what_the_far_field_alone_has_is_refused_of_an_objective(name):
+    setup = LabSetup(**MICROSCOPE)
+    if name == "object_resolution":  # of the light, whatever looks
+        assert setup.object_resolution > 0
+        return
+    with pytest.raises(sg.RuleError, match=r"LabSetup\.focus must be left out where the far field"):
+        getattr(setup, name)

@@ -156,7 +156,7 @@ def test_positive_semidefinite_and_normalised(medium):
     rng = np.random.default_rng(3)
     reach = 1 / np.sqrt(kernel.mean_square_radius)
     for spread in (0.3, 3.0, 30.0, 1e4):
-        matrix = kernel.correlation(rng.normal(size=(40, 2)) * spread * reach, 1.0)
+        matrix = kernel.matrix(rng.normal(size=(40, 2)) * spread * reach, 1.0)
         assert np.linalg.eigvalsh(matrix).min() > -1e-13 * 40  # rounding of 40 x 40 entries
     far = kernel(1e5 * reach)
     assert abs(far - kernel.single_share) < 0.02  # no end: K goes to its floor
@@ -364,7 +364,7 @@ def test_a_material_takes_its_kernel_from_the_atlas(empty_cache):
     material = Material(wavelength=0.5, thickness=1000.0, optical_depth=10.0, g=0.9, kernel="atlas")
     (medium,) = material.extremes()
     served, traced = known(medium, 20_000, material.kernel), known(medium, 20_000)
-    assert (served.kernel.source, traced.kernel.source) == ("atlas", "estimate")
+    assert (served.correlation.source, traced.correlation.source) == ("atlas", "estimate")
     assert served.half_range == pytest.approx(traced.half_range, rel=0.1)
     assert Material(wavelength=0.5, thickness=1.0, optical_depth=1.0, g=0.5).kernel == "estimate"
     with pytest.raises(ValueError, match="Material.kernel must be"):
@@ -379,3 +379,22 @@ def test_stated_errors():
     assert (value[0], lost[0], error[0]) == (1.0, 0.0, 0.0)
     assert error[1] == errors.correlation / 2
     assert value[1] == pytest.approx(float(kernel(5.0)) ** 2, abs=1e-12)
+
+
+def test_what_is_kept_is_of_one_kind_of_processor_and_one_set_of_libraries(monkeypatch):
+    """A home folder is shared by machines, and outlives libraries: samples had the last bits of whoever came first."""
+    medium = slab(0.2, 0.5)
+    names = {cache.path_of(medium, 100).name, cache.path_of(medium, 100).name}
+    assert len(names) == 1
+    for name, value in (
+        ("get_host_cpu_name", lambda: "another"),
+        ("library_versions", lambda: {"numba": "0.0"}),
+        ("_sources_digest", lambda: "of other sources"),
+    ):
+        with monkeypatch.context() as context:
+            context.setattr(cache, name, value)
+            names.add(cache.path_of(medium, 100).name)
+    with monkeypatch.context() as context:
+        context.setenv("NUMBA_CPU_NAME", "generic")
+        names.add(cache.path_of(medium, 100).name)
+    assert len(names) == 5

@@ -118,7 +118,7 @@ def test_behind_faces_one_view_has_the_curve_of_the_slab():
     """Light that leaves about the axis, as it is walked between the faces and as connections are made to it."""
     medium = sg.Slab(thickness=400.0, mean_free_path=400.0 / 3, scatterer=sg.HenyeyGreenstein(g=0.7),
                      faces=sg.Faces(inside=1.33))  # fmt: skip
-    walks, ways, weights, _ = walked_light(medium, 150_000, 3)
+    walks, ways, weights, _, _ = walked_light(medium, 150_000, 3)
     near = (np.hypot(*ways.T) < 0.15) & (weights > 0)
     tilts, distance = np.array([0.8, 1.6]) / (K * 400.0), np.hypot(*walks[near].T)
     batch = np.flatnonzero(near) * 64 // len(near)

@@ -68,7 +68,7 @@ CASES = [
 def test_oblique_stacks_are_those_of_paths(view, tilt, g, side):
     scene, paths, count = oblique(view, tilt, g=g, side=side), 2500, 250 if view == 10 else 100
     made = plan(scene, paths=200_000)
-    assert (made.sampler, made.chosen.kernel) == ("stationary", "oblique"), made.explain()
+    assert (made.sampler, made.chosen.form) == ("stationary", "oblique"), made.explain()
     found = []
     for sampler, n in (("paths", paths), ("stationary", 200_000)):
         stack = sg.render(scene, paths=n, seed=1, realizations=count, sampler=sampler)
@@ -95,7 +95,7 @@ def test_on_the_axis_it_is_the_kernel_of_the_axis():
     sines = np.array([[0.0, 0.0], [3e-4, 0.0], [0.0, 2e-4]])
     turned = [estimate_oblique_correlation(slab(), AXIS, AXIS, 4000, (1, n)) for n in range(32)]
     plain = [estimate_correlation(slab(), 4000, (2, n)) for n in range(32)]
-    turned, plain = (np.array([k.correlation(sines, K)[1:, 0] for k in found]) for found in (turned, plain))
+    turned, plain = (np.array([k.matrix(sines, K)[1:, 0] for k in found]) for found in (turned, plain))
     difference = turned - plain
     assert_mean(np.concatenate([difference.real, difference.imag], axis=1), 0.0)
 
@@ -122,7 +122,7 @@ def test_it_is_hermitian_and_positive_for_any_tilts():
     kernel = estimate_oblique_correlation(slab(), AXIS, directions_of_sines("view", [0.3, 0.0]), 2000, 1)
     sines = np.random.default_rng(0).normal(size=(40, 2)) * 3 / (K * THICKNESS)
     sines[20:30] = sines[:10]
-    matrix = kernel.correlation(sines, K)
+    matrix = kernel.matrix(sines, K)
     np.testing.assert_allclose(matrix, matrix.conj().T, atol=1e-14)
     np.testing.assert_allclose(np.diag(matrix), 1, rtol=1e-12)
     assert np.linalg.eigvalsh(matrix).min() > -1e-12 * len(sines)
@@ -148,7 +148,7 @@ def test_the_kernel_of_the_axis_is_preferred_where_it_is_right():
     """And then its bits are what they were: the oblique one is not even estimated."""
     scene = oblique(0.5)
     made = plan(scene)
-    assert (made.sampler, made.chosen.kernel) == ("stationary", "axial")
+    assert (made.sampler, made.chosen.form) == ("stationary", "axial")
     rendered = sg.render(scene, paths=5000, seed=3).field
     kernel = estimate_correlation(scene.slab, 5000, 3)
     np.testing.assert_array_equal(rendered, stack_sampler(scene, kernel).sample(3).numpy())

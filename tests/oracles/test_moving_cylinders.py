@@ -14,7 +14,7 @@ from specklegen.oracles.moving_cylinders import moved, temporal_correlation
 from specklegen.oracles.wave_ensemble import CylinderGas
 from specklegen.oracles.wave_solver import PlaneLights, directions_of
 from specklegen.paths.endpoint_factors import contributions
-from specklegen.paths.momentum import momentum_transfer
+from specklegen.paths.momentum import doppler_shift, momentum_transfer
 from specklegen.paths.tracer import scene_tracer
 from specklegen.scene.motion import reduced_time
 
@@ -207,3 +207,72 @@ def test_steps_are_of_the_law_that_a_medium_states(monkeypatch):
     assert law.mean_square(lag) == pytest.approx(6 * law.diffusion * lag)
     with pytest.raises(AssertionError, match="z ="):
         assert_mean(squares, law.mean_square(lag))
+
+
+SHEARED = np.array([0.5, 1.5, 3.0])
+"""k rate t l of a shear, over the box of optical depth 2."""
+
+
+def sheared(side, rate=1.0):
+    """A flow (V, 0) along x that grows with z from the middle of a box on: of wavelength 1, rate / (2 pi) z / side."""
+    return lambda centres: np.stack([rate / (2 * np.pi) * centres[:, 1] / side, 0 * centres[:, 1]], axis=1)
+
+
+def test_light_scattered_once_turns_with_the_flow():
+    """g1 is the mean of e^(-i k t (i - v) . V(z)) over the box, |z| <= side / 2, a sinc; of one velocity a phase."""
+    times, side = np.array([0.0, 2.0, 6.0]), 3.0
+    flow = sheared(side)
+    found = temporal_correlation(WEAK, LIGHTS, far, times, placements=768, seed=4, flow=flow)
+    law, faster = (np.sinc(speed * times[:, None] * np.sin(ANGLES) / (2 * np.pi)) for speed in (1.0, 1.4))
+    np.testing.assert_allclose(found.field[0], 1, rtol=1e-12)
+    assert_z(found.field[1:, :, 0], law[1:], found.standard_error[1:, :, 0], degrees=63)
+    assert_z(found.imaginary[1:], 0.0, found.imaginary_error[1:], degrees=63)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(found.field[1:, :, 0], faster[1:], found.standard_error[1:, :, 0], degrees=63)
+    once = temporal_correlation(WEAK, LIGHTS, far, [1.0], placements=256, seed=4, flow=lambda c: 0 * c + [0.1, 0.2])
+    turn = 2 * np.pi * (directions_of(np.array([0.0])) - directions_of(ANGLES)) @ [0.1, 0.2]
+    np.testing.assert_allclose((once.field + 1j * once.imaginary)[0, :, 0], np.exp(-1j * turn), atol=1e-9)
+
+
+def carried_waves():
+    """g1 of the box of optical depth 2 under a shear, real and imaginary parts float64[2, X, V], and their errors."""
+    gas = CylinderGas.with_mean_free_path(
+        Cylinder.resonant(0.02, order=0), (-SIDE / 2, -SIDE / 2), (SIDE / 2, SIDE / 2), FREE
+    )
+    turns = np.array([0.0, np.pi])  # by which the flow is what it was
+    angles = np.concatenate([VIEWS, -VIEWS])
+
+    def seen(solved):
+        every = solved.far_field(directions_of((turns[:, None] + angles).ravel())).reshape(2, 2, len(angles))
+        return every[np.arange(2), np.arange(2)].reshape(2 * 2, len(VIEWS))
+
+    runs = []
+    for n in range(32):
+        found = temporal_correlation(
+            gas, PlaneLights(directions_of(turns)), seen, SHEARED, placements=64, batches=32, seed=n,
+            flow=sheared(1.0, 1 / FREE),
+        )  # fmt: skip
+        mirrored = np.array([1, -1] * 2)  # at -v the conjugate
+        runs.append([found.field.mean(axis=-1), (found.imaginary * mirrored).mean(axis=-1)])
+    return np.mean(runs, axis=0), np.std(runs, axis=0, ddof=1) / np.sqrt(len(runs))
+
+
+@pytest.mark.slow
+def test_a_shear_of_that_box_by_the_engine():
+    """Doppler shifts of the engine's paths against waves that know no path; a flow 20 % faster is told."""
+    waves, error = carried_waves()
+    scene = engine().replace(medium=engine().medium.replace(motion=sg.Shear(rate=1 / (2 * np.pi * FREE))))
+    tracer, sums = scene_tracer(scene, False), []
+    bank = tracer.trace(1, 200_000)
+    for v in range(len(VIEWS)):
+        layout = tracer.layout.of_ends(slice(0, 1), slice(v, v + 1))
+        weights, shifts = contributions(layout, bank), doppler_shift(layout, bank)
+        times = np.concatenate([[0.0], SHEARED, 1.2 * SHEARED])[:, None]
+        sums.append(batch_sums(weights * np.exp(-2j * np.pi * times * shifts), bank.paths, 200_000))
+    value, noise = jackknife(np.stack(sums, axis=-1), lambda some: np.stack([(some[1:] / some[:1]).real,
+                                                                              (some[1:] / some[:1]).imag]))  # fmt: skip
+    right, faster = np.split(value, 2, axis=1)
+    its, other = np.split(noise, 2, axis=1)
+    assert_z(waves, right, np.hypot(error, its), degrees=31)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(waves, faster, np.hypot(error, other), degrees=31)

@@ -111,7 +111,7 @@ def test_it_is_that_of_lateral_ways(case):
     beside = np.array(LATERAL[case][-1])
     view = directions(middle[None, :2] + beside)[0]
     known = estimate_oblique_correlation(scene.slab, middle, view, 30_000, 3)
-    expected = np.square(np.abs(known.correlation(scene.lights[:, :2], scene.wavenumber)[0, 1:]))
+    expected = np.square(np.abs(known.matrix(scene.lights[:, :2], scene.wavenumber)[0, 1:]))
     # Their own error is about as large, of as many paths that have other seeds.
     assert_z(intensity, expected, error * 2**0.5, degrees=BATCHES - 1, slack=0.01)
 

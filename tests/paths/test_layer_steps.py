@@ -8,6 +8,7 @@ import specklegen as sg
 from specklegen.core.statistics import jackknife
 from specklegen.kernels import analog_walk as kernels
 from specklegen.kernels.fresnel import fresnel
+from specklegen.memory_effects.oblique import estimate_oblique_correlation
 from specklegen.oracles.layered_walk import BATCHES, walk_layers
 from specklegen.paths import analog_walk
 from specklegen.paths.analog_walk import axial_light
@@ -250,6 +251,8 @@ def test_what_layers_that_refract_do_not_serve_is_refused():
         UPPER.replace(index=11.0)
     with pytest.raises(sg.RuleError, match=r"Layers.layers must be of one index in a scene"):
         sg.Scene(wavelength=0.5, medium=TWO, illumination=light, sensor=sg.FarField.grid((8, 8), 2e-4))
+    with pytest.raises(sg.RuleError, match="light and view must be along the axis where layers refract"):
+        estimate_oblique_correlation(TWO, AXIS, np.array([0.6, 0.0, 0.8]), 64, 0)
     for verb, also in ((sg.memory_effect, {}), (sg.temporal_correlation, {"lags": [0.0]})):
         name = verb.__name__
         with pytest.raises(sg.RuleError, match=rf'{name} mode must be "transmission" where layers refract'):

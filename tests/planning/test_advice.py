@@ -85,7 +85,7 @@ def test_reversed_paths_add_nothing_that_is_seen(name, n):
 def test_the_kernel_stands_for_the_paths(name, n):
     """|C|^2 between the two lights furthest apart, window and all, within what the criterion states."""
     made = plans(name)[n]
-    assert (made.sampler, made.chosen.kernel) == ("stationary", "axial")
+    assert (made.sampler, made.chosen.form) == ("stationary", "axial")
     stated = scene_stationary_error(made.scene, STATIONARY_TOLERANCE, False)
     assert f"off by {stated.correlation:.2g}" in made.explain()
     covariance, kernel = full(made.scene, False, 1), estimate_correlation(made.scene.slab, 100_000, 3)
@@ -96,7 +96,7 @@ def test_the_kernel_stands_for_the_paths(name, n):
     c = covariance.value
     scale = np.sqrt(abs(c[0, 0, 0, 0] * c[last, last, last, last]))
     sines = few(made.scene).beams.directions[[0, last], :2]
-    model = kernel.correlation(sines, made.scene.wavenumber)[0, 1]
+    model = kernel.matrix(sines, made.scene.wavenumber)[0, 1]
     found, error = abs(c[0, 0, last, last]) / scale, covariance.standard_error[0, 0, last, last] / scale
     bias = error**2 / max(2 * found, error)
     # A change of |K|^2 by e is one of |K| by e / (|K| + |K'|), at most its root.
@@ -131,9 +131,7 @@ def test_these_comparisons_have_power():
     made = plans("through-slab")[0]
     back = made.scene.replace(sensor=made.scene.sensor.replace(side="reflection"))
     lit = few(back).lights[:1]
-    scene = back.replace(
-        illumination=back.beams.replace(directions=lit), sensor=sg.FarField(directions=-lit)
-    )
+    scene = back.replace(illumination=back.beams.replace(directions=lit), sensor=sg.FarField(directions=-lit))
     with_, without = (
         sg.covariance(scene, paths=PATHS[False], seed=3, reverse=reverse, threads=1) for reverse in (True, False)
     )
@@ -145,7 +143,7 @@ def test_these_comparisons_have_power():
     found, error = abs(c[0, 0, last, last]) / scale, covariance.standard_error[0, 0, last, last] / scale
     sines = few(made.scene).beams.directions[[0, last], :2]
     thicker = made.scene.slab.replace(thickness=1.5 * made.scene.slab.thickness)
-    other = estimate_correlation(thicker, 100_000, 3).correlation(sines, made.scene.wavenumber)[0, 1]
+    other = estimate_correlation(thicker, 100_000, 3).matrix(sines, made.scene.wavenumber)[0, 1]
     assert deviation(found, other, error, 0.02) > 3, (found, other, error)
 
 

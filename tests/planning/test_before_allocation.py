@@ -14,6 +14,8 @@ from specklegen.paths import roulette
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.tracer import slab_tracer, volume_tracer
 from specklegen.paths.volume_tracer import VolumeTracer
+from specklegen.scene.illumination import object_sines, require_corner
+from specklegen.synthesis.imaging import image_operations
 
 
 def slab(optical_depth: float, albedo: float = 1.0) -> sg.Slab:
@@ -186,3 +188,44 @@ def test_paths_that_do_not_fit_are_named():
     """They were refused as tilts and views, of which there were few."""
     with pytest.raises(RuleError, match=f"{10**12} paths'. Render fewer tilts or fewer views or paths"):
         sg.plan(scene(slab(5.0)), paths=10**12)
+
+
+def hidden(pixels: int) -> sg.Scene:
+    """An object that is always as large, of more or fewer pixels."""
+    brightness = np.random.default_rng(0).random((pixels, pixels))
+    light = sg.IncoherentObject(brightness=brightness, pitch=6e-3 / pixels, width=5000.0)
+    return scene(slab(5.0)).replace(illumination=light)
+
+
+@pytest.mark.parametrize("pixels", [20, 90])
+def test_a_hidden_object_is_planned_by_its_modes(pixels):
+    """Every pixel was counted as a tilt: 2000 x 2000 on 32 x 32 views were refused for 30.5 GiB of them."""
+    made = sg.plan(hidden(pixels), paths=1000, sampler="stationary")
+    imaging = made.chosen.prepare(0, 1).imaging
+    cells = imaging.envelope[0].numel()
+    # Modes are those of another, smaller number of paths and of fewer pixels: one or two more or fewer.
+    assert made.operations["normal"] / cells == pytest.approx(imaging.rank, abs=2)
+    found = min(image_operations(imaging.lags, imaging.rank, 1, pixels**2, 1))
+    assert made.operations["image"] == pytest.approx(found, rel=2.5 / imaging.rank)
+    assert made.memory_bytes < 2**30
+    assert 5 < imaging.rank < pixels**2 / 10  # otherwise modes were as many as pixels
+
+
+def test_directions_of_an_object_are_not_laid_out_where_they_do_not_fit(monkeypatch):
+    """Of 50 000 x 50 000 pixels 160 GB were, to see that the corner is within the half space."""
+    monkeypatch.setattr(memory, "available_memory", lambda: 2**33)
+    shape = 50_000, 50_000
+    tracemalloc.start()
+    with pytest.raises(RuleError, match="object must be held within"):
+        object_sines("object", shape, 1e-9)
+    require_corner("object", shape, 1e-9)
+    some = object_sines("object", shape, 1e-9, np.array([0, 50_000 * 50_000 - 1]))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 1e6
+    assert some == pytest.approx(np.array([[24999.5, 24999.5], [-24999.5, -24999.5]]) * 1e-9, rel=1e-12)
+    with pytest.raises(RuleError, match="object.pitch must be small enough"):
+        require_corner("object", shape, 1e-4)
+    few = object_sines("object", (3, 4), 0.1)
+    assert np.array_equal(few[[1, 7]], object_sines("object", (3, 4), 0.1, np.array([1, 7])))
+    assert few[1] == pytest.approx([0.05, 0.1])

@@ -15,6 +15,7 @@ SCENE = sg.Scene(
 BOX = sg.Box(lower=[-5.0] * 3, upper=[5.0] * 3, mean_free_path=9.0, scatterer=sg.Isotropic())
 DIRECTIONS = sg.FarField(directions=np.eye(3))
 GRID = sg.VoxelGrid(lower=[-5.0] * 3, upper=[5.0] * 3, extinction=np.full((4, 3, 2), 0.1), scatterers=(sg.Isotropic(),))
+HIDDEN = sg.IncoherentObject(brightness=np.ones((30, 30)), pitch=3e-5, width=3e4)
 WAYS = {
     "stationary": (SCENE, {"sampler": "stationary"}),
     "nufft": (SCENE, {"sampler": "paths"}),
@@ -24,6 +25,7 @@ WAYS = {
     "voxels": (SCENE.replace(medium=GRID, sensor=DIRECTIONS), {}),
     "near": (SCENE.replace(medium=BOX, sensor=sg.NearField(points=[[0.0, 0, 9.0]])), {}),
     "covariance": (SCENE.replace(medium=BOX, sensor=DIRECTIONS), {"sampler": "covariance"}),
+    "hidden object": (SCENE.replace(illumination=HIDDEN), {"sampler": "stationary"}),
 }
 
 
@@ -35,6 +37,7 @@ COUNTED = {
     "box": ("volume path", "volume event", "volume connection", "volume end", "product"),
     "voxels": ("volume path", "volume event", "volume connection", "volume end", "product", "voxel"),
     "near": ("volume path", "volume event", "volume connection", "near end", "product"),
+    "hidden object": ("path", "event", "object pixel", "object difference", "normal", "image", "phasor", "product"),
     "covariance": ("volume path", "volume event", "volume connection", "volume end", "product", "amplitude", "batch"),
 }
 

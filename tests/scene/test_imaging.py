@@ -99,6 +99,14 @@ def test_pixels_over_half_a_grain_are_refused_with_the_pitch_that_passes():
     scene(pitch=14.0, magnification=10.0, aperture=number_of(error, "aperture <= ") * 0.999)
 
 
+@pytest.mark.parametrize("side", ["transmission", "reflection"])
+def test_its_corners_are_those_of_the_square_around_the_aperture(side):
+    corners = sg.Imaging(shape=(4, 4), pitch=1.0, aperture=0.2, side=side).corners
+    np.testing.assert_allclose(np.abs(corners[:, :2]), 0.2)
+    assert len(np.unique(corners[:, :2], axis=0)) == 4
+    np.testing.assert_allclose(corners[:, 2], (1 if side == "transmission" else -1) * np.sqrt(1 - 2 * 0.2**2))
+
+
 def test_apertures_that_no_light_fills_are_refused_with_the_one_that_passes():
     glass = SLAB.replace(faces=sg.Faces(inside=1.5))
     with pytest.raises(sg.RuleError, match="Imaging.aperture") as error:

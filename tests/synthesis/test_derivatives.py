@@ -60,7 +60,7 @@ def _cases():
         "pair_products": ((put(2, 2, 3, 4, 5, 2),), (0,), FLOAT64),
         "mode_maps": ((put(2, 2, 3, 6), put(2, 2, 3)), (0, 1), FLOAT64),
         "lag_sum": ((put(2, 6, 1, 5, 4, 2), put(2, 3, 5, 6, 4, 2)), (0, 1), FLOAT64),
-        "slab_kernels": (_slabs(), (0,), FLOAT64),
+        "slab_correlations": (_slabs(), (0,), FLOAT64),
         "turned": ((put(3, 5, 4), torch.tensor([2, 0]), put(2)), (0, 2), FLOAT64),
         "coverage": ((square, 6, 6), (0,), FLOAT64),
     }
@@ -129,8 +129,8 @@ def test_derivatives_are_those_of_what_the_operator_returns(name):
 
 
 def test_a_derivative_of_a_hundredth_less_is_caught():
-    arguments, _, (step, tolerance) = CASES["slab_kernels"]
-    operator, direction = torch.ops.specklegen.slab_kernels, put(2, 4, low=-1.0) * 1e-2
+    arguments, _, (step, tolerance) = CASES["slab_correlations"]
+    operator, direction = torch.ops.specklegen.slab_correlations, put(2, 4, low=-1.0) * 1e-2
     expected = difference(operator, arguments, 0, direction, step)
     cotangent = put(len(expected), low=-1.0, seed=3)
     found = 0.99 * derivative(operator, arguments, 0, direction, cotangent)
@@ -159,7 +159,7 @@ def test_slopes_of_the_memory_effect():
 
     def c_i(logarithms):
         thickness, depth, drop, albedo = (row[None] for row in logarithms.exp())
-        kernels = atlas.kernels(tables, thickness, depth, 1 - drop, albedo, 0.02)
+        kernels = atlas.correlations(tables, thickness, depth, 1 - drop, albedo, 0.02)
         q = torch.full((1, 1), 2.742, dtype=torch.float64)
         return mixtures.mixture(q, kernels.radius, kernels.share).square().sum()
 

@@ -117,11 +117,11 @@ def test_each_mode_has_the_memory_effect_of_its_gate(g):
     half = kernel(g).half_range()
     for q, bound in ((0.0, 0.002), (0.5 * half, 0.01), (half, 0.02)):
         exact = intensity_correlation(found, width, q)
-        ours = sum(s**2 * each(q) ** 2 for s, each in zip(modes.shares, modes.kernels, strict=True))
+        ours = sum(s**2 * each(q) ** 2 for s, each in zip(modes.shares, modes.correlations, strict=True))
         assert ours == pytest.approx(exact, rel=bound)
     if g == 0.9:
         assert modes.contrast**2 * kernel(g)(half) ** 2 < 0.75 * exact
-    together = sum(s * each(half) for s, each in zip(modes.shares, modes.kernels, strict=True))
+    together = sum(s * each(half) for s, each in zip(modes.shares, modes.correlations, strict=True))
     assert together + modes.flat * kernel(g)(half) == pytest.approx(kernel(g)(half), abs=2 * modes.flat)
 
 
@@ -130,8 +130,8 @@ def test_narrow_light_is_one_mode_and_wide_light_is_refused():
     one = light_modes(found, 0.0)
     assert one.shares.tolist() == pytest.approx([1.0])
     q = np.linspace(0, 3e-3, 7)
-    np.testing.assert_allclose(one.kernels[0](q), kernel(0.0)(q), atol=1e-3)
-    assert one.kernels[0].single_share == pytest.approx(found.single_share)
+    np.testing.assert_allclose(one.correlations[0](q), kernel(0.0)(q), atol=1e-3)
+    assert one.correlations[0].single_share == pytest.approx(found.single_share)
     with pytest.raises(ValueError, match="narrow enough for 64 modes of light.*Use a narrower filter"):
         light_modes(found, 100 * found.half_width())
 

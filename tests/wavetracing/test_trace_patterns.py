@@ -193,7 +193,7 @@ def raster_excess(mask, chirp, assumed, draws=6000):
     step = 2 * np.pi / (2 * n * (2 * half / n))
     counts = np.zeros((2 * n, 2 * n))
     for path in range(draws):
-        x, y, _, good = draw_raster(*np.uint64([1, 2, path, 0]), mask, half, half, chirp)
+        x, y, _, good = draw_raster(*np.uint64([1, 2, path, 0]), mask, half, half, chirp, chirp)
         assert good
         column, row = round(x / step), round(y / step)
         if max(abs(column), abs(row)) < n:  # else beyond the grid, from the rims

@@ -69,8 +69,8 @@ def stencils(
 
 
 @dataclass(frozen=True)
-class Kernels:
-    """Memory-effect kernels of a batch, in the form of :class:`MemoryEffectCorrelation`.
+class Correlations:
+    """Memory-effect correlations of a batch, in the form of :class:`MemoryEffectCorrelation`.
 
     Attributes
     ----------
@@ -92,13 +92,15 @@ def single_radiance(depth: torch.Tensor, drop: torch.Tensor, albedo: torch.Tenso
     return albedo * depth * torch.exp(-depth) * (2 - drop) / (4 * torch.pi * drop.square())
 
 
-def kernels(
+def correlations(
     tables: AtlasTables, thickness: torch.Tensor, depth: torch.Tensor, g: torch.Tensor, albedo: torch.Tensor,
     tolerance: float,
-) -> Kernels:  # fmt: skip
-    """Kernels of slabs float64[B] each."""
+) -> Correlations:  # fmt: skip
+    """Correlations of slabs float64[B] each."""
     slabs = torch.stack([thickness, depth, g, albedo], -1)
-    return Kernels(*slab_kernels(slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, tolerance))
+    return Correlations(
+        *slab_correlations(slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, tolerance)
+    )
 
 
 def _shapes(
@@ -110,16 +112,16 @@ def _shapes(
 
 
 @fused(
-    "slab_kernels(Tensor slabs, Tensor[] axes, Tensor shares, Tensor table, Tensor bounds, float tolerance)"
+    "slab_correlations(Tensor slabs, Tensor[] axes, Tensor shares, Tensor table, Tensor bounds, float tolerance)"
     " -> (Tensor, Tensor, Tensor, Tensor)",
     _shapes,
     kernels=4,
 )
-def slab_kernels(
+def slab_correlations(
     slabs: torch.Tensor, axes: list[torch.Tensor], shares: torch.Tensor, table: torch.Tensor, bounds: torch.Tensor,
     tolerance: float,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:  # fmt: skip
-    """Radius, share, single share and whether served (:class:`Kernels`) of slabs float64[B, 4].
+    """Radius, share, single share and whether served (:class:`Correlations`) of slabs float64[B, 4].
 
     A slab is its thickness, optical depth, g and albedo; the tables are those of :class:`AtlasTables`.
     """

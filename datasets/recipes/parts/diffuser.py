@@ -8,7 +8,7 @@ In TOML a ``[material]`` with screens instead of a slab:
     gaps = [{ log_uniform = [200.0, 2000.0] }]
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -18,10 +18,12 @@ import numpy as np
 from pydantic import BeforeValidator, PrivateAttr, TypeAdapter, WithJsonSchema, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.units import unit_of
 from specklegen.core.values import Positive, Value
 from specklegen.datasets.distributions import Draw, drawn, ends, is_draw
 from specklegen.datasets.recipes.parts.material import Estimator
 from specklegen.datasets.split import Split
+from specklegen.instrument.lab import LabSetup
 from specklegen.samplers.screens.correlation import ScreenCorrelation, screen_correlation
 from specklegen.scene.screens import ScreenStack
 
@@ -42,6 +44,12 @@ DrawnScreen = Annotated[
     WithJsonSchema({"type": "object", "required": ["type"], "properties": {"type": {"type": "string"}}}),
 ]
 """A screen's table, with distributions in place of numbers."""
+
+
+def _in_unit(screens: Sequence[dict[str, Any]], metres: float) -> tuple[dict[str, Any], ...]:
+    """Screens whose ground glasses know the unit of length, unless they say another."""
+    glasses = [each.get("type") == "GroundGlass" and "unit" not in each for each in screens]
+    return tuple(each | {"unit": metres} if glass else each for each, glass in zip(screens, glasses, strict=True))
 
 
 class Diffuser(Value):
@@ -68,6 +76,9 @@ class Diffuser(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        unit = unit_of(self.wavelength)
+        if unit not in (None, 1e-6):  # grits are tabulated in micrometres
+            vars(self)["screens"] = _in_unit(self.screens, unit)
         self.extremes()  # refuses what is no stack
         return self
 
@@ -114,9 +125,11 @@ class Diffuser(Value):
                 found[name] = float(slab.gaps[int(place.removeprefix("gap"))])
         return found
 
-    def seen_at(self, wavelength: float) -> None:
-        """Take the wavelength of a laboratory."""
-        self._laboratory = wavelength
+    def in_laboratory(self, lab: LabSetup) -> Self:
+        """Return the same screens in the unit of length of a laboratory, which gives the wavelength too."""
+        found = self.replace(screens=_in_unit(self.screens, lab.metres))
+        found._laboratory = lab.medium_wavelength
+        return found
 
     def realized(self, rng: np.random.Generator, split: Split) -> "KnownDiffuser":
         """One stack with its memory effect."""
@@ -136,14 +149,14 @@ class KnownDiffuser:
     Attributes
     ----------
     slab : ScreenStack
-    kernel : ScreenCorrelation
+    correlation : ScreenCorrelation
     half_range : float
         Lateral wavevector difference at which C_I is half way to its floor; inf of a single screen.
     estimator : Estimator
     """
 
     slab: ScreenStack
-    kernel: ScreenCorrelation
+    correlation: ScreenCorrelation
     half_range: float
     estimator: Estimator = Estimator.CLOSED_FORM
 
@@ -152,7 +165,7 @@ class KnownDiffuser:
         return self.half_range * wavelength / (2 * np.pi)
 
     def parameters(self, wavelength: float) -> dict[str, float]:
-        """What is stored with every sample: the screens, and what they do to light."""
+        """Parameters stored with every sample: the screens, and their effect on light."""
         sine = self.range_sine(wavelength)
         return {
             "wavelength": wavelength,
@@ -160,8 +173,8 @@ class KnownDiffuser:
             "screens": float(len(self.slab.screens)),
             "rms_angle": self.slab.rms_angle(wavelength),
             "ballistic_fraction": float(np.exp(-self.slab.optical_depth(wavelength))),
-            "single_share": self.kernel.single_share,
-            "forward_radiance": float(self.kernel.weights.sum()),
+            "single_share": self.correlation.single_share,
+            "forward_radiance": float(self.correlation.weights.sum()),
             "memory_effect_range": float(np.arcsin(min(sine, 1.0))) if np.isfinite(sine) else np.inf,
             "estimator": float(self.estimator),
         }
@@ -170,5 +183,5 @@ class KnownDiffuser:
 @lru_cache(maxsize=64)
 def known(stack: ScreenStack, wavelength: float) -> KnownDiffuser:
     """A stack with its memory effect."""
-    kernel = screen_correlation(stack.stack, wavelength)
-    return KnownDiffuser(stack, kernel, kernel.half_range())
+    correlation = screen_correlation(stack.stack, wavelength)
+    return KnownDiffuser(stack, correlation, correlation.half_range())

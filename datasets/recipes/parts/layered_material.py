@@ -101,14 +101,14 @@ class LayeredMaterial(Value):
     Parameters
     ----------
     wavelength
-        Inside the material; fixes the unit of every length.
+        Inside the material; fixes the unit of every length. Left out where a ``[lab]`` table gives it.
     layers
         From the one that light enters first.
     kernel_paths
         As of a slab that is given by its numbers.
     """
 
-    wavelength: Positive
+    wavelength: Positive | None = None
     layers: tuple[LayerDraws, ...] = Field(min_length=1)
     kernel_paths: Annotated[int, Field(ge=64, le=10**9)] = 100_000
 
@@ -124,8 +124,17 @@ class LayeredMaterial(Value):
 
     def realized(self, rng: np.random.Generator, split: Split) -> CharacterizedMaterial:  # noqa: ARG002 - as of a slab
         """Layers with their memory effect, and the numbers that were drawn for them."""
-        numbers = {name: float(drawn(source, rng)) for name, source in self._draws().items()}
+        numbers = self._numbers(rng)
         return replace(self.known(self.slab_of(numbers)), drawn=numbers)
+
+    def drawn_medium(self, rng: np.random.Generator, split: Split) -> tuple[Layers, dict[str, float]]:  # noqa: ARG002
+        """Layers, and the numbers that samples tell of them."""
+        numbers = self._numbers(rng)
+        layers = self.slab_of(numbers)
+        return layers, numbers | {"thickness": layers.thickness, "optical_depth": layers.optical_depth}
+
+    def _numbers(self, rng: np.random.Generator) -> dict[str, float]:
+        return {name: float(drawn(source, rng)) for name, source in self._draws().items()}
 
     def slab_of(self, parameters: Mapping[str, float]) -> Layers:
         """Layers of a sample, from its stored parameters."""

@@ -6,11 +6,23 @@ light that the medium depolarised one over two independent halves, contrast 1/sq
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal, Self
 
+import numpy as np
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+
+from specklegen.core.errors import reject
 from specklegen.core.values import NonNegative, Positive, Value
 from specklegen.datasets.split import Purpose
+from specklegen.scene.layers import left_out
+from specklegen.scene.polarisation import Polarisation
 from specklegen.synthesis.spectrum import Spectrum
+
+Analyser = Literal["none", "parallel", "crossed", "circular", "flipped"] | Annotated[
+    float, Field(ge=-np.pi, le=np.pi)
+]
+"""Before the camera: none; along linear light, across it; for circular light that of its own helicity, or of the
+other; or at an angle (radians) from linear light."""
 
 
 class Light(Value):
@@ -27,12 +39,39 @@ class Light(Value):
         Whether one polarisation reaches the camera; false adds two independent halves.
     refractive_index
         Of the layer, which turns vacuum wavelengths into wavenumbers inside it.
+    polarisation
+        What the particles do to polarised light, as of a :class:`specklegen.Slab`: of kind "analysed-object" alone.
+    analyser
+        There, what stands before the camera, "none", "parallel", "crossed", "circular", "flipped" or an angle from
+        linear light; or a list of those at right angles to each other, which see one medium.
     """
 
     bandwidth: NonNegative = 0.0
     spectrum: Spectrum = "gaussian"
     polarised: bool = True
     refractive_index: Positive = 1.0
+    polarisation: Polarisation = "scalar"
+    analyser: Analyser | tuple[Analyser, ...] = "none"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.analysers:
+            reject("Light.analyser", "at least one", self.analyser)
+        if self.polarisation == "scalar" and self.analyser != "none":
+            reject("Light.analyser", "left out where light is a scalar", self.analyser,
+                   'Give polarisation = "projector" in a recipe of kind "analysed-object".')  # fmt: skip
+        return self
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out polarisation and analyser of scalar light, which has none."""
+        scalar = self.polarisation == "scalar"
+        return left_out(write(self), polarisation=scalar, analyser=scalar)
+
+    @property
+    def analysers(self) -> tuple[Analyser, ...]:
+        """All of them."""
+        return self.analyser if isinstance(self.analyser, tuple) else (self.analyser,)
 
     @property
     def halves(self) -> int:
@@ -66,5 +105,5 @@ class Lit:
     arrays: dict[str, Any]
 
     def at(self, places: Any) -> "Lit":
-        """That of some of the samples, to be rendered."""
+        """Return the light of some of the samples, to be rendered."""
         return Lit(self.light[places], self.step, {}, {})

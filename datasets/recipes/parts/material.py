@@ -95,7 +95,7 @@ class Material(Value):
         Paths from which the memory-effect correlation of each material is estimated; the relative error of C_I at
         half range is about sqrt(60 / kernel_paths).
     kernel
-        "estimate" traces those paths for every material; "atlas" takes the kernel from the table of materials
+        "estimate" traces those paths for every material; "atlas" takes the correlation from the table of materials
         where its error of C_I is at most ``kernel_tolerance``, and traces (and keeps on disk) only the others. The
         table holds slabs of matched faces: with a step, ask for "estimate".
     kernel_tolerance
@@ -163,6 +163,13 @@ class Material(Value):
         g = numbers.pop("g")
         return self.slab(**numbers, scatterer=self._scatterer(g, rng), faces=self.faces)
 
+    def drawn_medium(self, rng: np.random.Generator, split: Split) -> tuple[Slab, dict[str, float]]:
+        """One slab of a split, and the numbers that samples tell of it."""
+        slab = self.draw(rng, split)
+        names = ("thickness", "mean_free_path", "optical_depth", "albedo")
+        told = {name: float(getattr(slab, name)) for name in names} | {"g": slab.scatterer.mean_cosine()}
+        return slab, told | self.labels(slab)
+
     def _scatterer(self, g: float, rng: np.random.Generator) -> Scatterer:
         return HenyeyGreenstein(g=g) if self.scatterer is None else drawn_scatterer(self.scatterer, rng)
 
@@ -173,11 +180,11 @@ class Material(Value):
         return 0.0 if found is None else found
 
     def realized(self, rng: np.random.Generator, split: Split) -> "CharacterizedMaterial":
-        """One slab of a split with its kernel."""
+        """One slab of a split with its correlation."""
         return self.known(self.draw(rng, split))
 
     def known(self, slab: Slab) -> "CharacterizedMaterial":
-        """Return a slab of this material with its kernel, found as the recipe says."""
+        """Return a slab of this material with its correlation, found as the recipe says."""
         return known(slab, self.kernel_paths, self.kernel, self.kernel_tolerance)
 
     def labels(self, slab: Slab) -> dict[str, float]:
@@ -210,7 +217,11 @@ class Material(Value):
 
     @staticmethod
     def slab(
-        thickness: float, optical_depth: float, albedo: float, scatterer: Scatterer, faces: Faces = Faces()  # noqa: B008
+        thickness: float,
+        optical_depth: float,
+        albedo: float,
+        scatterer: Scatterer,
+        faces: Faces = Faces(),  # noqa: B008
     ) -> Slab:
         """Slab of the engine."""
         return Slab(
@@ -226,17 +237,17 @@ class CharacterizedMaterial:
     Attributes
     ----------
     slab : Slab
-    kernel : MemoryEffectCorrelation
+    correlation : MemoryEffectCorrelation
     half_range : float
         Lateral wavevector difference at which C_I is half way to its floor, per unit length; inf where there is none.
     estimator : Estimator
-        Where the kernel comes from.
+        Where the correlation comes from.
     drawn : Mapping[str, float]
         What was drawn for it besides, by name.
     """
 
     slab: Slab
-    kernel: MemoryEffectCorrelation
+    correlation: MemoryEffectCorrelation
     half_range: float
     estimator: Estimator = Estimator.PATHS
     drawn: Mapping[str, float] = field(default_factory=dict)
@@ -248,10 +259,10 @@ class CharacterizedMaterial:
     @property
     def forward_radiance(self) -> float:
         """Mean radiance that leaves straight ahead over the irradiance that comes in, 1/sr: a power meter tells it."""
-        return float(self.kernel.weights.sum() / self.kernel.paths)
+        return float(self.correlation.weights.sum() / self.correlation.paths)
 
     def parameters(self, wavelength: float) -> dict[str, float]:
-        """What is stored with every sample: the material, and what it does to light."""
+        """Parameters stored with every sample: the material, and its effect on light."""
         slab = self.slab
         sine = self.range_sine(wavelength)
         return {
@@ -262,7 +273,7 @@ class CharacterizedMaterial:
             "g": slab.scatterer.mean_cosine(),
             "albedo": slab.albedo,
             "ballistic_fraction": straight_through(slab),
-            "single_share": self.kernel.single_share,
+            "single_share": self.correlation.single_share,
             "forward_radiance": self.forward_radiance,
             "memory_effect_range": float(np.arcsin(min(sine, 1.0))) if np.isfinite(sine) else np.inf,
             "estimator": float(self.estimator),
@@ -272,21 +283,21 @@ class CharacterizedMaterial:
 
 @lru_cache(maxsize=256)
 def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: float = 0.02) -> CharacterizedMaterial:
-    """Find a slab's kernel. It is a property of the material: its paths are keyed by the slab, not by a seed."""
+    """Find a slab's correlation. It is a property of the material: its paths are keyed by the slab, not by a seed."""
     if source == "atlas":
-        kernel = correlation_for(slab, paths=paths, tolerance=tolerance)
+        correlation = correlation_for(slab, paths=paths, tolerance=tolerance)
     else:
-        kernel = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
-    if not kernel.weights.any():
+        correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
+    if not correlation.weights.any():
         reject("Material.kernel_paths", "enough for some light to come through the slab", paths,
                f"None does at optical depth {slab.optical_depth:.4g} and albedo {slab.albedo:g}.")  # fmt: skip
-    estimator = Estimator.ATLAS if kernel.source == "atlas" else Estimator.PATHS
-    return CharacterizedMaterial(slab, kernel, kernel.half_range(), estimator)
+    estimator = Estimator.ATLAS if correlation.source == "atlas" else Estimator.PATHS
+    return CharacterizedMaterial(slab, correlation, correlation.half_range(), estimator)
 
 
 @lru_cache(maxsize=64)
 def known_light(slab: Slab, paths: int, bandwidth: float, spectrum: Spectrum) -> LightModes:
-    """Modes of light of a band behind a slab, from the same paths as its kernel.
+    """Modes of light of a band behind a slab, from the same paths as its correlation.
 
     Raises
     ------
@@ -299,5 +310,5 @@ def known_light(slab: Slab, paths: int, bandwidth: float, spectrum: Spectrum) ->
 
 @lru_cache(maxsize=64)
 def known_motion(slab: Slab, paths: int) -> MovingCorrelation:
-    """Memory effect in time of a slab that moves, from the same paths as its kernel."""
+    """Memory effect in time of a slab that moves, from the same paths as its correlation."""
     return estimate_moving_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))

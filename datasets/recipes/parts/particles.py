@@ -14,14 +14,15 @@ from pydantic import (
     SerializationInfo,
     SerializerFunctionWrapHandler,
     TypeAdapter,
+    ValidationError,
     WithJsonSchema,
     WrapSerializer,
 )
 
 from specklegen.core.content import content_digest, is_own
-from specklegen.core.errors import RuleError, reject
+from specklegen.core.errors import reject
 from specklegen.core.registry import is_import_path
-from specklegen.core.values import CONTENT, CONTENT_KEY, WITH_CONTENT
+from specklegen.core.values import CONTENT, CONTENT_KEY, WITH_CONTENT, broken_rules
 from specklegen.datasets.distributions import Draw, drawn, ends, is_draw
 from specklegen.scene.scatterers import AnyScatterer, Scatterer
 
@@ -69,7 +70,6 @@ def _read(table: Any) -> ParticleTable:
     )
     stated = read.pop(CONTENT_KEY, None) if any(map(is_draw, read.values())) else None
     for scatterer in extreme_scatterers(read):
-        assert isinstance(scatterer, Scatterer)
         read.classes = _own_classes(scatterer)
         if is_import_path(read["type"]):
             read["type"] = type(scatterer).__name__  # known from now on
@@ -126,10 +126,8 @@ def scatterer_with(table: Mapping[str, Any], numbers: Mapping[str, float]) -> Sc
 def _made(table: Mapping[str, Any], numbers: dict[str, float]) -> Scatterer:
     try:
         made = _SCATTERER.validate_python(dict(table) | numbers)
-    except RuleError:
-        raise
-    except ValueError as error:
-        reject("Material.scatterer", "a scatterer", dict(table) | numbers, str(error))
+    except ValidationError as error:
+        raise broken_rules("Material.scatterer", error) from None
     _require_code(table, made)
     return made
 

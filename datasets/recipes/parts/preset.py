@@ -11,6 +11,7 @@ A number may be "range": it is then drawn from the range that the literature lea
 in micrometres; lengths of the recipe are in units of ``unit`` metres.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
@@ -26,6 +27,7 @@ from specklegen.core.values import Positive, Value
 from specklegen.datasets.distributions import Choice, Draw, Uniform, drawn, ends, is_draw, require_above
 from specklegen.datasets.recipes.parts.material import MOVING, CharacterizedMaterial, known
 from specklegen.datasets.split import Split
+from specklegen.instrument.lab import LabSetup
 from specklegen.materials import BulkMaterial
 from specklegen.materials.registry import require_measured
 from specklegen.scene.faces import Faces
@@ -36,11 +38,13 @@ _FIXED = ("name", "wavelength", "unit")
 
 
 def _read(table: Any) -> Any:
-    if not isinstance(table, Mapping) or "name" not in table or "wavelength" not in table:
-        reject("Material.preset", 'a table such as {name = "intralipid", wavelength = 0.633}', table)
+    if isinstance(table, str):
+        table = {"name": table}
+    if not isinstance(table, Mapping) or "name" not in table:
+        reject("Material.preset", 'a name, or a table such as {name = "intralipid", wavelength = 0.633}', table)
     numbers = materials.about(table["name"]).numbers
     measured = [field for field, value in table.items() if value != "range"]
-    if real_number("Material.preset wavelength", table["wavelength"]) > 0:
+    if "wavelength" in table and real_number("Material.preset wavelength", table["wavelength"]) > 0:
         require_measured(table["name"], table["wavelength"], measured)
     read = {}
     for field, value in table.items():
@@ -76,8 +80,9 @@ class PresetMaterial(Value):
     Parameters
     ----------
     preset
-        Name, wavelength (in vacuum, micrometres), ``unit`` (metres in a length of the recipe, 1e-6 by default), and the
-        numbers of the preset; each may be a constant, a range, a choice, or "range" for that of the literature.
+        Name (alone, if a ``[lab]`` says the rest), wavelength (in vacuum, micrometres), ``unit`` (metres in a length
+        of the recipe, 1e-6 by default), and the numbers of the preset; each may be a constant, a range, a choice, or
+        "range" for that of the literature.
     thickness
         Of the slab.
     outside
@@ -97,6 +102,8 @@ class PresetMaterial(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         require_above("Material.thickness", self.thickness, 0)
+        if "wavelength" not in self.preset:
+            return self  # a laboratory gives it
         made = [self._bulk(numbers) for numbers in self._corners()]
         if len({bulk.refractive_index for bulk in made}) > 1:
             reject("Material.preset", "of one refractive index, which fixes the wavelength inside",
@@ -104,19 +111,43 @@ class PresetMaterial(Value):
         return self
 
     @property
-    def wavelength(self) -> float:
-        """Inside the material."""
-        return self._bulk(self._corners()[0]).wavelength
+    def wavelength(self) -> float | None:
+        """Inside the material; None where it is left to a laboratory."""
+        return None if "wavelength" not in self.preset else self._bulk(self._corners()[0]).wavelength
+
+    @property
+    def refractive_index(self) -> float:
+        """Index of the material."""
+        return self._bulk(self._corners()[0]).refractive_index
 
     @property
     def faces(self) -> Faces:
-        """Of its slabs."""
+        """Faces of its slabs."""
         return self.extremes()[0].faces
 
     @property
     def varies(self) -> bool:
         """Whether two media may have different parameters."""
         return any(low < high for low, high in map(ends, [self.thickness, *self._draws().values()]))
+
+    def in_laboratory(self, lab: LabSetup) -> Self:
+        """Return the material at a laboratory's wavelength, in its unit of length and between its faces.
+
+        Raises
+        ------
+        RuleError
+            Where it is given otherwise, or the laboratory has plates over the faces.
+        """
+        micrometres = lab.wavelength * lab.metres / 1e-6
+        for field, value in (("wavelength", micrometres), ("unit", lab.metres)):
+            if not math.isclose(self.preset.get(field, value), value, rel_tol=1e-9):
+                reject(f"Material.preset {field}", f"{value:.6g}, as in lab, or left out", self.preset[field])
+        if lab.wall is not None:
+            reject("Lab.wall", "left out where the material is a preset", lab.wall, "Write its numbers instead.")
+        outside = "matched" if lab.faces == "matched" else self.outside
+        # Rounded, so that .000532 millimetres are .532 micrometres.
+        preset = {"wavelength": float(f"{micrometres:.12g}"), "unit": lab.metres} | self.preset
+        return self.replace(preset=preset, outside=outside)
 
     def realized(self, rng: np.random.Generator, split: Split) -> CharacterizedMaterial:  # noqa: ARG002 - as of a slab
         """One slab with its memory effect, and the numbers that were drawn for it."""

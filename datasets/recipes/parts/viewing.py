@@ -62,10 +62,10 @@ class Lab(LabSetup):
     Parameters
     ----------
     profile
-        Shape of the illuminated part of the layer, ``aperture`` across.
+        Shape of the illuminated part of the layer, ``aperture`` across: a round iris unless it is said.
     """
 
-    profile: Profile = "square"
+    profile: Profile = "disc"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What every network is that training knows: a module that says what it may see and what it can tell.
+"""The base of every network that training knows: a module that names its inputs and its answers.
 
 A network of a user's own is a class that inherits :class:`Network`, and no more:
 

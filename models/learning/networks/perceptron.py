@@ -1,4 +1,4 @@
-"""A perceptron, for a few features: how the speckle of registered tilts decorrelates."""
+"""A perceptron, for a few features: how the speckle of registered tilts decorrelates, or of exposures has blurred."""
 
 from torch import Tensor, nn
 
@@ -6,8 +6,9 @@ from specklegen.models.learning.networks.network import Network
 
 
 class Perceptron(
-    Network, name="perceptron", inputs=("registered", "registered+power"), targets=("object", "material")
-):
+    Network, name="perceptron", inputs=("registered", "registered+power", "exposures"),
+    targets=("object", "material", "motion"),
+):  # fmt: skip
     """Two hidden layers of 16 * ``width`` units on features float[B, ``side``]."""
 
     def __init__(self, side: int, shape: tuple[int, int] = (1, 4), width: int = 8) -> None:

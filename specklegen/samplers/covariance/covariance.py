@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.arguments import instance, whole_number
+from specklegen.core.arguments import instance, real_array, whole_number
 from specklegen.core.budgets import Budget, Reverse
 from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject, warn_user
+from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.core.shielded import shielded
@@ -41,12 +42,12 @@ from specklegen.samplers.covariance.outer_products import (
     some_rows,
 )
 from specklegen.samplers.covariance.single_scattering import Orders, all_quadruples, single_covariance, single_decision
-from specklegen.scene.scene import Scene, require_no_film
+from specklegen.scene.scene import Scene, require_no_film, require_no_focus
 from specklegen.scene.validity import warn_of_doubts
 
 
 @dataclass(frozen=True)
-class Covariance(Pictured):
+class Covariance(Pictured, Labelled):
     """Covariance of the field between every two of (light, view), or some of them.
 
     Attributes
@@ -103,6 +104,17 @@ class Covariance(Pictured):
             "paths": self.paths,
             "reversed paths": "used" if self.reverse else "left out",
         } | {d.part: f"{'used' if d.needed else 'left out'}: {d.reason}" for d in self.decisions}
+
+    def _arrays(self) -> Mapping[str, Labels]:
+        axes = {1: ("pair",), 3: ("row", "other_light", "other_view"),
+                4: ("light", "view", "other_light", "other_view")}[self.value.ndim]  # fmt: skip
+        unit = "squared length of the scene"
+        names = ("value", "standard_error", "single", "multiple")
+        return {name: Labels(axes, getattr(self, name), unit) for name in names}
+
+    def _numbers(self) -> Mapping[str, str | int | float | bool]:
+        return {"paths": self.paths, "reverse": self.reverse, "rel_error": self.rel_error,
+                "unfinished": self.unfinished}  # fmt: skip
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """|C|: a matrix of all (light, view), or a curve of the chosen pairs with bars of two standard errors."""
@@ -215,14 +227,15 @@ def covariance(
     t, v = len(scene.lights), len(scene.views)
     if pairs is None:
         _require_memory(t, v, t * v)  # before the pilot, whose time would be lost
-    reversal = scene_reversal(scene, reverse, tolerance)
+    reversal = scene_reversal(scene, budget.reverse, budget.tolerance)
     tracer, reverse = volume_tracer(scene, reversal.needed), reversal.needed
     if pairs is None:
         chosen, seen, entries = None, tracer.layout, all_pairs(t * v)
     else:
         chosen = _checked_pairs(pairs, t, v)
         seen, entries = chosen_pairs(tracer.layout, chosen)
-    alone = single_decision(scene, orders, len(chosen) if chosen is not None else (t * v) ** 2, tolerance, reverse)
+    wanted = len(chosen) if chosen is not None else (t * v) ** 2
+    alone = single_decision(scene, orders, wanted, budget.tolerance, reverse)
     decisions = (reversal, alone)
     if not alone.needed:
         value = single_covariance(scene, all_quadruples(t, v) if chosen is None else chosen)
@@ -282,7 +295,7 @@ def covariance_blocks(
     rows = whole_number("covariance_blocks rows", rows, 1)
     budget = Budget("covariance_blocks", paths, seed=seed, threads=threads, reverse=reverse, tolerance=tolerance)
     _require_volume("covariance_blocks", scene)
-    reversal = scene_reversal(scene, reverse, tolerance)
+    reversal = scene_reversal(scene, budget.reverse, budget.tolerance)
     tracer, paths = volume_tracer(scene, reversal.needed), budget.count(lambda n: 0.0)
     t, v = len(scene.lights), len(scene.views)
     _require_memory(t, v, rows)
@@ -337,10 +350,12 @@ def _require_volume(owner: str, scene: Scene) -> None:
         reject(f"{owner} scene", "of a medium of scatterers", scene.medium.type,
                "Use memory_effect or joint_correlation, which are exact for thin screens.")  # fmt: skip
     require_no_film(owner, scene)
+    require_no_focus(owner, scene)
     warn_of_doubts(scene)
 
 
 def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:
+    real_array("covariance pairs", pairs)
     chosen = np.asarray(pairs)
     if chosen.ndim != 2 or chosen.shape[1] != 4 or not np.issubdtype(chosen.dtype, np.integer):
         reject("covariance pairs", "whole numbers of shape (P, 4): light, view, light, view", chosen)

@@ -19,7 +19,7 @@ from specklegen.samplers.covariance.cost import covariance_operations
 from specklegen.samplers.covariance.covariance import Covariance, covariance
 from specklegen.samplers.covariance.outer_products import AMPLITUDES, batches_side_by_side
 from specklegen.samplers.sampler import FIXED_BYTES, RECORD_BYTES, Realization, Request, Sampler, Where, image_of
-from specklegen.scene.scene import Scene, require_no_film
+from specklegen.scene.scene import Scene, require_no_film, require_no_focus
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class Eigenfields(Sampler, name="covariance"):
     def propose(cls, scene: Scene, request: Request) -> tuple[Self, list[Decision]]:
         """Fields drawn from their covariance, for a scene that asks for it."""
         require_no_film("covariance", scene)
+        require_no_focus("covariance", scene)
         pilot = volume_pilot(scene, request.reverse)
         paths = request.paths
         if paths is None:
@@ -57,7 +58,7 @@ class Eigenfields(Sampler, name="covariance"):
         return self.pilot.intensity
 
     def operations(self) -> Mapping[str, float]:
-        """Of the covariance."""
+        """Operations of the covariance."""
         return covariance_operations(self.scene, self.pilot, self.paths)
 
     def memory(self, threads: int) -> int:
@@ -86,7 +87,7 @@ class EigenRenderer:
 
     @cached_property
     def covariance(self) -> Covariance:
-        """Of all lights and views; an object's lights are its lit pixels, of unit brightness."""
+        """Covariance of all lights and views; an object's lights are its lit pixels, of unit brightness."""
         scene = self.sampler.scene
         if not scene.illumination.coherent:
             scene = scene.replace(illumination=scene.beams)

@@ -4,6 +4,7 @@ from typing import Literal
 
 import numpy as np
 
+from specklegen.core.arguments import choice
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.paths.pilot import volume_pilot
@@ -19,8 +20,7 @@ _MOST_ENTRIES = {2: 20_000, 3: 200}  # beyond which Monte Carlo at its default c
 def single_decision(scene: Scene, orders: Orders, entries: int, tolerance: float, reverse: bool) -> Decision:
     """Whether multiple scattering takes part in a covariance of so many entries."""
     part = "multiple scattering"
-    if orders not in ("auto", "all", "single"):
-        reject("covariance orders", '"auto", "all" or "single"', orders)
+    choice("covariance orders", orders, ("auto", "all", "single"))
     if orders == "all":
         return Decision(part, True, "as asked")
     light, medium = scene.illumination, scene.medium

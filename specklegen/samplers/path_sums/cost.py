@@ -10,6 +10,7 @@ from specklegen.samplers.path_sums.direct import FIELD_ELEMENTS, VIEWS_AT_ONCE
 from specklegen.samplers.path_sums.nufft import TILTS_AT_ONCE, NufftPlan
 from specklegen.samplers.path_sums.tiling import MOST_VIEWS, coarsest
 from specklegen.samplers.sampler import FIXED_BYTES, RECORD_BYTES, TILTS_STREAMED
+from specklegen.scene.polarisation import Polarisation
 from specklegen.scene.scene import Scene
 
 CONNECTIONS_KEPT = 2**20  # of a bank between the pieces of a stream; more are traced anew for each
@@ -51,6 +52,11 @@ class Work:
     one_by_one: bool = False
 
     @property
+    def polarisation(self) -> Polarisation:
+        """What the medium does to polarised light."""
+        return "scalar" if self.scene.polarisers is None else self.scene.slab.polarisation
+
+    @property
     def chunks(self) -> Chunks:
         """Paths that are traced and summed at a time."""
         return Chunks(self.paths, self.connections_per_path, self.nufft.points if self.nufft else CONNECTIONS)
@@ -83,6 +89,10 @@ def nufft_operations(nufft: NufftPlan, tilts: int, connections: float, chunks: i
         "FFT point": nufft.rank * tilts * 4.0 * views * precision,
         "pattern": nufft.rank * np.ceil(tilts / TILTS_AT_ONCE) * views,
     }
+
+
+_POLARISED: dict[Polarisation, float] = {"scalar": 1.0, "projector": 3.0, "vector": 10.0}
+"""Times the time of a scalar end, and the memory, that one of polarised light takes; as measured."""
 
 
 def direct_operations(tilts: int, connections: float, views: int, plain: bool = True) -> dict[str, float]:
@@ -118,6 +128,7 @@ def operations(work: Work) -> dict[str, float]:
             found = nufft_operations(work.nufft, together, work.connections, work.chunks.count)
         else:
             found = direct_operations(together, work.connections * work.ways, work.views, work.plain)
+            found["end"] *= _POLARISED[work.polarisation]
         return tracing | {name: groups * count for name, count in found.items()}
     both = work.connections * work.ways
     light, sensor = work.scene.illumination, work.scene.sensor
@@ -161,7 +172,7 @@ def memory_bytes(work: Work, threads: int) -> int:
     held = bank + connections * 16 * 2 * tilts + tilts * views * 16 * 2
     if not work.plain:
         some = min(connections, FIELD_ELEMENTS / max(tilts + views, 1))
-        held += 16 * some * min(views, VIEWS_AT_ONCE)
+        held += 16 * some * min(views, VIEWS_AT_ONCE) * _POLARISED[work.polarisation]
     return int(held * beside + tilts * views * 16 + looked + FIXED_BYTES)
 
 

@@ -85,15 +85,23 @@ def _add(
         some = bank.select(slice(start, start + step))
         lit = light_strengths(layout, some, factors[start : start + step])
         once = bool(some.orders[0] == 1)
+        into = None
+        if layout.polarised is not None and not once:
+            into = layout.polarised.arriving(some, -layout.lights.vectors)
 
         def block(
-            first: int, some: PathBank = some, lit: np.ndarray = lit, once: bool = once, start: int = start
+            first: int, some: PathBank = some, lit: np.ndarray = lit, once: bool = once, start: int = start,
+            into: np.ndarray | None = into,
         ) -> None:
             part = slice(first, first + VIEWS_AT_ONCE)
             few = layout.of_ends(slice(None), part)
             ends = endpoint_factors(few, some, few.views, "exit")
             if last is not None:
                 ends *= np.exp(-1j * (few.views.vectors @ last[start : start + step].T))
+            if into is not None and layout.polarised is not None:
+                for arriving, passed in zip(into, layout.polarised.passing(some, few.views.vectors), strict=True):
+                    field[:, part] += (lit * arriving) @ (ends * passed).T
+                return
             if not once:
                 field[:, part] += lit @ ends.T
                 return
@@ -109,6 +117,8 @@ def _add(
 def is_plain_slab(layout: Layout) -> bool:
     """Whether far views look at a homogeneous slab of one type of isotropic or Henyey-Greenstein particles."""
     volume, table = layout.volume, layout.table
+    if layout.polarised is not None:
+        return False
     far = not (layout.views.near or layout.lights.near)
     infinite = bool(np.isinf(volume.bounds[0, 0])) and volume.dimension == 3
     plain = len(table.kinds) == 1 and table.kinds[0] in (ISOTROPIC_3D, HENYEY_3D)

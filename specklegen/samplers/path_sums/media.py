@@ -13,6 +13,7 @@ import torch
 
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed
+from specklegen.instrument.lens import Lens
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.sampler import Contrast, Where
 from specklegen.synthesis.streams import Streams
@@ -39,6 +40,8 @@ class PathImaging:
         Whether many objects look through each medium, so that it is worth keeping.
     known : Contrast
         What tells the contrast of images.
+    planes : tuple of Lens
+        Lenses that image the medium, one a plane in focus; else the views are pixels.
     """
 
     sampler: PathSums
@@ -48,6 +51,7 @@ class PathImaging:
     divisions: int
     shared: bool
     known: Contrast
+    planes: tuple[Lens, ...] = ()
 
     def __len__(self) -> int:
         return 1
@@ -88,7 +92,9 @@ class PathMedia:
         return self
 
     def images(self, light: torch.Tensor) -> torch.Tensor:
-        """Images over their expected value, float32[1, T, H, W], of an object real[1, h, w]."""
+        """Images over their expected value, float32[1, T, H, W], of an object real[1, h, w]; or of planes in focus."""
+        if self.imaging.planes:
+            return torch.from_numpy(_planes(self))[None].to(light.device)
         imaging, own = self.imaging, light[0].cpu().numpy().astype(np.float32).reshape(-1)
         lit = np.flatnonzero(own)
         powers = _KEPT.found(self) if imaging.shared else _powers(self)
@@ -174,6 +180,20 @@ def _powers(media: PathMedia) -> np.ndarray:
                 found[beams, first : first + power.shape[1], left : left + power.shape[2]] += power
     found /= len(media.seeds) * imaging.unit
     return found.astype(np.float16 if imaging.shared else np.float32).reshape(imaging.tilts, -1, rows, columns)
+
+
+def _planes(media: PathMedia) -> np.ndarray:
+    """Intensity of the one beam on every plane in focus, float32[planes, H, W], mean over the polarisations."""
+    planes = media.imaging.planes
+    found = np.zeros((len(planes), *planes[0].camera.shape))
+    with one_blas_thread():
+        for seed in media.seeds:
+            whole = np.zeros((1, *media.imaging.sampler.scene.sensor.shape), np.complex64)
+            for where, field in _pieces(media, seed):
+                whole[where] = field
+            for image, lens in zip(found, planes, strict=True):
+                image += np.square(np.abs(lens.image(whole)[0]))
+    return (found / (len(media.seeds) * media.imaging.unit)).astype(np.float32)
 
 
 def _superposed(media: PathMedia, seed: Seed, amplitudes: np.ndarray) -> np.ndarray:

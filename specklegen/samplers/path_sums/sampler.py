@@ -20,6 +20,7 @@ from specklegen.core.random_streams import Seed
 from specklegen.paths.bank import PathBank
 from specklegen.paths.displacements import film_roots, frames
 from specklegen.paths.far_field import far_field_decision
+from specklegen.paths.flows import lit_elsewhere
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.paths.pilot import Pilot, scene_pilot
 from specklegen.paths.tracer import Tracer, lock_step_obstacle
@@ -40,7 +41,7 @@ from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from specklegen.samplers.path_sums.media import PathImaging
+    from specklegen.samplers.sampler import Imager
 
 assert TILTS_STREAMED % TILTS_AT_ONCE == 0, "transforms must group the tilts of a part as those of the whole"
 
@@ -88,11 +89,12 @@ class PathSums(Sampler, name="paths"):
             one_by_one=pilot.tracer.layout.middle is not None,
         )
         doubt = far_field_decision(scene)
-        return cls(scene, work, pilot, request.reverse), [decision] + ([doubt] if doubt else [])
+        said = [decision, *([doubt] if doubt else []), *lit_elsewhere(scene, pilot.bank)]
+        return cls(scene, work, pilot, request.reverse), said
 
     @property
     def summation(self) -> str:
-        """By "nufft", or "direct"."""
+        """Summation: "nufft", or "direct"."""
         return "nufft" if self.work.nufft else "direct"
 
     @property
@@ -156,17 +158,19 @@ class PathSums(Sampler, name="paths"):
         """Bytes by which the process grows at most."""
         return memory_bytes(self.work, threads)
 
-    def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], PathImaging]]":
+    def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], Imager]]":
         """Make the one medium ready that this sampler was planned for."""
+        if request.imager is not None:
+            return [([0], request.imager)]
         from specklegen.samplers.path_sums.media import PathImaging
         from specklegen.synthesis.contrast import ExpectedContrast
 
         sight = request.sight
         assert len(sight) == 1, "paths are planned medium by medium"
         known = request.contrast or ExpectedContrast.of(sight, request.correlations)
-        divisions = self.scene.sensor.shape[0] // sight.camera[0]
+        divisions = 1 if request.planes else self.scene.sensor.shape[0] // sight.camera[0]
         unit, tilts = float(request.units[0]), sight.base.shape[1]
-        return [([0], PathImaging(self, unit, tilts, sight.shape, divisions, request.shared, known))]
+        return [([0], PathImaging(self, unit, tilts, sight.shape, divisions, request.shared, known, request.planes))]
 
     def prepare(self, seed: Seed, threads: int | None) -> "PathRenderer":
         """Make ready to draw: there is nothing to be found once."""
@@ -238,7 +242,8 @@ class PathRenderer:
     ) -> np.ndarray:
         """Fields of some frames of a film on one tile, or at all views."""
         sampler, layout = self.sampler, self.sampler.tracer.layout
-        moving = frames(layout, bank, film_roots(sampler.scene), self.seed, realization, threads)
+        times = np.asarray(sampler.scene.beams.times)
+        moving = frames(layout, bank, film_roots(sampler.scene), times, self.seed, realization, threads)
         found = []
         for t, moved in enumerate(islice(moving, chosen.stop)):
             if t < chosen.start:

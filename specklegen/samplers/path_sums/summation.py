@@ -61,6 +61,8 @@ def summation_decision(
     part = "NUFFT summation"
     if scene.sensor.regular_grid is None:
         return None, Decision(part, False, "needs a regular far-field grid; the direct sum serves any directions")
+    if scene.polarisers is not None:
+        return None, Decision(part, False, "polarised light is summed directly")
     if reverse:
         return None, Decision(part, False, "reversed paths are summed directly")
     if len(pilot.bank) == 0:

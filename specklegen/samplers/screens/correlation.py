@@ -58,14 +58,14 @@ class ScreenCorrelation(MemoryEffectCorrelation):
     def _lost(self, q: np.ndarray) -> np.ndarray:
         return -np.expm1(-0.25 * np.square(q * self.radius))
 
-    def correlation(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
+    def matrix(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
         """Matrix float64[T, T] of K between beams at direction sines float64[T, 2]; positive semidefinite."""
         assert self.stack is not None
         kept = index_correlation(self.stack, self.wavelength, np.hypot(*np.reshape(sines, (-1, 2)).T))
         if not self.weights.any():
             return kept
         if self.moved is None:
-            return super().correlation(sines, wavenumber) * kept
+            return super().matrix(sines, wavenumber) * kept
         ways = tilt_ways(self.stack, sines) + self.moved
         return lobes(self.stack, self.wavelength).decorrelation(ways[:, None] - ways) * kept
 

@@ -56,13 +56,13 @@ def frame_correlation(stack: ScreenStack, wavelength: float, moved: np.ndarray, 
 
 def film_error(stack: ScreenStack, wavelength: float, moved: np.ndarray, window: Window, reach: float) -> float:
     """Largest error of C_I between the first frame and any other, of beams up to ``reach`` (sine) apart."""
-    film, kernel = film_of(stack, wavelength, moved, window), screen_correlation(stack, wavelength)
+    film, correlation = film_of(stack, wavelength, moved, window), screen_correlation(stack, wavelength)
     terms, drift = lobes(stack, wavelength), drifts(stack, wavelength, moved)
     inside = window.overlap(*(drift - drift[0]).T)
     worst = 0.0
     for tilt in reach * np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5], [1, 0], [-1, 0], [0, 1], [0, -1]]):
         exact = terms.decorrelation(tilt_ways(stack, tilt) + moved - moved[0]) * inside
         like = terms.wavenumber * np.hypot(*(tilt + film.tilts - film.tilts[0]).T)
-        model = (kernel(like) if kernel.weights.any() else 1.0) * film.kept[:, 0]
+        model = (correlation(like) if correlation.weights.any() else 1.0) * film.kept[:, 0]
         worst = max(worst, float(np.abs(np.square(exact) - np.square(model)).max(initial=0.0)))
     return worst

@@ -1,31 +1,25 @@
 """Images of hidden objects behind thin screens: the stationary sampler's, under the envelope that each beam carries.
 
-    I(v) = sum_j O_j E^2(v - i_j) |F_j(v)|^2,     E^2(v - i) = sum_n g_n(v) P_n(i)
+    I(v) = sum_j O_j E^2(v - i_j) |F_j(v)|^2
 
-E^2 is smooth over the object, so that a few Legendre polynomials P_n of the beams' directions hold it: each costs one
-image of the object times P_n. They are fitted at Gauss nodes, as many as bring the error below :data:`TOLERANCE`.
+E^2 is a sum of products of maps of camera and object (:mod:`specklegen.synthesis.object_envelope`).
 """
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 import torch
-from numpy.polynomial.legendre import legvander
 
 from specklegen.core.errors import reject
-from specklegen.core.quadrature import gauss_legendre
 from specklegen.samplers.sampler import MediaRequest
 from specklegen.samplers.screens.film import film_error, film_of
 from specklegen.scene.screens import ScreenStack
 from specklegen.scene.window import Window
 from specklegen.synthesis.imaging import Imaging, imagings
+from specklegen.synthesis.object_envelope import degree_of, gains_of, over_object
 from specklegen.synthesis.sight import Sight
 from specklegen.theory.phase_screens import index_correlation, lobes
 
-TOLERANCE = 4e-3
-"""Error of E^2, over its peak, that the polynomials may leave."""
-MOST_DEGREE = 8
 _LOST = 0.02  # correlation that may be lost to what objects have no model of
 
 
@@ -51,7 +45,7 @@ def screen_imagings(request: MediaRequest) -> list[tuple[list[int], Imaging]]:
         by_degree.setdefault(degree, []).append(n)
     found = []
     for degree, places in by_degree.items():
-        polynomials = torch.from_numpy(_over_object(sight.shape, degree)).to(sight.device)
+        polynomials = torch.from_numpy(over_object(sight.shape, degree)).to(sight.device)
         made = imagings(sight.at(places), request.correlations.at(places), tolerance=request.tolerance)
         for some, imaging in made:
             at = [places[n] for n in some]
@@ -106,45 +100,8 @@ def _envelope(sight: Sight, n: int, stack: ScreenStack) -> tuple[int, np.ndarray
         sight.center[1 - axis] + (np.arange(count) - (count - 1) / 2) * pitch
         for axis, count in enumerate(sight.camera)
     )
-    few_x, few_y = (axis[np.unique(np.linspace(0, len(axis) - 1, 9).astype(int))] for axis in (x, y))
-    ends = np.array([-1.0, 0.0, 1.0])
-    exact = squared(few_x, few_y, ends)
-    for degree in range(MOST_DEGREE + 1):
-        points, fit, orders = _fit(degree)
-        held = np.einsum("tbhw,bn->tnhw", squared(few_x, few_y, points), fit)
-        at = _values(_square(ends), orders)
-        if np.abs(np.einsum("tnhw,bn->tbhw", held, at) - exact).max() <= TOLERANCE or not half.any():
-            gains = np.einsum("tbhw,bn->tnhw", squared(x, y, points), fit)
-            return degree, gains / gains[:, 0].mean()
-    reject("ObjectField", "of an extent below some of the lobes' widths", sight.shape, "Use a smaller object.")
-
-
-@lru_cache(maxsize=16)
-def _over_object(shape: tuple[int, int], degree: int) -> np.ndarray:
-    """Polynomials float64[P, h, w] over the pixels of an object."""
-    # The object's pixel (row, column) sends its light along minus its position: object_sines.
-    along = [-np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in shape]
-    pixels = np.stack(np.meshgrid(along[1], along[0]), axis=-1).reshape(-1, 2)
-    return np.ascontiguousarray(_values(pixels, _fit(degree)[2]).T.reshape(-1, *shape))
-
-
-@lru_cache(maxsize=MOST_DEGREE + 1)
-def _fit(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes float64[b] of either axis, what turns values on their square into coefficients, float64[b * b, N], and
-    orders int64[N, 2].
-    """
-    points, weights = gauss_legendre(degree + 1)
-    orders = np.array([[a, total - a] for total in range(degree + 1) for a in range(total, -1, -1)])
-    norm = ((2 * orders + 1) / 2).prod(axis=1)
-    return points, np.outer(weights, weights).reshape(-1, 1) * _values(_square(points), orders) * norm, orders
-
-
-def _square(points: np.ndarray) -> np.ndarray:
-    """Points (x, y) of a square, float64[n * n, 2], rows first."""
-    return np.stack(np.meshgrid(points, points), axis=-1).reshape(-1, 2)
-
-
-def _values(points: np.ndarray, orders: np.ndarray) -> np.ndarray:
-    """Products of Legendre polynomials at points float64[B, 2]: float64[B, N]."""
-    along = [legvander(points[:, axis], int(orders.max())) for axis in (0, 1)]
-    return along[0][:, orders[:, 0]] * along[1][:, orders[:, 1]]
+    degree = degree_of(squared, x, y, point=not half.any())
+    if degree is None:
+        reject("ObjectField", "of an extent below some of the lobes' widths", sight.shape, "Use a smaller object.")
+    gains = gains_of(squared, x, y, degree)
+    return degree, gains / gains[:, 0].mean()

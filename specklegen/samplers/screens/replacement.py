@@ -23,6 +23,7 @@ from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths.analog_walk import require_walkable, transmittance
 from specklegen.samplers.screens.correlation import screen_correlation
 from specklegen.scene.media import Slab
+from specklegen.scene.polarisation import require_scalar
 from specklegen.scene.screens import PhaseScreen, ScreenStack, require_thin
 
 _REACH, _TILTS = 2.0, 17  # in half ranges of the slab
@@ -91,9 +92,7 @@ class Replacement(Pictured):
 
 
 @shielded()
-def stack_like(
-    slab: Slab, *, wavelength: float, screens: int = 8, paths: int = 100_000, seed: Seed = 0
-) -> Replacement:
+def stack_like(slab: Slab, *, wavelength: float, screens: int = 8, paths: int = 100_000, seed: Seed = 0) -> Replacement:
     """Screens in the place of a slab.
 
     Parameters
@@ -121,6 +120,7 @@ def stack_like(
     (887.2983346207417, 4)
     """
     instance("stack_like slab", slab, Slab)
+    require_scalar("stack_like slab", slab)
     wavelength = positive_number("stack_like wavelength", wavelength)
     count = whole_number("stack_like screens", screens, 2, _MOST_SCREENS)
     paths = whole_number("stack_like paths", paths, 1)
@@ -137,12 +137,12 @@ def stack_like(
         ScreenStack(screens=(screen,) * count, gaps=(float(gap),) * (count - 1),
                     behind=float((slab.thickness - gap * (count - 1)) / 2)), wavelength,
     )  # fmt: skip
-    kernel, closed = estimate_correlation(slab, paths, seed), screen_correlation(stack, wavelength)
-    half = kernel.half_range() if kernel.weights.any() else np.inf
+    correlation, closed = estimate_correlation(slab, paths, seed), screen_correlation(stack, wavelength)
+    half = correlation.half_range() if correlation.weights.any() else np.inf
     if not np.isfinite(half):
         reject("stack_like slab", "one whose speckle decorrelates with tilt", slab, "Its light is scattered once.")
     q = np.linspace(0.0, _REACH * half, _TILTS)
-    found, _, error = kernel.intensity(q)
-    radiance = float(closed.weights.sum() / (kernel.weights.sum() / kernel.paths))
+    found, _, error = correlation.intensity(q)
+    radiance = float(closed.weights.sum() / (correlation.weights.sum() / correlation.paths))
     through = transmittance(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     return Replacement(stack, q / wavenumber, found, np.square(closed(q)), error, radiance, *through)

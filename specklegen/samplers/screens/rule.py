@@ -83,7 +83,7 @@ def _farthest(scene: Scene) -> float:
 
 def _memory_error(scene: Scene, stack: ScreenStack, terms: Lobes) -> float:
     """Largest | |C_exact|^2 - |C_model|^2 | over probe views, tilts, moves and mismatches of half a grain."""
-    kernel, grid = screen_correlation(stack, scene.wavelength), scene.grid
+    correlation, grid = screen_correlation(stack, scene.wavelength), scene.grid
     beams = scene.beams.directions[:, :2]
     middle = beams.mean(axis=0)
     farthest = beams[np.square(beams - middle).sum(-1).argmax()]
@@ -97,7 +97,9 @@ def _memory_error(scene: Scene, stack: ScreenStack, terms: Lobes) -> float:
         for tilt, moved in ((share * largest, 0.0), *((0.0 * largest, share * move) for move in _moves(scene, stack))):
             way = tilt_ways(stack, tilt) + moved
             still = np.ndim(moved) == 0
-            modelled = float(kernel(scene.wavenumber * np.hypot(*tilt)) if still else terms.decorrelation(way)) ** 2
+            modelled = (
+                float(correlation(scene.wavenumber * np.hypot(*tilt)) if still else terms.decorrelation(way)) ** 2
+            )
             for view in views:
                 exact = abs(terms.correlation(view - farthest + tilt / 2, way)) ** 2
                 worst = max(worst, abs(exact - modelled))

@@ -77,7 +77,7 @@ class Screens(Sampler, name="screens"):
         return scattered_intensity(self.scene)
 
     def operations(self) -> Mapping[str, float]:
-        """Of one stack."""
+        """Operations of one stack."""
         x, y = stack_axes(self._beams, self.drift)
         tilts, views, size = len(self.scene.beams.directions), np.prod(self.scene.sensor.shape), x.count * y.count
         return {
@@ -124,8 +124,8 @@ class ScreensRenderer:
         from specklegen.synthesis.stacks import stack_sampler
 
         scene = self.sampler._beams
-        kernel = replace(screen_correlation(self.sampler.stack, scene.wavelength), moved=self.sampler.moved)
-        return stack_sampler(scene, kernel, drift=self.sampler.drift)
+        correlation = replace(screen_correlation(self.sampler.stack, scene.wavelength), moved=self.sampler.moved)
+        return stack_sampler(scene, correlation, drift=self.sampler.drift)
 
     def media(self, count: int) -> Iterator[Realization]:
         """One transform each."""
@@ -160,7 +160,7 @@ class ScreensRenderer:
         return field.astype(np.complex64)
 
     def _envelope(self, t: int) -> Envelope:
-        """Of tilt t; kept unless the stack comes tilt by tilt, as all of them take the stack's own memory."""
+        """Envelope of tilt t; kept unless the stack comes tilt by tilt, as all of them take the stack's own memory."""
         if t in self._envelopes:
             return self._envelopes[t]
         scene, beam = self.sampler.scene, slice(t, t + 1)

@@ -8,18 +8,21 @@ from specklegen.core.decision import Decision
 from specklegen.core.errors import RuleError, reject
 from specklegen.core.values import remembered
 from specklegen.paths.endpoints import AXIS
+from specklegen.paths.flows import drifted, uneven_turn
 from specklegen.paths.tracer import lock_step_obstacle, slab_tracer
 from specklegen.samplers.sampler import Request
 from specklegen.samplers.stationary.envelope import Envelope
+from specklegen.samplers.stationary.object_maps import ObjectMaps, object_maps
 from specklegen.samplers.stationary.stationarity import StationaryError, pilot_envelope, stationary_error
-from specklegen.scene.illumination import IncoherentObject, reference_direction
+from specklegen.scene.illumination import reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.synthesis.exit_grid import stack_axes
 
-Kernel = Literal["axial", "oblique"]
-_KERNELS = {"axial": "correlation of the axis", "oblique": "correlation about its own direction"}
+Form = Literal["axial", "oblique"]
+_FORMS = {"axial": "correlation of the axis", "oblique": "correlation about its own direction"}
 _PART = "stationary sampler"
+_MOST_TURN = 0.1  # radians, of which a correlation keeps .995
 
 
 class Model(NamedTuple):
@@ -27,40 +30,46 @@ class Model(NamedTuple):
 
     Attributes
     ----------
-    kernel : "axial" or "oblique"
-        Its memory-effect correlation.
+    form : "axial" or "oblique"
+        Its memory-effect correlation: of the axis, or about a direction of its own.
     enveloped : bool
         Whether intensities change with view and tilt (:func:`scene_envelope`); else they are the same everywhere.
     """
 
-    kernel: Kernel
+    form: Form
     enveloped: bool = False
 
     def __str__(self) -> str:
-        return _KERNELS[self.kernel] + (" under an envelope" if self.enveloped else "")
+        return _FORMS[self.form] + (" under an envelope" if self.enveloped else "")
 
 
 def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, Decision]:
     """The model with which the stationary sampler serves a scene within the tolerance.
 
     The correlation of the axis wherever it is good enough; else the oblique one, about the middle of the beams and the
-    views; and where nothing but the intensities of collimated beams are off, one of them under an envelope.
+    views; and where nothing but intensities are off, one of them under an envelope.
     See docs/physics.md 9.
     """
     obstacle = stationary_obstacle(scene, request.reverse)
     asked = request.asked == "stationary"
-    if obstacle:
+    models = [] if obstacle else _models(scene, request.envelope)
+    if scene.polarisers is not None:  # envelopes are those of light that is the same whichever way it is turned
+        models = [model for model in models if not model.enveloped]
+    if not models:
+        obstacle = obstacle or "serves media of recipes in transmission only"
         if asked:
             reject("sampler", '"paths" or "auto" for this scene', request.asked, f"The stationary sampler {obstacle}.")
         return None, Decision(_PART, False, obstacle)
     allowed = max(request.tolerance, request.beside)
     errors: dict[Model, StationaryError] = {}
-    for model in _models(scene, request.envelope):
-        if model.enveloped and not errors[Model(model.kernel)].correlated(allowed):
+    for model in models:
+        if model.enveloped and errors[Model(model.form)].uncorrelated(allowed):
             continue  # an envelope leaves correlations as they are
-        if model.enveloped and scene_envelope(scene, model.kernel == "oblique") is None:
+        if model.enveloped and not _carried(scene, model):
             continue
-        errors[model] = scene_stationary_error(scene, request.tolerance, model.kernel == "oblique", model.enveloped)
+        errors[model] = scene_stationary_error(
+            scene, request.tolerance, model.form == "oblique", model.enveloped
+        )
         if errors[model].accepts(request.tolerance):
             break
     best = min(
@@ -94,7 +103,7 @@ def stationary_obstacle(scene: Scene, reverse: bool) -> str | None:
         return "has no reversed paths"
     if scene.slab.albedo == 0 or scene.slab.thickness == 0:
         return "has nothing to do: nothing scatters"
-    if not _kernels(scene):
+    if not _forms(scene):
         return "serves hidden objects in transmission only"
     try:
         stack_axes(scene)
@@ -103,30 +112,60 @@ def stationary_obstacle(scene: Scene, reverse: bool) -> str | None:
     return None
 
 
-def _kernels(scene: Scene) -> list[Kernel]:
-    """Correlations that may serve a scene, the one to prefer first.
+def flow_obstacle(scene: Scene) -> str | None:
+    """What of a flow keeps the stationary sampler from drawing a film; None where nothing does."""
+    if not (scene.film and scene.volume.flows) or lock_step_obstacle(scene):
+        return None
+    moved = drifted(scene)
+    if moved is None:
+        turn = uneven_turn(scene)
+        if turn <= _MOST_TURN:
+            return None
+        return (
+            f"knows flows in the middle of beams and views: at the outer ones paths turn by up to {turn:.2g} rad more, "
+            f"allowed {_MOST_TURN:g}"
+        )
+    if moved[:, 2].any():
+        return "draws no medium that moves along the axis"
+    try:
+        stack_axes(scene, moved[:, :2])
+    except RuleError as error:
+        return f"cannot draw it: {error}"
+    return None
+
+
+def _forms(scene: Scene) -> list[Form]:
+    """Forms of the correlation that may serve a scene, the one to prefer first.
 
     That of the axis is for transmission; a hidden object's modes need its symmetry. The oblique one is the
-    same as it where beams and views are about the axis.
+    same as it where beams and views are about the axis. Polarised beams aside of it have that one alone, whatever the
+    analyser is: a seed is one medium behind all of them.
     """
     middle = [reference_direction(scene.beams.directions), scene.sensor.center_direction]  # type: ignore[union-attr]
     axial = scene.side > 0
     oblique = not np.allclose(middle, AXIS, rtol=0, atol=1e-9)
-    oblique = oblique and not isinstance(scene.illumination, IncoherentObject)
+    oblique = oblique and not scene.hides_object
+    axial = axial and not (oblique and scene.polarisers is not None)
     return [*(["axial"] if axial else []), *(["oblique"] if oblique else [])]  # type: ignore[list-item]
 
 
 def _models(scene: Scene, envelope: bool) -> list[Model]:
-    """Models that may serve a scene, the one to prefer first; modes of hidden objects have no envelope."""
-    kernels = _kernels(scene)
-    carried = envelope and not isinstance(scene.illumination, IncoherentObject)
-    return [Model(kernel, enveloped) for enveloped in ((False, True) if carried else (False,)) for kernel in kernels]
+    """Models that may serve a scene, the one to prefer first; of a recipe's media that of the axis alone."""
+    forms = _forms(scene)
+    if not envelope:
+        return [Model("axial")] if "axial" in forms else []
+    return [Model(form, enveloped) for enveloped in (False, True) for form in forms]
+
+
+def _carried(scene: Scene, model: Model) -> bool:
+    """Whether there is an envelope, which a hidden object's images can be drawn under."""
+    if scene_envelope(scene, model.form == "oblique") is None:
+        return False
+    return bool(scene.illumination.images) or scene_object_maps(scene) is not None
 
 
 @remembered(64)
-def scene_stationary_error(
-    scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False
-) -> StationaryError:
+def scene_stationary_error(scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False) -> StationaryError:
     """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
     envelope = scene_envelope(scene, oblique) if enveloped else None
     tracer = slab_tracer(scene, False, aside=False)
@@ -137,3 +176,9 @@ def scene_stationary_error(
 def scene_envelope(scene: Scene, oblique: bool) -> Envelope | None:
     """The envelope of a scene about the axis, or about the middle of its beams and views."""
     return pilot_envelope(scene, slab_tracer(scene, False, aside=False), oblique=oblique)
+
+
+def scene_object_maps(scene: Scene) -> ObjectMaps | None:
+    """The envelope of a hidden object's scene in maps of both; None without one, or where it is too narrow for few."""
+    envelope = scene_envelope(scene, False)
+    return None if envelope is None else object_maps(scene, envelope)

@@ -8,9 +8,9 @@ in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the m
 
 (w_1 for both where segments are in the near field of a narrow lobe, :mod:`specklegen.paths.far_field`)
 with W^ the Fourier transform of the window's intensity and K either that of the axis or the oblique one about the
-middle of the beams and of the views. Intensities at these views, of collimated beams those of the outermost too, are
-compared with the one that the model has everywhere, or with its envelope
-(:mod:`specklegen.samplers.stationary.envelope`). physics.md 9.
+middle of the beams and of the views. Intensities at these views, those of the outermost beams too, are compared with
+the one that the model has everywhere, or with its envelope (:mod:`specklegen.samplers.stationary.envelope`). Of a
+hidden object that has none, and whose lobes are one, the middle stands for all: its image is their sum. physics.md 9.
 """
 
 from dataclasses import dataclass, replace
@@ -59,6 +59,10 @@ class StationaryError:
         """Correlations are within the tolerance, two standard errors included."""
         return self.correlation + 2 * self.correlation_error <= tolerance
 
+    def uncorrelated(self, tolerance: float) -> bool:
+        """Correlations are beyond the tolerance by two standard errors."""
+        return self.correlation - 2 * self.correlation_error > tolerance
+
     @property
     def largest(self) -> float:
         """The larger of the two."""
@@ -105,6 +109,8 @@ def pilot_error(
     middle = _grid(scene).center_direction if oblique else AXIS
     weight, way = model.weight(middle[:2]), face_to_face(model.bank, scene.slab, model.light, middle)
     norm = model.sums(weight)
+    if not norm.any():  # an analyser that nothing passes: both are dark
+        return StationaryError(0.0, 0.0, 0.0, 0.0)
     tilts = _probe_tilts(scene, model.bank.orders, weight, way)
     models = [model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt))) for tilt in tilts]
     gains, sums = [], []
@@ -121,7 +127,8 @@ def pilot_error(
                     sums.append([product, pilot.intensity(view), pilot.intensity(like), modelled, norm])
                     gains.append(gain)
     n, gain = len(gains), np.array(gains)
-    lights, views = _pairs(_probe_lights(scene), _intensity_views(scene, envelope is not None))
+    between = None if envelope is None else 0.7
+    lights, views = _pairs(_probe_lights(scene, between), _intensity_views(scene, envelope is not None))
     powers = [pilot.intensity(view, light) for light, view in zip(lights, views, strict=True)]
     carried = 1.0 if envelope is None else envelope.intensity(lights, views)
     table = np.moveaxis(np.array(sums), -1, 0).reshape(BATCHES, -1)
@@ -150,7 +157,7 @@ def pilot_envelope(scene: Scene, tracer: SlabTracer, *, oblique: bool = False) -
     """The envelope of a scene, from paths that do not judge it; None where some pair has no light."""
     bank = _Bank(scene, tracer, pilot_seed(scene.unitless_fingerprint()), ENVELOPE_PATHS, sample=1)
     middle = np.array([bank.light[:2], _grid(scene).center_direction[:2]]) if oblique else np.zeros((2, 2))
-    lights, views = _pairs(_probe_lights(scene), _nine_and_four(scene, 1.0))
+    lights, views = _pairs(_probe_lights(scene, 0.5), _nine_and_four(scene, 1.0))
     powers = [bank.intensity(view, light).real.sum() for light, view in zip(lights, views, strict=True)]
     reference = bank.intensity(middle[1], middle[0]).real.sum()
     if not min(*powers, reference) > 0:
@@ -227,18 +234,25 @@ def _probe_views(scene: Scene) -> np.ndarray:
     return np.concatenate([grid.center_direction[None], grid.corner_directions])[:, :2]
 
 
-def _probe_lights(scene: Scene) -> np.ndarray:
+def _probe_lights(scene: Scene, between: float | None) -> np.ndarray:
     """The middle of the beams, the one farthest from it, and the one farthest from that: float64[n, 2].
 
-    Of a hidden object the middle alone: one image adds up all of its beams, whose lobes lie on either side of it.
+    Of a hidden object under an envelope those that lie ``between`` them and the middle, too, for its pixels are
+    everywhere. Of one without (None) the middle alone, where its lobes are one: one image adds up all of its beams,
+    whose lobes lie on either side of it.
     """
     directions = scene.beams.directions
     middle, sines = reference_direction(directions)[:2], directions[:, :2]
-    if not len(sines) or (sines == middle).all() or not scene.illumination.images:
+    if not len(sines) or (sines == middle).all():
         return middle[None]
     one = sines[np.square(sines - middle).sum(-1).argmax()]
     other = sines[np.square(sines - one).sum(-1).argmax()]
-    return np.array([middle, one, other])
+    found = np.array([middle, one, other])
+    if scene.illumination.images:
+        return found
+    if between is None:
+        return found if _kept(scene, float(np.hypot(*(one - middle)))) else middle[None]
+    return np.concatenate([found, (1 - between) * middle + between * found[1:]])
 
 
 def _nine_and_four(scene: Scene, reach: float) -> np.ndarray:

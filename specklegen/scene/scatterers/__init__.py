@@ -4,6 +4,7 @@ from specklegen.scene.scatterers.henyey_greenstein import HenyeyGreenstein
 from specklegen.scene.scatterers.isotropic import Isotropic
 from specklegen.scene.scatterers.mie import Mie
 from specklegen.scene.scatterers.mixture import Mixture
+from specklegen.scene.scatterers.rayleigh import Rayleigh
 from specklegen.scene.scatterers.scatterer import AnyScatterer, Dimensions, Row, Scatterer, scatterer_types
 from specklegen.scene.scatterers.tabulated import Tabulated
 from specklegen.scene.scatterers.von_mises_fisher import VonMisesFisher
@@ -15,6 +16,7 @@ __all__ = [
     "Isotropic",
     "Mie",
     "Mixture",
+    "Rayleigh",
     "Row",
     "Scatterer",
     "Tabulated",

@@ -15,8 +15,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import field_validator
 
+from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
-from specklegen.core.values import ComplexNumber, Positive
+from specklegen.core.values import ComplexNumber, Positive, read_only
 from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotropy
 from specklegen.scene.scatterers.tabulated import Tabulated, tabulated
 
@@ -128,8 +129,18 @@ class Mie(_WithAnisotropy):
     def exact_amplitude(self, theta: np.ndarray) -> np.ndarray:
         """Complex amplitude s, per root steradian, at the scattering angle, from the Mie series itself."""
         # Exactly backward S1 + S2 is 0 and would have the phase of its rounding: stay a hair's breadth away.
-        cos = np.cos(np.minimum(theta, math.pi - 1e-3 / (1 + self.size_parameter)))
-        s1, s2 = np.zeros((2, *cos.shape), np.complex128)
+        s1, s2 = self._series(np.cos(np.minimum(theta, math.pi - 1e-3 / (1 + self.size_parameter))))
+        power = (np.abs(s1) ** 2 + np.abs(s2) ** 2) / (4 * math.pi * self._strength)
+        return np.sqrt(power) * np.exp(1j * np.angle(1j * (s1 + s2)))
+
+    def amplitude_matrix(self, cos: np.ndarray | float) -> np.ndarray:
+        """Return i S_1 and i S_2, complex128[2, ...], per root steradian, at cosines of the scattering angle."""
+        cos = real_array("amplitude_matrix cos", cos)
+        return 1j / math.sqrt(2 * math.pi * self._strength) * np.stack(self._series(cos))
+
+    def _series(self, cos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """S_1 and S_2 at cosines of the scattering angle: Bohren and Huffman, Eq. 4.74."""
+        s1, s2 = np.zeros(cos.shape, np.complex128), np.zeros(cos.shape, np.complex128)
         before, now = np.zeros_like(cos), np.ones_like(cos)  # pi_(n-1), pi_n: Bohren and Huffman, Eqs. 4.47, 4.74
         for n, (a, b) in enumerate(self.coefficients.T, start=1):
             tau = n * cos * now - (n + 1) * before
@@ -137,15 +148,12 @@ class Mie(_WithAnisotropy):
             s1 += share * (a * now + b * tau)
             s2 += share * (a * tau + b * now)
             before, now = now, ((2 * n + 1) * cos * now - (n + 1) * before) / n
-        power = (np.abs(s1) ** 2 + np.abs(s2) ** 2) / (4 * math.pi * self._strength)
-        return np.sqrt(power) * np.exp(1j * np.angle(1j * (s1 + s2)))
+        return s1, s2
 
     @cached_property
     def coefficients(self) -> np.ndarray:
         """a_n and b_n, complex128[2, N]: Bohren and Huffman, Eqs. 4.56 and 4.57."""
-        found = np.array(_miepython().coefficients(self.refractive_index, self.size_parameter))
-        found.flags.writeable = False  # kept
-        return found
+        return read_only(np.array(_miepython().coefficients(self.refractive_index, self.size_parameter)))
 
     @cached_property
     def _strength(self) -> float:

@@ -124,6 +124,25 @@ class Scatterer(Admitted, Pictured):
         """Return what the kernels read of it, in three dimensions or in flatland."""
         return self._table(dimensions).row(dimensions)
 
+    def amplitude_matrix(self, cos: np.ndarray | float) -> np.ndarray:
+        """Amplitudes S1 (of fields across the plane of scattering) and S2 (along it), complex128[2, ...], of a sphere.
+
+        At cosines of the scattering angle, per root steradian, in three dimensions: |s|^2 = (|S1|^2 + |S2|^2) / 2. A
+        class of one's own may define it, up to a factor; a medium of polarisation "vector" then takes it.
+
+        Raises
+        ------
+        RuleError
+            Of particles of which only the scalar amplitude is known.
+        """
+        reject(f"{self.type}.amplitude_matrix", "asked of Mie or Rayleigh particles", self.type,
+               'Its polarisation is known by the model "projector" alone.')  # fmt: skip
+
+    @property
+    def has_matrix(self) -> bool:
+        """Whether its amplitudes S1 and S2 are known."""
+        return type(self).amplitude_matrix is not Scatterer.amplitude_matrix
+
     @property
     def components(self) -> tuple[tuple["Scatterer", float], ...]:
         """Types of particle, and their shares of sigma_s."""
@@ -133,7 +152,10 @@ class Scatterer(Admitted, Pictured):
         """Return what the kernels read of it: in three dimensions, and in flatland where it has a meaning there."""
         kept = self._kept
         if "content" not in kept:
-            kept["content"] = content_digest(_read_by_kernels(self, 3), _read_by_kernels(self, 2))
+            read = [_read_by_kernels(self, 3), _read_by_kernels(self, 2)]
+            if self.has_matrix:
+                read.append(_to_9_digits(self.amplitude_matrix(np.cos(np.linspace(0, np.pi, 1001)))))
+            kept["content"] = content_digest(*read)
         return kept["content"]
 
     def _table(self, dimensions: Dimensions):

@@ -5,22 +5,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import kernel
+from specklegen.kernels import inlined, kernel
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
 from specklegen.wavetracing.kernels import beam_state as beam
-from specklegen.wavetracing.kernels.beam_state import axes_about, kicked, leave_region, mean_kicked
-from specklegen.wavetracing.kernels.cone_bvh import collect_all
-from specklegen.wavetracing.kernels.cones import CONE
+from specklegen.wavetracing.kernels.beam_state import axes_about, leave_region
+from specklegen.wavetracing.kernels.cone_bvh import collect_all, unpacked
+from specklegen.wavetracing.kernels.cones import CONE, triangle_in_cone
 from specklegen.wavetracing.kernels.masked_beams import cover, draw_raster, shares
 from specklegen.wavetracing.kernels.region_patterns import draw_polygon
-from specklegen.wavetracing.kernels.regions import project, recentre
+from specklegen.wavetracing.kernels.regions import holds, project, recentre
 
 _ONE = np.uint64(1)
 _NOTHING, _EVERYTHING = np.uint64(0), np.uint64(2**64 - 1)
 _AGAIN = 1024  # evanescent draws in a row
+_STEEPEST = 20.0  # one over the cosine to a plane's normal at which the beam's own field is taken across the beam
 _STEEP = 4.0  # rho / Sigma above which the curved phase would be undersampled
-_NULL, _UNIFORM, _GAUSSIAN, _TRIES, _EVANESCENT, _LOCAL = 3, 6, 7, 8, 9, 13  # rows of the statistics
+_NULL, _UNIFORM, _GAUSSIAN, _TRIES, _EVANESCENT, _TRIANGLES, _LOCAL = 3, 4, 5, 6, 7, 8, 11  # rows of the statistics
 
 
 class Light(NamedTuple):
@@ -30,21 +31,21 @@ class Light(NamedTuple):
     least: float
 
 
-class Region(NamedTuple):
-    """Depths between which a cone meets triangles, and the number of the holes in them."""
-
-    depth: float
-    far: float
-    holes: int
-
-
 class Event(NamedTuple):
-    """What happens in a region: at an opening or a facet, in uniform light or not, as a whole, of which facet."""
+    """What happens: at an opening (or a facet), in the plane of a facet (-1: across the beam), in uniform light or not.
+
+    ``opening`` is that of uniform light, -1: the facet itself; what lies between ``low`` and ``high`` stands in the way
+    of the beam's own field, but for the facet ``beyond``, and so do all of the first ``marks`` sheets marked.
+    """
 
     open: bool
+    plane: int
     uniform: bool
-    forced: bool
-    which: int
+    opening: int
+    low: float
+    high: float
+    beyond: int
+    marks: int
 
 
 class Room(NamedTuple):
@@ -53,19 +54,18 @@ class Room(NamedTuple):
     Attributes
     ----------
     wide : float64[CONE]
-        A cone twice as wide as the beam.
-    seen, touched, found : int32[H], int32[H], float64[FOUND]
-        Of `specklegen.wavetracing.kernels.regions.census`.
+        A cylinder that holds the beam twice.
+    marked, memory : int64[KEPT]
+        Sheets that an event is about, and those that the beam has passed.
     flat : float64[edges, 4]
-        Borders, seen along a beam.
+        Borders in their plane.
     fine, mask : uint64[FINE, WORDS], float64[GRID, GRID]
         What is open about a beam, `specklegen.wavetracing.kernels.masked_beams`.
     """
 
     wide: np.ndarray
-    seen: np.ndarray
-    touched: np.ndarray
-    found: np.ndarray
+    marked: np.ndarray
+    memory: np.ndarray
     flat: np.ndarray
     fine: np.ndarray
     mask: np.ndarray
@@ -89,111 +89,198 @@ def scatter_diffusely(key0, key1, path, counter, state, z, least, nx, ny, nz):
     return counter + _ONE
 
 
-@kernel
-def paint(state, region, event, half_x, half_y, tree, facet, room):
-    """Fill the room's mask with what is open about the beam's axis, or with the event's facet, seen along the mean.
+@inlined
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
-    Return whether there is any.
+
+@inlined
+def _turned(one, two, angle):
+    """Unit vectors in the plane of two, turned."""
+    c, s = math.cos(angle), math.sin(angle)
+    return (
+        (c * one[0] + s * two[0], c * one[1] + s * two[1], c * one[2] + s * two[2]),
+        (c * two[0] - s * one[0], c * two[1] - s * one[1], c * two[2] - s * one[2]),
+    )
+
+
+@kernel
+def footprint(state, half, normal, point):
+    """Where a beam meets a plane: (middle, two axes, half-widths along them), of the plane's own ellipse.
+
+    half   : half-width of the beam across, along x of its frame
+    normal : of the plane, not across the beam;  point : of the plane
     """
-    wide, fine, corners, open_event = room.wide, room.fine, tree.corners, event.open
+    m = (state[beam.MX], state[beam.MY], state[beam.MZ])
+    x = (state[beam.XX], state[beam.XY], state[beam.XZ])
+    y = (state[beam.YX], state[beam.YY], state[beam.YZ])  # times e, as the half-width along it is over e
+    a, b, c, d, f, g = axes_about(normal[0], normal[1], normal[2])
+    s, t = (a, b, c), (d, f, g)
+    # |(x.r, e y.r)|^2 / half^2 of r in the plane, and its principal axes.
+    xs, xt, ys, yt = _dot(x, s), _dot(x, t), _dot(y, s), _dot(y, t)
+    first, mixed, last = xs * xs + ys * ys, xs * xt + ys * yt, xt * xt + yt * yt
+    one, two = _turned(s, t, 0.5 * math.atan2(2.0 * mixed, first - last))
+    long = half / math.sqrt(_dot(x, one) ** 2 + _dot(y, one) ** 2)
+    short = half / math.sqrt(_dot(x, two) ** 2 + _dot(y, two) ** 2)
+    start = (state[beam.CX], state[beam.CY], state[beam.CZ])
+    depth = (_dot(point, normal) - _dot(start, normal)) / _dot(m, normal)
+    middle = (start[0] + depth * m[0], start[1] + depth * m[1], start[2] + depth * m[2])
+    return middle, one, two, long, short
+
+
+@kernel
+def paint(state, half, z, event, normal, print_, tree, facets, room):
+    """Fill the room's mask with what is open in a beam's footprint, or with the event's sheet, seen along the mean.
+
+    Return whether there is any, and the number of triangles about it.
+    """
+    wide, fine, corners, open_event, marked = room.wide, room.fine, tree.corners, event.open, room.marked
+    o, one, two, long, short = print_
     for c in range(CONE):
         wide[c] = state[beam.CONE_AT + c]
-    # Twice the envelope: the field at its rim is a tenth of that on the axis, at twice the rim a ten-thousandth.
-    wide[12] *= 2.0
-    wide[13] *= 2.0
-    places, count = collect_all(wide, region.depth, region.far, tree, np.empty(256, np.int64))
+    wide[12], wide[13] = half, 0.0
+    near, far = z - _STEEPEST * half, z + _STEEPEST * half
+    if event.low < near:
+        near = event.low
+    if event.high > far:
+        far = event.high
+    places, count = collect_all(wide, near, far, tree, np.empty(256, np.int64))
     fine[:, :] = _EVERYTHING if open_event else _NOTHING
+    m = (state[beam.MX], state[beam.MY], state[beam.MZ])
+    # r less what of it lies along the mean, until it is in the plane.
+    p, q = _dot(m, one) / _dot(m, normal), _dot(m, two) / _dot(m, normal)
+    u = (one[0] - p * normal[0], one[1] - p * normal[1], one[2] - p * normal[2])
+    v = (two[0] - q * normal[0], two[1] - q * normal[1], two[2] - q * normal[2])
     flat = np.empty(6)
-    e = state[beam.STRETCH]
     for n in range(count):
         place = places[n]
-        if not open_event and facet[place] != event.which:
-            continue
-        for v in range(3):
-            x = corners[place, 3 * v] - state[beam.CX]
-            y = corners[place, 3 * v + 1] - state[beam.CY]
-            w = corners[place, 3 * v + 2] - state[beam.CZ]
-            flat[2 * v] = state[beam.XX] * x + state[beam.XY] * y + state[beam.XZ] * w
-            flat[2 * v + 1] = (state[beam.YX] * x + state[beam.YY] * y + state[beam.YZ] * w) / e
-        cover(fine, 0 if open_event else 1, half_x, half_y, flat[0], flat[1], flat[2], flat[3], flat[4], flat[5])
-    return shares(fine, room.mask)
+        if not holds(marked, event.marks, facets.sheet[facets.facet[place]]):
+            if facets.facet[place] == event.beyond:
+                continue
+            low, _ = triangle_in_cone(unpacked(wide), event.low, event.high, corners, place)
+            if low == math.inf:
+                continue
+        for c in range(3):
+            r = corners[place, 3 * c] - o[0], corners[place, 3 * c + 1] - o[1], corners[place, 3 * c + 2] - o[2]
+            flat[2 * c], flat[2 * c + 1] = _dot(r, u), _dot(r, v)
+        cover(fine, 0 if open_event else 1, long, short, flat[0], flat[1], flat[2], flat[3], flat[4], flat[5])
+    return shares(fine, room.mask), count
 
 
 @kernel
-def diffract(key, path, counter, state, z, region, event, light, tree, facets, room, statistics):
-    """Add a wavevector of the region's pattern to the beam, at depth z; return (counter, whether one was found).
+def outline(event, facets, openings, flat):
+    """Borders of the event's opening, or of its facet, in their plane: (edges in ``flat``, area, length, two axes)."""
+    f = event.plane
+    a, b, c, d, e, g = axes_about(facets.normals[f, 0], facets.normals[f, 1], facets.normals[f, 2])
+    one, two = (a, b, c), (d, e, g)
+    edges, double, length = 0, 0.0, 0.0
+    if event.opening < 0:
+        origin = facets.rim_ends[facets.rims[f]]
+        edges, double, length = project(
+            facets.rim_ends, facets.rims[f], facets.rims[f + 1], 0, origin, one, two, flat
+        )
+    else:
+        origin = facets.loop_ends[facets.loops[facets.holes[f]]]
+        for n in range(openings.starts[event.opening], openings.starts[event.opening + 1]):
+            h = openings.members[n]
+            edges, more, rim = project(
+                facets.loop_ends, facets.loops[h], facets.loops[h + 1], edges, origin, one, two, flat
+            )
+            double += more
+            length += rim
+    recentre(flat, edges)
+    return edges, 0.5 * abs(double), length, one, two
 
-    Uniform light: added to the ray's, whose spread is that of the ensemble. Gaussian light: the pattern is that of the
-    beam's own field, and is added to the mean; where the field's phase is too curved for the grid (LOCAL_CHIRP), the
-    pattern is that of |u|, and is added to the mean's local direction at the ray.
+
+@inlined
+def _leave(one, two, normal, u, v, side):
+    """Direction of the parts u, v in a plane and the rest along its normal, on one side; and whether there is one."""
+    rest = 1.0 - u * u - v * v
+    if not rest > 0.0:
+        return 0.0, 0.0, 0.0, False
+    w = math.copysign(math.sqrt(rest), side)
+    return (
+        u * one[0] + v * two[0] + w * normal[0],
+        u * one[1] + v * two[1] + w * normal[1],
+        u * one[2] + v * two[2] + w * normal[2],
+        True,
+    )
+
+
+@kernel
+def diffract(key, path, counter, state, z, event, light, tree, facets, openings, room, statistics):
+    """Add a wavevector of an opening's pattern to the beam, at depth z; return (counter, whether one was found).
+
+    What a plane screen keeps is the wavevector's part in its plane, k d - (k d.n) n: the pattern is added there, so
+    that it is right at any angle. Uniform light: added to the ray's, whose spread is that of the ensemble. Gaussian
+    light: the pattern is that of the beam's own field, and is added to the mean's; where the field's phase is too
+    curved for the grid (LOCAL_CHIRP), the pattern is that of |u|, and is added to the mean's local direction at the
+    ray.
     """
     key0, key1 = key
-    open_event, uniform, which, least = event.open, event.uniform, event.which, light.least
-    rims, rim_ends, loops, loop_ends = facets.rims, facets.rim_ends, facets.loops, facets.loop_ends
-    flat = room.flat
-    e = state[beam.STRETCH]
-    edges, area = 0, 0.0
-    half_x = half_y = chirp = local_x = local_y = 0.0
-    if uniform:
-        cone = state[beam.CONE_AT : beam.CONE_AT + CONE]
-        if not open_event:
-            edges, area = project(rim_ends, rims[which], rims[which + 1], 0, cone, e, flat)
-        elif event.forced:
-            start, stop = loops[facets.holes[which]], loops[facets.holes[which + 1]]
-            edges, area = project(loop_ends, start, stop, 0, cone, e, flat)
-        else:
-            for h in range(region.holes):
-                start, stop = loops[room.touched[h]], loops[room.touched[h] + 1]
-                edges, more = project(loop_ends, start, stop, edges, cone, e, flat)
-                area += more
-        area = 0.5 * abs(area)
+    d = (state[beam.DX], state[beam.DY], state[beam.DZ])
+    m = (state[beam.MX], state[beam.MY], state[beam.MZ])
+    normal, point = m, (state[beam.PX], state[beam.PY], state[beam.PZ])
+    if event.plane >= 0:
+        n = facets.normals[event.plane]
+        if event.uniform or abs(n[0] * m[0] + n[1] * m[1] + n[2] * m[2]) > 1.0 / _STEEPEST:
+            normal = (n[0], n[1], n[2])
+    side = _dot(d, normal)
+    edges, area, chirp_x, chirp_y = 0, 0.0, 0.0, 0.0
+    long = short = 0.0
+    if event.uniform:
+        edges, area, _, one, two = outline(event, facets, openings, room.flat)
         if not area > 0.0:
             return counter, False
-        recentre(flat, edges)
         statistics[_UNIFORM] += 1
+        mean = d
     else:
         statistics[_GAUSSIAN] += 1
-        grown = z * state[beam.SPREAD]
-        half_x = 2.0 * math.sqrt(state[beam.WIDTH] ** 2 + grown * grown)
-        half_y = half_x / e
+        grown = z * state[beam.SLOPE]
+        half = 2.0 * math.sqrt(state[beam.WIDTH] ** 2 + grown * grown)
+        print_ = footprint(state, half, normal, point)
+        middle, one, two, long, short = print_
+        x = (state[beam.XX], state[beam.XY], state[beam.XZ])
+        e = state[beam.STRETCH]
+        y = (state[beam.YX] / e, state[beam.YY] / e, state[beam.YZ] / e)
         sigma = 2.0 * (state[beam.WIDTH] / 3.0) ** 2
         steep = grown / state[beam.WIDTH]  # rho / Sigma = z / (k Sigma), tan = 9 / (2 k a) at the diffraction limit
         chirp = steep / (sigma * (1.0 + steep * steep))
+        mean = m
         if steep > _STEEP:
             statistics[_LOCAL] += 1
-            x = state[beam.PX] - state[beam.CX]
-            y = state[beam.PY] - state[beam.CY]
-            w = state[beam.PZ] - state[beam.CZ]
-            local_x = chirp * (state[beam.XX] * x + state[beam.XY] * y + state[beam.XZ] * w)
-            local_y = chirp * (state[beam.YX] * x + state[beam.YY] * y + state[beam.YZ] * w) / e
-            chirp = 0.0
-        if not paint(state, region, event, half_x, half_y, tree, facets.facet, room):
+            r = (point[0] - state[beam.CX], point[1] - state[beam.CY], point[2] - state[beam.CZ])
+            u, v = chirp * _dot(x, r) / light.k, chirp * _dot(y, r) / light.k
+            mean = (m[0] + u * x[0] + v * y[0], m[1] + u * x[1] + v * y[1], m[2] + u * x[2] + v * y[2])
+        else:
+            chirp_x = chirp * (_dot(x, one) ** 2 + _dot(y, one) ** 2)
+            chirp_y = chirp * (_dot(x, two) ** 2 + _dot(y, two) ** 2)
+        some, count = paint(state, half, z, event, normal, print_, tree, facets, room)
+        statistics[_TRIANGLES] += count
+        if not some:
             # Seen along the mean nothing is open, though the ray, a little aslant, did pass: it goes on unbent.
             statistics[_NULL] += 1
-            leave_region(state, z, least, state[beam.MX], state[beam.MY], state[beam.MZ])
+            leave_region(state, z, light.least, m[0], m[1], m[2])
             return counter, True
-    nx = ny = nz = 0.0
-    if uniform or not open_event:
-        nx, ny, nz = facets.normals[which, 0], facets.normals[which, 1], facets.normals[which, 2]
-    side = state[beam.DX] * nx + state[beam.DY] * ny + state[beam.DZ] * nz
     for _ in range(_AGAIN):
-        if uniform:
-            x, y, counter, tries, good = draw_polygon(key0, key1, path, counter, flat[:edges], area)
+        if event.uniform:
+            x_, y_, counter, tries, good = draw_polygon(key0, key1, path, counter, room.flat[:edges], area)
             statistics[_TRIES] += tries
         else:
-            x, y, counter, good = draw_raster(key0, key1, path, counter, room.mask, half_x, half_y, chirp)
+            x_, y_, counter, good = draw_raster(
+                key0, key1, path, counter, room.mask, long, short, chirp_x, chirp_y
+            )
         if not good:
             return counter, False
-        fx, fy = (x + local_x) / light.k, (y + local_y) / light.k
-        mx, my, mz, forward = mean_kicked(state, fx, fy)
-        dx, dy, dz, there = mx, my, mz, forward
-        if uniform:
-            dx, dy, dz, there = kicked(state, fx, fy)
-            if not forward:
-                mx, my, mz = dx, dy, dz
-        # A direction that would leave on the other side of the screen than it should is no light either.
-        if there and (side == 0.0 or (dx * nx + dy * ny + dz * nz) * side > 0.0):
-            leave_region(state, z, least, mx, my, mz)
+        u, v = x_ / light.k, y_ / light.k
+        dx, dy, dz, there = _leave(one, two, normal, _dot(mean, one) + u, _dot(mean, two) + v, side)
+        if there:
+            mx, my, mz = dx, dy, dz
+            if event.uniform:
+                mx, my, mz, there = _leave(one, two, normal, _dot(m, one) + u, _dot(m, two) + v, side)
+                if not there:
+                    mx, my, mz = dx, dy, dz
+            leave_region(state, z, light.least, mx, my, mz)
             state[beam.DX], state[beam.DY], state[beam.DZ] = dx, dy, dz
             return counter, True
         statistics[_EVANESCENT] += 1

@@ -41,7 +41,7 @@ def emit(key0, key1, path, source, mode, k, state):
     state[beam.MX], state[beam.MY], state[beam.MZ] = mx, my, mz
     state[beam.DX], state[beam.DY], state[beam.DZ] = mx, my, mz
     state[beam.WIDTH], state[beam.STRETCH] = source[RADIUS], 1.0
-    state[beam.SLOPE] = state[beam.SPREAD] = source[TANGENT]
+    state[beam.SLOPE] = source[TANGENT]
     state[beam.PRODUCT] = source[TANGENT] * source[TANGENT]
     # A rectangle is flat along one axis, whose number is in w's place of no use: each corner differs in two.
     if int(source[KIND]) == POINT:

@@ -1,8 +1,7 @@
 """A beam on its way: its ray, and the cone about its mean; what an interaction makes of them.
 
 The state is float64[STATE]: point and direction of the ray, then the packed cone (origin, x, e y, mean direction,
-width, slope), its stretch e = a / b, the product T of the tangents of its two half angles, and the slope that belongs
-to the beam, where the cone's is wider so as to hold the ray.
+width, slope), its stretch e = a / b, and the product T of the tangents of its two half angles.
 """
 
 import math
@@ -13,7 +12,7 @@ from specklegen.wavetracing.kernels.cones import silhouette
 PX, PY, PZ, DX, DY, DZ = 0, 1, 2, 3, 4, 5
 CONE_AT = 6
 CX, CY, CZ, XX, XY, XZ, YX, YY, YZ, MX, MY, MZ, WIDTH, SLOPE = 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19
-STRETCH, PRODUCT, SPREAD, STATE = 20, 21, 22, 23
+STRETCH, PRODUCT, STATE = 20, 21, 22
 
 
 @inlined
@@ -29,23 +28,6 @@ def axes_about(dx, dy, dz):
     n = 1.0 / math.sqrt(x * x + y * y + z * z)
     x, y, z = x * n, y * n, z * n
     return x, y, z, dy * z - dz * y, dz * x - dx * z, dx * y - dy * x
-
-
-@kernel
-def hold_ray(state):
-    """Widen the cone where its ray would leave it: offset within the width, and drift within the slope."""
-    x, y, z = state[PX] - state[CX], state[PY] - state[CY], state[PZ] - state[CZ]
-    depth = x * state[MX] + y * state[MY] + z * state[MZ]
-    cosine = state[DX] * state[MX] + state[DY] * state[MY] + state[DZ] * state[MZ]
-    state[SLOPE] = state[SPREAD]
-    if cosine <= 0.0:
-        return
-    u = (state[XX] * state[DX] + state[XY] * state[DY] + state[XZ] * state[DZ]) / cosine
-    v = (state[YX] * state[DX] + state[YY] * state[DY] + state[YZ] * state[DZ]) / cosine
-    state[SLOPE] = max(state[SPREAD], math.sqrt(u * u + v * v) * (1.0 + 1e-12))
-    u = state[XX] * x + state[XY] * y + state[XZ] * z - u * depth
-    v = state[YX] * x + state[YY] * y + state[YZ] * z - v * depth
-    state[WIDTH] = max(state[WIDTH], math.sqrt(u * u + v * v) * (1.0 + 1e-12))
 
 
 @kernel
@@ -83,7 +65,7 @@ def leave_region(state, depth, least, nx, ny, nz):
     )  # fmt: skip
     state[MX], state[MY], state[MZ] = nx, ny, nz
     state[WIDTH], state[STRETCH] = large, e
-    state[SPREAD] = state[SLOPE] = math.sqrt(product * e)
+    state[SLOPE] = math.sqrt(product * e)
 
 
 @kernel
@@ -114,20 +96,5 @@ def kicked(state, fx, fy):
         u * state[XX] + v * state[YX] / ye + w * state[MX],
         u * state[XY] + v * state[YY] / ye + w * state[MY],
         u * state[XZ] + v * state[YZ] / ye + w * state[MZ],
-        True,
-    )
-
-
-@inlined
-def mean_kicked(state, fx, fy):
-    """Direction of the mean after adding (fx, fy), over k, to its transverse part 0; and whether there is one."""
-    rest = 1.0 - fx * fx - fy * fy
-    if not rest > 0.0:
-        return 0.0, 0.0, 0.0, False
-    w, ye = math.sqrt(rest), state[STRETCH]
-    return (
-        fx * state[XX] + fy * state[YX] / ye + w * state[MX],
-        fx * state[XY] + fy * state[YY] / ye + w * state[MY],
-        fx * state[XZ] + fy * state[YZ] / ye + w * state[MZ],
         True,
     )

@@ -2,13 +2,16 @@
 
 One call walks the beams ``first`` ... ``first + count - 1``. Beam n draws at the address (key; sample 0, path n, a
 running counter), so blocks and threads change nothing. Each beam carries one ray of its Wigner ensemble; the cone about
-the mean is the envelope of that ensemble. Where the cone meets triangles, [d, d + 2a) is a region: there the ray hits a
-facet (matter event) or passes (open event), and a wavevector of the pattern of that facet, or of what is open, is
-added.
-So every beam ends exactly once, and power closes in integers.
+the mean is the envelope of that ensemble. The ray alone decides whether matter is hit; where it goes through a hole, or
+past an edge that the cone holds, the beam is diffracted, once for each, by what is open in that plane. So every beam
+ends exactly once, power closes in integers, and what passes an opening is what rays say, at any angle and distance.
 
-Modes: WAVE as above. BALLISTIC: the mean ray alone decides; where it hits, a point of the beam's cross-section decides
-between matter and opening, where it does not, nothing happens. RAY: plain rays.
+Uniform light: u = 1 over all holes that the source sees as one, added to the ray. Gaussian: the beam's own field, added
+to its mean. Both are exact for evenly spread centres, if all beams take the same; so a beam takes uniform light where
+its half-width is that of the largest hole at least, which does not ask where it is.
+
+Modes: WAVE as above. BALLISTIC: the mean ray alone decides; where it hits a facet with an edge in the cone, a point of
+the beam's cross-section decides between matter and opening, where it does not, nothing happens. RAY: plain rays.
 
 Source: S. Steinberg, M. Pharr, *Wave Tracing*, sections on traversal and on Fraunhofer diffraction.
 """
@@ -21,15 +24,15 @@ import numpy as np
 from specklegen.kernels import inlined, kernel
 from specklegen.kernels.rng import normal_pair, uniforms
 from specklegen.wavetracing.kernels import beam_state as beam
-from specklegen.wavetracing.kernels.beam_events import Event, Light, Region, Room, diffract, scatter_diffusely
+from specklegen.wavetracing.kernels.beam_events import Event, Light, Room, diffract, scatter_diffusely
 from specklegen.wavetracing.kernels.beam_sources import emit
-from specklegen.wavetracing.kernels.beam_state import hold_ray, leave_region, mirror
-from specklegen.wavetracing.kernels.cone_bvh import collect_all, first_region
+from specklegen.wavetracing.kernels.beam_state import leave_region, mirror
+from specklegen.wavetracing.kernels.cone_bvh import collect_all
 from specklegen.wavetracing.kernels.cones import CONE
 from specklegen.wavetracing.kernels.masked_beams import FINE, GRID, WORDS
 from specklegen.wavetracing.kernels.ray_bvh import nearest
 from specklegen.wavetracing.kernels.receivers import crossing
-from specklegen.wavetracing.kernels.regions import FOUND, census
+from specklegen.wavetracing.kernels.regions import KEPT, borders, holds, hole_in, pass_edge, pass_hole
 from specklegen.wavetracing.kernels.surfaces import ABSORBED, REFLECTED, SCATTERED, TRANSMITTED, outcome
 
 WAVE, BALLISTIC, RAY = 0, 1, 2
@@ -37,11 +40,11 @@ WAVE, BALLISTIC, RAY = 0, 1, 2
 RECEIVED, ABSORBED_END, ESCAPED, STOPPED, FAILED, ENDS = 0, 1, 2, 3, 4, 5
 # Statistics.
 (
-    SURFACE_EVENTS, OPEN_EVENTS, MATTER_EVENTS, NULL_EVENTS, RESTARTS, PLAIN_RAYS, UNIFORM, GAUSSIAN, TRIES, EVANESCENT,
-    REGION_TRIANGLES, REGIONS, CROSSINGS, LOCAL_CHIRP, STATISTICS,
-) = range(15)  # fmt: skip
-_FIRST, _GROWTH, _LONGEST, _RESTARTS = 2.0, 4.0, 65536.0, 16  # the ballistic length, in wavelengths
-_NULLS = 4096
+    SURFACE_EVENTS, OPEN_EVENTS, MATTER_EVENTS, NULL_EVENTS, UNIFORM, GAUSSIAN, TRIES, EVANESCENT, REGION_TRIANGLES,
+    REGIONS, CROSSINGS, LOCAL_CHIRP, STATISTICS,
+) = range(13)  # fmt: skip
+AUTO, UNIFORM_LIGHT, GAUSSIAN_LIGHT = 0, 1, 2
+_FEW = 64  # outer edges that are asked one by one, without a search
 _ONE = np.uint64(1)
 
 
@@ -80,11 +83,11 @@ def depth_of(state):
 
 
 @inlined
-def ray_hit(state, skip, facet, tree):
-    """Distance and place of what the ray of a beam meets first; (inf, -1) for nothing."""
+def ray_hit(state, skip, other, facet, tree):
+    """Distance and place of what the ray of a beam meets first, but for two facets; (inf, -1) for nothing."""
     hit, place, _ = nearest(
         state[beam.PX], state[beam.PY], state[beam.PZ], state[beam.DX], state[beam.DY], state[beam.DZ], 0.0, math.inf,
-        skip, facet, tree,
+        skip, other, facet, tree,
     )  # fmt: skip
     return hit, place
 
@@ -109,48 +112,11 @@ def cross_planes(state, reach, receivers, tally):
 
 
 @kernel
-def find_region(packed, wavelength, z_ray, hit, near, fresh, tree, places, spans, statistics):
-    """Next region on a beam's way: (depth, its end, number of triangles, their places, spans, whether a plain ray).
-
-    Depth inf: no region before the cone has left the scene. ``near``: depth from which to search; behind an interaction
-    (``fresh``) the first stretch is the ray's alone, and grows while the cone touches at once.
-    """
-    length, tries = _FIRST * wavelength, 0
-    while True:
-        start = max(near, z_ray + length) if fresh else near
-        if fresh and hit <= length:
-            return math.inf, math.inf, 0, places, spans, True
-        depth, far, region = first_region(packed, start, not fresh, tree, places, spans)
-        if region > places.shape[0]:
-            places, spans = np.empty(region, np.int64), np.empty((region, 2))
-            continue
-        if not fresh or depth == math.inf or depth > start:
-            return depth, far, region, places, spans, False
-        tries += 1
-        statistics[RESTARTS] += 1
-        if tries > _RESTARTS:
-            statistics[PLAIN_RAYS] += 1
-            return math.inf, math.inf, 0, places, spans, True
-        length = min(_GROWTH * length, _LONGEST * wavelength)
-
-
-@kernel
-def look_around(state, depth, far, own, places, region, corners, facets, room, statistics, areas):
-    """Take the census of a region of ``region`` triangles; return the number of its holes."""
-    packed = state[beam.CONE_AT : beam.CONE_AT + CONE]
-    ray = (state[beam.PX], state[beam.PY], state[beam.PZ], state[beam.DX], state[beam.DY], state[beam.DZ])
-    statistics[REGIONS] += 1
-    statistics[REGION_TRIANGLES] += region
-    areas[0] += math.pi * (state[beam.WIDTH] + depth * state[beam.SLOPE]) ** 2 / state[beam.STRETCH]
-    return census(packed, depth, far, ray, own, places, region, corners, facets, room.seen, room.touched, room.found)
-
-
-@kernel
 def cross_section_point(key0, key1, path, counter, state, depth, z_hit):
     """A point of a beam's cross-section at ``depth``, of its own deviation at ``z_hit``; one pair of normals."""
     u, v, _, _ = uniforms(key0, key1, np.uint64(0), path, counter)
     gx, gy = normal_pair(u, v)
-    s = math.sqrt(state[beam.WIDTH] ** 2 + (z_hit * state[beam.SPREAD]) ** 2) / 3.0
+    s = math.sqrt(state[beam.WIDTH] ** 2 + (z_hit * state[beam.SLOPE]) ** 2) / 3.0
     gx, gy = gx * s, gy * s / (state[beam.STRETCH] * state[beam.STRETCH])
     return (
         state[beam.CX] + depth * state[beam.MX] + gx * state[beam.XX] + gy * state[beam.YX],
@@ -173,118 +139,125 @@ def seen_aside(state, step, qx, qy, qz, skip, normals, facet, tree):
         if not ((qx - px) * nx + (qy - py) * ny + (qz - pz) * nz) * ahead > 0.0:
             return False
     px, py, pz = px + step * state[beam.DX], py + step * state[beam.DY], pz + step * state[beam.DZ]
-    _, place, _ = nearest(px, py, pz, qx - px, qy - py, qz - pz, 0.0, 1.0, skip, facet, tree)
+    _, place, _ = nearest(px, py, pz, qx - px, qy - py, qz - pz, 0.0, 1.0, skip, skip, facet, tree)
     return place < 0
 
 
 @kernel
-def step_to_opening(state, which, amplitude, found, normals, rims, rim_ends, hit, nearest_step, farthest_step):
-    """Way along the ray to an open event: the plane of the openings ``which``, or beside the nearest edge."""
-    step = math.inf
-    if which >= 0 and amplitude != 2:
-        nx, ny, nz = normals[which, 0], normals[which, 1], normals[which, 2]
-        at = rim_ends[rims[which]]
-        step = ((at[0] - state[beam.PX]) * nx + (at[1] - state[beam.PY]) * ny + (at[2] - state[beam.PZ]) * nz) / (
-            state[beam.DX] * nx + state[beam.DY] * ny + state[beam.DZ] * nz
-        )
-    if not (step > 0.0 and step < hit and step < math.inf):
-        step = (
-            (found[2] - state[beam.PX]) * state[beam.DX]
-            + (found[3] - state[beam.PY]) * state[beam.DY]
-            + (found[4] - state[beam.PZ]) * state[beam.DZ]
-        )
-        # Within the region: a ray that is turned on a surface, ahead or behind, may come to lie beyond it.
-        step = min(max(step, nearest_step), farthest_step)
-        step = min(max(step, 0.0), hit)
-    return step
+def edges_near(state, near, far, table, openings, tree, candidates, places):
+    """Outer edges that a beam may meet between two depths, in ``candidates`` int64[E]: their number, and the places.
+
+    places : int64[room], workspace, which may have grown
+    """
+    outer = openings.outer
+    if outer.shape[0] <= _FEW:
+        for n in range(outer.shape[0]):
+            candidates[n] = outer[n]
+        return outer.shape[0], places
+    places, found = collect_all(state[beam.CONE_AT : beam.CONE_AT + CONE], near, far, tree, places)
+    count = 0
+    for n in range(found):
+        for side in range(3):
+            e = table.at[places[n], side]
+            if e >= 0 and openings.bare[e]:
+                candidates[count] = e
+                count += 1
+    return count, places
+
+
+@inlined
+def leaving_rate(state, normals, f):
+    """Cosine of a beam's ray to a facet's normal; 0 without facet."""
+    if f < 0:
+        return 0.0
+    return state[beam.DX] * normals[f, 0] + state[beam.DY] * normals[f, 1] + state[beam.DZ] * normals[f, 2]
+
+
+@inlined
+def remember(memory, kept, sheet):
+    """Add a sheet to those that were passed, in place of the oldest where there is no room; their number."""
+    if kept < KEPT:
+        memory[kept] = sheet
+        return kept + 1
+    for n in range(KEPT - 1):
+        memory[n] = memory[n + 1]
+    memory[KEPT - 1] = sheet
+    return KEPT
 
 
 @kernel
-def walk_beams(key, first, count, rules, source, wavelength, tree, facets, materials, receivers, tally):
+def walk_beams(
+    key, first, count, rules, source, wavelength, tree, facets, openings, table, materials, receivers, tally
+):  # fmt: skip
     """Walk beams; fill what receivers and the ledger count.
 
     key : two words;  rules, tally : Rules, Tally;  source : float64[SOURCE]
-    tree, facets, receivers : Tree, Facets, Receivers of `specklegen.wavetracing.kernels`
+    tree, facets, openings, table, receivers : Tree, Facets, Openings, EdgeTable, Receivers of
+    `specklegen.wavetracing.kernels`
     materials : float64[M, 4], see `specklegen.wavetracing.kernels.surfaces`
     """
     k0, k1 = np.uint64(key[0]), np.uint64(key[1])
     mode, amplitude, max_events = rules.mode, rules.amplitude, rules.max_events
-    facet, normals, whole, rims, rim_ends = facets.facet, facets.normals, facets.whole, facets.rims, facets.rim_ends
-    holes, loops, material, corners = facets.holes, facets.loops, facets.material, tree.corners
+    facet, normals, rims, sheet = facets.facet, facets.normals, facets.rims, facets.sheet
     ends, statistics, areas = tally.ends, tally.statistics, tally.areas
     k = 2.0 * math.pi / wavelength
     least = 81.0 / (4.0 * k * k)
     most_edges = max(1, facets.loop_ends.shape[0])  # of all holes, or of one facet
     for f in range(rims.shape[0] - 1):
         most_edges = max(most_edges, rims[f + 1] - rims[f])
-    state, found = np.empty(beam.STATE), np.empty(FOUND)
-    packed = state[beam.CONE_AT : beam.CONE_AT + CONE]
-    hole_count = loops.shape[0] - 1
-    seen, touched = np.zeros(hole_count, np.int32), np.empty(hole_count, np.int32)
-    places, spans = np.empty(256, np.int64), np.empty((256, 2))
+    state = np.empty(beam.STATE)
+    candidates, places = np.empty(max(1, table.edges.shape[0]), np.int64), np.empty(256, np.int64)
+    marked, memory = np.empty(KEPT, np.int64), np.empty(KEPT, np.int64)
     fine, mask = np.empty((FINE, WORDS), np.uint64), np.empty((GRID, GRID))
-    room = Room(np.empty(CONE), seen, touched, found, np.empty((most_edges, 4)), fine, mask)
+    room = Room(np.empty(CONE), marked, memory, np.empty((most_edges, 4)), fine, mask)
     light = Light(k, least)
 
     for n in range(count):
         path = np.uint64(first + n)
         counter = emit(k0, k1, path, source, mode, k, state)
-        events, skip, end, crossed = 0, -1, -1, False
+        events, skip, kept, end, crossed = 0, -1, 0, -1, False
         while end < 0:
-            hold_ray(state)
-            hit, place = ray_hit(state, skip, facet, tree)
+            hit, place = ray_hit(state, skip, -1, facet, tree)
             # Depths along the axis of the ray's start, and what a step of the ray adds.
             z_ray = depth_of(state)
             rate = state[beam.DX] * state[beam.MX] + state[beam.DY] * state[beam.MY] + state[beam.DZ] * state[beam.MZ]
-            z_hit = z_ray + hit * rate if place >= 0 else math.inf
-            depth, far, open_event, hole_number, region = math.inf, math.inf, False, 0, 0
-            own = facet[place] if place >= 0 else -1
-            if mode == WAVE and rate > 0.0:
-                near, fresh, nulls = z_ray, True, 0
-                while True:
-                    depth, far, region, places, spans, plain = find_region(
-                        packed, wavelength, z_ray, hit, near, fresh, tree, places, spans, statistics
+            own = int(facet[place]) if place >= 0 else -1
+            # An opening: how far, the facet in whose plane, the hole, sheets about it, depths about it.
+            step, plane, hole, edge, marks, low, high = hit, -1, -1, -1, 0, math.inf, -math.inf
+            if mode == WAVE:
+                step, plane, hole = pass_hole(state, hit, skip, facets, openings)
+                if rate > 0.0 and openings.outer.shape[0] > 0:
+                    number, places = edges_near(
+                        state, z_ray - state[beam.WIDTH], z_ray + step * rate, table, openings, tree, candidates, places
                     )
-                    if plain or depth == math.inf or z_hit < depth:
-                        depth = math.inf
-                        break
-                    near_own = own if z_hit <= far else -1
-                    hole_number = look_around(
-                        state, depth, far, near_own, places, region, corners, facets, room, statistics, areas
+                    step, edge, other, marks, low = pass_edge(
+                        state, step, sheet[own] if own >= 0 else -1, candidates, number, table, facets, tree, memory,
+                        kept, marked
                     )
-                    open_event = z_hit > far and found[0] > 0.0
-                    if z_hit <= far or open_event:
-                        break
-                    statistics[NULL_EVENTS] += 1
-                    nulls += 1
-                    near, fresh = far, False
-                    if nulls > _NULLS:
-                        statistics[PLAIN_RAYS] += 1
-                        depth = math.inf
-                        break
-            elif mode == BALLISTIC and place >= 0:
-                a = state[beam.WIDTH] + z_hit * state[beam.SLOPE]
-                depth, far = max(z_hit - a, z_ray), z_hit + a
-                places, region = collect_all(packed, depth, far, tree, places)
-                hole_number = look_around(
-                    state, depth, far, own, places, region, corners, facets, room, statistics, areas
-                )
-                if found[0] > 0.0:
-                    # A ray along the mean through a point of the cross-section: does it pass? A point beyond a wall
-                    # beside the ray is no opening, though nothing stands behind it.
-                    qx, qy, qz = cross_section_point(k0, k1, path, counter, state, depth, z_hit)
-                    counter += _ONE
-                    _, other, _ = nearest(
-                        qx, qy, qz, state[beam.MX], state[beam.MY], state[beam.MZ], 0.0, far - depth, -1,
-                        facet, tree,
-                    )  # fmt: skip
-                    if other < 0 and seen_aside(state, depth - z_ray, qx, qy, qz, skip, normals, facet, tree):
-                        open_event = True
-                        passed = cross_planes(state, depth - z_ray, receivers, tally)
-                        statistics[CROSSINGS] += passed
-                        crossed = crossed or passed > 0
-                        state[beam.PX], state[beam.PY], state[beam.PZ] = qx, qy, qz
-                        z_ray, hit = depth, far - depth
+                    if edge < 0:
+                        low = math.inf
+                    else:
+                        plane, hole = other, -1
+                        high = low + 2.0 * (state[beam.WIDTH] + abs(low) * state[beam.SLOPE])
+            elif mode == BALLISTIC and place >= 0 and borders(state, hit, own, facets):
+                # A ray along the mean through a point of the cross-section: does it pass? A point beyond a wall beside
+                # the ray is no opening, though nothing stands behind it.
+                a = state[beam.WIDTH] + (z_ray + hit) * state[beam.SLOPE]
+                depth, far = max(z_ray + hit - a, z_ray), z_ray + hit + a
+                qx, qy, qz = cross_section_point(k0, k1, path, counter, state, depth, z_ray + hit)
+                counter += _ONE
+                _, other, _ = nearest(
+                    qx, qy, qz, state[beam.MX], state[beam.MY], state[beam.MZ], 0.0, far - depth, -1, -1, facet, tree,
+                )  # fmt: skip
+                if other < 0 and seen_aside(state, depth - z_ray, qx, qy, qz, skip, normals, facet, tree):
+                    passed = cross_planes(state, depth - z_ray, receivers, tally)
+                    statistics[CROSSINGS] += passed
+                    crossed = crossed or passed > 0
+                    state[beam.PX], state[beam.PY], state[beam.PZ] = qx, qy, qz
+                    z_ray, plane = depth, own
+                    step, hole = hole_in(state, own, facets, openings)
+                    edge, low, high = 0, depth, far
+            open_event = hole >= 0 or edge >= 0
             if not open_event and place < 0:
                 passed = cross_planes(state, math.inf, receivers, tally)
                 statistics[CROSSINGS] += passed
@@ -294,24 +267,6 @@ def walk_beams(key, first, count, rules, source, wavelength, tree, facets, mater
                 end = STOPPED
                 break
             events += 1
-
-            # Where along the ray it happens: at the facet, in the plane of the openings, or beside the nearest edge.
-            forced = amplitude == 1
-            which, step = own, hit
-            if open_event:
-                statistics[OPEN_EVENTS] += 1
-                which = int(found[1])
-                if forced and which < 0:
-                    for m in range(region):
-                        f = facet[places[m]]
-                        if holes[f + 1] > holes[f]:
-                            which = f
-                            break
-                wave = mode == WAVE
-                step = step_to_opening(
-                    state, which, amplitude, found, normals, rims, rim_ends, hit,
-                    (depth - z_ray) / rate if wave else -math.inf, (far - z_ray) / rate if wave else math.inf,
-                )  # fmt: skip
             passed = cross_planes(state, step, receivers, tally)
             statistics[CROSSINGS] += passed
             crossed = crossed or passed > 0
@@ -320,39 +275,61 @@ def walk_beams(key, first, count, rules, source, wavelength, tree, facets, mater
             state[beam.PZ] += step * state[beam.DZ]
             z = z_ray + step * (rate if mode == WAVE else 1.0)
 
-            fate = TRANSMITTED
+            fate, bordered, uniform, opening = TRANSMITTED, open_event, False, -1
             nx = ny = nz = 0.0
-            if not open_event:
-                statistics[SURFACE_EVENTS if depth == math.inf else MATTER_EVENTS] += 1
+            if open_event:
+                statistics[OPEN_EVENTS] += 1
+                width = state[beam.WIDTH] + abs(z) * state[beam.SLOPE]
+                if hole >= 0:
+                    opening = int(openings.of[hole])
+                    uniform = amplitude == UNIFORM_LIGHT or (amplitude == AUTO and width >= openings.breadth[opening])
+                    marks = 1
+                    marked[0] = sheet[plane]
+                elif mode == BALLISTIC:
+                    marks = 1
+                    marked[0] = sheet[own]
+                for m in range(marks):
+                    if not holds(memory, kept, marked[m]):
+                        kept = remember(memory, kept, marked[m])
+            else:
                 nx, ny, nz = normals[own, 0], normals[own, 1], normals[own, 2]
                 cosine = min(1.0, abs(state[beam.DX] * nx + state[beam.DY] * ny + state[beam.DZ] * nz))
                 u, _, _, _ = uniforms(k0, k1, np.uint64(0), path, counter)
                 counter += _ONE
-                fate = outcome(materials, material[place], cosine, u)
-                skip = own
+                fate = outcome(materials, facets.material[place], cosine, u)
+                bordered = mode != RAY and fate != ABSORBED and fate != SCATTERED and borders(state, 0.0, own, facets)
+                statistics[MATTER_EVENTS if bordered else SURFACE_EVENTS] += 1
+                skip, plane = own, own
+                kept = remember(memory, kept if fate == TRANSMITTED else 0, sheet[own])
                 if fate == ABSORBED:
                     end = ABSORBED_END
                     break
                 if fate == SCATTERED:
                     counter = scatter_diffusely(k0, k1, path, counter, state, z, least, nx, ny, nz)
                     continue
-            else:
-                skip = -1
-            bordered = mode != RAY and depth < math.inf and (open_event or found[5] != 0.0)
+                if bordered:
+                    marks = 1
+                    marked[0] = sheet[own]
+                    low, high = math.inf, -math.inf
+                    uniform = facets.whole[own] and amplitude != GAUSSIAN_LIGHT and (
+                        amplitude == UNIFORM_LIGHT
+                        or state[beam.WIDTH] + abs(z) * state[beam.SLOPE] >= facets.breadth[own]
+                    )  # fmt: skip
             if bordered:
-                if open_event:
-                    uniform = which >= 0 and amplitude != 2
-                    whole_border = uniform
-                else:
-                    whole_border = (found[5] > 0.0 and whole[own]) or forced
-                    uniform = whole_border and amplitude != 2
-                around, event = Region(depth, far, hole_number), Event(open_event, uniform, forced, which)
+                statistics[REGIONS] += 1
+                areas[0] += math.pi * (state[beam.WIDTH] + abs(z) * state[beam.SLOPE]) ** 2 / state[beam.STRETCH]
+                leaving = leaving_rate(state, normals, skip)
+                event = Event(open_event, plane, uniform, opening, low, high, own, marks)
                 counter, good = diffract(
-                    (k0, k1), path, counter, state, z, around, event, light, tree, facets, room, statistics
+                    (k0, k1), path, counter, state, z, event, light, tree, facets, openings, room, statistics
                 )
                 if not good:
                     end = FAILED
                     break
+                if plane >= 0:
+                    skip = plane
+                elif skip >= 0 and leaving * leaving_rate(state, normals, skip) <= 0.0:
+                    skip = -1  # it was turned back to the surface that it came from
             else:
                 leave_region(state, z, least, state[beam.MX], state[beam.MY], state[beam.MZ])
             if fate == REFLECTED:

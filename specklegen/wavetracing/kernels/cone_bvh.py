@@ -167,7 +167,7 @@ def _box(cone, span, slack, slack_y, near, far, boxes, node):
 
 
 @inlined
-def _unpacked(cone):
+def unpacked(cone):
     """Components of a cone float64[CONE] as a tuple."""
     return (
         cone[0], cone[1], cone[2], cone[3], cone[4], cone[5], cone[6], cone[7], cone[8], cone[9], cone[10], cone[11],
@@ -224,7 +224,7 @@ def closest(packed, near, far, tree):
     best, place, visited = math.inf, -1, 0
     if link.shape[0] == 0:
         return best, place, visited
-    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    cone, slack = unpacked(packed), rounding(packed, boxes)
     slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
     stack = np.empty(DEPTH, np.int32)
     depths = np.empty(DEPTH)
@@ -267,7 +267,7 @@ def collect(packed, near, far, tree, out):
     n, found, visited = corners.shape[0], 0, 0
     if link.shape[0] == 0:
         return found, visited
-    cone, slack = _unpacked(packed), rounding(packed, boxes)
+    cone, slack = unpacked(packed), rounding(packed, boxes)
     slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
     if _box(cone, span, slack, slack_y, near, far, boxes, 0) == math.inf:
         return found, visited
@@ -307,89 +307,20 @@ def collect_all(packed, near, far, tree, places):
 
 
 @kernel
-def _keep(places, depths, count, near, far):
-    """Keep of ``count`` triangles those with a depth in [near, far], in their order; their number."""
-    kept = 0
-    for n in range(count):
-        if depths[n, 0] <= far and depths[n, 1] >= near:
-            places[kept], depths[kept, 0], depths[kept, 1] = places[n], depths[n, 0], depths[n, 1]
-            kept += 1
-    return kept
-
-
-@kernel
-def first_region(packed, near, touching, tree, places, spans):
-    """What `closest` and then `collect` find, in one search: the least depth d beyond ``near``, and [d, d + 2 a(d)].
-
-    touching : whether a cone that meets something at ``near`` itself is of interest; if not, that alone is found
-    places   : int64[room], out, in rising order;  spans : float64[room, 2], workspace
-
-    Return the depth (inf for none), the end of the region, and its number of triangles; where that is more than the
-    room, it is the room to come again with.
-    """
-    boxes, link, corners = tree
-    n, best, far, found = corners.shape[0], math.inf, math.inf, 0
-    if link.shape[0] == 0:
-        return best, far, 0
-    cone, slack = _unpacked(packed), rounding(packed, boxes)
-    slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
-    start = _box(cone, span, slack, slack_y, near, far, boxes, 0)
-    if start == math.inf:
-        return best, far, 0
-    stack, depths = np.empty(DEPTH, np.int32), np.empty(DEPTH)
-    stack[0], depths[0], height = 0, start, 1
-    while height > 0:
-        height -= 1
-        if depths[height] > far:
-            continue
-        node = stack[height]
-        if link[node] < 0:
-            first = -1 - link[node]
-            for f in range(first, min(first + LEAF, n)):
-                low, high = triangle_in_cone(cone, near, far, corners, f)
-                if low == math.inf:
-                    continue
-                if low < best:
-                    best = low
-                    far = best + 2.0 * (packed[12] + best * packed[13])
-                if found == places.shape[0]:
-                    found = _keep(places, spans, found, near, far)
-                    if 2 * found > places.shape[0]:
-                        return best, far, 4 * found
-                places[found], spans[found, 0], spans[found, 1] = f, low, high
-                found += 1
-            if best <= near and not touching:
-                return best, far, 0
-            continue
-        left, right = node + 1, link[node]
-        one = _box(cone, span, slack, slack_y, near, far, boxes, left)
-        two = _box(cone, span, slack, slack_y, near, far, boxes, right)
-        height = push_nearer_last(stack, depths, height, left, one, right, two)
-    found = _keep(places, spans, found, best, far)
-    for m in range(1, found):
-        place, at = places[m], m
-        while at > 0 and places[at - 1] > place:
-            places[at] = places[at - 1]
-            at -= 1
-        places[at] = place
-    return best, far, found
-
-
-@kernel
 def triangles_in_cones(cones, near, far, corners, low, high):
     """Depths of triangle n in cone n, for all n; (inf, -inf) for a miss.
 
     cones : float64[n, CONE];  near, far : float64[n];  corners : float64[n, 9];  low, high : float64[n], out
     """
     for n in range(cones.shape[0]):
-        low[n], high[n] = triangle_in_cone(_unpacked(cones[n]), near[n], far[n], corners, n)
+        low[n], high[n] = triangle_in_cone(unpacked(cones[n]), near[n], far[n], corners, n)
 
 
 @kernel
 def boxes_in_cones(cones, near, far, boxes, low):
     """Depth of box n in cone n, for all n; inf for a miss."""
     for n in range(cones.shape[0]):
-        cone, box = _unpacked(cones[n]), boxes[n : n + 1]
+        cone, box = unpacked(cones[n]), boxes[n : n + 1]
         slack = rounding(cones[n], box)
         slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near[n], far[n], slack)
         low[n] = _box(cone, span, slack, slack_y, near[n], far[n], box, 0)

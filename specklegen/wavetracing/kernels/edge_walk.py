@@ -56,7 +56,7 @@ _EVEN = 0.1  # share of angles drawn evenly
 _ONE = np.uint64(1)
 # Rows of the statistics of `specklegen.wavetracing.kernels.beam_walk`: surface events, edge rays, edges and legs that
 # see them, ...
-_SURFACE, _EDGE_RAYS, _NEAR, _LEGS, _CROSSINGS = 0, 1, 10, 11, 12
+_SURFACE, _EDGE_RAYS, _NEAR, _LEGS, _CROSSINGS = 0, 1, 8, 9, 10
 
 
 class Passing(NamedTuple):
@@ -78,7 +78,7 @@ class Passing(NamedTuple):
 
 
 class Sent(NamedTuple):
-    """What is filled of an edge ray: its beam, its wave, what it carries; and workspace for angles float64[3]."""
+    """Arrays filled for an edge ray: its beam, its wave, what it carries; and workspace for angles float64[3]."""
 
     state: np.ndarray
     wave: np.ndarray
@@ -194,20 +194,39 @@ def pass_by(state, edge):
 
 
 @inlined
-def _chord(source, state, edge, t, width):
-    """Length of the strip of rays about an edge, within ``width`` to both sides and within a source's rectangle."""
+def _side(state, edge):
+    """Unit vector across a ray and an edge, along which the rays of a strip lie side by side."""
     ex, ey, ez = edge[bent.ALONG], edge[bent.ALONG + 1], edge[bent.ALONG + 2]
     dx, dy, dz = state[beam.DX], state[beam.DY], state[beam.DZ]
     nx, ny, nz = dy * ez - dz * ey, dz * ex - dx * ez, dx * ey - dy * ex
     size = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-    n, d, q = (nx * size, ny * size, nz * size), (dx, dy, dz), along(edge, t)
+    return nx * size, ny * size, nz * size
+
+
+@inlined
+def _ahead(low, high, gap, rate):
+    """The part of [low, high] in which gap + x rate > 0."""
+    if rate > 0.0:
+        low = max(low, -gap / rate)
+    elif rate < 0.0:
+        high = min(high, -gap / rate)
+    return low, (high if gap > 0.0 or rate != 0.0 else low)
+
+
+@inlined
+def _chord(source, state, edge, t, width):
+    """Length of the strip of parallel rays about an edge, within ``width`` to both sides and a source's rectangle.
+
+    Rays that begin beyond the edge's point do not count: the rectangle may stand aslant.
+    """
+    d, n, q = (state[beam.DX], state[beam.DY], state[beam.DZ]), _side(state, edge), along(edge, t)
     flat = 0
     for c in range(3):
         if source[UPPER + c] == source[LOWER + c]:
             flat = c
     # The point of the rectangle's plane that lights Q, and the direction in the plane that is seen as n along d.
     back, tilt = (q[flat] - source[LOWER + flat]) / d[flat], n[flat] / d[flat]
-    low, high = -width, width
+    low, high = _ahead(-width, width, back, tilt)
     for c in range(3):
         if c != flat:
             at, rate = q[c] - back * d[c], n[c] - tilt * d[c]
@@ -217,6 +236,20 @@ def _chord(source, state, edge, t, width):
                 low, high = max(low, min(one, two)), min(high, max(one, two))
             elif one > 0.0 or two < 0.0:
                 return 0.0
+    return max(high - low, 0.0)
+
+
+@inlined
+def _strip(state, edge, t, width, skip, facets):
+    """Length of the strip of parallel rays about an edge, within ``width`` to both sides and ahead of a mirror."""
+    if skip < 0:
+        return 2.0 * width
+    n, q, normal = _side(state, edge), along(edge, t), facets.normals[skip]
+    p = facets.rim_ends[facets.rims[skip]]
+    rate = state[beam.DX] * normal[0] + state[beam.DY] * normal[1] + state[beam.DZ] * normal[2]
+    gap = ((q[0] - p[0]) * normal[0] + (q[1] - p[1]) * normal[1] + (q[2] - p[2]) * normal[2]) / rate
+    tilt = (n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]) / rate
+    low, high = _ahead(-width, width, gap, tilt)
     return max(high - low, 0.0)
 
 
@@ -230,7 +263,7 @@ def edges_about(state, skip, but, wide, places, table, tree, found):
     """
     for c in range(CONE):
         wide[c] = state[beam.CONE_AT + c]
-    wide[12], wide[13] = 2.0 * state[beam.WIDTH], 2.0 * state[beam.SPREAD]
+    wide[12], wide[13] = 2.0 * state[beam.WIDTH], 2.0 * state[beam.SLOPE]
     edges, edge_facets = table.edges, table.facets
     places, touched = collect_all(wide, 0.0, math.inf, tree, places)
     count = 0
@@ -240,7 +273,7 @@ def edges_about(state, skip, but, wide, places, table, tree, found):
             if e < 0 or e == but or (skip >= 0 and (edge_facets[e, 0] == skip or edge_facets[e, 1] == skip)):
                 continue
             _, depth, offset, stretch, _ = pass_by(state, edges[e])
-            if not (depth > 0.0 and offset * stretch <= 2.0 * (state[beam.WIDTH] + depth * state[beam.SPREAD])):
+            if not (depth > 0.0 and offset * stretch <= 2.0 * (state[beam.WIDTH] + depth * state[beam.SLOPE])):
                 continue
             if count == ROOM:
                 return -1, places
@@ -251,7 +284,7 @@ def edges_about(state, skip, but, wide, places, table, tree, found):
 
 @kernel
 def lit_edges(state, wave, skip, source, found, count, edges, facets, tree, good, passes):
-    """Those of the first ``count`` edges ``found`` that may send a ray: their number; the edges in ``good``.
+    """Pick those of the first ``count`` edges ``found`` that may send a ray: their number; the edges in ``good``.
 
     source : float64[SOURCE] of a collimated source that the beam comes straight from, else float64[0]
     passes : float64[ROOM, 4], out: t along the edge, depth, width of the strip of rays that may, sine of the angle
@@ -264,15 +297,23 @@ def lit_edges(state, wave, skip, source, found, count, edges, facets, tree, good
             continue
         x, y, z = along(edge, t)
         # By the wave's path, which is the same for all rays whose nearest point is Q.
-        dx, dy, dz, reach, _, _ = local_wave(wave, x, y, z)
-        width = (state[beam.WIDTH] + reach * state[beam.SPREAD]) / stretch
+        dx, dy, dz, reach, a, b = local_wave(wave, x, y, z)
+        width = (state[beam.WIDTH] + reach * state[beam.SLOPE]) / stretch
         if not (offset <= width and from_the_air(edge, dx, dy, dz)):
             continue
         if lights(wave, skip, x, y, z, normals, facet, tree):
             good[accepted] = found[m]
             passes[accepted, 0], passes[accepted, 1], passes[accepted, 3] = t, depth, sine
-            passes[accepted, 2] = _chord(source, state, edge, t, width) if source.size > 0 else 2.0 * width
-            accepted += 1
+            if source.size > 0:
+                strip = _chord(source, state, edge, t, width)
+            elif a == math.inf and b == math.inf:
+                strip = _strip(state, edge, t, width, skip, facets)
+            else:
+                # Rays of a point pass a line at most as far from it as the point is.
+                _, cosine = radius_along(wave, edge, dx, dy, dz, a, b)
+                strip = 2.0 * min(width, min(a, b) * math.sqrt(max(1.0 - cosine * cosine, 0.0)))
+            passes[accepted, 2] = strip
+            accepted += 1 if strip > 0.0 else 0
     return accepted
 
 
@@ -315,6 +356,10 @@ def send(key, path, counter, state, wave, table, chosen, passing, light, planes,
     new_wave[bent.R1], new_wave[bent.R2] = r, 0.0
     carried[_OWN], carried[_AT] = chosen, t
     carried[_SCALE] = passing.among * sine_wave * sine_wave / (passing.strip * density * passing.sine)
+    # A ray counts one where it passes the edge; the wave at Q, farther from where it comes from, is as much weaker.
+    for at in (bent.R1, bent.R2):
+        if wave[at] < math.inf:
+            carried[_SCALE] *= (wave[at] + passing.depth) / (a if at == bent.R1 else b)
     return counter + _ONE
 
 
@@ -382,7 +427,9 @@ def walk_edges(key, first, count, max_events, source, wavelength, tree, facets, 
                 came_from, skip = skip, -1
             crossed, share, fate_known = False, 0.0, False
             while True:
-                hit, place = ray_hit(state, skip, facet, tree)
+                # A ray that has just left an edge meets neither of its faces again, whatever rounding says.
+                one, two = (table.facets[but, 0], table.facets[but, 1]) if but >= 0 else (skip, skip)
+                hit, place = ray_hit(state, one, two, facet, tree)
                 for r in range(planes.shape[0]):
                     cell, t, steep = crossing(
                         state[beam.PX], state[beam.PY], state[beam.PZ], state[beam.DX], state[beam.DY], state[beam.DZ],

@@ -131,7 +131,7 @@ def leaving_point(wave, edge, x, y, z):
 
 
 @inlined
-def _turn(edge, dx, dy, dz):
+def turn(edge, dx, dy, dz):
     """Angle of a direction about an edge, from the 0-face, in [0, 2 pi]."""
     phi = math.atan2(
         dx * edge[NORMAL] + dy * edge[NORMAL + 1] + dz * edge[NORMAL + 2],
@@ -143,14 +143,14 @@ def _turn(edge, dx, dy, dz):
 @inlined
 def from_the_air(edge, dx, dy, dz):
     """Whether light of a direction comes to an edge through the air: not from within a wedge, as in a hollow solid."""
-    phi = _turn(edge, -dx, -dy, -dz)
+    phi = turn(edge, -dx, -dy, -dz)
     return phi <= edge[WEDGE] * math.pi + _ROUNDING or phi >= 2.0 * math.pi - _ROUNDING
 
 
 @inlined
 def edge_angle(edge, dx, dy, dz):
     """Angle of a direction about an edge, from the 0-face through the air; within rounding of a face, on it."""
-    phi = _turn(edge, dx, dy, dz)
+    phi = turn(edge, dx, dy, dz)
     top = edge[WEDGE] * math.pi
     if phi > top:
         phi = top if phi - top < 2.0 * math.pi - phi else 0.0
@@ -160,7 +160,7 @@ def edge_angle(edge, dx, dy, dz):
 @inlined
 def clear(x, y, z, dx, dy, dz, length, skip, facet, tree):
     """Whether nothing stands on a leg, but close to its ends."""
-    _, place, _ = nearest(x, y, z, dx, dy, dz, CLEAR * length, (1.0 - CLEAR) * length, skip, facet, tree)
+    _, place, _ = nearest(x, y, z, dx, dy, dz, CLEAR * length, (1.0 - CLEAR) * length, skip, skip, facet, tree)
     return place < 0
 
 
@@ -176,7 +176,7 @@ def comes_from_start(wave, skip, x, y, z, dx, dy, dz, path, normals, facet, tree
     way = ((x - wave[WX]) * nx + (y - wave[WY]) * ny + (z - wave[WZ]) * nz) / (dx * nx + dy * ny + dz * nz)
     if not 0.0 < way < math.inf:
         return False
-    _, place, _ = nearest(x, y, z, -dx, -dy, -dz, CLEAR * way, (1.0 + CLEAR) * way, -1, facet, tree)
+    _, place, _ = nearest(x, y, z, -dx, -dy, -dz, CLEAR * way, (1.0 + CLEAR) * way, -1, -1, facet, tree)
     return place >= 0 and facet[place] == skip
 
 
@@ -215,7 +215,7 @@ def image_wave(wave, skip, face, k, x, y, z, facets, materials, tree):
         return nothing
     step = -height / rate
     rx, ry, rz = dx - 2.0 * rate * nx, dy - 2.0 * rate * ny, dz - 2.0 * rate * nz
-    _, place, _ = nearest(x, y, z, -rx, -ry, -rz, CLEAR * step, (1.0 + CLEAR) * step, skip, facet, tree)
+    _, place, _ = nearest(x, y, z, -rx, -ry, -rz, CLEAR * step, (1.0 + CLEAR) * step, skip, skip, facet, tree)
     if place < 0 or facet[place] != face or path <= step:
         return nothing
     x, y, z = x - step * rx, y - step * ry, z - step * rz

@@ -213,12 +213,12 @@ def _curved(place, half, chirp):
 
 
 @kernel
-def draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp):
+def draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp_x, chirp_y):
     """One xi of the pattern of a Gaussian beam through a mask: (x, y, counter, found or not).
 
     mask           : float64[GRID, GRID]    share of each cell that is open
     half_x, half_y : float                  half sizes of the grid, six standard deviations of the beam's intensity
-    chirp          : float                  of the field exp(i chirp (x^2 + y^2) / 2)
+    chirp_x, chirp_y : float                of the field exp(i (chirp_x x^2 + chirp_y y^2) / 2)
     """
     at, by = np.empty((GRID, GRID), np.int64), np.empty((GRID, GRID))
     count, row_power = np.empty(GRID, np.int64), np.empty(GRID)
@@ -240,7 +240,7 @@ def draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp):
     row = _drawn(row_power, u * (rims + inner) / inner)
     across, line, power = np.empty(GRID, np.complex128), np.zeros(_PADDED, np.complex128), np.empty(_PADDED)
     for column in range(GRID):
-        across[column] = _SIZE[column] * _curved(_PLACE[column], half_x, chirp)
+        across[column] = _SIZE[column] * _curved(_PLACE[column], half_x, chirp_x)
         line[column] = mask[row, column] * across[column]
     fourier(line)
     _power_of(line, power)
@@ -258,7 +258,7 @@ def draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp):
         for n in range(count[row]):
             value += by[row, n] * across[at[row, n]]
         if count[row] > 0:
-            line[row] = value * (_SIZE[row] * _curved(_PLACE[row], half_y, chirp))
+            line[row] = value * (_SIZE[row] * _curved(_PLACE[row], half_y, chirp_y))
     fourier(line)
     _power_of(line, power)
     row = _drawn(power, s)

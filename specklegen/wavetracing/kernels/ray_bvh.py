@@ -76,10 +76,10 @@ def ray_triangle(px, py, pz, dx, dy, dz, axis, corners, f):
 
 
 @kernel
-def nearest(px, py, pz, dx, dy, dz, near, far, skip, facet, tree):
+def nearest(px, py, pz, dx, dy, dz, near, far, skip, other, facet, tree):
     """Nearest triangle on a ray in (near, far]: distance, place (-1: none), nodes visited.
 
-    skip  : facet whose triangles are not met, for a ray that starts on it; -1 for none
+    skip  : facet whose triangles are not met, for a ray that starts on it, nor those of ``other``; -1 for none
     facet : int32[n], the plane facet that each place belongs to
     """
     boxes, link, corners = tree
@@ -104,7 +104,7 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, facet, tree):
             first = -1 - link[node]
             for f in range(first, min(first + LEAF, n)):
                 t = ray_triangle(px, py, pz, dx, dy, dz, axis, corners, f)
-                if t > near and t < math.inf and (skip < 0 or facet[f] != skip):
+                if t > near and t < math.inf and (skip < 0 or (facet[f] != skip and facet[f] != other)):
                     if t < best or (t == best and place < 0):
                         best, place = t, f
             continue
@@ -124,7 +124,7 @@ def nearest_of(origins, directions, near, facet, tree, distance, place):
     for n in range(origins.shape[0]):
         distance[n], place[n], count = nearest(
             origins[n, 0], origins[n, 1], origins[n, 2], directions[n, 0], directions[n, 1], directions[n, 2],
-            near, math.inf, -1, facet, tree,
+            near, math.inf, -1, -1, facet, tree,
         )  # fmt: skip
         visited += count
     return visited

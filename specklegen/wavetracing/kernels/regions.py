@@ -1,6 +1,12 @@
-"""What lies in a beam's region: edges that diffract, and the openings or facets that they border.
+"""What a beam passes on its way: holes that its ray goes through, and outer edges within its cone.
 
-All borders run in one sense about their facet, so the transform of several is the sum of theirs.
+A *hole* is a loop of edges in a plane facet. The ray that goes through it meets the hole once, where it crosses the
+plane, at any angle and any distance from its source. Holes nearer to each other than the light is coherent are one
+opening, by which every beam is diffracted alike.
+
+Any other edge between what is lit and what is not is an *outer* edge. It is passed where the ray crosses the plane of
+the lit facet beside it; where the ray runs along that plane, or meets something before it, where the ray is nearest to
+the edge. Sheets (all facets of one plane) that were passed are not passed again until the beam meets a surface.
 """
 
 import math
@@ -9,10 +15,17 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
-from specklegen.wavetracing.kernels.cones import edge_interval
+from specklegen.wavetracing.kernels import beam_state as beam
+from specklegen.wavetracing.kernels.beam_state import CONE_AT
+from specklegen.wavetracing.kernels.cones import CONE, edge_interval
+from specklegen.wavetracing.kernels.edge_waves import LENGTH, WEDGE, along, turn
+from specklegen.wavetracing.kernels.ray_bvh import nearest
 
-# Columns of what `census` fills, float64[FOUND].
-EDGES, HOLES_OF, NEAREST_X, NEAREST_Y, NEAREST_Z, OWN, FOUND = 0, 1, 2, 3, 4, 5, 6
+KEPT = 32
+"""Sheets that a beam remembers."""
+_GRAZING = 0.1  # |cos| to a plane's normal below which a ray runs along the plane
+_ON_FACE = 1e-9  # radians from a face within which a point lies on it
+_FAR = 1e300
 
 
 class Facets(NamedTuple):
@@ -22,64 +35,71 @@ class Facets(NamedTuple):
     ----------
     facet : int32[n]
         Facet of each triangle.
-    across : int32[n, 3]
-        Place across each side; -1 none (a boundary), -2 no edge (flat).
-    loop : int32[n, 3]
-        Hole of the facet that each side borders; -1 for none.
-    normals, whole : float64[F, 3], bool[F]
-        Normal of each facet, and whether its whole border is edges.
-    rims, rim_ends : int64[F + 1], float64[*, 6]
-        Where a facet's border begins, in the ends of borders.
+    beside : bool[n, 3]
+        Whether a side borders a hole.
+    normals, whole, sheet, breadth : float64[F, 3], bool[F], int32[F], float64[F]
+        Normal of each facet, whether its whole border is edges, its plane's number, and its mean width, inf for too
+        many edges.
+    rims, rim_ends, rim_edges : int64[F + 1], float64[*, 6], int8[*]
+        Where a facet's border begins, in the ends of borders; of each whether it is no edge (0), one of two faces (1),
+        or one of the facet alone (2).
     holes : int64[F + 1]
         Where a facet's holes begin.
     loops, loop_ends : int64[H + 1], float64[*, 6]
         Where a hole's border begins, in the ends of holes' borders.
+    thin : bool[H]
+        Whether nothing but the facet itself meets a hole's border.
     material : int32[n]
         Row of the materials of each place.
     """
 
     facet: np.ndarray
-    across: np.ndarray
-    loop: np.ndarray
+    beside: np.ndarray
     normals: np.ndarray
     whole: np.ndarray
+    sheet: np.ndarray
+    breadth: np.ndarray
     rims: np.ndarray
     rim_ends: np.ndarray
+    rim_edges: np.ndarray
     holes: np.ndarray
     loops: np.ndarray
     loop_ends: np.ndarray
+    thin: np.ndarray
     material: np.ndarray
 
 
-@inlined
-def lit(corners, place, dx, dy, dz):
-    """Whether a triangle's front meets the direction: d . n < 0."""
-    ux, uy, uz = (
-        corners[place, 3] - corners[place, 0],
-        corners[place, 4] - corners[place, 1],
-        corners[place, 5] - corners[place, 2],
-    )
-    vx, vy, vz = (
-        corners[place, 6] - corners[place, 0],
-        corners[place, 7] - corners[place, 1],
-        corners[place, 8] - corners[place, 2],
-    )
-    return dx * (uy * vz - uz * vy) + dy * (uz * vx - ux * vz) + dz * (ux * vy - uy * vx) < 0.0
+class Openings(NamedTuple):
+    """Holes that light sees as one.
+
+    Attributes
+    ----------
+    of : int32[H]
+        Opening of each hole.
+    starts, members : int64[C + 1], int64[H]
+        Where an opening's holes begin, among holes sorted by opening.
+    breadth : float64[C]
+        Mean width of the largest hole; inf where there are too many edges for the exact sampler.
+    balls : float64[H, 4]
+        A sphere about each hole, middle and radius.
+    screens : int64[S]
+        Facets that have holes.
+    outer, bare : int64[*], bool[E]
+        Edges that border no hole; of each edge, whether it does not.
+    """
+
+    of: np.ndarray
+    starts: np.ndarray
+    members: np.ndarray
+    breadth: np.ndarray
+    balls: np.ndarray
+    screens: np.ndarray
+    outer: np.ndarray
+    bare: np.ndarray
 
 
 @inlined
-def _held(cone, near, far, x, y, z):
-    """Whether a point lies in the cone between two depths."""
-    x, y, z = x - cone[0], y - cone[1], z - cone[2]
-    depth = cone[9] * x + cone[10] * y + cone[11] * z
-    across = cone[3] * x + cone[4] * y + cone[5] * z
-    up = cone[6] * x + cone[7] * y + cone[8] * z
-    r = cone[12] + cone[13] * depth
-    return near <= depth <= far and r >= 0.0 and across * across + up * up <= r * r
-
-
-@inlined
-def _touched(cone, near, far, x0, y0, z0, x1, y1, z1):
+def touched(cone, near, far, x0, y0, z0, x1, y1, z1):
     """Whether a segment comes into the cone between two depths: by its interval of depths."""
     from_x, from_y, from_z = x0 - cone[0], y0 - cone[1], z0 - cone[2]
     to_x, to_y, to_z = x1 - cone[0], y1 - cone[1], z1 - cone[2]
@@ -89,116 +109,254 @@ def _touched(cone, near, far, x0, y0, z0, x1, y1, z1):
     bx = cone[3] * to_x + cone[4] * to_y + cone[5] * to_z
     by = cone[6] * to_x + cone[7] * to_y + cone[8] * to_z
     bz = cone[9] * to_x + cone[10] * to_y + cone[11] * to_z
-    low, high = segment_interval(cone[12], cone[13], ax, ay, az, bx, by, bz)
+    a, t = cone[12], cone[13]
+    low, high = edge_interval(
+        t, ax, ay, az, a + t * az, math.sqrt(ax * ax + ay * ay), bx, by, bz, a + t * bz, math.sqrt(bx * bx + by * by)
+    )
     return low <= far and high >= near
 
 
 @inlined
-def segment_interval(a, t, ax, ay, az, bx, by, bz):
-    """Depths of a segment in a cone, in its coordinates; see `specklegen.wavetracing.kernels.cones.edge_interval`."""
-    return edge_interval(
-        t, ax, ay, az, a + t * az, math.sqrt(ax * ax + ay * ay), bx, by, bz, a + t * bz, math.sqrt(bx * bx + by * by)
-    )
-
-
-@kernel
-def census(packed, near, far, ray, own, places, count, corners, facets, seen, touched, found):
-    """Look at all edges in a region.
-
-    packed       : float64[CONE];  near, far : the region's depths
-    ray          : a point and the direction, six numbers
-    own          : facet that was hit, or -1
-    places       : int64[count]   triangles in the region
-    seen         : int32[H]       all 0 before and after;  touched : int32[H], workspace
-    found        : float64[FOUND], out: EDGES, the number of silhouette edges; HOLES_OF, the facet whose holes are
-                   all that they border, wholly in the region, or -1; NEAREST, the point of an edge that is nearest to
-                   the ray; OWN, how many edges of the border of ``own`` the region holds, -1 if it holds only a part
-
-    Return the number of holes, whose numbers stand in ``touched``.
-    """
-    px, py, pz, dx, dy, dz = ray
-    facet, across, loop, loops, rims = facets.facet, facets.across, facets.loop, facets.loops, facets.rims
-    holes, total, only, complete = 0, 0, -1, True
-    own_inside = own_touched = 0
-    best = math.inf
+def holds(members, count, value):
+    """Whether a value is among the first ``count``."""
     for n in range(count):
-        place = places[n]
-        for side in range(3):
-            other = across[place, side]
-            if other == -2:
-                continue
-            mine = facet[place] == own
-            silhouette = other < 0 or (lit(corners, place, dx, dy, dz) != lit(corners, other, dx, dy, dz))
-            if not silhouette and not mine:
-                continue
-            i, j = 3 * side, 3 * ((side + 1) % 3)
-            x0, y0, z0 = corners[place, i], corners[place, i + 1], corners[place, i + 2]
-            x1, y1, z1 = corners[place, j], corners[place, j + 1], corners[place, j + 2]
-            if not _touched(packed, near, far, x0, y0, z0, x1, y1, z1):
-                continue
-            inside = _held(packed, near, far, x0, y0, z0) and _held(packed, near, far, x1, y1, z1)
-            if mine:
-                own_touched += 1
-                own_inside += 1 if inside else 0
-            if not silhouette:
-                continue
-            total += 1
-            hole = loop[place, side]
-            if hole < 0 or not inside or (only >= 0 and facet[place] != only):
-                complete = False
-            else:
-                only = facet[place]
-                if seen[hole] == 0:
-                    touched[holes] = hole
-                    holes += 1
-                seen[hole] += 1
-            # Where the edge passes nearest to the ray.
-            ex, ey, ez = x1 - x0, y1 - y0, z1 - z0
-            ed = ex * dx + ey * dy + ez * dz
-            ux, uy, uz = x0 - px, y0 - py, z0 - pz
-            ud = ux * dx + uy * dy + uz * dz
-            cx, cy, cz = ex - ed * dx, ey - ed * dy, ez - ed * dz
-            vx, vy, vz = ux - ud * dx, uy - ud * dy, uz - ud * dz
-            square = cx * cx + cy * cy + cz * cz
-            s = -(vx * cx + vy * cy + vz * cz) / square if square > 0.0 else 0.5
-            s = min(max(s, 0.0), 1.0)
-            distance = (vx + s * cx) ** 2 + (vy + s * cy) ** 2 + (vz + s * cz) ** 2
-            if distance < best:
-                best = distance
-                found[NEAREST_X], found[NEAREST_Y], found[NEAREST_Z] = x0 + s * ex, y0 + s * ey, z0 + s * ez
-    for h in range(holes):
-        if seen[touched[h]] != loops[touched[h] + 1] - loops[touched[h]]:
-            complete = False
-        seen[touched[h]] = 0
-    found[EDGES] = total
-    found[HOLES_OF] = only if complete and holes > 0 else -1
-    found[OWN] = own_touched
-    if own >= 0 and own_touched > 0 and own_inside != rims[own + 1] - rims[own]:
-        found[OWN] = -1
-    return holes
+        if members[n] == value:
+            return True
+    return False
 
 
 @inlined
-def project(ends, first, last, count, cone, e, flat):
-    """Write edges [first, last) of ``ends`` float64[*, 6], seen along the cone's axis, behind ``count`` in ``flat``.
-
-    flat : float64[room, 4], midpoint and vector; e : the cone's stretch, which is taken out again
-
-    Return their number in ``flat`` now, and twice the area that they add.
-    """
-    double = 0.0
+def _around(ends, first, last, x, y, z, nx, ny, nz):
+    """Whether a point of their plane lies within the loop of edges [first, last), by crossings of a line."""
+    ax, ay, az = abs(nx), abs(ny), abs(nz)
+    u, v = (0, 1) if az >= ax and az >= ay else ((2, 0) if ay >= ax else (1, 2))
+    at_u = x if u == 0 else (y if u == 1 else z)
+    at_v = x if v == 0 else (y if v == 1 else z)
+    inside = False
     for n in range(first, last):
-        ax, ay, az = ends[n, 0] - cone[0], ends[n, 1] - cone[1], ends[n, 2] - cone[2]
-        bx, by, bz = ends[n, 3] - cone[0], ends[n, 4] - cone[1], ends[n, 5] - cone[2]
-        ux = cone[3] * ax + cone[4] * ay + cone[5] * az
-        uy = (cone[6] * ax + cone[7] * ay + cone[8] * az) / e
-        vx = cone[3] * bx + cone[4] * by + cone[5] * bz
-        vy = (cone[6] * bx + cone[7] * by + cone[8] * bz) / e
+        v0, v1 = ends[n, v], ends[n, 3 + v]
+        if (v0 <= at_v) != (v1 <= at_v):
+            u0, u1 = ends[n, u], ends[n, 3 + u]
+            if u0 + (at_v - v0) * (u1 - u0) / (v1 - v0) > at_u:
+                inside = not inside
+    return inside
+
+
+@inlined
+def _hole_at(f, x, y, z, facets, openings):
+    """The hole of a facet that a point of its plane lies in; -1 for none."""
+    normals, balls = facets.normals, openings.balls
+    for h in range(facets.holes[f], facets.holes[f + 1]):
+        u, v, w = x - balls[h, 0], y - balls[h, 1], z - balls[h, 2]
+        if u * u + v * v + w * w <= balls[h, 3] * balls[h, 3] and _around(
+            facets.loop_ends, facets.loops[h], facets.loops[h + 1], x, y, z,
+            normals[f, 0], normals[f, 1], normals[f, 2],
+        ):  # fmt: skip
+            return h
+    return -1
+
+
+@kernel
+def pass_hole(state, hit, skip, facets, openings):
+    """The first hole that a beam's ray goes through before ``hit``: (distance, facet, hole), -1 for none.
+
+    The far side of a hole through a thick wall is none: its near side has diffracted the light.
+    """
+    px, py, pz = state[beam.PX], state[beam.PY], state[beam.PZ]
+    dx, dy, dz = state[beam.DX], state[beam.DY], state[beam.DZ]
+    screens, normals = openings.screens, facets.normals
+    best, which, hole = hit, -1, -1
+    for s in range(screens.shape[0]):
+        f = screens[s]
+        nx, ny, nz = normals[f, 0], normals[f, 1], normals[f, 2]
+        rate = dx * nx + dy * ny + dz * nz
+        if f == skip or rate == 0.0:
+            continue
+        at = facets.loop_ends[facets.loops[facets.holes[f]]]
+        t = ((at[0] - px) * nx + (at[1] - py) * ny + (at[2] - pz) * nz) / rate
+        if not 0.0 < t < best:
+            continue
+        h = _hole_at(f, px + t * dx, py + t * dy, pz + t * dz, facets, openings)
+        if h >= 0 and (rate < 0.0 or facets.thin[h]):
+            best, which, hole = t, f, h
+    return best, which, hole
+
+
+@kernel
+def hole_in(state, f, facets, openings):
+    """How far a beam's ray is from the plane of a facet, and in which of its holes it goes through; -1 for none."""
+    n = facets.normals[f]
+    at = facets.rim_ends[facets.rims[f]]
+    px, py, pz = state[beam.PX], state[beam.PY], state[beam.PZ]
+    dx, dy, dz = state[beam.DX], state[beam.DY], state[beam.DZ]
+    t = ((at[0] - px) * n[0] + (at[1] - py) * n[1] + (at[2] - pz) * n[2]) / (dx * n[0] + dy * n[1] + dz * n[2])
+    return t, _hole_at(f, px + t * dx, py + t * dy, pz + t * dz, facets, openings)
+
+
+@inlined
+def _nearest_point(edge, x, y, z, dx, dy, dz):
+    """Where along an edge a ray passes nearest to it; a direction of length 0: nearest to its point."""
+    ed = edge[3] * dx + edge[4] * dy + edge[5] * dz
+    ux, uy, uz = x - edge[0], y - edge[1], z - edge[2]
+    ud, ue = ux * dx + uy * dy + uz * dz, ux * edge[3] + uy * edge[4] + uz * edge[5]
+    square = 1.0 - ed * ed
+    return min(max((ue - ud * ed) / square if square > 1e-24 else ue, 0.0), edge[LENGTH])
+
+
+@inlined
+def beside(state, x, y, z, qx, qy, qz):
+    """Whether a beam meets a point q together with a point of its ray: by its width there, seen along it."""
+    mx, my, mz = state[beam.MX], state[beam.MY], state[beam.MZ]
+    depth = (x - state[beam.CX]) * mx + (y - state[beam.CY]) * my + (z - state[beam.CZ]) * mz
+    width = 2.0 * (state[beam.WIDTH] + abs(depth) * state[beam.SLOPE])
+    x, y, z = x - qx, y - qy, z - qz
+    deep = x * mx + y * my + z * mz
+    return x * x + y * y + z * z - deep * deep <= width * width and abs(deep) <= width / _GRAZING
+
+
+@inlined
+def _step_past(state, hit, ahead, e, table, facets, memory, kept):
+    """Where a beam's ray passes an edge: (distance, facet whose plane it crosses there or -1); inf for not at all."""
+    normals, edges = facets.normals, table.edges
+    f, g = table.facets[e, 0], table.facets[e, 1]
+    one, two = facets.sheet[f], facets.sheet[g]
+    if one == ahead or two == ahead or holds(memory, kept, one) or holds(memory, kept, two):
+        return math.inf, -1
+    mx, my, mz = state[beam.MX], state[beam.MY], state[beam.MZ]
+    lit = mx * normals[f, 0] + my * normals[f, 1] + mz * normals[f, 2] < 0.0
+    if f != g and lit == (mx * normals[g, 0] + my * normals[g, 1] + mz * normals[g, 2] < 0.0):
+        return math.inf, -1
+    edge = edges[e]
+    x1, y1, z1 = along(edge, edge[LENGTH])
+    cone = state[CONE_AT : CONE_AT + CONE]
+    if not touched(cone, -_FAR, _FAR, edge[0], edge[1], edge[2], x1, y1, z1):
+        return math.inf, -1
+    px, py, pz = state[beam.PX], state[beam.PY], state[beam.PZ]
+    dx, dy, dz = state[beam.DX], state[beam.DY], state[beam.DZ]
+    owner = f if f == g or lit else g
+    nx, ny, nz = normals[owner, 0], normals[owner, 1], normals[owner, 2]
+    rate = dx * nx + dy * ny + dz * nz
+    for attempt in range(2):
+        if attempt == 0:
+            if not abs(rate) > _GRAZING:
+                continue
+            t = ((edge[0] - px) * nx + (edge[1] - py) * ny + (edge[2] - pz) * nz) / rate
+        else:
+            owner = -1
+            x, y, z = along(edge, _nearest_point(edge, px, py, pz, dx, dy, dz))
+            t = (x - px) * dx + (y - py) * dy + (z - pz) * dz
+        if not 0.0 < t < hit:
+            continue
+        x, y, z = px + t * dx, py + t * dy, pz + t * dz
+        qx, qy, qz = along(edge, _nearest_point(edge, x, y, z, 0.0, 0.0, 0.0))
+        # Beside the ray, not somewhere else on the same plane; and in the air, not seen from within a hollow solid.
+        if not beside(state, x, y, z, qx, qy, qz):
+            continue
+        phi = turn(edge, x - qx, y - qy, z - qz)
+        if edge[WEDGE] == 2.0 or _ON_FACE < phi < edge[WEDGE] * math.pi - _ON_FACE:
+            return t, int(owner)
+    return math.inf, -1
+
+
+@kernel
+def pass_edge(state, hit, ahead, candidates, count, table, facets, tree, memory, kept, marked):
+    """The first outer edge that a beam's ray passes before ``hit``, and sees: (distance, edge, facet of the plane).
+
+    ahead      : the sheet that the ray hits next, which it does not pass; -1 for none
+    candidates : int64[*], numbers of edges, ``count`` of them
+    memory     : int64[KEPT], sheets that were passed, ``kept`` of them
+    marked     : int64[KEPT], out: sheets of the edges that are passed together, within a beam's width behind the first
+
+    Return also the number of sheets marked, and the depth of the edge; -1 for no edge.
+    """
+    px, py, pz = state[beam.PX], state[beam.PY], state[beam.PZ]
+    dx, dy, dz = state[beam.DX], state[beam.DY], state[beam.DZ]
+    mx, my, mz = state[beam.MX], state[beam.MY], state[beam.MZ]
+    cx, cy, cz = state[beam.CX], state[beam.CY], state[beam.CZ]
+    last = 0.0
+    while True:
+        best, chosen, plane = hit, -1, -1
+        for c in range(count):
+            t, owner = _step_past(state, hit, ahead, candidates[c], table, facets, memory, kept)
+            if last < t < best:
+                best, chosen, plane = t, candidates[c], owner
+        if chosen < 0:
+            return hit, -1, -1, 0, 0.0
+        x, y, z = px + best * dx, py + best * dy, pz + best * dz
+        qx, qy, qz = along(table.edges[chosen], _nearest_point(table.edges[chosen], x, y, z, 0.0, 0.0, 0.0))
+        _, place, _ = nearest(
+            x, y, z, qx - x, qy - y, qz - z, 0.0, 1.0 - 1e-7, plane, plane, facets.facet, tree
+        )
+        if place < 0:
+            break
+        last = best  # hidden behind something
+    depth = (qx - cx) * mx + (qy - cy) * my + (qz - cz) * mz
+    end = depth + 2.0 * (state[beam.WIDTH] + abs(depth) * state[beam.SLOPE])
+    marks = 0
+    for c in range(count):
+        e = candidates[c]
+        if e != chosen:
+            t, _ = _step_past(state, hit, ahead, e, table, facets, memory, kept)
+            if t == math.inf:
+                continue
+            x, y, z = px + t * dx, py + t * dy, pz + t * dz
+            x, y, z = along(table.edges[e], _nearest_point(table.edges[e], x, y, z, 0.0, 0.0, 0.0))
+            if not depth <= (x - cx) * mx + (y - cy) * my + (z - cz) * mz <= end:
+                continue
+        for side in range(2):
+            sheet = facets.sheet[table.facets[e, side]]
+            if marks < KEPT and not holds(marked, marks, sheet):
+                marked[marks] = sheet
+                marks += 1
+    return best, chosen, plane, marks, depth
+
+
+@kernel
+def borders(state, step, f, facets):
+    """Whether an edge of a facet's border lies in a beam's cone, beside where its ray hits the facet, ``step`` ahead.
+
+    From inside a solid its corners are no edges.
+    """
+    cone = state[CONE_AT : CONE_AT + CONE]
+    n = facets.normals[f]
+    x, y, z = state[beam.PX] + step * state[beam.DX], state[beam.PY] + step * state[beam.DY], state[beam.PZ]
+    z += step * state[beam.DZ]
+    least = 1 if state[beam.DX] * n[0] + state[beam.DY] * n[1] + state[beam.DZ] * n[2] < 0.0 else 2
+    for m in range(facets.rims[f], facets.rims[f + 1]):
+        ends = facets.rim_ends[m]
+        if facets.rim_edges[m] < least or not touched(
+            cone, -_FAR, _FAR, ends[0], ends[1], ends[2], ends[3], ends[4], ends[5]
+        ):
+            continue
+        ux, uy, uz = ends[3] - ends[0], ends[4] - ends[1], ends[5] - ends[2]
+        vx, vy, vz = x - ends[0], y - ends[1], z - ends[2]
+        square = ux * ux + uy * uy + uz * uz
+        at = min(max((vx * ux + vy * uy + vz * uz) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        if beside(state, x, y, z, ends[0] + at * ux, ends[1] + at * uy, ends[2] + at * uz):
+            return True
+    return False
+
+
+@inlined
+def project(ends, first, last, count, origin, one, two, flat):
+    """Write edges [first, last) of ``ends`` float64[*, 6], in a plane, behind ``count`` in ``flat``.
+
+    flat : float64[room, 4], midpoint and vector; origin, one, two : a point of the plane, two unit vectors in it
+
+    Return their number in ``flat`` now, twice the area that they add, and their length.
+    """
+    double = length = 0.0
+    for n in range(first, last):
+        ax, ay, az = ends[n, 0] - origin[0], ends[n, 1] - origin[1], ends[n, 2] - origin[2]
+        bx, by, bz = ends[n, 3] - origin[0], ends[n, 4] - origin[1], ends[n, 5] - origin[2]
+        ux, uy = one[0] * ax + one[1] * ay + one[2] * az, two[0] * ax + two[1] * ay + two[2] * az
+        vx, vy = one[0] * bx + one[1] * by + one[2] * bz, two[0] * bx + two[1] * by + two[2] * bz
         flat[count, 0], flat[count, 1] = 0.5 * (ux + vx), 0.5 * (uy + vy)
         flat[count, 2], flat[count, 3] = vx - ux, vy - uy
         double += ux * vy - uy * vx
+        length += math.sqrt((vx - ux) * (vx - ux) + (vy - uy) * (vy - uy))
         count += 1
-    return count, double
+    return count, double, length
 
 
 @kernel

@@ -34,7 +34,7 @@ def arguments():
     return {
         "mixture": (9 * double(2, 5), double(2, 6), double(2, 6)),
         "half_range": (double(2, 6), double(2, 6), 0.1 * double(2)),
-        "slab_kernels": (slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, 0.02),
+        "slab_correlations": (slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, 0.02),
         "waves": (double(2, 5), 9 * double(2, 4), double(2, 4), False),
         "fields": (words[:2, :, :2], 0, double(2), cells, cells, torch.rand(2, 6, 6), 3, [9, 8]),
         "pair_products": (torch.rand(2, 2, 3, 4, 5, 2),), "mode_maps": (torch.rand(2, 2, 3, 6), torch.rand(2, 2, 3)),

@@ -150,7 +150,7 @@ def test_devices_that_are_not_there_are_refused(recipe, device, words):
 
 def test_every_tensor_of_an_object_is_on_the_device():
     recipe = load_recipe("through-slab", SMALL["through-slab"])
-    kernel = known(recipe.material_of(0, "train", 0).slab, 2000).kernel
+    kernel = known(recipe.material_of(0, "train", 0).slab, 2000).correlation
     brightness = np.ones((28, 28), np.float32)
     with OneDevice():
         sampler = one_object(
@@ -174,7 +174,7 @@ def test_every_tensor_of_a_stack_is_on_the_device(fft):
     material = recipe.material_of(0, "train", 0)
     scene = recipe.view(material.slab, recipe.tilts.angles(4e-5, 0.0)).full
     with OneDevice():
-        field = stack_sampler(scene, material.kernel, device="meta", fft=fft).sample((1, 2, 3))
+        field = stack_sampler(scene, material.correlation, device="meta", fft=fft).sample((1, 2, 3))
     assert (field.device.type, field.shape, field.dtype) == ("meta", (5, 16, 16), torch.complex64)
 
 

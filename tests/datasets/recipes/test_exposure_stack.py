@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from quick_recipes import quick_recipe
-from zscore import assert_z
+from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
@@ -52,6 +52,10 @@ def test_contrast_is_what_the_engine_says(material):
     stated = [told[f"contrast_squared_{n}"][0] for n in range(len(DURATIONS))]
     assert_z(stated, expected.squared, 2.5 * expected.standard_error, slack=0.02 * expected.squared)
 
+    assert_mean(squares.mean(axis=1), told["expected_contrast"][0] ** 2)
+    with pytest.raises(AssertionError, match="z ="):  # an instant's
+        assert_mean(squares.mean(axis=1), 1.0)
+
     beside = (films[:, :-1] * films[:, 1:]).mean(axis=(2, 3))
     error = beside.std(axis=0, ddof=1) / np.sqrt(len(beside))
     assert_z(beside.mean(axis=0), told["static_share"][0] ** 2, error, degrees=59)
@@ -83,6 +87,7 @@ def test_the_target_is_what_was_drawn():
     assert np.array_equal(made([3, 1])["stack"].numpy(), batch["stack"][[3, 1]])
     ready = quick_recipe("lsci-slab").prepare(0, "test", 2)
     assert np.array_equal(ready.images(np.ones((1, 1))), batch["stack"][2])
+    assert ready.expected_contrast(np.ones((1, 1))) == pytest.approx(told["expected_contrast"][2])
 
 
 @pytest.mark.parametrize(("changes", "says"), [

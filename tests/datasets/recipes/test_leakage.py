@@ -33,7 +33,8 @@ def media(recipe, count=6):
     for split in SPLITS:
         numbers = [recipe.medium_number(index) for index in range(count)]
         ready = [recipe.prepare(0, split, number) for number in numbers]
-        found[split] = {digest(fields) for each in ready for fields in each.seen.drawn}
+        lensed = recipe.kind == "lens-stack"  # whose paths are drawn from seeds
+        found[split] = {each for one in ready for each in (one.seen.seeds if lensed else map(digest, one.seen.drawn))}
     return found
 
 

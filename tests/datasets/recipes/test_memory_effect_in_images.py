@@ -37,7 +37,7 @@ def correlations(recipe):
     """
     known = recipe.material_of(0, "test", 0)
     pitch = recipe.field.pitch
-    ideal = float(known.kernel(2 * np.pi / recipe.wavelength * APART * pitch)) ** 2
+    ideal = float(known.correlation(2 * np.pi / recipe.wavelength * APART * pitch)) ** 2
     shift = APART * pitch / recipe.geometry.grid.pitch
     assert shift == pytest.approx(round(shift), abs=1e-9)
     found = []

@@ -26,6 +26,7 @@ from specklegen.samplers.stationary.sampler import Stationary
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.scene.window import Window
 from specklegen.synthesis.stacks import mean_intensity
+from specklegen.synthesis.surface import SurfaceImaging
 
 SMALL = {"material": {"kernel_paths": 2000}, "camera": {"shape": [16, 16]}, "objects": {"shape": [6, 6]}}
 TILTED = {"material": {"kernel_paths": 2000}, "camera": {"shape": [16, 16]}}
@@ -66,7 +67,7 @@ ALTERED = {
 def rendered(recipe):
     """What a sample says of its sampler, and what it was rendered with."""
     parameters, imaging = recipe.sample(0, "train", 0)["parameters"], recipe.prepare(0, "train", 0).imaging
-    if isinstance(imaging, PathImaging):
+    if isinstance(imaging, PathImaging | SurfaceImaging):
         return parameters, "paths"
     return parameters, "stationary" if imaging.polynomials is None else "screens"
 
@@ -194,6 +195,21 @@ def test_an_unfit_sampler_warns_and_a_strict_recipe_refuses_it():
         load_recipe("through-slab", changed(SMALL, {"strict": True})).sample(0, "train", 0)
 
 
+def test_beams_far_to_one_side_are_not_judged_by_a_correlation_that_recipes_do_not_draw():
+    """A scene may be drawn about the middle of its beams; media of recipes have the modes of the axis alone."""
+    recipe = load_recipe("tilt-stack", {
+        "tilts": {"step": 0.15, "count": 3}, "window": {"width": 2000.0}, "camera": {"shape": [16, 16]},
+        "material": {"thickness": 20.0, "optical_depth": 4.0, "g": 0.8, "kernel_paths": 2000},
+    })  # fmt: skip
+    (view, *_) = recipe.extremes()
+    of_scene = sg.plan(view.probe, paths=2000, sampler="stationary")
+    assert of_scene.chosen.form == "oblique"  # else what follows would show nothing
+    assert medium_plan(recipe, view).sampler == "paths"
+    asked = medium_plan(recipe.replace(sampler="stationary"), view)
+    assert asked.chosen.form == "axial"
+    assert any(decision.doubt for decision in asked.decisions)
+
+
 def test_materials_on_either_side_of_the_rule_are_planned_one_by_one():
     """Thicknesses from thin, where the window is wide, to thick, where it is narrow."""
     recipe = load_recipe("through-slab", changed(SMALL, {"media": "new"}, {"window": {"width": 12000.0}}, {
@@ -285,7 +301,7 @@ def test_path_sums_need_no_room_for_the_stationary_sampler(monkeypatch):
     found = recipe.prepare(0, "train", 0)
     assert isinstance(found.imaging, PathImaging)
     area = Window(recipe.profile, recipe.geometry.width).area
-    kernel = recipe.material_of(0, "train", 0).kernel
+    kernel = recipe.material_of(0, "train", 0).correlation
     assert found.imaging.unit == pytest.approx(mean_intensity(kernel, area), rel=1e-12)
     assert found.expected_contrast(light) == expected.expected_contrast(light)
 

@@ -13,7 +13,7 @@ import specklegen as sg
 from specklegen.cli.commands import app
 from specklegen.datasets import load_recipe
 from specklegen.models.recoverability.verdict import recoverable
-from specklegen.samplers.screens.objects import TOLERANCE
+from specklegen.synthesis.object_envelope import TOLERANCE
 
 NAMES = ["ground-glass", "double-diffuser", "screen-stack"]
 SMALL = {"camera": {"shape": [32, 32]}, "objects": {"shape": [9, 9]}}
@@ -156,7 +156,7 @@ def test_a_laboratory_gives_the_wavelength():
     table["material"].pop("wavelength")
     recipe = type(small("ground-glass"))(**table, lab=lab.replace(bandwidth=0.0))
     material = recipe.material.known(recipe.material.extremes()[0])
-    assert material.kernel.wavelength == recipe.wavelength
+    assert material.correlation.wavelength == recipe.wavelength
 
 
 def test_recoverable_judges_screens_with_their_envelope():

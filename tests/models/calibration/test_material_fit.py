@@ -67,7 +67,7 @@ def test_a_profile_is_the_minimum_over_the_others():
     """Against every value of the other number, on a grid."""
     one = fit()
     g = 0.905
-    paths = one.slab.mean_free_path * np.linspace(0.85, 1.2, 201)
+    paths = one.slab.mean_free_path * np.linspace(0.85, 1.2, 1001)
     at = np.stack([np.log(1000.0 / paths), np.full(len(paths), np.log(1 - g))], -1)
     costs = np.square(one.problem.model(at)[0]).sum(-1)
     found = float(one.profile("g", [g])[0])
@@ -120,7 +120,7 @@ def test_recipes_of_a_fit_render_and_show_its_curve(tmp_path):
         material.slab.optical_depth == pytest.approx(one.slab.optical_depth)
     )
     data = one.observations[0]
-    shown = material.kernel(2 * np.pi / recipe.material.wavelength * np.sin(data.tilts)) ** 2
+    shown = material.correlation(2 * np.pi / recipe.material.wavelength * np.sin(data.tilts)) ** 2
     np.testing.assert_allclose(shown, one.predicted[0], atol=1e-9)
     assert np.square((shown - data.values) / data.errors).sum() < chi2.isf(FALSE_ALARM, len(shown))
     assert float(sample["tilts"][-1, 0]) == pytest.approx(data.tilts[-1])

@@ -29,7 +29,7 @@ BLIND = Certificate((0.0,) * EVIDENCE, (0.0,) * EVIDENCE, (1.0,) * EVIDENCE, 0.0
 def through_slab(ranges):
     """C_I of the slab of through-slab over object pixels, for objects so many ranges wide."""
     known = load_recipe("through-slab").material_of(0, "train", 0)
-    return memory_effect_of(known.kernel, 1.0, ranges * known.half_range / (2 * np.pi) / SIDE)
+    return memory_effect_of(known.correlation, 1.0, ranges * known.half_range / (2 * np.pi) / SIDE)
 
 
 def drawn(count, ranges=1.0, camera=128, profile="square", seed=0):

@@ -12,7 +12,7 @@ from specklegen.models.judging.answers import Classification, Regression, judge
 from specklegen.models.learning import inputs
 from specklegen.models.learning.examples import Examples, batches_of, examples, streamed
 from specklegen.models.learning.reconstructor import Reconstructor
-from specklegen.models.learning.targets import CLASSES, MATERIAL, determination, in_units, labels_of, material_of
+from specklegen.models.learning.targets import CLASSES, MATERIAL, determination, in_units, labels_of, numbers_of
 from specklegen.models.learning.training import Training, train
 
 FEW_TILTS = {"camera": {"shape": [48, 96]}, "tilts": {"count": 5}}
@@ -38,7 +38,7 @@ def test_a_label_is_the_character_of_the_sample():
 
 def test_material_numbers_come_back_in_their_units(tilted):
     batch = tensors(tilted.batch(0, "train", range(3)))
-    rows = in_units(material_of(batch).double())
+    rows = in_units(numbers_of(batch, MATERIAL).double())
     for column, name in enumerate(MATERIAL):
         value = batch["parameters"][name]
         np.testing.assert_allclose(rows[:, column], value if name == "g" else value.log10(), atol=1e-6)
@@ -55,7 +55,9 @@ def test_registered_correlations_are_those_of_the_kernel(tilted):
     batch = tensors(tilted.batch(3, "test", range(24)))
     found = inputs.registered_input(batch)
     tilts = np.arange(1, 5) * tilted.tilts.step
-    ideal = [tilted.material_of(3, "test", n).kernel(2 * np.pi / tilted.wavelength * tilts) ** 2 for n in range(24)]
+    ideal = [
+        tilted.material_of(3, "test", n).correlation(2 * np.pi / tilted.wavelength * tilts) ** 2 for n in range(24)
+    ]
     off = found[:, :4].numpy() - np.array(ideal)
     error = off.std(0, ddof=1) / np.sqrt(24)
     # A camera of 512 grains: the mean of an image is known to 1/512, which lowers a correlation by as much.
@@ -154,6 +156,6 @@ def test_tables_of_answers(tmp_path):
 def test_materials_without_these_numbers_are_refused():
     numbers = {name: torch.ones(2) for name in MATERIAL}
     with pytest.raises(RuleError, match="batch memory_effect_range must be a finite number.*another target"):
-        material_of({"parameters": numbers | {"memory_effect_range": torch.tensor([1.0, torch.inf])}})
+        numbers_of({"parameters": numbers | {"memory_effect_range": torch.tensor([1.0, torch.inf])}}, MATERIAL)
     with pytest.raises(RuleError, match="batch optical_depth must be"):
-        material_of({"parameters": {name: numbers[name] for name in MATERIAL if name != "optical_depth"}})
+        numbers_of({"parameters": {name: numbers[name] for name in MATERIAL if name != "optical_depth"}}, MATERIAL)

@@ -121,7 +121,7 @@ def scenes():
     batch = recipe.batch(3, "train", range(IMAGES))
     drawn = batch["parameters"]
     c_i = [
-        memory_effect_between(recipe.material_of(3, "train", int(medium)).kernel, wavelength, pitch, (28, 28))
+        memory_effect_between(recipe.material_of(3, "train", int(medium)).correlation, wavelength, pitch, (28, 28))
         for medium, wavelength, pitch in zip(drawn["medium"], drawn["wavelength"], drawn["object_pitch"], strict=True)
     ]
     images = batch["image"].astype(np.float64).clip(0)
@@ -205,7 +205,7 @@ def test_paths_sampler_images_agree():
     batch = recipe.batch(0, "train", range(8))
     drawn = batch["parameters"]
     pitch = drawn["object_pitch"][0]
-    c_i = memory_effect_between(recipe.material_of(0, "train", 0).kernel, recipe.wavelength, pitch, (10, 10))
+    c_i = memory_effect_between(recipe.material_of(0, "train", 0).correlation, recipe.wavelength, pitch, (10, 10))
     seen = periodogram(torch.from_numpy(batch["image"]).double()[:, None])
     likelihood = SpeckleLikelihood(seen, (10, 10), Optics(float(pitch / drawn["camera_pitch"][0]), 3.0))
     deviance = likelihood(torch.from_numpy(batch["object"]), c_i).numpy()

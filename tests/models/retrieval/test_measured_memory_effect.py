@@ -23,7 +23,7 @@ def setup():
     drawn = {key: float(value[0]) for key, value in batch["parameters"].items() if np.ndim(value)}
     optics = Optics(drawn["object_pitch"] / drawn["camera_pitch"], 3.0)
     likelihood = SpeckleLikelihood(periodogram(torch.from_numpy(batch["image"])[:, None].double()), (28, 28), optics)
-    c_i = memory_effect_of(recipe.material_of(3, "test", 0).kernel, recipe.wavelength, drawn["object_pitch"])
+    c_i = memory_effect_of(recipe.material_of(3, "test", 0).correlation, recipe.wavelength, drawn["object_pitch"])
     return likelihood, torch.from_numpy(batch["object"]).double(), c_i
 
 

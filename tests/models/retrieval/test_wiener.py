@@ -76,11 +76,13 @@ def drawn(family, ranges, camera=128, step=1.0, count=6):
         torch.ones(count, camera, camera // 2 + 1, dtype=torch.float64), torch.zeros(count), 1.0, (camera, camera)
     )
     likelihood = SpeckleLikelihood(flat, (SIDE, SIDE), Optics(step, GRAIN))
-    spectrum = likelihood.object_spectrum(brightness, memory_effect_between(kernel.kernel, 1.0, pitch, (SIDE, SIDE)))
+    spectrum = likelihood.object_spectrum(
+        brightness, memory_effect_between(kernel.correlation, 1.0, pitch, (SIDE, SIDE))
+    )
     likelihood.power = spectrum * torch.from_numpy(np.random.default_rng(3).exponential(1.0, spectrum.shape))
     lags = likelihood.lags(LAGS)
     peak = lags[:, :1, :1]
-    c_i = torch.from_numpy(np.square(kernel.kernel(2 * np.pi * pitch * distances(LAGS))))
+    c_i = torch.from_numpy(np.square(kernel.correlation(2 * np.pi * pitch * distances(LAGS))))
     return lags / peak, likelihood.lag_variance() / peak[:, 0, 0].square(), c_i
 
 

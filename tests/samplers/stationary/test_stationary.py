@@ -119,7 +119,7 @@ def test_stationary_contrast_and_correlation_are_those_of_its_kernel():
 
     expected = [mean_intensity(kernel, scene.beams.width**2)] * 3 + [1.0] * 3
     expected += [speckle(row) * speckle(column) for row, column in LAGS for _ in range(3)]
-    correlation = kernel.correlation(scene.beams.directions[:, :2], K)
+    correlation = kernel.matrix(scene.beams.directions[:, :2], K)
     expected += [correlation[a, b] ** 2 for a, b in PAIRS]
     assert_z(found, expected, error, degrees=len(stacks) - 1)
     assert speckle(1) == pytest.approx(np.sinc(x) ** 2, abs=0.01)
@@ -237,7 +237,7 @@ def test_kernel_is_positive_semidefinite_for_any_tilts(g):
     kernel = estimate_correlation(slab(g=g), 2000, 1)
     sines = np.random.default_rng(0).normal(size=(60, 2)) * 3 / (K * THICKNESS)
     sines[30:40] = sines[:10]
-    matrix = kernel.correlation(sines, K)
+    matrix = kernel.matrix(sines, K)
     assert (matrix == matrix.T).all()
     np.testing.assert_allclose(np.diag(matrix), 1, rtol=1e-14)
     assert np.linalg.eigvalsh(matrix).min() > -1e-12 * len(sines)
@@ -290,8 +290,8 @@ def test_criterion_measures_what_it_should(g, width, view, expected):
 def test_planner_takes_the_stationary_sampler_where_it_is_right(g, width, view, accepted):
     made = plan(criterion_scene(g, width, center=np.deg2rad(view)))
     assert made.sampler == ("stationary" if accepted else "paths"), made.explain()
-    # Off the axis, the kernel of the axis is not right.
-    assert getattr(made.chosen, "kernel", None) == (None if not accepted else "oblique" if view else "axial")
+    # Off the axis, the correlation of the axis is not right.
+    assert getattr(made.chosen, "form", None) == (None if not accepted else "oblique" if view else "axial")
     assert "stationary sampler" in made.explain()
 
 
@@ -392,7 +392,7 @@ def test_modes_leave_out_no_more_than_asked(tolerance):
     lattice = Lattice((7, 6), torch.tensor([K * 8e-5]).double(), torch.zeros((1, 1, 2), dtype=torch.float64))
     ((_, found),) = karhunen_loeve(Tabulated([kernel]), lattice, tolerance)
     modes = found.values(int(found.rank[0]))[0].numpy()
-    correlation = kernel.correlation(sines, K)
+    correlation = kernel.matrix(sines, K)
     np.testing.assert_allclose((modes**2).sum(axis=1), 1, rtol=1e-12)
     # Nothing is left out by trace before every pixel is restored to 1; the entries then move by at most twice that.
     missing = np.abs(modes @ modes.T - correlation).mean()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from specklegen.datasets.recipes.parts.atlas_batches import atlas_tables, kernels
+from specklegen.datasets.recipes.parts.atlas_batches import atlas_tables, correlations
 from specklegen.datasets.recipes.parts.material import Material
 from specklegen.memory_effects.atlas import atlas_correlation, load
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
@@ -29,7 +29,7 @@ def slabs():
 @pytest.mark.parametrize("tolerance", [0.02, 0.0])
 def test_kernels_and_half_ranges_are_those_of_the_atlas(tolerance):
     made, tensor = slabs()
-    found = kernels(atlas_tables(torch.device("cpu")), *tensor.unbind(-1), tolerance)
+    found = correlations(atlas_tables(torch.device("cpu")), *tensor.unbind(-1), tolerance)
     half, known = half_range(found.radius, found.share, found.single)
     by_form, _ = FORMS["half_range"](found.radius, found.share, found.single)
     inside = torch.tensor([load().place(slab_of(*numbers)) is not None for numbers in made])

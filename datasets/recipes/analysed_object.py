@@ -1,0 +1,244 @@
+"""Recipe kind "analysed-object": one hidden object behind a slab in polarised light, an image behind each analyser.
+
+What a crossed analyser passes has been turned out of its plane on detours: it has a shorter memory effect and sees
+another speckle than the parallel one. Both memory effects are two-dimensional
+(:mod:`specklegen.memory_effects.polarised_fields`); the fields behind two analysers at right angles are drawn
+independent of each other, which they are but for |K_ab|^2 <= .005 between two pixels of an object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from specklegen.core.decision import Decision
+from specklegen.core.errors import reject
+from specklegen.core.lazy import LazyModule
+from specklegen.core.random_streams import pilot_seed
+from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.datasets.recipes.media import DrawnMedia, MediumView
+from specklegen.datasets.recipes.parts.light import Analyser
+from specklegen.datasets.recipes.parts.material import Material
+from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.memory_effects.polarised_fields import PolarisedCorrelation, estimate_polarised_correlation
+from specklegen.scene.media import Slab
+from specklegen.scene.polarisation import Polarisers
+from specklegen.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes.materials import Materials
+    from specklegen.samplers.sampler import MediaRequest
+    from specklegen.synthesis import correlations as _correlations
+else:
+    torch = LazyModule("torch")
+    _correlations = LazyModule("specklegen.synthesis.correlations")
+
+TOGETHER = ({"parallel", "crossed"}, {"circular", "flipped"})
+"""Analysers at right angles to each other, which may see one medium together."""
+_BOTH: tuple[Analyser, ...] = ("parallel", "crossed")
+
+
+def polarisers(analyser: Analyser) -> Polarisers:
+    """Light, and an analyser of a recipe: its name, or its angle from linear light along x."""
+    if analyser in ("circular", "flipped"):
+        return Polarisers.circular(flipped=analyser == "flipped")
+    if analyser == "crossed":
+        return Polarisers.crossed()
+    angle = 0.0 if isinstance(analyser, str) else float(analyser)
+    return Polarisers(light=[1, 0], analyser=[np.cos(angle), np.sin(angle)])
+
+
+@lru_cache(maxsize=256)
+def known_behind(slab: Slab, analyser: Analyser, paths: int) -> PolarisedCorrelation:
+    """Find the memory effect of a slab behind an analyser, from the same paths behind all of them."""
+    seed = pilot_seed(slab.unitless_fingerprint())
+    found = estimate_polarised_correlation(slab, polarisers(analyser), paths, seed)
+    if not found.weights.any():
+        reject("Material.kernel_paths", f"enough for some light to come through the slab and the analyser {analyser}",
+               paths)  # fmt: skip
+    return found
+
+
+@dataclass(frozen=True)
+class BehindAnalysers:
+    """K behind several analysers, between which fields are independent."""
+
+    isotropic: ClassVar[bool] = False
+    each: tuple[PolarisedCorrelation, ...]
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Contributions behind the first."""
+        return self.each[0].weights
+
+    def planar(self, qx: np.ndarray, qy: np.ndarray) -> np.ndarray:
+        """K float64[A, A, h, w] between all of them, or float64[h, w] behind the first."""
+        if qx.ndim == 2:
+            return self.each[0].planar(qx, qy)
+        found = np.zeros(qx.shape)
+        for n, own in enumerate(self.each):
+            found[n, n] = own.planar(qx[n, n], qy[n, n])
+        return found
+
+
+@dataclass(frozen=True)
+class AnalysedView(MediumView):
+    """The same with light and analyser."""
+
+    polarisers: Polarisers = Polarisers()  # noqa: RUF009 - frozen
+
+    def _scene(self, light: Any, grid: Any) -> Scene:
+        return Scene(wavelength=self.seen.wavelength, medium=self.slab, illumination=light, sensor=grid,
+                     polarisers=self.polarisers)  # fmt: skip
+
+
+class AnalysedObject(HiddenObject):
+    """One object behind a slab in polarised light, one camera image an analyser.
+
+    Samples: ``stack`` float32[A, H, W] (or uint16 counts), ``object`` float32[h, w]. Every image has mean 1 over its
+    own expected intensity; what share of the light each analyser passes is among the parameters
+    (``analyser_share_0``, ...), with the degree of polarisation of the light, ``polarisation_degree``. The
+    memory-effect range is that of scalar light, and ``expected_contrast`` that of the first image.
+
+    Parameters
+    ----------
+    light
+        ``polarisation`` says what the particles do, ``analyser`` what stands before the camera.
+    """
+
+    kind: Literal["analysed-object"] = "analysed-object"  # type: ignore[assignment]
+    polarises: ClassVar[bool] = True
+
+    @model_validator(mode="after")
+    def _check_analysers(self) -> Self:
+        light, some = self.light, self.light.analysers
+        if light.polarisation == "scalar":
+            reject("Light.polarisation", '"projector" or "vector" in recipes of kind analysed-object', "scalar")
+        if len(some) > 1 and (len(set(some)) < len(some) or not any(set(some) <= both for both in TOGETHER)):
+            reject("Light.analyser", "one, or parallel and crossed, or circular and flipped", some,
+                   "Fields behind others are not independent, as they are drawn.")  # fmt: skip
+        if type(self.material) is not Material or self.material.kernel != "estimate":
+            reject("Recipe.material", 'a slab given by its numbers, with kernel = "estimate", in polarised light',
+                   self.material)  # fmt: skip
+        if not self.material.faces.matched:
+            reject("Recipe.material.faces", "matched in polarised light", self.material.faces,
+                   'What faces do to either polarisation is not modelled: with a lab, faces = "matched".')  # fmt: skip
+        if light.bandwidth or (self.lab is not None and self.lab.bandwidth) or not light.polarised:
+            reject("Recipe.light", "of one wavelength, and polarised", light, "Others are not modelled here.")
+        self._polarised(self.material.extremes()[0])  # a scatterer without amplitudes is refused here
+        return self
+
+    def _polarised(self, slab: Slab) -> Slab:
+        return slab.replace(polarisation=self.light.polarisation)
+
+    @property
+    def _drawn(self) -> tuple[Analyser, ...]:
+        """Analysers whose fields are drawn: without any, both components."""
+        some = self.light.analysers
+        return _BOTH if some == ("none",) else some
+
+    @property
+    def _whole(self) -> bool:
+        """Whether there is none, and both components add up."""
+        return self.light.analysers == ("none",)
+
+    def images_layout(self) -> dict[str, ArraySpec]:
+        """Layout of what :meth:`named` names."""
+        shape = (self.pictures, *self.camera_shape)
+        return {"stack": self.observation(shape, ("analyser", "y", "x"), "one camera image an analyser")}
+
+    def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
+        """Images behind all analysers."""
+        return {"stack": images}
+
+    @property
+    def pictures(self) -> int:
+        """One an analyser."""
+        return len(self.light.analysers)
+
+    @property
+    def path_sum_obstacle(self) -> str | None:
+        """Analysers."""
+        return "analysers"
+
+    def tilts_of(
+        self, drawn: Addresses, numbers: Sequence[int]
+    ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """No tilt; once an analyser, as they are base tilts to the modes."""
+        angles, told = super().tilts_of(drawn, numbers)
+        return angles.repeat(1, self.pictures, 1), told
+
+    def extremes(self) -> list[MediumView]:
+        """Media at the ends of every range, behind every analyser."""
+        return [
+            AnalysedView(self._polarised(view.slab), view.seen, view.shape, view.pitch, view.tilts, polarisers(each))  # type: ignore[arg-type]
+            for view in super().extremes() for each in self._drawn
+        ]  # fmt: skip
+
+    def idealisations(self, scene: Scene) -> list[Decision]:
+        """What is left out of every image, and of the two together."""
+        told = Decision("analysers", True, "fields behind two of them are independent of each other, but for 0.005")
+        return [*super().idealisations(scene), told]
+
+    def seen_media(self, drawn: Addresses, numbers: Sequence[int], materials: Materials) -> DrawnMedia:
+        """Draw what is seen of media; their memory effect is that of polarised light."""
+        slabs = [self._polarised(made()) for made in materials.slabs]  # type: ignore[arg-type]
+        behind = {each: [self._known(slab, each) for slab in slabs] for each in dict.fromkeys((*self._drawn, *_BOTH))}
+        put = lambda rows: torch.tensor(rows, dtype=torch.float64).to(drawn.device)  # noqa: E731
+        lit = {each: put([float(k.weights.sum()) for k in known]) for each, known in behind.items()}
+        total = sum(lit[each] for each in _BOTH)
+        told = {f"analyser_share_{n}": (total if self._whole else lit[each]) / total
+                for n, each in enumerate(self.light.analysers)}  # fmt: skip
+        told["polarisation_degree"] = (lit["parallel"] - lit["crossed"]) / total
+        if self._whole:
+            known = [_sum_of(behind[_BOTH[0]][n], behind[_BOTH[1]][n]) for n in range(len(slabs))]
+        else:
+            known = [BehindAnalysers(tuple(behind[each][n] for each in self._drawn)) for n in range(len(slabs))]
+        seen = replace(
+            materials, parameters=materials.parameters | told, correlations=_correlations.Tabulated(known),
+            slabs=tuple(partial(_same, slab) for slab in slabs),
+        )  # fmt: skip
+        return super().seen_media(drawn, numbers, seen)
+
+    def _known(self, slab: Slab, analyser: Analyser) -> PolarisedCorrelation:
+        return known_behind(slab, analyser, self.material.kernel_paths)
+
+    def requests(self, media: DrawnMedia) -> list[tuple[list[int], MediaRequest]]:
+        """What is asked of the sampler; without an analyser both components add up by their shares."""
+        found = super().requests(media)
+        if not self._whole:
+            return found
+        whole = []
+        for places, request in found:
+            rows = [[self._known(made(), each) for each in _BOTH] for made in request.media]  # type: ignore[arg-type]
+            lit = torch.tensor([[float(k.weights.sum()) for k in row] for row in rows], dtype=torch.float64)
+            shares = (lit / lit.sum(1, keepdim=True)).to(media.tilts.device)
+            light = _correlations.LightBatch(
+                shares, tuple(_correlations.Tabulated([row[n] for row in rows]) for n in (0, 1)),
+                torch.zeros(len(rows), dtype=torch.float64, device=shares.device),
+            )  # fmt: skip
+            whole.append((places, replace(request, light=light)))
+        return whole
+
+
+def _same(slab: Slab) -> Slab:
+    return slab
+
+
+def _sum_of(one: PolarisedCorrelation, other: PolarisedCorrelation) -> PolarisedCorrelation:
+    """K of light that both analysers pass together."""
+    weights = one.weights + other.weights
+    share = np.stack([one.weights.sum(axis=0), other.weights.sum(axis=0)])
+    squares = share[0] * one.radius**2 + share[1] * other.radius**2
+    radius = np.sqrt(np.divide(squares, share.sum(axis=0), out=np.zeros_like(squares), where=share.sum(axis=0) > 0))
+    return PolarisedCorrelation(
+        radius, weights, one.second + other.second, one.fourth + other.fourth, one.paths
+    )

@@ -1,0 +1,410 @@
+"""The setup from photographs of its speckle: :func:`fit_setup`, of the grain, the iris, the contrast and the noise.
+
+A point of light behind a medium that scatters makes speckle whose periodogram has the mean
+
+    S(f) = contrast^2 P(f; grain, iris) + noise^2
+
+P exactly that of a finite frame (:mod:`specklegen.models.likelihood.spectrum`). The frames are cut into tiles, and
+Whittle's likelihood of all tiles' periodograms I, sum log S + I / S, is the greatest at the numbers that are stated; of
+the shapes of an iris, that one is stated whose likelihood is greatest. Intensities of speckle are no Gaussian numbers:
+the likelihood's own curvature claims too much. Standard errors are those of its scores' scatter from tile to tile
+(White, *Econometrica* 50, 1 (1982)), intervals Student's, and shapes are told apart by the scatter of the tiles' ratios
+of likelihoods (Vuong, *Econometrica* 57, 307 (1989)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from scipy.optimize import minimize_scalar
+from scipy.stats import f, t
+
+from specklegen.core.arguments import choice, flag, real_number
+from specklegen.core.display.plot import Pictured
+from specklegen.core.errors import counted, reject
+from specklegen.measured.files import Source
+from specklegen.measured.measurement import Measurement, read_measurement
+from specklegen.models.calibration.material_fit import Interval
+from specklegen.models.likelihood.likelihood import Optics
+from specklegen.models.likelihood.spectrum import transforms
+from specklegen.scene.window import PROFILES, Profile, Window
+
+_OWNER = "fit_setup"
+_FINEST, _FEWEST = 0.8, 6  # grain in pixels; grains along a tile, of a grain up to twice the one guessed
+_TILE, _TILES = 32, 9  # pixels along a tile at least; tiles of all frames at least
+_NUMBERS = 3
+_ALIKE = 0.5  # correlation of frames from which on they are of one pattern
+_SURE = 2.0  # standard errors from which on shapes are told apart
+_DOUBTFUL = 1e-4
+_RINGS = 4  # of frequencies, in two directions each
+_EDGES = 1.15
+"""Standard errors over those of independent tiles: neighbours share grains at their edges. Measured on 144 fits."""
+_DARK = 3e-3  # of the largest power
+_STEP = 1e-3  # of ln(grain)
+_LEAST = 1e-6  # of the mean power: smallest contrast^2 and noise^2
+
+
+class _Seen(NamedTuple):
+    """Tiles' periodograms float64[T, F] at frequencies ``used`` bool[m, n] of tiles of so many pixels."""
+
+    power: np.ndarray
+    used: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    shape: tuple[int, int]
+
+
+class _Fitted(NamedTuple):
+    """A shape, ln(grain), contrast^2, noise^2; the spectrum float64[F] and -ln L of a tile, less a constant."""
+
+    profile: Profile
+    grain: float
+    lit: float
+    noise: float
+    spectrum: np.ndarray
+    cost: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SetupFit(Pictured):
+    """What photographs of speckle say of the setup.
+
+    Attributes
+    ----------
+    profile : str
+        Shape of the iris: "square", "disc" or "gaussian".
+    grain : float
+        Camera pixels in a grain, wavelength over the iris' angular width; of a Gaussian that of 1/e^2 in intensity.
+    contrast : float
+        Of the speckle of one point on a pixel without area: 1 for coherent, polarised light.
+    noise : float
+        Standard deviation of what differs from pixel to pixel, over the mean light.
+    grain_error, contrast_error, noise_error : float
+        Standard errors; that of the noise of a noise of 0 is the square root of its square's.
+    behind : dict[str, float]
+        Of every shape, by how many standard errors it is less likely than ``profile``.
+    p_value : float
+        Chance of a spectrum as far from the fitted one.
+    tiles : int
+    measured : Measurement
+        The frames.
+    doubts : tuple of str
+        What speaks against the model, and which shapes the photographs do not tell apart.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import specklegen as sg
+    >>> rng = np.random.default_rng(0)
+    >>> iris = np.hypot(*np.meshgrid(*[np.arange(-128, 128)] * 2)) < 32  # 256 / 64 = 4 pixels a grain
+    >>> field = np.fft.ifft2(np.fft.ifftshift(iris * (rng.normal(size=(256, 256)) + 1j * rng.normal(size=(256, 256)))))
+    >>> setup = sg.fit_setup(np.abs(field) ** 2, pixel_integration=False)
+    >>> setup.profile, abs(setup.grain - 4) < 0.15, abs(setup.contrast - 1) < 0.1
+    ('disc', True, True)
+    """
+
+    profile: Profile
+    grain: float
+    grain_error: float
+    contrast: float
+    contrast_error: float
+    noise: float
+    noise_error: float
+    behind: dict[str, float]
+    p_value: float
+    pixel_integration: bool
+    tiles: int
+    measured: Measurement
+    doubts: tuple[str, ...]
+    spectra: tuple[np.ndarray, np.ndarray, np.ndarray] = field(repr=False)
+
+    def __repr__(self) -> str:
+        doubts = f", {counted(len(self.doubts), 'doubt')}" if self.doubts else ""
+        return f"SetupFit({self.profile}, grain={self.grain:.3g}, contrast={self.contrast:.2g}{doubts})"
+
+    def interval(self, level: float = 0.95) -> dict[str, Interval]:
+        """Intervals of grain, contrast and noise by name.
+
+        Parameters
+        ----------
+        level
+            Between 0 and 1, both excluded.
+
+        Raises
+        ------
+        RuleError
+            For another level.
+        """
+        level = real_number("SetupFit.interval level", level)
+        if not 0 < level < 1:
+            reject("SetupFit.interval level", "between 0 and 1, both excluded", level)
+        wide = float(t.ppf((1 + level) / 2, self.tiles - _NUMBERS))
+        spread = np.exp(wide * self.grain_error / self.grain)
+        found = {"grain": Interval(self.grain / spread, self.grain * spread)}
+        for name, value, error in (("contrast", self.contrast, self.contrast_error),
+                                   ("noise", self.noise, self.noise_error)):  # fmt: skip
+            found[name] = Interval(max(value - wide * error, 0.0), value + wide * error)
+        return found
+
+    def optics(self, step: float) -> Optics:
+        """Return the layout for a likelihood, with object pixels ``step`` camera pixels apart."""
+        return Optics(step, self.grain, self.profile, self.pixel_integration)
+
+    def _facts(self) -> Mapping[str, object]:
+        bounds = self.interval()
+        found: dict[str, object] = {"iris": self.profile}
+        for name, unit in (("grain", " pixels"), ("contrast", ""), ("noise", " of the mean light")):
+            low, high = bounds[name]
+            found[name] = f"{getattr(self, name):.4g}{unit} (95 %: {low:.4g} to {high:.4g})"
+        order = self.measured.envelope_order
+        found["envelope"] = "left in or given" if order is None else f"order {order}"
+        found["other shapes"] = ", ".join(f"{name} {far:.1f} standard errors behind"
+                                          for name, far in self.behind.items() if name != self.profile)  # fmt: skip
+        found["spectrum"] = f"p = {self.p_value:.2g}, {counted(self.tiles, 'tile')}"
+        found["doubts"] = "; ".join(self.doubts) or "none"
+        return found
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Mean power in rings of frequency, measured and fitted."""
+        frequency, power, fitted = self.spectra
+        axes.plot(frequency, power, "o", ms=4, label=label or "measured")
+        axes.plot(frequency, fitted, lw=1, label=f"{self.profile}, grain {self.grain:.3g} pixels")
+        axes.set(xlabel="frequency, cycles a pixel", ylabel="power", yscale="log")
+        axes.legend()
+        axes.grid(alpha=0.3)
+
+
+def fit_setup(
+    photographs: Source | Measurement,
+    *,
+    envelope: Source | None = "fit",
+    dark: Source | float | None = None,
+    pixel_integration: bool = True,
+    profile: str | None = None,
+) -> SetupFit:
+    """Find grain, iris, contrast and noise from photographs of speckle of one point of light.
+
+    Parameters
+    ----------
+    photographs
+        What :func:`specklegen.measured.read_measurement` reads, or what it returned. Frames that correlate by .5 or
+        more are of one pattern, and are averaged; others are taken for independent patterns.
+    envelope, dark
+        As there; the envelope is fitted and taken off unless given. Of a measurement that was read its own counts.
+    pixel_integration
+        Whether pixels collect light over their whole area.
+    profile
+        Shape of the iris, where it is known: "square", "disc" or "gaussian".
+
+    Raises
+    ------
+    RuleError
+        For frames that are too small: nine tiles in all, of 32 pixels and 12 grains a side, are needed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import specklegen as sg
+    >>> rng = np.random.default_rng(1)
+    >>> fields = rng.normal(size=(2, 128, 128, 2)) @ [1, 1j]
+    >>> smooth = np.exp(-(np.fft.fftfreq(128)[:, None] ** 2 + np.fft.fftfreq(128) ** 2) * 64)
+    >>> light = np.abs(np.fft.ifft2(np.fft.fft2(fields) * smooth)) ** 2
+    >>> setup = sg.fit_setup(light, envelope=None, pixel_integration=False)
+    >>> setup.profile, setup.measured.light.shape
+    ('gaussian', (2, 128, 128))
+    """
+    flag(f"{_OWNER} pixel_integration", pixel_integration)
+    if profile is not None:
+        choice(f"{_OWNER} profile", profile, PROFILES)
+    if isinstance(photographs, Measurement):
+        seen = photographs
+    else:
+        seen = read_measurement(photographs, envelope=envelope, dark=dark)
+    doubts = list(seen.doubts)
+    images = seen.images
+    if len(images) > 1 and (alike := _correlation(images)) >= _ALIKE:
+        doubts.append(f"frames correlate by {alike:.2f}: taken for one pattern, and averaged")
+        images = images.mean(axis=0, keepdims=True)
+    light = images / images.mean(axis=(1, 2), keepdims=True) - 1
+    if not light.any():
+        reject(f"{_OWNER} photographs", "of speckle", "frames that are even")
+    shapes = PROFILES if profile is None else (profile,)
+    guess = _width(light)
+    tiles = _tiles(light, guess)
+    fits = {shape: _fitted(tiles, shape, guess, pixel_integration) for shape in shapes}  # type: ignore[arg-type]
+    best = min(fits.values(), key=lambda each: each.cost)
+    behind = {name: _behind(tiles, best, each) for name, each in fits.items()}
+    like = [name for name, far in behind.items() if name != best.profile and far < _SURE]
+    if like:
+        doubts.append(f"the iris may as well be a {' or a '.join(like)}: take more frames, or name the profile")
+    slopes = _slopes(tiles, best, pixel_integration)
+    covariance = _covariance(tiles, best, slopes)
+    chance, rings = _misfit(tiles, best, slopes)
+    if chance < _DOUBTFUL:
+        doubts.append(
+            f"no speckle of one point through a round or square iris has this spectrum (p = {chance:.1g}): an object "
+            "that is larger than a grain, an iris that is not round or square, light that is filtered or compressed"
+        )
+    if best.grain > np.log(min(tiles.shape) / _FEWEST) - 1e-3 or best.grain < np.log(_FINEST) + 1e-3:
+        doubts.append("the grain lies at the end of what these frames can tell")
+    contrast, noise = np.sqrt(best.lit), np.sqrt(best.noise)
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return SetupFit(
+        best.profile, float(np.exp(best.grain)), float(np.exp(best.grain) * errors[0]), float(contrast),
+        float(errors[1] / (2 * contrast)), float(noise),
+        float(min(errors[2] / (2 * noise) if noise else np.inf, np.sqrt(errors[2]))), behind, chance,
+        pixel_integration, len(tiles.power), seen, tuple(doubts), rings,
+    )  # fmt: skip
+
+
+def _correlation(images: np.ndarray) -> float:
+    """Mean correlation of frames with the next."""
+    flat = images.reshape(len(images), -1)
+    flat = flat - flat.mean(axis=1, keepdims=True)
+    norm = np.sqrt(np.square(flat).sum(axis=1))
+    return float(((flat[1:] * flat[:-1]).sum(axis=1) / np.maximum(norm[1:] * norm[:-1], 1e-300)).mean())
+
+
+def _width(light: np.ndarray) -> float:
+    """Grain in pixels, roughly: the first lag at which the autocorrelation is below a half of that at lag 1."""
+    power = np.square(np.abs(np.fft.fft2(light, axes=(1, 2)))).mean(axis=0)
+    lags = np.fft.ifft2(power).real
+    widths = []
+    for row in (lags[0], lags[:, 0]):
+        below = np.flatnonzero(row[1 : len(row) // 2] < row[1] / 2)
+        widths.append(float(below[0] + 1) if len(below) and row[1] > 0.05 * row[0] else 1.0)
+    return max(float(np.mean(widths)), 1.0)
+
+
+def _tiles(light: np.ndarray, guess: float) -> _Seen:
+    """Periodograms of the smallest tiles that are large enough, of twelve grains a side at least."""
+    least = max(_TILE, int(np.ceil(2 * _FEWEST * guess)))
+    count, height, width = light.shape
+    if min(height, width) < least or count * (height // least) * (width // least) < _TILES:
+        rule = f"{_TILES} tiles of {least} x {least} pixels at least, {2 * _FEWEST} grains a side"
+        reject(f"{_OWNER} photographs", rule,
+               f"{counted(count, 'frame')} of {height} x {width}", "Take more frames, or larger ones.")  # fmt: skip
+    rows, columns = height // least, width // least
+    tall, wide = height // rows, width // columns
+    cut = light[:, : rows * tall, : columns * wide].reshape(count, rows, tall, columns, wide)
+    power = np.square(np.abs(np.fft.rfft2(cut.swapaxes(2, 3).reshape(-1, tall, wide)))) / (tall * wide)
+    down, across = np.rint(np.fft.fftfreq(tall) * tall), np.arange(wide // 2 + 1)
+    used = (across > 0) | (down[:, None] > 0)
+    used &= np.maximum(np.abs(down)[:, None], across) > 1  # what the mean and the envelope have taken
+    return _Seen(power[:, used].astype(np.float64), used, down / tall, across / wide, (tall, wide))
+
+
+def _alone(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> np.ndarray:
+    """Mean periodogram float64[F] of contrast 1, the grain's logarithm given."""
+    one = torch.ones(1, dtype=torch.float64)
+    made = transforms(
+        tiles.rows, tiles.columns, tiles.shape, (1, 1), one, float(np.exp(grain)) * one, profile, pixel
+    )  # fmt: skip
+    found = made(one[:, None, None])[0].numpy()[tiles.used]
+    if pixel:  # the likelihood's P is 1 at lag 0 for any pixel: here it is less, as a pixel averages grains
+        found = found * _kept(profile, float(np.exp(grain)))
+    return np.maximum(found, 1e-12)
+
+
+def _kept(profile: Profile, grain: float) -> float:
+    """Variance on a pixel with area over that on a point."""
+    window = Window(profile, 1.0)
+    reach = 1.0 if window.sharp else 1.8
+    nodes, weights = np.polynomial.legendre.leggauss(48)
+    nodes, weights = reach * (nodes + 1) / 2, reach * weights / 2
+    overlap = window.overlap(nodes, nodes[:, None]) * np.outer(weights, weights)
+    passed = np.outer(np.sinc(nodes / grain), np.sinc(nodes / grain)) ** 2
+    return float((overlap * passed).sum() / overlap.sum())
+
+
+def _brightness(alone: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+    """Contrast^2 and noise^2, at least 0, of greatest likelihood: Fisher's scoring."""
+    scale = float(power.mean())
+    design = np.stack([alone, np.ones_like(alone)], axis=1)
+    least = _LEAST * scale
+    at = np.array([0.9 * power.mean() / alone.mean(), 0.1 * np.quantile(power, 0.1)])
+    for _ in range(40):
+        weight = design / np.square(design @ at)[:, None]
+        new = np.linalg.lstsq(design.T @ weight, weight.T @ power, rcond=None)[0]
+        if new[1] < 0:
+            new = np.array([(weight[:, 0] * power).sum() / (weight[:, 0] * alone).sum(), 0.0])
+        new = np.maximum(new, [least, 0.0])
+        done = np.abs(new - at).max() < 1e-7 * scale
+        at = new
+        if done:
+            break
+    return float(at[0]), float(max(at[1], least * 1e-3))
+
+
+def _fitted(tiles: _Seen, profile: Profile, guess: float, pixel: bool) -> _Fitted:
+    power = tiles.power.mean(axis=0)
+
+    def at(grain: float) -> _Fitted:
+        alone = _alone(tiles, profile, grain, pixel)
+        lit, noise = _brightness(alone, power)
+        spectrum = lit * alone + noise
+        return _Fitted(profile, grain, lit, noise, spectrum, float((np.log(spectrum) + power / spectrum).sum()))
+
+    low, high = np.log(_FINEST), np.log(min(tiles.shape) / _FEWEST)
+    scan = np.linspace(max(low, np.log(guess) - 1.2), min(high, np.log(guess) + 1.2), 13)
+    costs = [at(grain).cost for grain in scan]
+    near = int(np.argmin(costs))
+    ends = (scan[max(near - 1, 0)], scan[min(near + 1, len(scan) - 1)])
+    found = minimize_scalar(lambda grain: at(grain).cost, bounds=ends, method="bounded", options={"xatol": 1e-4})
+    return at(float(found.x))
+
+
+def _behind(tiles: _Seen, best: _Fitted, other: _Fitted) -> float:
+    """How many standard errors of the mean ratio of likelihoods another shape is less likely."""
+    if other is best:
+        return 0.0
+    ratio = (np.log(other.spectrum / best.spectrum) + tiles.power * (1 / other.spectrum - 1 / best.spectrum)).sum(
+        axis=1
+    )
+    return float(ratio.mean() / (ratio.std(ddof=1) / np.sqrt(len(ratio))))
+
+
+def _slopes(tiles: _Seen, best: _Fitted, pixel: bool) -> np.ndarray:
+    """Derivatives float64[3, F] of ln S by ln(grain), contrast^2 and noise^2."""
+    alone, up, down = (_alone(tiles, best.profile, best.grain + step, pixel) for step in (0.0, _STEP, -_STEP))
+    return np.stack([best.lit * (up - down) / (2 * _STEP), alone, np.ones_like(alone)]) / best.spectrum
+
+
+def _covariance(tiles: _Seen, best: _Fitted, slopes: np.ndarray) -> np.ndarray:
+    """Covariance float64[3, 3] of ln(grain), contrast^2 and noise^2."""
+    scores = (tiles.power / best.spectrum - 1) @ slopes.T
+    count = len(scores)
+    curvature = np.linalg.pinv(count * slopes @ slopes.T, hermitian=True)
+    return _EDGES**2 * curvature @ (scores.T @ scores * count / (count - _NUMBERS)) @ curvature
+
+
+def _misfit(tiles: _Seen, best: _Fitted, slopes: np.ndarray) -> tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Chance of a spectrum as far from the fitted one; frequencies, power and fitted power in rings."""
+    v, u = np.broadcast_arrays(tiles.rows[:, None], tiles.columns)
+    frequency = np.hypot(v, u)[tiles.used]
+    steep = (np.abs(v) > np.abs(u))[tiles.used]
+    reach = min(1.2 / np.exp(best.grain), 0.5)
+    rings = int(np.clip(len(tiles.power) // 6, 2, _RINGS))
+    lit = best.spectrum > _DARK * best.spectrum.max()  # below is what the edges of tiles let through
+    place = 2 * np.minimum((frequency / reach * rings).astype(int), rings) + steep
+    bins = np.stack([(place == n) & lit for n in range(2 * rings + 2)], axis=1).astype(np.float64)
+    bins = bins[:, bins.sum(axis=0) >= 4]
+    bins /= bins.sum(axis=0)
+    # Hotelling's test of what no change of the fitted numbers makes.
+    moved, *_ = np.linalg.svd(bins.T @ slopes.T)
+    left = (tiles.power / best.spectrum - 1) @ bins @ moved[:, _NUMBERS:]
+    count, degrees = left.shape
+    chance = 1.0
+    if 0 < degrees < count:
+        mean = left.mean(axis=0)
+        square = count * mean @ np.linalg.solve(np.cov(left.T).reshape(degrees, degrees), mean) / _EDGES**2
+        chance = float(f.sf(square * (count - degrees) / (degrees * (count - 1)), degrees, count - degrees))
+    ring = np.minimum((frequency / reach * _RINGS).astype(int), _RINGS)
+    rings = [n for n in np.unique(ring) if (ring == n).any()]
+    seen = tiles.power.mean(axis=0)
+    table = np.array([[each[ring == n].mean() for n in rings] for each in (frequency, seen, best.spectrum)])
+    return chance, (table[0], table[1], table[2])

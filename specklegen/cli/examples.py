@@ -1,0 +1,43 @@
+"""Examples of every command, shown below its options; a test reads each as the command line would."""
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "recipes": ("recipes", "recipes show through-slab", "recipes schema hidden-object"),
+    "recipes show": ("recipes show through-slab", "recipes show setup.toml --set material.g=0.8"),
+    "recipes schema": ("recipes schema hidden-object", "recipes schema through-slab"),
+    "plan": ("plan through-slab", "plan through-slab --set material.g=0.8 --samples 4096", "plan setup.toml --verbose"),
+    "render": ("render --tilts 5 --out stack", "render --scene scene.toml --seed 3 --out stack"),
+    "memory-effect": (
+        "memory-effect --g 0.9 --g 0.95 --out curves",
+        "memory-effect --lags 2 --out curves",
+        "memory-effect --material skin --wavelength 0.806 --thickness 300",
+        "memory-effect --scene scene.toml --out curves",
+    ),
+    "reflectance": ("reflectance --optical-depth 10 --g 0.9 --index 1.4",),
+    "generate": (
+        "generate through-slab --samples 4096 --out data/through-slab.zarr",
+        "generate setup.toml --images my-images --out data/mine.zarr --processes 4",
+        "generate through-slab --samples 1000000 --out data/shared.zarr --shard-range 3/16",
+    ),
+    "preview": ("preview through-slab --out sheet.png", "preview data/through-slab.zarr --samples 12"),
+    "evaluate": ("evaluate runs/first/best.pt", "evaluate --recipe through-slab --samples 64 --out judged"),
+    "info": ("info data/through-slab.zarr",),
+    "verify": ("verify data/through-slab.zarr", "verify data/through-slab.zarr --repair through-slab"),
+    "export": ("export data/through-slab.zarr --out npy",),
+    "train": (
+        "train through-slab --out runs/first --seconds 300",
+        "train data/train.zarr --validation data/validation.zarr --out runs/second --network residual",
+    ),
+    "recoverable": ("recoverable through-slab", "recoverable setup.toml --images my-images"),
+    "reconstruct": ("reconstruct frame.tif --setup setup.toml --out seen",),
+    "fit-camera": ("fit-camera --pairs bright_1.tif bright_2.tif --dark dark_1.tif dark_2.tif --out camera.toml",),
+    "fit-material": ("fit-material --wavelength 0.5 --tilt tilts.csv --transmittance .79+-.02 --out my-bench.toml",),
+    "fit-setup": ("fit-setup run1 --dark 20", "fit-setup frame.tif --profile disc --picture spectrum.png"),
+    "compare": ("compare through-slab --out compared.png",),
+    "benchmark": ("benchmark --list", "benchmark mine.py:mine --task thin --samples 8"),
+    "explore": ("explore", "explore --port 2718 --no-browser"),
+}
+
+
+def epilog(command: str) -> str:
+    """Text below the options of a command, kept line by line."""
+    return "\b\nExamples:\n" + "\n".join(f"  specklegen {words}" for words in EXAMPLES[command])

@@ -1,0 +1,50 @@
+"""The command ``specklegen measured``: public measurements of other laboratories, listed, fetched and checked."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from specklegen.cli.output import AsJson, echo_json
+from specklegen.core.errors import counted
+
+measured = typer.Typer(
+    help="List the public measurements that docs/measurements.md reads, or fetch one.", rich_markup_mode=None,
+    no_args_is_help=True,
+)  # fmt: skip
+
+
+@measured.command("list")
+def list_measured(as_json: AsJson = False) -> None:
+    """List public measurements: what they are, their licence, where they lie."""
+    from specklegen.measured import public_data, public_data_names
+
+    sets = [public_data(name) for name in public_data_names()]
+    if as_json:
+        echo_json([
+            {"name": each.name, "what": each.what, "licence": each.licence, "address": each.address,
+             "commit": each.commit, "files": each.files} for each in sets
+        ])  # fmt: skip
+        return
+    for each in sets:
+        licence = "no licence: read it, hand nothing on" if each.licence == "none" else each.licence
+        typer.echo(f"{each.name:16s} {each.what} ({licence}; {each.address}, {each.commit[:7]})")
+
+
+@measured.command("get")
+def get_measured(
+    name: Annotated[str, typer.Argument(help="Name of the set; `specklegen measured list` has them all.")],
+    out: Annotated[Path | None, typer.Option(help="Folder to clone into, or a clone to check (default: NAME).")] = None,
+    source: Annotated[str | None, typer.Option(help="Address or path of another clone (default: GitHub).")] = None,
+) -> None:
+    """Clone the files of a set by git, no others, and hold each against its digest."""
+    from specklegen.measured import public_data
+
+    found = public_data(name)
+    folder = found.get(out or Path(name), source)
+    number = counted(len(found.files), "file")
+    typer.echo(f"{folder}: {number} of {found.repository} {found.commit[:7]}, as they should be")
+    if found.licence == "none":
+        typer.echo("Their authors state no licence: read them here, and hand nothing on.")
+    else:
+        typer.echo(f"Licence: {found.licence}.")

@@ -1,0 +1,217 @@
+"""Mean Mueller matrix of the scattered light of a slab: intensities of every channel, and how far light is polarised.
+
+    M_ij = E[ tr(s_i F s_j F^+) ] / 2,    s = 1, sigma_z, sigma_x, sigma_y
+
+F the field of a connection, as a matrix from that of the light (:mod:`specklegen.memory_effects.polarised`): both ways
+of a path together where they interfere. Van de Hulst, *Light Scattering by Small Particles* (1957), sec. 5.14.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from specklegen.core.arguments import complex_array
+from specklegen.core.budgets import Budget, Reverse
+from specklegen.core.display.plot import Pictured
+from specklegen.core.display.repr import short
+from specklegen.core.errors import reject, warn_user
+from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
+from specklegen.core.random_streams import Seed, pilot_seed
+from specklegen.core.shielded import shielded
+from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.memory_effects.curve import Mode, aimed, require_traced
+from specklegen.memory_effects.polarised import interfering, pair_ways
+from specklegen.paths.endpoints import AXIS
+from specklegen.paths.jones import ends_of
+from specklegen.paths.rare_paths import warn_of_rare_paths
+from specklegen.paths.tracer import plane_tracer
+from specklegen.scene.media import Slab
+
+_SPINS = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])
+"""Matrices of I, Q, U and V."""
+
+
+@dataclass(frozen=True)
+class MuellerMatrix(Pictured):
+    """What a slab makes of the Stokes vector (I, Q, U, V) of light along its axis, on average over the particles.
+
+    Attributes
+    ----------
+    matrix : float64[4, 4]
+        From light of unit irradiance to scattered intensity, per area of the face and steradian. Q is what lies along x
+        minus what lies along y, x and y turned the shortest way until they are across the direction of light or view.
+    standard_error : float64[4, 4]
+        Of it, from 64 independent batches.
+    linear, circular : float
+        Degree of polarisation (I_co - I_crossed) / (I_co + I_crossed) of light that was polarised along x, and of
+        circular light: M_QQ / M_II (on the axis, behind the slab), M_VV / M_II.
+    linear_error, circular_error : float
+        Standard errors.
+    paths : int
+    reverse : bool
+        Whether reversed paths took part.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> air = sg.Slab(thickness=1000.0, mean_free_path=1000.0, scatterer=sg.Rayleigh(), polarisation="vector")
+    >>> found = sg.mueller_matrix(air, wavelength=0.5, paths=4000)
+    >>> round(found.linear, 1), round(found.contrast, 1)
+    (0.7, 0.9)
+    """
+
+    matrix: np.ndarray
+    standard_error: np.ndarray
+    linear: float
+    linear_error: float
+    circular: float
+    circular_error: float
+    paths: int
+    reverse: bool
+
+    __repr__ = short
+
+    @property
+    def contrast(self) -> float:
+        """Contrast of the speckle without an analyser, of light polarised along x: sqrt((1 + P^2) / 2) on the axis."""
+        _, q, u, v = self.matrix[:, 0] + self.matrix[:, 1]
+        intensity = self.matrix[0, 0] + self.matrix[0, 1]
+        return float(np.sqrt((1 + (q * q + u * u + v * v) / intensity**2) / 2))
+
+    def intensity(self, light: ArrayLike, seen: ArrayLike | None = None) -> float:
+        """Intensity of light of a field complex128[2] along x and y, behind an analyser that passes another."""
+        field = _field("light", light)
+        stokes = np.einsum("a,iab,b->i", field.conj(), _SPINS, field).real
+        if seen is None:
+            return float(self.matrix[0] @ stokes)
+        passed = _field("seen", seen)
+        analyser = np.einsum("a,iab,b->i", passed.conj(), _SPINS, passed).real
+        return float(analyser @ self.matrix @ stokes) / 2
+
+    def _facts(self) -> Mapping[str, object]:
+        return {
+            "degree of polarisation, linear": f"{self.linear:.4g} +- {self.linear_error:.1g}",
+            "degree of polarisation, circular": f"{self.circular:.4g} +- {self.circular_error:.1g}",
+            "paths": self.paths,
+            "reversed paths": "used" if self.reverse else "left out",
+        }
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """The matrix over its first element."""
+        shown = axes.imshow(self.matrix / self.matrix[0, 0], cmap="RdBu", vmin=-1, vmax=1)
+        axes.figure.colorbar(shown, ax=axes)
+        axes.set_xticks(range(4), ["I", "Q", "U", "V"])
+        axes.set_yticks(range(4), ["I", "Q", "U", "V"])
+        axes.set_title(label or "")
+
+
+def _field(name: str, value: ArrayLike) -> np.ndarray:
+    """A field complex128[2]."""
+    found = complex_array(f"MuellerMatrix.intensity {name}", value)
+    if found.shape != (2,) or not np.isfinite(found).all():
+        reject(f"MuellerMatrix.intensity {name}", "two finite numbers, of the fields along x and y", value)
+    return found
+
+
+@shielded()
+def mueller_matrix(
+    medium: Slab,
+    *,
+    wavelength: float,
+    mode: Mode = "transmission",
+    view: ArrayLike | None = None,
+    paths: int | None = None,
+    rel_error: float | None = None,
+    seconds: float | None = None,
+    seed: Seed = 0,
+    reverse: Reverse = "auto",
+    tolerance: float = 0.02,
+    threads: int | None = None,
+) -> MuellerMatrix:
+    """Estimate the mean Mueller matrix of the light that a slab scatters into one direction, at normal incidence.
+
+    Parameters
+    ----------
+    medium
+        A slab with a ``polarisation``.
+    wavelength
+        Inside the medium, in its unit of length.
+    mode, view
+        As for :func:`specklegen.memory_effect`: behind the slab on the axis, or 5 degrees off exact backscattering, or
+        a unit vector float64[3].
+    paths, seconds, seed, reverse, tolerance, threads
+        See :class:`specklegen.core.budgets.Budget`.
+    rel_error
+        Instead of ``paths``: the largest standard error of the degrees of polarisation.
+
+    Raises
+    ------
+    RuleError
+        As :func:`specklegen.memory_effect`; for a medium in which light is a scalar.
+
+    Warns
+    -----
+    DoubtWarning
+        As :func:`specklegen.memory_effect`.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> tissue = sg.Slab(
+    ...     thickness=1000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(0.9), polarisation="projector"
+    ... )
+    >>> sg.mueller_matrix(tissue, wavelength=0.5, paths=4000).linear > 0.95
+    True
+    """
+    owner = "mueller_matrix"
+    budget = Budget(owner, paths, rel_error, seconds, seed, threads, reverse, tolerance)
+    aim = aimed(owner, medium, wavelength, np.zeros(1), mode, view, budget.reverse, budget.tolerance)
+    if medium.polarisation == "scalar":
+        reject(f"{owner} medium", 'one with polarisation = "projector" or "vector"', medium.polarisation,
+               "In a scalar medium light keeps whatever polarisation it has.")  # fmt: skip
+    both = aim.reversal.needed
+
+    def run(count: int, seed: Seed) -> MuellerMatrix:
+        return _estimate(medium, float(wavelength), aim.view, count, seed, threads, both)
+
+    def worst(count: int) -> float:
+        found = run(count, pilot_seed(medium.unitless_fingerprint()))
+        return float(np.nan_to_num(max(found.linear_error, found.circular_error)))
+
+    count = budget.count(worst)
+    require_traced(owner, medium, aim, count, threads)
+    return run(count, seed)
+
+
+def _estimate(
+    medium: Slab, wavelength: float, view: np.ndarray, paths: int, seed: Seed, threads: int | None, reverse: bool
+) -> MuellerMatrix:
+    tracer = plane_tracer(medium, wavelength, AXIS[None], view[None], reverse)
+    ends = ends_of(medium)
+    assert ends is not None, "it was asked for polarised light"
+
+    def batch(part: slice, crew: Threads) -> np.ndarray:
+        bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=crew)
+        ways = pair_ways(ends, tracer.layout, tracer.layout, bank, reverse)
+        fields = np.concatenate(interfering([way.fields for way in ways])[:2])
+        pairs = np.einsum("mac,mbd->abcd", fields, fields.conj())  # E[F_ac F_bd*]
+        return np.einsum("iba,abcd,jcd->ij", _SPINS, pairs, _SPINS).real / 2
+
+    parts = even_slices(paths, BATCHES)
+    sums = np.array(list(in_turn(batch, parts, thread_count(threads)))) / max(paths, 1)
+    matrix = sums.sum(axis=0)
+    if not matrix[0, 0] > 0:
+        warn_user(f"mueller_matrix: none of {paths} paths carried light, so that nothing is known. Trace more paths.")
+    warn_of_rare_paths("mueller_matrix", sums[:, 0, 0])
+    error = sums.std(axis=0, ddof=1) * np.sqrt(len(parts)) if len(parts) > 1 else np.full((4, 4), np.nan)
+    with np.errstate(invalid="ignore"):
+        degrees, spread = jackknife(sums, lambda total: total.diagonal()[1:] / total[0, 0])
+    linear, _, circular = degrees
+    return MuellerMatrix(
+        matrix, error, float(linear), float(spread[0]), float(circular), float(spread[2]), paths, reverse
+    )  # fmt: skip

@@ -1,0 +1,135 @@
+"""Files of integrating spheres, and their correction against light that is followed from wall to wall."""
+
+import re
+
+import numpy as np
+import pytest
+from zscore import assert_z
+
+from specklegen.core.errors import RuleError
+from specklegen.measured import Sphere, SphereReadings, read_sphere
+
+SMALL = Sphere(diameter=100.0, sample_port=40.0, third_port=30.0, detector_port=10.0, wall=0.95)
+HEAD = ["1.33 # index", "1.507", "1.0", "1.0", "2.0", "0.99", "", "1 # spheres", *["100", "40", "30", "10", "0.95"] * 2]
+
+
+def write(folder, *lines, head=HEAD, first="IAD1"):
+    path = folder / "a.rxt"
+    path.write_text("\n".join(["", first, "# Royston", *head, *lines]))
+    return path
+
+
+def detected(sphere, reflectance, open_port, number, rng):
+    """Share of the light of a sample that ends on the detector, landing by landing."""
+    a_s, a_e, a_d = np.square(np.array(sphere[1:4]) / sphere.diameter) / 4
+    from_sample, alive, found = np.ones(number, bool), np.ones(number, bool), np.zeros(number, bool)
+    while alive.any():
+        place = rng.random(number)
+        place = np.where(from_sample, a_d + place * (1 - a_d), place)  # the baffle
+        on_detector, in_port = place < a_d, (place >= a_d) & (place < a_d + a_s)
+        out = open_port & (place >= a_d + a_s) & (place < a_d + a_s + a_e)
+        found |= alive & on_detector
+        kept = rng.random(number) < np.where(in_port, reflectance, sphere.wall)
+        alive &= ~on_detector & ~out & kept
+        from_sample = in_port
+    return found.mean()
+
+
+@pytest.mark.parametrize(("reflectance", "open_port"), [(0.0, False), (0.7, True)])
+def test_landings_are_those_of_light_that_is_followed(reflectance, open_port):
+    number = 60_000
+    found = detected(SMALL, reflectance, open_port, number, np.random.default_rng(3))
+    a_d = (SMALL.detector_port / SMALL.diameter) ** 2 / 4
+    expected = a_d * SMALL.wall * SMALL.landings(reflectance, open_port=open_port)
+    error = np.sqrt(expected / number)
+    assert_z(found, expected, error)
+    assert abs(found - a_d * SMALL.wall * SMALL.landings(reflectance, open_port=not open_port)) > 5 * error
+    assert abs(found - a_d * SMALL.wall * SMALL.landings(0.7 - reflectance, open_port=open_port)) > 5 * error
+
+
+def test_what_a_sphere_would_read_comes_back(tmp_path):
+    share, through = np.array([0.05, 0.3, 0.8]), np.array([0.6, 0.5, 0.1])
+    standard = SMALL.landings(0.99, open_port=True)
+    raw = share * SMALL.landings(share, open_port=True) / standard
+    behind = through * SMALL.landings(share, open_port=False) / SMALL.landings(0.0, open_port=False)
+    rows = [" ".join(map(repr, map(float, row))) for row in np.stack([raw, behind], axis=1)]
+    read = read_sphere(write(tmp_path, "r\tt", *rows))
+    found = read.corrected()
+    assert np.allclose(found.reflectance, share, rtol=1e-12)
+    assert np.allclose(found.transmittance, through, rtol=1e-12)
+    assert found.collimated is None
+    assert np.abs(raw / share - 1).max() > 0.1  # it is no small thing
+    assert "correction" in read.explain()
+    twice = read_sphere(tmp_path / "a.rxt", dual_beam=True).corrected()
+    assert np.array_equal(twice.reflectance, raw)
+
+
+def test_columns_by_letters_by_number_and_without(tmp_path):
+    named = read_sphere(write(tmp_path, "L r t n", "500, .3, .4, 1.41", "510, .3, .8, 1.41"))
+    assert list(named.columns) == ["wavelength", "reflection", "transmission", "sample_index"]
+    assert named.columns["wavelength"].tolist() == [500.0, 510.0]
+    assert "sample 2 sends out 1.1" in named.doubts[0]
+    counted = read_sphere(write(tmp_path, "3", ".3 .4 .1"))
+    assert list(counted.columns) == ["reflection", "transmission", "collimated"]
+    assert (counted.sample_index, counted.standard, counted.transmission_sphere) == (1.33, 0.99, SMALL)
+    corrected_before = read_sphere(write(tmp_path, "1", ".3", ".4", head=[*HEAD[:7], "0"]))
+    assert corrected_before.reflection_sphere is None
+    assert corrected_before.corrected().reflectance.tolist() == [0.3, 0.4]
+    assert "2 samples" in repr(corrected_before)
+    assert "<table" in corrected_before._repr_html_()
+    corrected_before.plot()
+
+
+def with_head(number, text):
+    return [text if n == number else line for n, line in enumerate(HEAD)]
+
+
+@pytest.mark.parametrize(
+    ("lines", "head", "told"),
+    [
+        (["r t", ".3 .4 .5"], HEAD, "line 23, must be 2 numbers"),
+        (["r t", ".3 1.4"], HEAD, "line 23, transmission must be a share"),
+        (["r q", ".3 .4"], HEAD, "line 22, must be names of columns among r, t"),
+        (["t u", ".3 .4"], HEAD, "line 22, must be names of different columns, r among"),
+        (["r t", ".3 nan"], HEAD, "line 23, must be a finite number"),
+        (["r"], HEAD, "readings must be at least one"),
+        ([], HEAD, "followed by readings"),
+        (["4", ".3 .4 .5 .6"], HEAD, "1 to 3 readings"),
+        (["r", ".3"], HEAD[:12], "line 16, must be a number of the head"),
+        (["r", ".3"], with_head(0, "13.3"), "line 4, sample index must be from 0.1 to 10"),
+        (["r", ".3"], with_head(2, "0"), "line 6, thickness must be greater than 0"),
+        (["r", ".3"], with_head(7, "1.5"), "line 11, spheres must be from 0 to 2"),
+        (["r", ".3"], with_head(8, "20"), "line 12, diameter must be of a sphere larger than its ports"),
+    ],
+)
+def test_refusals_name_the_line(lines, head, told, tmp_path):
+    with pytest.raises(RuleError, match=re.escape(told)):
+        read_sphere(write(tmp_path, *lines, head=head))
+
+
+def test_other_files_and_two_spheres(tmp_path):
+    with pytest.raises(RuleError, match='line 2, must be "IAD1"'):
+        read_sphere(write(tmp_path, first="wavelength r t"))
+    with pytest.raises(RuleError, match="read_sphere path must be a text"):
+        read_sphere(tmp_path / "none.rxt")
+    two = read_sphere(write(tmp_path, "r", ".3", head=with_head(7, "2")))
+    assert isinstance(two, SphereReadings)
+    with pytest.raises(RuleError, match=r"SphereReadings.spheres must be 0 or 1"):
+        two.corrected()
+
+
+def test_damaged_files_are_refused_or_read(tmp_path):
+    path = write(tmp_path, "r t", ".3 .4", ".2 .5")
+    whole = path.read_bytes()
+    refused = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        damaged = bytearray(whole)
+        for at in rng.integers(0, len(whole), 6):
+            damaged[at] = rng.integers(256)
+        path.write_bytes(damaged)
+        try:
+            read_sphere(path).explain()
+        except RuleError:
+            refused += 1
+    assert refused >= 10

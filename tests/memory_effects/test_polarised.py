@@ -1,0 +1,289 @@
+"""Polarised light behind slabs: intensities and polarisation by adding and doubling, the memory effect by its table."""
+
+import numpy as np
+import pytest
+from scenes import slab as slab_of_depth
+from zscore import assert_z
+
+import specklegen as sg
+from specklegen.core.errors import RuleError
+from specklegen.core.statistics import BATCHES
+from specklegen.memory_effects import mueller, polarised
+from specklegen.memory_effects.polarised import axial_curve, bessel_even, pair_curve, polariser
+from specklegen.oracles.vector_adding_doubling import projected, rayleigh, vector_adding_doubling
+from specklegen.paths.endpoints import AXIS
+
+THICKNESS, WAVELENGTH = 1000.0, 0.5
+DEGREES = BATCHES - 1
+AIR, TISSUE = sg.Rayleigh(), sg.HenyeyGreenstein(0.9)
+
+
+def slab(depth, scatterer=AIR, polarisation="projector", **fields):
+    return slab_of_depth(depth, thickness=THICKNESS).replace(scatterer=scatterer, polarisation=polarisation, **fields)
+
+
+def tilts(q):
+    """Tilts at which k L sin(tilt) = q."""
+    return np.arcsin(np.asarray(q) * WAVELENGTH / (2 * np.pi * THICKNESS))
+
+
+def henyey_greenstein(g):
+    return lambda cosine: (1 - g * g) / (1 + g * g - 2 * g * cosine) ** 1.5
+
+
+def sphere_matrix(sphere):
+    """F11, F12, F33, F34 of a sphere's amplitudes: Bohren and Huffman, Eq. 4.77."""
+
+    def matrix(cosine):
+        one, two = np.sqrt(4 * np.pi) * sphere.amplitude_matrix(cosine)
+        cross = two * one.conj()
+        powers = np.abs(one) ** 2, np.abs(two) ** 2
+        return np.array([(powers[0] + powers[1]) / 2, (powers[1] - powers[0]) / 2, cross.real, cross.imag])
+
+    return matrix
+
+
+# ---- Intensities and polarisation, by adding and doubling ------------------------------------------------
+
+HANDS = np.diag([1.0, 1.0, -1.0, -1.0])
+"""What the other sign of one axis does to a Stokes vector."""
+
+
+def against_doubling(medium, matrix, seed=1, *, paths=20_000, view=None, nodes=16):
+    """Mean Mueller matrix of paths, its errors, and what adding and doubling find."""
+    options = {"mode": "transmission" if view is None or view[2] > 0 else "reflection", "reverse": False}
+    found = sg.mueller_matrix(medium, wavelength=WAVELENGTH, paths=paths, seed=seed, view=view, **options)
+    cosine = 1.0 if view is None else abs(view[2])
+    light = vector_adding_doubling(medium.optical_depth, matrix, albedo=medium.albedo, views=[cosine], nodes=nodes)
+    if view is None or view[2] > 0:
+        return found, cosine * light.transmitted[0, 0] / np.pi  # per area of the face
+    return found, HANDS @ (cosine * light.reflected[0, 0] / np.pi)  # theta is -x before the slab
+
+
+CASES = {
+    "Rayleigh .5": (slab(0.5, polarisation="vector"), rayleigh, None),
+    "Rayleigh 5, by the projector": (slab(5), rayleigh, None),
+    "Rayleigh 10": (slab(10, polarisation="vector"), rayleigh, None),
+    "aside": (slab(2, polarisation="vector"), rayleigh, [0.8, 0.0, 0.6]),
+    "before": (slab(2, polarisation="vector"), rayleigh, [0.8, 0.0, -0.6]),
+    "absorbing": (slab(4, sg.HenyeyGreenstein(0.5), albedo=0.8), projected(henyey_greenstein(0.5)), None),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_light_is_that_of_adding_and_doubling(name):
+    medium, matrix, view = CASES[name]
+    found, expected = against_doubling(medium, matrix, view=view)
+    assert_z(found.matrix, expected, found.standard_error, degrees=DEGREES)
+    assert_z(found.linear, expected[1, 1] / expected[0, 0], found.linear_error, degrees=DEGREES)
+    assert_z(found.circular, expected[3, 3] / expected[0, 0], found.circular_error, degrees=DEGREES)
+
+
+def test_a_depth_off_by_a_tenth_is_caught():
+    found, expected = against_doubling(slab(5), rayleigh)
+    other = vector_adding_doubling(5.5, rayleigh).transmitted[0, 0] / np.pi
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(found.linear, other[1, 1] / other[0, 0], found.linear_error, degrees=DEGREES)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(found.matrix, 1.2 * expected, found.standard_error, degrees=DEGREES)
+
+
+def test_spheres_depolarise_by_their_own_amplitudes():
+    """Of Mie theory: also of spheres whose S1 and S2 are no projector, and of small ones, which are Rayleigh's."""
+    pytest.importorskip("miepython")
+    sphere = sg.Mie(radius=0.1, wavelength=WAVELENGTH, refractive_index=2.2)
+    found, expected = against_doubling(slab(3, sphere, "vector"), sphere_matrix(sphere), nodes=32)
+    assert_z(np.diag(found.matrix), np.diag(expected), np.diag(found.standard_error), degrees=DEGREES)
+    assert_z(found.linear, expected[1, 1] / expected[0, 0], found.linear_error, degrees=DEGREES)
+    assert_z(found.circular, expected[3, 3] / expected[0, 0], found.circular_error, degrees=DEGREES)
+    by_projector = vector_adding_doubling(3, projected(lambda cosine: sphere_matrix(sphere)(cosine)[0]), nodes=32)
+    other = by_projector.transmitted[0, 0]
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(found.circular, other[3, 3] / other[0, 0], found.circular_error, degrees=DEGREES)
+    small = sg.Mie(radius=1e-3, wavelength=WAVELENGTH, refractive_index=1.4)
+    cosine = np.linspace(-1, 1, 7)
+    np.testing.assert_allclose(abs(small.amplitude_matrix(cosine)), abs(AIR.amplitude_matrix(cosine)), atol=1e-4)
+
+
+def test_amplitudes_are_those_of_miepython():
+    miepython = pytest.importorskip("miepython")
+    sphere = sg.Mie(radius=0.4, wavelength=WAVELENGTH, refractive_index=1.3 + 0.01j)
+    cosine = np.linspace(-0.99, 0.99, 9)
+    one, two = miepython.S1_S2(1.3 - 0.01j, sphere.size_parameter, cosine, norm="4pi")
+    found = sphere.amplitude_matrix(cosine)
+    scale = np.abs(found[0] / one).mean()
+    np.testing.assert_allclose(np.abs(found), scale * np.abs([one, two]), rtol=1e-6)
+    np.testing.assert_allclose(np.abs(found[1] * found[0].conj() / np.abs(found[0] * found[1]) -
+                                      np.conj(two * np.conj(one) / np.abs(one * two))), 0, atol=1e-6)  # fmt: skip
+    power = np.square(np.abs(found)).mean(axis=0)
+    np.testing.assert_allclose(power, np.square(np.abs(sphere.amplitude(cosine))), rtol=2e-3)  # of a table
+
+
+# ---- The memory effect, by the table of an independent program -------------------------------------------
+
+AZIMUTHS = [0.0, np.pi / 2, np.pi / 4]
+TABLE = {  # medium, q: co along, across and at 45 degrees, crossed the same, their standard errors
+    "Rayleigh 1, 1": (slab(1), 1.0, [0.898, 0.750, 0.821], [0.448, 0.448, 0.472], 0.005, 0.005),
+    "Rayleigh 1, 2.742": (slab(1), 2.742, [0.676, 0.477, 0.555], [0.058, 0.054, 0.098], 0.005, 0.005),
+    "Rayleigh 5, 1.491": (slab(5), 1.491, [0.607, 0.505, 0.554], [0.455, 0.446, 0.447], 0.005, 0.03),
+    "Rayleigh 5, 2.742": (slab(5), 2.742, [0.300, 0.185, 0.239], [0.127, 0.120, 0.124], 0.005, 0.03),
+    "forward 10, 1.491": (slab(10, TISSUE), 1.491, [0.870, 0.807, 0.834], [0.233, 0.261, 0.266], 0.005, 0.01),
+    "forward 10, 2.742": (slab(10, TISSUE), 2.742, [0.729, 0.647, 0.684], [0.043, 0.046, 0.076], 0.005, 0.01),
+}
+
+
+def curves(medium, q, channel, paths=40_000):
+    """C_I and its error at the three azimuths."""
+    found = [
+        sg.memory_effect(
+            medium, wavelength=WAVELENGTH, tilts=tilts([q]), channel=channel, azimuth=azimuth, paths=paths, seed=3
+        )
+        for azimuth in AZIMUTHS
+    ]
+    return np.array([each.intensity[0] for each in found]), np.array([each.standard_error[0] for each in found])
+
+
+@pytest.mark.parametrize("name", TABLE)
+def test_it_is_not_round(name):
+    medium, q, co, crossed, co_error, crossed_error = TABLE[name]
+    for channel, expected, error in (("co", co, co_error), ("crossed", crossed, crossed_error)):
+        found, own = curves(medium, q, channel)
+        assert_z(found, expected, np.hypot(own, error), degrees=DEGREES)
+
+
+def test_a_round_kernel_is_caught(monkeypatch):
+    medium, q, co, crossed, error, _ = TABLE["Rayleigh 1, 1"]
+    exact = bessel_even
+    monkeypatch.setattr(polarised, "bessel_even", lambda x: exact(x) * np.array([1.0, 0.0, 0.0])[:, None])
+    found, own = curves(medium, q, "co")
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(found, co, np.hypot(own, error), degrees=DEGREES)
+
+
+def test_both_ways_to_a_curve_agree():
+    """By ways turned about the axis, and by the fields of every connection at every pair of light and view."""
+    medium, light = slab(3), np.array([[np.sin(t), 0.0, np.cos(t)] for t in tilts([0.7, 2.0])])
+    lights = np.concatenate([AXIS[None], light])
+    for channel in ("none", "co", "crossed"):
+        seen = polariser(channel, 0.6)
+        one = axial_curve(medium, WAVELENGTH, light[:, 0], seen, 15_000, 5, None)
+        other = pair_curve(medium, WAVELENGTH, lights, lights, seen, 15_000, 6, None, reverse=False, near=False)
+        error = np.hypot(one.standard_error, other.standard_error)
+        assert_z(one.intensity, other.intensity, error, degrees=DEGREES)
+        assert_z(one.single_share, other.single_share, 0.005)
+
+
+def test_bessel_functions_are_scipys():
+    from scipy.special import jv
+
+    x = np.concatenate([[0.0], np.geomspace(1e-8, 1e3, 500)])
+    np.testing.assert_allclose(bessel_even(x), [jv(order, x) for order in (0, 2, 4)], atol=2e-14)
+
+
+# ---- In time ---------------------------------------------------------------------------------------------
+
+PASSED = {"co": np.array([1, 1, 0, 0]) / 2, "crossed": np.array([1, -1, 0, 0]) / 2}
+
+
+@pytest.mark.parametrize("sine", [0.0, 0.8])
+def test_it_forgets_in_time_as_correlations_are_transferred(sine):
+    """Each scattering takes e^(-2x (1 - cos)) off the correlation of fields: a phase matrix of a transfer equation."""
+    x, depth, cosine = np.array([0.02, 0.1, 0.4]), 3.0, np.sqrt(1 - sine**2)
+    medium = slab(depth, motion=sg.Brownian(diffusion=(WAVELENGTH / (2 * np.pi)) ** 2))
+    lit = {channel: [] for channel in PASSED}
+    for each in (0.0, *x):
+        light = vector_adding_doubling(
+            depth, lambda c, each=each: rayleigh(c) * np.exp(-2 * each * (1 - c)), views=[cosine]
+        ).transmitted[0, 0]  # fmt: skip
+        for channel, passed in PASSED.items():
+            lit[channel].append(passed @ light @ [1, 1, 0, 0])
+    co, crossed = np.array(lit["co"]), np.array(lit["crossed"])
+    squares = co**2 + crossed**2
+    exact = {name: (each / each[0])[1:] for name, each in {"co": co**2, "crossed": crossed**2, "none": squares}.items()}
+    for channel, expected in exact.items():
+        found = sg.temporal_correlation(
+            medium, wavelength=WAVELENGTH, lags=x, channel=channel, view=[sine, 0.0, cosine], paths=20_000, seed=4
+        )  # fmt: skip
+        assert_z(found.intensity, expected, found.standard_error, degrees=DEGREES)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(found.intensity, 0.8 * exact["none"], found.standard_error, degrees=DEGREES)
+
+
+def test_exposures_of_a_channel():
+    """K^2 of a short exposure is that of one instant, of a long one 0; as the curve says between."""
+    medium = slab(3, motion=sg.Brownian(diffusion=(WAVELENGTH / (2 * np.pi)) ** 2))
+    lags = np.linspace(0, 0.4, 81)
+    found = sg.temporal_correlation(medium, wavelength=WAVELENGTH, lags=lags, channel="co", paths=4000)
+    u = found.lags / 0.4
+    by_curve = 2 * np.trapezoid((1 - u) * np.square(np.abs(found.field)), u)
+    assert found.contrast([0.4]).squared[0] == pytest.approx(by_curve, rel=0.02)  # bias of a square, and of 81 points
+
+
+# ---- Coherent backscattering ----------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_channel_is_enhanced_as_the_literature_has_it():
+    """Rayleigh slab of depth 40, by an independent program (.001 each); light of kept helicity exactly twice."""
+    channels = {
+        "co": ([1, 0], [1, 0], 1.742), "crossed": ([1, 0], [0, 1], 1.129),
+        "kept helicity": ([1, 1j], [1, -1j], 2.0), "flipped helicity": ([1, 1j], [1, 1j], 1.262),
+    }  # fmt: skip
+    fields = [np.array(each[:2]) / np.linalg.norm(each[:2], axis=1, keepdims=True) for each in channels.values()]
+    medium, runs = slab(40), 10
+    lit = np.array([
+        [[found.intensity(*each) for each in fields]
+         for found in (mueller._estimate(medium, WAVELENGTH, -AXIS, 1000, seed, None, way) for seed in range(runs))]
+        for way in (True, False)
+    ])  # fmt: skip
+    mean, spread = lit.mean(axis=1), lit.std(axis=1, ddof=1) / np.sqrt(runs)
+    expected = np.array([each[2] for each in channels.values()])
+    error = expected * np.hypot(*(spread / mean))
+    assert_z(mean[0] / mean[1], expected, np.hypot(error, 0.001), degrees=runs - 1)
+    assert error.max() < 0.08
+
+
+# ---- What is refused ------------------------------------------------------------------------------------
+
+MOVING = sg.Brownian(diffusion=1.0)
+REFUSED = {
+    "a lobe without S1, S2": (lambda: slab(1, TISSUE, "vector"), 'Slab.polarisation must be "scalar" or "projector"'),
+    "faces": (lambda: slab(1, faces=sg.Faces(inside=1.33)), "Slab.faces must be matched"),
+    "flows": (lambda: slab(1, motion=sg.Drift(velocity=(1.0, 0.0, 0.0))), "Slab.motion must be random"),
+    "another model": (lambda: slab(1, polarisation="stokes"), "Slab.polarisation must be"),
+    "S1 of a lobe": (lambda: TISSUE.amplitude_matrix(1.0), "HenyeyGreenstein.amplitude_matrix"),
+    "an exposure without an analyser": (
+        lambda: sg.temporal_correlation(
+            slab(1, motion=MOVING), wavelength=0.5, lags=[0.0], paths=100
+        ).contrast([1.0]), "contrast channel"),
+    "tilt and shift": (lambda: sg.joint_correlation(slab(1), wavelength=0.5, tilts=[0], shifts=[0]), "polarisation"),
+    "shares": (lambda: sg.reflectance_transmittance(slab(1)), "polarisation"),
+    "screens": (lambda: sg.stack_like(slab(1), wavelength=0.5, screens=3), "polarisation"),
+    "advice": (lambda: sg.advise(slab(5, TISSUE), wavelength=0.5), "polarisation"),
+    "a scene": (
+        lambda: sg.Scene(wavelength=0.5, medium=slab(1), illumination=sg.CollimatedBeams.tilts([0.0], width=9e3),
+                         sensor=sg.FarField.grid((4, 4), 1e-5)), "Scene.polarisers must be given"),
+    "an analyser before scalar light": (
+        lambda: sg.memory_effect(slab(1, polarisation="scalar"), wavelength=0.5, tilts=[0], channel="co"), "channel"),
+    "an azimuth of scalar light": (
+        lambda: sg.memory_effect(slab(1, polarisation="scalar"), wavelength=0.5, tilts=[0], azimuth=1.0), "azimuth"),
+    "an unknown analyser": (
+        lambda: sg.memory_effect(slab(1), wavelength=0.5, tilts=[0], channel="circular"), "channel"),
+    "the matrix of scalar light": (
+        lambda: sg.mueller_matrix(slab(1, polarisation="scalar"), wavelength=0.5), "mueller_matrix medium"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_not_known_is_refused(name):
+    call, told = REFUSED[name]
+    with pytest.raises(RuleError, match=told):
+        call()
+
+
+def test_scalar_slabs_are_what_they_were():
+    plain = slab(1, polarisation="scalar")
+    assert "polarisation" not in plain.to_toml()
+    assert plain.fingerprint() == slab_of_depth(1, thickness=THICKNESS).replace(scatterer=AIR).fingerprint()
+    assert slab(1).fingerprint() != plain.fingerprint()
+    assert sg.Slab.from_toml(slab(1).to_toml()) == slab(1)
