@@ -133,10 +133,14 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
 
 def _filming(tracer: Any, scene: Scene) -> Any:
     """The same paths with their momentum transfer, for all frames of a film."""
-    layout = scene_layout(scene)
+    return replace(transferring(tracer), layout=scene_layout(scene))
+
+
+def transferring(tracer: Any) -> Any:
+    """The same paths with what motion needs of them: their momentum transfer and Doppler shifts."""
     if isinstance(tracer, SlabTracer):
-        return replace(tracer, layout=layout, proposal=replace(tracer.proposal, transfer=True))
-    return replace(tracer, layout=layout, transfer=True)
+        return replace(tracer, proposal=replace(tracer.proposal, transfer=True))
+    return replace(tracer, transfer=True)
 
 
 def plane_tracer(
