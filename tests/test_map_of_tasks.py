@@ -12,7 +12,11 @@ import pytest
 from scenes import ROOT
 from typer.main import get_command
 
+import specklegen as sg
 from specklegen.cli.commands import app
+from specklegen.datasets import load_recipe
+from specklegen.memory_effects.correlation import axial_tracer
+from specklegen.models.judging import tasks as tasks_module
 
 FILE = re.compile(r"[\w./-]*(?:/|\.(?:py|pyi|md|toml))")
 NAME = re.compile(r"[A-Za-z_]\w*")
@@ -257,3 +261,153 @@ def test_a_field_of_a_camera_that_samples_do_not_know_is_refused(tmp_path):
         "try:\n    numbers_of(Camera(photons=10.0))\nexcept ValueError as error:\n    print(error)"
     )
     assert re.search(r"Recipe\.exposure must be a camera of fields that batches know; got .*filter", shop.run(code))
+
+
+# Nine more, of values; each is a row, its file, what stands there, and what is written.
+
+LOBE = '''"""A lobe that falls as a power of the cosine."""
+
+from typing import Literal
+
+from specklegen.scene.scatterers.scatterer import Dimensions, Scatterer
+
+
+class Cosine(Scatterer):
+    """A lobe that falls as a power of (1 + cos) / 2."""
+
+    type: Literal["Cosine"] = "Cosine"
+    power: float = 1.0
+
+    def shape(self, cos, dimensions: Dimensions = 3):
+        """Relative amplitude."""
+        return ((1 + cos) / 2) ** self.power
+'''
+GRADED = '''"""A medium that grows denser with depth."""
+
+import numpy as np
+
+from specklegen.scene.layers import Layer, Stratified
+from specklegen.scene.scatterers import Isotropic
+
+
+class Denser(Stratified):
+    """Four layers, each twice as dense as the one before."""
+
+    thickness: float
+
+    @property
+    def layers(self):
+        """From the first on."""
+        paths, share = self.thickness / 2.0 ** np.arange(4), self.thickness / 4
+        return [Layer(thickness=share, mean_free_path=path, scatterer=Isotropic()) for path in paths]
+'''
+RAIN = '''"""Rain: drops that absorb nothing."""
+
+from specklegen.materials.preset import Checked, Number, Optics, Preset
+from specklegen.scene.scatterers import HenyeyGreenstein
+
+
+def make(wavelength: float, micrometre: float, *, length: float) -> Optics:
+    """Optics of rain."""
+    return Optics(HenyeyGreenstein(0.95), micrometre / length, 0.0, 1.0)
+
+
+RAIN = Preset("rain", "drops of rain", (0.4, 0.7),
+              {"length": Number(1e7, 1e6, 1e8, "micrometre", "mean free path", "a test", Checked.ASSUMED)},
+              ("a test",), make, "Nobody has measured it.")
+'''
+JUMPS = '''class Jumps(Motion):
+    """Motion by a fixed distance at once."""
+
+    distance: NonNegative
+
+    def mean_square(self, lag: ArrayLike) -> np.ndarray:
+        """<Dr^2> float64[...] after times float64[...]."""
+        return np.where(np.asarray(lag) > 0, self.distance**2, 0.0)
+
+
+class Flow(Motion):'''
+RING = '''class Ring(Sensor):
+    """Views on a circle about the axis."""
+
+    sine: float
+
+    @property
+    def directions(self) -> np.ndarray:
+        """Unit vectors float64[8, 3]."""
+        turn = np.arange(8) * np.pi / 4
+        flat = self.sine * np.stack([np.cos(turn), np.sin(turn)], -1)
+        return np.column_stack([flat, np.full(8, np.sqrt(1 - self.sine**2))])
+
+
+class FarField(Sensor):'''
+BENCHMARK_ROW = '''    Task("four grains", "held-out characters in the light of a smaller camera", "through-slab",
+         _UNSEEN | {{"camera": {{"shape": [64, 64]}}}}, "{fingerprint}"),
+)  # fmt: skip
+"""The benchmark."""'''
+WRITTEN = [
+    ("a phase function", "specklegen/scene/scatterers/cosine.py", "", LOBE),
+    ("a phase function", "specklegen/scene/scatterers/__init__.py",
+     "from specklegen.scene.scatterers.henyey", "from specklegen.scene.scatterers.cosine import Cosine  # noqa: F401\n"
+     "from specklegen.scene.scatterers.henyey"),
+    ("a phase function", "specklegen/__init__.pyi", "from .scene.scatterers import Isotropic as Isotropic",
+     "from .scene.scatterers import Cosine as Cosine\nfrom .scene.scatterers import Isotropic as Isotropic"),
+    ("a medium between two planes", "specklegen/scene/denser.py", "", GRADED),
+    ("a medium between two planes", "specklegen/__init__.pyi", "from .scene.layers import Layer as Layer",
+     "from .scene.denser import Denser as Denser\nfrom .scene.layers import Layer as Layer"),
+    ("a material by its name", "specklegen/materials/rain.py", "", RAIN),
+    ("a material by its name", "specklegen/materials/registry.py", "from specklegen.materials.spheres",
+     "from specklegen.materials.rain import RAIN\nfrom specklegen.materials.spheres"),
+    ("a material by its name", "specklegen/materials/registry.py", "MUSCLE, FOG,", "MUSCLE, FOG, RAIN,"),
+    ("how scatterers move", "specklegen/scene/motion.py", "class Flow(Motion):", JUMPS),
+    ("a type of sensor", "specklegen/scene/sensors.py", "class FarField(Sensor):", RING),
+    ("a pupil of a lens", "specklegen/scene/imaging.py", "    measured: ComplexArray | None = None\n",
+     "    measured: ComplexArray | None = None\n    vortex: int = 0\n"),
+    ("a pupil of a lens", "specklegen/scene/imaging.py", "        found = np.ones(x.shape, complex)\n",
+     "        found = np.exp(1j * self.vortex * np.arctan2(y, x))\n"),
+    ("a file format of measured frames", "specklegen/instrument/frames.py", '".npy": _read_numpy,',
+     '".npy": _read_numpy, ".grey": lambda path: np.fromfile(path, np.uint16).reshape(-1, 4, 4),'),
+    ("the Russian roulette", "specklegen/paths/roulette.py", "ALWAYS_FROM = 10.0", "ALWAYS_FROM = 20.0"),
+]  # fmt: skip
+NINE = """
+import numpy as np
+import specklegen as sg
+from specklegen.instrument.frames import read_frames
+from specklegen.memory_effects.correlation import axial_tracer
+from specklegen.models.judging import tasks
+
+assert sg.__file__.startswith({folder!r}), sg.__file__
+slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer={{"type": "Cosine", "power": 3.0}})
+np.testing.assert_allclose(slab.scatterer.mean_cosine(), 0.75, rtol=1e-4)  # by a table
+assert sg.Cosine(power=3.0) == slab.scatterer
+np.testing.assert_allclose(sg.Denser(thickness=8.0).optical_depth, 3.75)
+assert sg.Scene.model_fields and "rain" in sg.materials.list()
+np.testing.assert_allclose(sg.materials.get("rain", wavelength=0.5).mean_free_path, 1e7)
+still = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.Isotropic())
+moving = still.replace(motion={{"type": "Jumps", "distance": 3}})
+assert moving.moves and moving.motion.mean_square([0.0, 2.0]).tolist() == [0.0, 9.0]
+light = sg.CollimatedBeams.tilts([0.0], width=5000.0)
+scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor={{"type": "Ring", "sine": 0.01}})
+assert scene.views.shape == (8, 3)
+np.testing.assert_allclose(sg.Pupil(vortex=1).transmission(0.0, 0.5), 1j, atol=1e-12)
+counts = np.arange(32, dtype=np.uint16)
+counts.tofile("counts.grey")
+np.testing.assert_array_equal(read_frames("counts.grey").ravel(), counts)
+print(axial_tracer(still).proposal.threshold)
+print(tasks.TASKS[-1].recipe().camera_shape)
+"""
+
+
+def test_nine_more_tasks_are_performed_by_the_map(tmp_path):
+    """Values and rules of all kinds; with the four above thirteen of the table."""
+    shop = Workshop(tmp_path)
+    for task, file, old, new in WRITTEN:
+        shop.change(task, file, old, new)
+    base = load_recipe("through-slab", tasks_module._UNSEEN | {"camera": {"shape": [64, 64]}})
+    row = BENCHMARK_ROW.format(fingerprint=base.fingerprint())
+    shop.change("a task of the benchmark", "models/judging/tasks.py", ')  # fmt: skip\n"""The benchmark."""', row)
+    threshold, shape = shop.run(NINE.format(folder=str(tmp_path))).split(maxsplit=1)
+    slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.Isotropic())
+    assert float(threshold) == pytest.approx(2 * axial_tracer(slab).proposal.threshold, rel=1e-12)
+    assert shape.strip() == "(64, 64)"
+    assert len({task for task, *_ in WRITTEN} | {"a task of the benchmark"}) == 9

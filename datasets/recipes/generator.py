@@ -302,7 +302,7 @@ class SpeckleGenerator:
             with self._lock:
                 if medium in self._media:  # else nobody would drop them
                     self._spectra[medium] = found
-        return found
+        return cast(torch.Tensor, found)
 
     def _chunk(self, imaging: Any, streams: Streams) -> int:
         """Samples rendered at once, the same for every batch: companions do not matter. On the CPU one."""
