@@ -59,7 +59,7 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
         If a field of it is missing or unknown, or the setup is given in lengths too.
     """
     found = dict(table)
-    if "pixels" not in found:
+    if "pixels" not in found or type(found["pixels"]) is int:  # a number is a field of the kind's own: of a mask, say
         return found
     given = found.pop("pixels")
     if not isinstance(given, Mapping):
