@@ -145,10 +145,11 @@ def write_record(row, entry, last, weight, length, turned, doppler):
 
 
 @kernel
-def trace_slab(where, first, count, slab, lobe, aim, stretch, faces, light, probes, rules, found, jones):
+def trace_slab(where, share, slab, lobe, aim, stretch, faces, light, probes, rules, found, jones):
     """Trace paths and write the kept connections.
 
     where, slab, light, rules, found : Address, FlowingLayer, Light (z > 0), Rules, Found
+    share : (first path, number of paths)
     lobe, aim : Lobe           the phase function, and the lobe of first directions about the light; either both are
                                closed, of one g, or both are tables
     stretch : Stretch          how paths are drawn towards the far face; of a rate above 0 not with ``reverse``, and not
@@ -162,6 +163,7 @@ def trace_slab(where, first, count, slab, lobe, aim, stretch, faces, light, prob
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written: call again with more room.
     """
+    first, count = share
     thickness, sigma_t, flow = slab.thickness, slab.sigma_t, slab.flow
     layer = Layer(thickness, sigma_t, slab.albedo)
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places

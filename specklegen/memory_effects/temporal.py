@@ -246,7 +246,7 @@ def temporal_correlation(
     seen = analysed(owner, medium, channel, azimuth)
     require_medium(f"{owner} medium", medium, "Thin screens that move: render a film of a ScreenStack.")
     require_motion(owner, medium)
-    sight = _of_volume if medium.has_sides else _of_plane
+    sight: Any = _of_volume if medium.has_sides else _of_plane
     aim, tracer, events, keyed, require_enough = sight(medium, wavelength, angles, mode, view, budget, seen is not None)
     law = law_of(medium.motions)
     x = 0.0 * lags if law is None else reduced_time(f"{owner} lags", law, wavelength, lags)

@@ -22,7 +22,7 @@ from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import lobe_loss, steepest
 from specklegen.paths.momentum import at_rest, doppler_shift, momentum_transfer
 from specklegen.paths.tracer import Tracer
-from specklegen.scene.media import Medium, as_slab
+from specklegen.scene.media import as_slab
 from specklegen.scene.motion import Motion
 
 
@@ -50,7 +50,7 @@ class Asked(NamedTuple):
     x, lags : float64[P]
     """
 
-    medium: Medium
+    medium: Any  # between two planes, or with sides
     wavelength: float
     aim: Aim
     tracer: Callable[[], Tracer]

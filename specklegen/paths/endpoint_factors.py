@@ -158,7 +158,7 @@ def _by_light(layout: Layout, bank: PathBank, bidirectional: bool, reverse: bool
         for light, own, seen, phases in each_light(layout, some, np.ones(len(some), np.complex128)):
             ends = endpoint_factors(own, seen, own.lights, "entry", threads) * (np.sqrt(seen.weight) * phases)
             out[light] = endpoint_factors(own, seen, own.views, "exit", threads) * ends
-        return out.reshape(-1, len(some))
+        return out.reshape(len(layout.lights) * len(layout.views), len(some))  # there may be no paths
 
     forward = amplitudes(bank)
     if not bidirectional:

@@ -199,8 +199,8 @@ def trace(
                 room = np.empty((2, CARRIED)), np.empty(STEP), np.zeros((capacity, ENTRIES))
                 jones = Jones(walk_matrices(ends), *room)
             found, events, unfinished, unfinished_weight = walk.trace_slab(
-                where, start, size, layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules, output,
-                jones,
+                where, (start, size), layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules,
+                output, jones,
             )  # fmt: skip
             if found <= capacity:
                 break

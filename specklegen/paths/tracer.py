@@ -96,7 +96,7 @@ def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
     views, layout = probe_views(scene), scene_layout(scene)
     if reverse:
         require_reflection(scene.slab, views)
-    if aside and layout.middle is not None:
+    if aside and layout.middle is not None and len(views):
         views = judged_views(views, scene.beams.directions[:, :2] - layout.middle[:2])
     proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse)
     tracer = SlabTracer(layout, scene.slab, proposal)

@@ -142,9 +142,6 @@ class Scene(Value, Pictured):
                 "Scene.sensor", "FarField or NearField before this medium and light", self.sensor.type,
                 "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.",
             )  # fmt: skip
-        if getattr(self.illumination, "exposure", None) is not None:  # beams alone have any
-            reject("CollimatedBeams.exposure", "left out before a camera with a lens", self.illumination.exposure,
-                   "Render a film, and add up its intensities.")  # fmt: skip
         camera = cast(Imaging, self.sensor)
         require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})
         camera.require_lens(self.wavelength, self.medium.faces.largest_sine)
