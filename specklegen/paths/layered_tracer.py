@@ -39,8 +39,9 @@ def trace_layers(
     """Trace paths ``first`` ... ``first + count - 1`` as a proposal says (`specklegen.paths.slab_tracer`)."""
     if medium.refracts:
         reject(
-            f"{medium.type}.{'layers' if medium.indices else 'faces'}", "of one index where light interferes",
-            medium.indices or medium.faces, "Leave the steps out: in transmission along the axis alone they are known.",
+            f"{medium.type}.{'layers' if medium.indices else 'faces'}", "of one index where paths are aimed at views",
+            medium.indices or medium.faces,
+            "Leave the steps out: light that is not aimed alone knows them, in transmission along the axis.",
         )  # fmt: skip
     particles, light = materials(medium), -proposal.reference[None]
     kinds = np.full(1 + len(proposal.probes), volume_walk.FAR, np.int64)

@@ -311,8 +311,8 @@ class Layers(Stratified):
     faces
         The step of the refractive index at both outer faces, which layers with an ``index`` of their own have to what
         is outside, of index 1 if nothing is said. Wavelengths and tilts are those in ``faces.inside``, 1 again.
-        `reflectance_transmittance`, `joint_correlation`, `memory_effect` and `temporal_correlation` know all steps;
-        scenes refuse them.
+        `reflectance_transmittance` and `joint_correlation` know all steps; `memory_effect`, `temporal_correlation` and
+        scenes those that are met near the axis, in transmission (docs/media.md).
 
     Examples
     --------
