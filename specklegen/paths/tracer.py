@@ -115,7 +115,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
     if scene.film:
         return _filming(volume_tracer(scene.at_rest, reverse), scene)
     if not scene.medium.has_sides:
-        if not scene.slab.faces.matched or scene.polarisers is not None:
+        if scene.slab.refracts or scene.polarisers is not None:
             return slab_tracer(scene, reverse)
         require_traceable(scene.slab, events_per_path(scene.slab))
     layout = scene_layout(scene)
