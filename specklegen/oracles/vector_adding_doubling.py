@@ -134,7 +134,7 @@ _SPINS = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -
 def backscattering(
     optical_depth: float, matrix: PhaseMatrix, *, albedo: float = 1.0, nodes: int = 16
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Light sent straight back along the axis: what adds up as intensities, and what interference adds to it.
+    """Light sent straight back along the axis: the sum of intensities, and what interference adds to it.
 
     A path and its reverse have fields J e and J^T e, so that of the multiple scattering E[J_ac J_bd*] interference adds
     E[J_ac J_db*]: Mishchenko, J. Opt. Soc. Am. A 9, 978 (1992), sec. 3. Both are matrices float64[4, 4] between the
@@ -183,7 +183,7 @@ def _face(mu: np.ndarray, index: float) -> tuple[np.ndarray, np.ndarray]:
 def _between_faces(
     layer: "Layer", weight: np.ndarray, mirrored: np.ndarray, crossed: np.ndarray, beam: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same of a layer between two faces: from what falls on the first at the node ``beam`` to what leaves both."""
+    """The same of a layer between two faces: from light on the first, at the node ``beam``, to what leaves both."""
     on, back, on_up, back_up, straight = layer
     size, part = len(weight), slice(4 * beam, 4 * beam + 4)
     # Unscattered light at the upper face, downwards, and at the lower one, upwards.

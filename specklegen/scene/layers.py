@@ -249,7 +249,7 @@ class Stratified(PlaneParallel, Registered):
         return self
 
     def content(self) -> object:
-        """Return what decides a medium of a user's own: its layers, and what they do to polarised light."""
+        """Return what decides a medium of a user's own: its layers, and their model of polarised light."""
         return [*self.layers, *([] if self.polarisation == "scalar" else [self.polarisation])]
 
     @property
