@@ -180,13 +180,14 @@ class Scene(Value, Pictured):
         """Refuse what a slab with refracting faces does not serve, and directions that do not cross them."""
         if not self.medium.refracts:
             return
-        if not self.medium.homogeneous:
+        layered = not self.medium.homogeneous
+        if layered and (not self.illumination.limited or self.sensor.near or self.sensor.corners[..., 2].min() <= 0):
             indices = self.volume.indices
             reject(
                 f"{self.medium.type}.{'layers' if indices else 'faces'}",
-                f"{'of one index' if indices else 'matched'} in a scene", indices or self.medium.faces,
-                "Leave the steps out; memory_effect, temporal_correlation, joint_correlation and "
-                "reflectance_transmittance know those of layers.",
+                f"{'of one index' if indices else 'matched'}, unless beams are seen from afar in transmission",
+                indices or self.medium.faces,
+                "Leave the steps out; joint_correlation and reflectance_transmittance know those of all light.",
             )  # fmt: skip
         if not self.illumination.limited or self.sensor.near or self.dimension == 2:
             reject(
