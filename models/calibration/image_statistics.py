@@ -110,7 +110,7 @@ def _envelope(light: np.ndarray, fitted: int) -> np.ndarray:
 
 
 def movements(samples: np.ndarray) -> dict[int, tuple[int, int]]:
-    """By how many pixels, down and across, patterns move between frames so many apart: the peaks of all together.
+    """Pixels, down and across, by which patterns move between frames so many apart: the peaks of all together.
 
     Of frames float64[n, T, h, w]. Tilts move the pattern across the camera, and C_I is what is left beside that. The
     frames overlap by a quarter at least.

@@ -1,4 +1,4 @@
-"""Photographs beside simulated ones: :func:`twin` says in what they differ, and what could cause it.
+"""Photographs beside simulated ones: :func:`twin` names the differences, and what could cause them.
 
 Numbers of every image (:mod:`specklegen.models.calibration.image_statistics`) are compared group by group: the squared
 distance of the two means, in units of the scatter of all images. How large it is by chance is told by permuting which

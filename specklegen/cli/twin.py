@@ -23,7 +23,7 @@ def twin(
     picture: Annotated[Path | None, typer.Option(help="PNG to write: your image beside ten simulated ones.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say in what photographs differ from simulated ones, and what could cause it."""
+    """Name how photographs differ from simulated ones, and what could cause it."""
     from specklegen.models.calibration.twin import twin as compare
 
     if picture is not None:
