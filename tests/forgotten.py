@@ -14,9 +14,16 @@ def forget():
 def forget_some(seed, share):
     """Empty a share of the memos, drawn: what is kept in the others meets what is worked out anew."""
     drawn = random.Random(seed)  # noqa: S311
-    for each in _memos(len(sys.modules)):
+    memos = [each.cache_clear for each in _memos(len(sys.modules))]
+    for clear in [*memos, *_generators()]:
         if share == 1 or drawn.random() < share:
-            each.cache_clear()
+            clear()
+
+
+def _generators():
+    """What forgets the generators of samples that are kept, where there can be any."""
+    kept = sys.modules.get("specklegen.datasets.recipes.kept_generators")
+    return [] if kept is None else [kept.GENERATORS.forget]
 
 
 @functools.lru_cache(1)

@@ -472,6 +472,10 @@ def others() -> Iterator[Call]:
     yield Call("fit_setup", sg.fit_setup,
                {"photographs": np.random.default_rng(0).exponential(size=(96, 96)), "envelope": None, "dark": None,
                 "pixel_integration": False, "profile": "disc"}, ("photographs",))  # fmt: skip
+    yield Call("twin", sg.twin,
+               {"photographs": np.random.default_rng(0).exponential(size=(1, 96, 96)), "recipe": None, "images": 8,
+                "envelope": None, "dark": None, "pixel_integration": False, "profile": "disc", "seed": 0},
+               ("photographs",))  # fmt: skip
     yield Call("advise", sg.advise, {"slab": SLAB, "wavelength": 0.5}, ("slab",))
     yield Call("measured.MemoryCurve", measured.MemoryCurve, {"tilts": [1e-4, 2e-4], "c_i": [0.9, 0.7], "error": 0.01})
     yield Call("measured.TemporalCurve", measured.TemporalCurve,

@@ -242,6 +242,7 @@ class SpeckleGenerator:
         left = recipe.light.halves**-0.5 * recipe.contrast_left(parameters)
         parameters["expected_contrast"] = self._contrasts(ready, lit) * left
         parameters["medium"] = self.drawn.put(media).to(torch.float64)
+        images = recipe.on_sensor(images, parameters)
         if recipe.exposure is not None:
             keys = self.drawn.keys(Stream.CAMERA, self.drawn.words(numbers, exposure.NOISES))
             images = exposure.expose(recipe.exposure, images, keys)

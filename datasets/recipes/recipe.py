@@ -192,6 +192,10 @@ class Recipe(Specification):
         """Draw what shines through the media of samples; every kind has its own."""
         raise NotImplementedError
 
+    def on_sensor(self, images: Any, parameters: Mapping[str, Any]) -> Any:  # noqa: ARG002
+        """Light on the pixels, real[B, n, H, W], of images real[B, pictures, H, W]; what a mosaic makes of them."""
+        return images
+
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Name what the camera saw, [B, T or F, H, W], under tilts float64[B, T, 2]; every kind has its own."""
         raise NotImplementedError

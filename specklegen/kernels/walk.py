@@ -62,7 +62,15 @@ from specklegen.kernels.lanes import (
     scatter_by_table,
     sort_by_path,
 )
-from specklegen.kernels.reflections import Mirror, mirror_of, reflect, reflect_first, turn_over, unfolded
+from specklegen.kernels.reflections import (
+    Mirror,
+    mirror_of,
+    reflect,
+    reflect_first,
+    reflect_polarised,
+    turn_over,
+    unfolded,
+)
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.slab_steps import (
     Address,
@@ -158,7 +166,8 @@ def trace_slab(where, share, slab, lobe, aim, stretch, faces, light, probes, rul
     probes : float64[n, 5]     views at which the contribution is judged, and the optical depth to the outside
                                along each as (at z = 0, per length of z); with faces the views as they look at a vertex
                                after no reflection, then after one, ..., and depths hold -ln of what faces leave
-    jones : Jones or None      of polarised light, neither between faces nor stretched; None leaves it out likewise
+    jones : Jones or None      of polarised light, not stretched, its matrices between frames of directions as paths are
+                               walked, not as they are unfolded; None leaves it out likewise
 
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written: call again with more room.
@@ -236,7 +245,10 @@ def trace_slab(where, share, slab, lobe, aim, stretch, faces, light, probes, rul
             )  # fmt: skip
             if faces is not None:
                 turn_over(thickness, fresh, waiting)
-                reflect(where, thickness, faces, fresh, fresh_address, waiting)
+                if jones is not None:
+                    reflect_polarised(where, thickness, faces, jones.carried[WAITING], fresh, fresh_address, waiting)
+                else:
+                    reflect(where, thickness, faces, fresh, fresh_address, waiting)
             waiting, cut, cut_weight = drop_ended(
                 fresh, fresh_address, waiting, thickness, survival, last_order, jones, WAITING
             )  # fmt: skip
@@ -306,7 +318,10 @@ def trace_slab(where, share, slab, lobe, aim, stretch, faces, light, probes, rul
             add_doppler(flow, -1.0, state, flying)
         fly(mean_free_path, state, flying)
         if faces is not None:
-            reflect(where, thickness, faces, state, address, flying)
+            if jones is not None:
+                reflect_polarised(where, thickness, faces, jones.carried[FLYING], state, address, flying)
+            else:
+                reflect(where, thickness, faces, state, address, flying)
     sort_by_path(paths, first, count, min(kept_count, capacity), found.ranks)
     return kept_count, events, unfinished, unfinished_weight
 

@@ -161,7 +161,7 @@ def straight_through(slab: Slab) -> float:
 
 
 def _crossing(scene: Scene, cosines: np.ndarray) -> np.ndarray:
-    """1 - R float64[n] of a slab's faces at cosines inside, 1 without any; of layers the root of it of all."""
+    """1 - R float64[n] of a slab's faces at cosines inside; 1 without faces. Of layers the root of all of theirs."""
     if _refracts_inside(scene):
         return np.sqrt(straight_light(scene.slab, np.sqrt(np.maximum(1 - np.square(cosines), 0.0))).let_through)
     return 1 - reflectance(scene.medium.faces, cosines)

@@ -390,9 +390,8 @@ def require_traced(owner: str, medium: PlaneMedium, aim: Aim, count: int, thread
     RuleError
         With the remedy.
     """
-    reverse, matched, slab = aim.reversal.needed, medium.faces.matched, as_slab(medium)
-    polarised = slab is not None and slab.polarisation != "scalar"
-    if aim.side > 0 and (reverse or not matched or slab is None or polarised):
+    reverse, matched = aim.reversal.needed, medium.faces.matched
+    if aim.side > 0 and (reverse or not matched or as_slab(medium) is None or medium.polarisation != "scalar"):
         require_reach(owner, relative_variance(medium), count)
     if refracting_layers(medium):
         require_walkable(owner, medium, count)
@@ -420,7 +419,7 @@ def analysed(owner: str, medium: object, channel: str, azimuth: float) -> Polari
         reject(f"{owner} azimuth", "finite, in radians", azimuth)
     if getattr(medium, "polarisation", "scalar") != "scalar":
         return polariser(channel, azimuth)  # type: ignore[arg-type]
-    remedy = 'Give the Slab polarisation = "projector" or "vector".'
+    remedy = 'Give the Slab or Layers polarisation = "projector" or "vector".'
     if channel != "none":
         reject(f"{owner} channel", '"none" of a medium in which light is a scalar', channel, remedy)
     if azimuth:

@@ -13,6 +13,7 @@ from specklegen.kernels import volume_walk
 from specklegen.kernels.volume_walk import Probes
 from specklegen.kernels.walk import Rules
 from specklegen.paths.bank import PathBank
+from specklegen.paths.jones import type_matrices
 from specklegen.paths.phase_tables import common_lobe, phase_table
 from specklegen.paths.starts import beam_sources
 from specklegen.paths.volume_tracer import traced
@@ -51,5 +52,5 @@ def trace_layers(
         Probes(kinds[:1], light, kinds[1:], proposal.probes),
         Rules(int(proposal.bidirectional), proposal.threshold, proposal.max_order),
         seed, count, first=first, sample=sample, stream=stream, threads=threads, capacity=_CAPACITY,
-        transfer=proposal.transfer,
+        transfer=proposal.transfer, matrices=type_matrices(medium),
     )  # fmt: skip

@@ -2,8 +2,14 @@
 
 A connection of contribution w is kept with probability min(1, w / threshold), its weight divided by that. Any threshold
 is right; ten times the mean contribution of a pilot makes 24 times fewer connections for 1 % more variance.
+
+w is the largest contribution at a few views that stand for all. Between them a narrow lobe may make a connection R
+times as bright as at the nearest; kept by w / threshold it would be a rare one that outshines all others there, and
+those few would not know. The threshold is then R times lower (:func:`between_probes`).
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +21,42 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.volume_tracer import VolumeTracer
+from specklegen.scene.scatterers.scatterer import Dimensions, Scatterer
 
 ALWAYS_FROM = 10.0  # times the mean contribution (docs/physics.md 2)
 SLAB_PATHS, VOLUME_PATHS = 2000, 4096  # of the pilots
 _AT_ONCE = 256  # paths of a slab's pilot; the bank of all would take 40 MB at an optical depth of 20
 _FIRST_PATHS = 64  # of a pilot, which tell how many more its memory allows
 _PILOT_CONNECTIONS = 2**20
+_BRIGHTER = 4.0  # times as bright somewhere as where it is judged a connection may be, and be thinned as it is judged
+_LEAST_JUDGED = 0.1  # of isotropic scattering, by which walks judge at least (kernels.lobes, kernels.volume_walk)
+_GAP_ANGLES = 65
 _SLAB_CONNECTIONS = 2**23  # of all together: fewer than SLAB_PATHS from an optical depth of 1700 on
+
+
+def between_probes(
+    scatterers: Sequence[Scatterer], dimension: Dimensions, views: np.ndarray, probes: np.ndarray
+) -> float:
+    """Share of the threshold that is left where lobes are narrow beside gaps between probes: 1 up to R = 4, then 1 / R.
+
+    Parameters
+    ----------
+    scatterers
+        Particles of a medium.
+    dimension
+        3 in space, 2 in flatland.
+    views, probes : float64[V, 3], float64[n, 3]
+        Directions that are seen, and those among them at which connections are judged.
+    """
+    if not len(views) or not len(probes):
+        return 1.0
+    nearest = float(np.clip((views @ probes.T).max(axis=1).min(), -1, 1))
+    cosines = np.cos(np.linspace(0, math.acos(nearest), _GAP_ANGLES))
+    least, largest = _LEAST_JUDGED / (4 * np.pi if dimension == 3 else 2 * np.pi), 0.0
+    for each in scatterers:
+        lobe = sum(share * np.square(np.abs(part.amplitude(cosines, dimension))) for part, share in each.components)
+        largest = max(largest, float(lobe.max() / max(lobe.min(), least)))
+    return 1.0 if largest <= _BRIGHTER else 1 / largest
 
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:

@@ -12,7 +12,7 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.faces import require_reflection
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
 from specklegen.paths.phase_tables import common_lobe
-from specklegen.paths.roulette import slab_roulette, volume_roulette, with_capacity
+from specklegen.paths.roulette import between_probes, slab_roulette, volume_roulette, with_capacity
 from specklegen.paths.slab_tracer import (
     SlabTracer,
     beam_proposal,
@@ -29,6 +29,8 @@ from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.polarisation import Polarisers
 from specklegen.scene.scene import Scene
+
+_SEEN_ACROSS, _MOST_SEEN = 17, 2048  # views that stand for those of a grid along each axis, or for those of a list
 
 
 class Tracer(Protocol):
@@ -93,16 +95,19 @@ def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
     if scene.polarisers is not None and scene.polarisers != Polarisers():
         alike = slab_tracer(scene.replace(polarisers=Polarisers()), reverse, aside)
         return replace(alike, layout=scene_layout(scene))
-    views, layout = probe_views(scene), scene_layout(scene)
+    views, layout, tilts = probe_views(scene), scene_layout(scene), np.zeros((1, 2))
     if reverse:
         require_reflection(scene.slab, views)
     if aside and layout.middle is not None and len(views):
-        views = judged_views(views, scene.beams.directions[:, :2] - layout.middle[:2])
+        tilts = scene.beams.directions[:, :2] - layout.middle[:2]
+        views = judged_views(views, tilts)
     proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse)
     tracer = SlabTracer(layout, scene.slab, proposal)
     if not len(views) or not len(scene.beams.directions):
         return tracer
-    return slab_roulette(tracer, proposal.reference, pilot_seed(scene.unitless_fingerprint()))
+    judging = slab_roulette(tracer, proposal.reference, pilot_seed(scene.unitless_fingerprint()))
+    share = between_probes(scene.volume.scatterers, 3, seen_views(scene, tilts), views) if aside else 1.0
+    return replace(judging, proposal=replace(judging.proposal, threshold=share * judging.proposal.threshold))
 
 
 @remembered(32)
@@ -128,7 +133,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
         max_order=default_max_order(scene.volume),
     )
     seed = pilot_seed(scene.unitless_fingerprint())
-    return with_capacity(tracer if layout.views.near else volume_roulette(tracer, seed))
+    return with_capacity(tracer if layout.views.near else _spared(volume_roulette(tracer, seed), scene))
 
 
 def _filming(tracer: Any, scene: Scene) -> Any:
@@ -158,6 +163,39 @@ def plane_tracer(
     proposal = replace(plane_proposal(medium, axis, views[:1], bidirectional=reverse), transfer=transfer)
     tracer = SlabTracer(plane_layout(medium, wavelength, lights, views), medium, proposal)
     return tracer if reverse else slab_roulette(tracer, axis, pilot_seed(medium.unitless_fingerprint()))
+
+
+def _spared(tracer: VolumeTracer, scene: Scene) -> VolumeTracer:
+    """The same with a share of its threshold, for gaps between views and between lights that are directions."""
+    if not tracer.threshold:
+        return tracer
+    share, dimension = 1.0, 3 if scene.dimension == 3 else 2
+    for ends in (tracer.layout.views, tracer.layout.lights):
+        if not ends.near:
+            seen = ends.of(_some(len(ends), _MOST_SEEN)).vectors
+            share *= between_probes(scene.volume.scatterers, dimension, seen, ends.probed().vectors)
+    return replace(tracer, threshold=share * tracer.threshold)
+
+
+def _some(count: int, most: int) -> np.ndarray:
+    """Numbers of at most so many, evenly among them and the last one too."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
+
+
+def seen_views(scene: Scene, tilts: np.ndarray) -> np.ndarray:
+    """Views float64[n, 3] of a scene, some of many, as lights of ``tilts`` float64[T, 2] beside the middle see them."""
+    grid = scene.sensor.regular_grid
+    if grid is None:
+        views = scene.views[_some(len(scene.views), _MOST_SEEN)]
+    else:
+        x, y = (axis[_some(len(axis), _SEEN_ACROSS)] for axis in grid.sines)
+        views = directions_of_sines("view", np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2), grid.sign)
+    if not tilts.any():
+        return views
+    ends = np.unique([tilts[at] for axis in tilts.T for at in (axis.argmin(), axis.argmax())], axis=0)
+    aside, sign = (views[:, None, :2] - ends).reshape(-1, 2), np.repeat(np.sign(views[:, 2]), len(ends))
+    inside = np.square(aside).sum(axis=1) < 1
+    return directions_of_sines("view", aside[inside]) * np.stack([1 + 0 * sign, 1 + 0 * sign, sign], -1)[inside]
 
 
 def probe_views(scene: Scene) -> np.ndarray:

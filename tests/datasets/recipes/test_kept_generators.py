@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import torch
+from forgotten import forget
 from quick_recipes import quick_recipe
 
 from specklegen.core.memory import array_bytes
 from specklegen.core.random_streams import seed_words
 from specklegen.datasets.recipes.generator import SpeckleGenerator
-from specklegen.datasets.recipes.kept_generators import KeptGenerators
+from specklegen.datasets.recipes.kept_generators import GENERATORS, KeptGenerators
 
 
 @pytest.fixture(scope="module")
@@ -85,3 +86,11 @@ def test_arrays_are_counted_once(recipe):
     assert array_bytes(held.held()) > before
     least = sum(t.nbytes for t in media.groups[0][1].tensors().values()) + (0 if spectra is None else spectra.nbytes)
     assert array_bytes(held.held()) >= 0.9 * least
+
+
+def test_what_tests_forget_holds_them_too(recipe):
+    """Else what is made anew under another context, or after another history, would be what was made before."""
+    recipe.sample(0, "train", 0)
+    assert len(GENERATORS) > 0
+    forget()
+    assert len(GENERATORS) == 0
