@@ -13,7 +13,7 @@ import torch
 import specklegen as sg
 from specklegen.core.errors import RuleError
 
-SLOW = ("render", "covariance", "memory", "finite_path", "trace", "coverage", "coherent_rays", "field_on_plane",
+SLOW = ("twin", "render", "covariance", "memory", "finite_path", "trace", "coverage", "coherent_rays", "field_on_plane",
         "Recipe", "Stream", "recoverable", "likelihood", "materials", "stack_like", "mean_field", "joint",
         "transmission", "reflectance", "wedge", "aperture", "retrieve", "monte_carlo", "Optics", "evaluate", "sample_",
         "expose", "temporal", "film", "to_zarr", "generate", "fit_camera", "read_measurement")  # fmt: skip
@@ -65,7 +65,7 @@ def test_the_table_has_what_is_public_and_its_calls_are_valid():
                "TemporalCorrelation", "materials"}  # fmt: skip
     for name in sorted(set(sg.__all__) - missing):
         result = name in ("Advice", "Covariance", "ExposureContrast", "JointCorrelation",
-                              "MaterialFit", "MemoryEffect", "Plan", "SetupFit",
+                              "MaterialFit", "MemoryEffect", "Plan", "SetupFit", "Twin",
                           "ReflectanceTransmittance", "Replacement", "SpeckleStack")  # fmt: skip
         assert result or name in names
     for call in odd_arguments.calls():

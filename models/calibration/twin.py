@@ -216,7 +216,7 @@ def twin(
     >>> found.p_value > 0.01, found.setup.profile
     (True, 'disc')
     """
-    images = whole_number(f"{_OWNER} images", images, 8, 10**5)
+    images = whole_number(f"{_OWNER} images", images, 8, 4096)
     seed = whole_number(f"{_OWNER} seed", seed, 0, 2**63 - 1)
     if isinstance(photographs, Measurement):
         seen = photographs
