@@ -666,6 +666,19 @@ def waves() -> Iterator[Call]:
             "polarisation": "soft",
         },
     )
+    yield Call(
+        "coherent_paths",
+        wavetracing.coherent_paths,
+        {
+            "geometry": geometry,
+            "source": EMITTER,
+            "point": [0.0, 0.0, 5.0],
+            "reflections": 1,
+            "diffractions": 1,
+            "polarisation": "soft",
+            "surfaces": "perfect",
+        },
+    )
     for method in ("boundary", "spectrum", "utd", "fraunhofer"):
         yield Call(
             f"field_on_plane by {method}",

@@ -1,12 +1,14 @@
-"""The field behind a polygon lit by a plane wave at right angles, by the surface integral of Rayleigh and Sommerfeld.
+"""The field behind a polygon, by the surface integral of Rayleigh and Sommerfeld.
 
     u(P) = (1/2 pi) int (z/R) (1/R - ik) (e^{ikR}/R) d^2r
 
-over the opening, the integral that u = e^{ikz} in the opening and 0 beside it solve exactly. Slow and literal: 2-D
-Gauss-Legendre quadrature over triangles; of any field given on a grid, sums. Also two closed forms, on the axis of a
-disc and behind a disc stop.
+over the opening, times the light there: the field that is the light in the opening and 0 beside it. Slow and literal:
+2-D Gauss-Legendre quadrature over triangles; of any field given on a grid, sums. Also two closed forms, on the axis of
+a disc and behind a disc stop.
 Source: Born and Wolf, *Principles of Optics*, section 8.11; Osterberg, Smith, J. Opt. Soc. Am. 51, 1050 (1961).
 """
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,9 +16,16 @@ from specklegen.core.errors import reject
 from specklegen.core.quadrature import gauss_legendre
 
 
-def surface_field(triangles: np.ndarray, points: np.ndarray, wavelength: float = 1.0, order: int = 60) -> np.ndarray:
+def surface_field(
+    triangles: np.ndarray,
+    points: np.ndarray,
+    wavelength: float = 1.0,
+    order: int = 60,
+    light: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
     """Field complex128[P] at ``points`` float64[P, 3], z > 0, behind disjoint ``triangles`` float64[T, 3, 2].
 
+    ``light`` is the field at float64[Q, 3] in the opening, 1 by default.
     ``order`` nodes along each side of a triangle: 60 give 1e-12 for sides of 10 wavelengths, at z of a wavelength or
     more.
     """
@@ -31,10 +40,11 @@ def surface_field(triangles: np.ndarray, points: np.ndarray, wavelength: float =
     for corners in triangles:
         twice = abs(np.linalg.det([corners[1] - corners[0], corners[2] - corners[0]]))
         nodes = shares @ corners
+        lit = weights if light is None else weights * light(np.column_stack([nodes, np.zeros(len(nodes))]))
         for n, (px, py, z) in enumerate(points):
             distance = np.sqrt((px - nodes[:, 0]) ** 2 + (py - nodes[:, 1]) ** 2 + z * z)
             kernel = z / distance * (1 / distance - 1j * k) * np.exp(1j * k * distance) / distance
-            total[n] += twice * (weights @ kernel) / (2 * np.pi)
+            total[n] += twice * (lit @ kernel) / (2 * np.pi)
     return total
 
 

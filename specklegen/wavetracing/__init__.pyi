@@ -33,6 +33,8 @@ from .pattern import sample_slits as sample_slits
 from .plane import Plane as Plane
 from .plane import PlaneField as PlaneField
 from .plane_field import field_on_plane as field_on_plane
+from .ray_paths import RayPath as RayPath
+from .ray_paths import coherent_paths as coherent_paths
 from .tracing import trace as trace
 from .wave_trace import Ledger as Ledger
 from .wave_trace import Statistics as Statistics

@@ -26,7 +26,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,6 +63,7 @@ class _Mirrors:
     facet: np.ndarray  # int32[faces], of each face by its number
     size: float  # of the scene
     rows: np.ndarray  # float64[F, 4], what kernels know of the material of each
+    mesh: np.ndarray  # int32[F]
     hard: bool
 
     def sequences(self, most: int) -> Iterator[tuple[int, ...]]:
@@ -156,7 +157,7 @@ def _mirrors(scene: Geometry, wavelength: float | None, hard: bool) -> _Mirrors:
     if wavelength is not None and scene.meshes:
         rows = np.array([mesh.material.row(wavelength) for mesh in scene.meshes])[found.material[first]]
     size = float(np.ptp(scene.vertices, axis=0).max()) if len(scene.vertices) else 0.0
-    return _Mirrors(scene, found.normals, scene.tree.corners[first, :3], of, size, rows, hard)
+    return _Mirrors(scene, found.normals, scene.tree.corners[first, :3], of, size, rows, found.material[first], hard)
 
 
 @dataclass(frozen=True)
@@ -276,16 +277,57 @@ def coherent_rays(
     >>> abs(coherent_rays(Geometry([mirror]), lamp, [[3.0, 0.0, 20.0]], diffractions=0)).round(5)
     array([0.03075])
     """
-    instance("coherent_rays geometry", geometry, Geometry)
-    points = real_array("coherent_rays points", points)
+    name = "coherent_rays"
+    points = real_array(f"{name} points", points)
     if points.ndim < 1 or points.shape[-1] != 3 or not np.isfinite(points).all():
-        reject("coherent_rays points", "finite, float64[..., 3]", points)
+        reject(f"{name} points", "finite, float64[..., 3]", points)
+    parts = contributions(
+        name, geometry, source, points.reshape(-1, 3), reflections, diffractions, polarisation, surfaces
+    )
+    u = np.zeros(points.size // 3, complex)
+    for part in parts:
+        u += part.field
+    return u.reshape(points.shape[:-1])
+
+
+class Contribution(NamedTuple):
+    """What one sequence of facets and edges brings to points.
+
+    Attributes
+    ----------
+    field, length : complex128[P], float64[P]
+        u, 0 where there is no such path, and the length of the ray.
+    towards, back : float64[P, 3]
+        What the source, and the point, look at: images of what comes next, and before.
+    met : tuple
+        In order, ("reflection", mesh) and ("diffraction", edge).
+    """
+
+    field: np.ndarray
+    length: np.ndarray
+    towards: np.ndarray
+    back: np.ndarray
+    met: tuple[tuple[str, int], ...]
+
+
+def contributions(
+    name: str,
+    geometry: Geometry,
+    source: PointEmitter,
+    flat: np.ndarray,
+    reflections: int,
+    diffractions: int,
+    polarisation: str,
+    surfaces: str,
+) -> Iterator[Contribution]:
+    """Yield the paths to points float64[P, 3]; arguments as of `coherent_rays`, for the function ``name``."""
+    instance(f"{name} geometry", geometry, Geometry)
     if not isinstance(source, PointEmitter):
-        reject("coherent_rays source", "a PointEmitter", source)
-    reflections = whole_number("coherent_rays reflections", reflections, 0, 4)
-    diffractions = whole_number("coherent_rays diffractions", diffractions, 0, 2)
-    choice("coherent_rays polarisation", polarisation, ("soft", "hard"))
-    choice("coherent_rays surfaces", surfaces, ("perfect", "material"))
+        reject(f"{name} source", "a PointEmitter", source)
+    reflections = whole_number(f"{name} reflections", reflections, 0, 4)
+    diffractions = whole_number(f"{name} diffractions", diffractions, 0, 2)
+    choice(f"{name} polarisation", polarisation, ("soft", "hard"))
+    choice(f"{name} surfaces", surfaces, ("perfect", "material"))
     mirrors = _mirrors(geometry, source.wavelength if surfaces == "material" else None, polarisation == "hard")
     edges = _edges(mirrors) if diffractions else []
     facets = len(mirrors.normal)
@@ -296,39 +338,55 @@ def coherent_rays(
     )
     if count > _MOST:
         reject(
-            "coherent_rays reflections, diffractions", f"few enough for {_MOST} combinations of facets and edges",
+            f"{name} reflections, diffractions", f"few enough for {_MOST} combinations of facets and edges",
             count, "Ask for fewer, or use trace for such scenes.",
         )  # fmt: skip
     k = 2 * np.pi / source.wavelength
-    flat = points.reshape(-1, 3)
     _doubt_corners(edges, flat, source.wavelength)
     start = np.broadcast_to(source.position, flat.shape)
     if len(flat) and (k * np.linalg.norm(flat - start, axis=1)).min() < NEAREST:
         reject(
-            "coherent_rays points", "1 / k away from the source at least",
+            f"{name} points", "1 / k away from the source at least",
             float(np.linalg.norm(flat - start, axis=1).min()), "Nearer by there is no power flux of a ray.",
         )  # fmt: skip
     seen_from = mirrors.raised(flat, source.position)
     sequences = list(mirrors.sequences(reflections))
-    u = np.zeros(len(flat), complex)
+    size = np.sqrt(source.power / (4 * np.pi))
+
+    def found(u: np.ndarray, stations: list[np.ndarray], legs: list[tuple[int, ...]], bent: tuple[int, ...]):
+        """A contribution by points in turn, float64[P, 3] each, with the facets of each leg between them."""
+        back = mirrors.images(stations[-2], legs[-1])[-1]
+        towards = mirrors.images(stations[1], legs[0][::-1])[-1]
+        length, met = np.zeros(len(u)), []
+        for n, leg in enumerate(legs):
+            length += np.linalg.norm(mirrors.images(stations[n], leg)[-1] - stations[n + 1], axis=1)
+            met += [("reflection", int(mirrors.mesh[f])) for f in leg]
+            met += [("diffraction", edge) for edge in bent[n : n + 1]]
+        return Contribution(size * u, length, towards, back, tuple(met))
+
     seen = {sequence: mirrors.clear(start, seen_from, sequence).astype(float) for sequence in sequences}
-    for edge in edges:
+    for number, edge in enumerate(edges):
         for before in sequences:
             for behind in sequences:
                 if len(before) + len(behind) <= reflections and edge.leaves(before[-1:] + behind[-1:]):
-                    u += _by_edge(mirrors, edge, start, flat, seen_from, before, behind, k, seen)
+                    u, q = _by_edge(mirrors, edge, start, flat, seen_from, before, behind, k, seen)
+                    if u.any():
+                        yield found(u, [start, q, flat], [before, behind[::-1]], (number,))
     for sequence, share in seen.items():
         r, good = np.linalg.norm(mirrors.images(start, sequence)[-1] - flat, axis=1), share > 0
-        back = mirrors.along(start[good], flat[good], sequence)
-        u[good] += share[good] * back * np.exp(1j * k * r[good]) / r[good]
+        u = np.zeros(len(flat), complex)
+        u[good] = share[good] * mirrors.along(start[good], flat[good], sequence) * np.exp(1j * k * r[good]) / r[good]
+        if u.any():
+            yield found(u, [start, flat], [sequence], ())
     if diffractions == 2:
-        for one, two in product(edges, edges):
+        for (n, one), (m, two) in product(enumerate(edges), repeat=2):
             for before, between, behind in product(sequences, repeat=3):
                 count = len(before) + len(between) + len(behind)
                 apart = one.leaves(before[-1:] + between[:1]) and two.leaves(between[-1:] + behind[-1:])
                 if count <= reflections and apart and (one is not two or between):
-                    u += _by_two(mirrors, one, two, start, flat, seen_from, before, between, behind, k)
-    return (np.sqrt(source.power / (4 * np.pi)) * u).reshape(points.shape[:-1])
+                    u, p, q = _by_two(mirrors, one, two, start, flat, seen_from, before, between, behind, k)
+                    if u.any():
+                        yield found(u, [start, p, q, flat], [before, between, behind[::-1]], (n, m))
 
 
 def _doubt_corners(edges: list[_Edge], points: np.ndarray, wavelength: float) -> None:
@@ -365,10 +423,11 @@ def _bend(
     return Bend(edge.n, phi, other, across, sine, np.stack([np.ones_like(images[0]), *images], axis=1))
 
 
-def _by_edge(mirrors, edge, start, end, seen_from, before, behind, k, seen) -> np.ndarray:
-    """Field by one edge, with reflections before and behind it; corrects what is ``seen`` of waves that end there."""
+def _by_edge(mirrors, edge, start, end, seen_from, before, behind, k, seen) -> tuple[np.ndarray, np.ndarray]:
+    """Field by one edge, with reflections before and behind it, and where; corrects what is ``seen`` of waves there."""
     source, point = mirrors.images(start, before)[-1], mirrors.images(end, behind)[-1]
-    q, good = edge.crossing(source, point)
+    at, good = edge.crossing(source, point)
+    q = at
     good &= mirrors.clear(start, q, before)
     good &= mirrors.clear(seen_from, q, behind)
     towards = mirrors.images(seen_from, behind)[-1] - q  # off the surface that a point may lie on
@@ -386,7 +445,7 @@ def _by_edge(mirrors, edge, start, end, seen_from, before, behind, k, seen) -> n
             sequence = (*before, *facets, *behind[::-1])
             if there.any() and sequence in seen:
                 seen[sequence][np.flatnonzero(good)[there]] = share[there]
-    return u
+    return u, at
 
 
 def _sides(edge: _Edge, step: np.ndarray) -> list[tuple[float, np.ndarray]]:
@@ -401,8 +460,10 @@ def _sides(edge: _Edge, step: np.ndarray) -> list[tuple[float, np.ndarray]]:
     return found
 
 
-def _by_two(mirrors, one, two, start, end, seen_from, before, between, behind, k) -> np.ndarray:
-    """Field by two edges in turn, with reflections before, between and behind them."""
+def _by_two(
+    mirrors, one, two, start, end, seen_from, before, between, behind, k
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Field by two edges in turn, with reflections before, between and behind them; and where on both."""
     source, point = mirrors.images(start, before)[-1], mirrors.images(end, behind)[-1]
     p, first = np.broadcast_to(one.start + one.length / 2 * one.along, end.shape), np.ones(len(end), bool)
     q, second = point, first
@@ -430,7 +491,7 @@ def _by_two(mirrors, one, two, start, end, seen_from, before, between, behind, k
         ends = start, end, seen_from, p, q
         part = _double(mirrors, one, two, ends, seen, before, between, behind, k, here, there)
         u += part if here is None else part / 2
-    return u
+    return u, p, q
 
 
 def _double(mirrors, one, two, ends, good, before, between, behind, k, here, there) -> np.ndarray:

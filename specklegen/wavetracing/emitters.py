@@ -135,6 +135,11 @@ class PointEmitter(Value):
         """Tangent of the beam angle."""
         return float(np.tan(self.beam_angle))
 
+    def field(self, points: np.ndarray) -> np.ndarray:
+        """Field complex128[...] at float64[..., 3] in free space: |u|^2 is the power flux, P / 4 pi r^2."""
+        r = np.linalg.norm(np.asarray(points, float) - self.position, axis=-1)
+        return np.sqrt(self.power / (4 * np.pi)) * np.exp(2j * np.pi / self.wavelength * r) / r
+
     @property
     def beam_radius(self) -> float:
         """Half-width a of a beam at the source."""

@@ -4,7 +4,7 @@ Four methods. The first two are the same integral, the first of Rayleigh and Som
 that of the light, the rest of the plane z = 0 is dark); the third knows how light bends at real edges; the fourth is
 its far field.
 
-* ``boundary``: by the rim, exact to 1e-13 at any distance, for uniform light at right angles
+* ``boundary``: by the rim, exact to 1e-13 at any distance, for plane waves and light of a point
   (`specklegen.wavetracing.kernels.apertures`).
 * ``spectrum``: by plane waves, u = (1/4 pi^2) int Psi(xi) e^{i xi.r + iz sqrt(k^2 - xi^2)} d^2xi, any light, on planes
   parallel to the screen; periodic, so that what leaves the padded window comes back (`.angular_spectrum`).
@@ -27,6 +27,7 @@ from specklegen.core.quadrature import gauss_legendre
 from specklegen.wavetracing.angular_spectrum import light_strengths, spectrum_field
 from specklegen.wavetracing.aperture import aperture_transform
 from specklegen.wavetracing.edge_rays import Polarisation, edge_ray_field
+from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.kernels.apertures import rim_field
 from specklegen.wavetracing.light import Light, PlaneWave
 from specklegen.wavetracing.opening import Opening, Rim, doubt_narrow, rim_of
@@ -56,7 +57,8 @@ def field_on_plane(
         Loops in the plane z = 0, outer ones counter-clockwise, holes clockwise; None: there is no screen. An opening
         of no area lets nothing through.
     light
-        A `PlaneWave`, or anything with ``wavelength`` and ``field(points)``, from z < 0.
+        A `PlaneWave`, a `PointEmitter`, a `GaussianBeam`, or anything with ``wavelength`` and ``field(points)``, from
+        z < 0.
     plane
         Where the field is wanted; every pixel at z > 0 (no screen, or ``spectrum``: z >= 0).
     method
@@ -110,24 +112,26 @@ def field_on_plane(
         elif method == "spectrum":
             values = spectrum_field(rim, light, plane, padding)
         elif method == "utd":
-            values = edge_ray_field(rim, _plane_wave(light, method), points, polarisation)
+            if not isinstance(light, PlaneWave):
+                reject("field_on_plane light", "a PlaneWave for method 'utd'", type(light).__name__, 'Use "boundary".')
+            values = edge_ray_field(rim, light, points, polarisation)
         elif method == "fraunhofer":
             values = _far_field(rim, light, points)
         else:
-            values = _rim_field(rim, _plane_wave(light, method), points, threads)
+            values = _rim_field(rim, light, points, threads)
     return PlaneField(values.reshape(plane.shape), plane.pitch, wavelength)
 
 
-def _plane_wave(light: Light, method: str) -> PlaneWave:
-    if not isinstance(light, PlaneWave):
-        reject("field_on_plane light", f"a PlaneWave for method {method!r}", type(light).__name__, 'Use "spectrum".')
-    return light
-
-
-def _rim_field(rim: Rim, light: PlaneWave, points: np.ndarray, threads: int | None) -> np.ndarray:
-    if not light.normal:
+def _rim_field(rim: Rim, light: Light, points: np.ndarray, threads: int | None) -> np.ndarray:
+    if isinstance(light, PlaneWave):
+        source = np.append(light.direction, 0.0)
+    elif isinstance(light, PointEmitter):
+        source = np.append(light.position, 1.0)
+        if not light.position[2] < 0:
+            reject("field_on_plane light", "a point before the screen, at z < 0", light.position)
+    else:
         reject(
-            "field_on_plane light", "at right angles to the screen for method 'boundary'", light.direction,
+            "field_on_plane light", "a PlaneWave or a PointEmitter for method 'boundary'", type(light).__name__,
             'Use "spectrum".',
         )  # fmt: skip
     edges = np.hstack([rim.starts, rim.ends])
@@ -135,10 +139,10 @@ def _rim_field(rim: Rim, light: PlaneWave, points: np.ndarray, threads: int | No
     values = np.empty(len(points), np.complex128)
 
     def fill(block: slice) -> None:
-        rim_field(edges, light.wavenumber, points[block], nodes, weights, values[block])
+        rim_field(edges, 2 * np.pi / light.wavelength, source, points[block], nodes, weights, values[block])
 
     map_blocks(fill, slices(len(points), BLOCK), threads)
-    return light.amplitude * values
+    return light.field(points) * values
 
 
 def _far_field(rim: Rim, light: Light, points: np.ndarray) -> np.ndarray:

@@ -6,7 +6,17 @@ from wavetracing.solids import box
 from zscore import assert_z
 
 from specklegen.core.errors import RuleError
-from specklegen.wavetracing import Absorber, Conductor, Geometry, Mesh, Plane, Transmitter, coverage
+from specklegen.wavetracing import (
+    Absorber,
+    Conductor,
+    Geometry,
+    Mesh,
+    Plane,
+    PointEmitter,
+    Transmitter,
+    coherent_rays,
+    coverage,
+)
 from specklegen.wavetracing.coverage_map import decibel_milliwatt, received_power
 from specklegen.wavetracing.materials import LIGHT_SPEED
 
@@ -104,6 +114,14 @@ def test_waves_reach_where_rays_do_not():
     assert not wave.rss_dBm.mask.any()
     free = coverage(AIR, source, behind, 1e9, beams=20_000)
     assert -40 < wave.rss_dBm[0, 0] - free.rss_dBm[0, 0] < -5
+
+
+def test_too_near_for_a_wave():
+    """Within wavelength / 2 pi of the antenna more would be received than is sent, 28 dB; at the source, NaN."""
+    with pytest.raises(RuleError, match="wavelength / 2 pi = 47.7 m"):
+        coverage(AIR, Transmitter([0, 0, 1.0]), street(shape=(1, 1)), 1e6, "phase")
+    with pytest.raises(RuleError, match="1 / k away from the source"):
+        coherent_rays(AIR, PointEmitter([0, 0, 1.0], 1.0), [[0.0, 0.0, 1.0]])
 
 
 def test_refused():

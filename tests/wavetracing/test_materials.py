@@ -87,6 +87,11 @@ def test_building_materials():
         itu_permittivity("wood", np.inf)
 
 
+def test_a_wrong_name_is_refused_where_it_is_written():
+    with pytest.raises(RuleError, match=r'Building.name must be one of "concrete"'):
+        Building(name="cheese")
+
+
 def test_values():
     with pytest.raises(RuleError, match="Im >= 0"):
         Smooth(permittivity=2 - 0.1j)

@@ -12,6 +12,7 @@ from specklegen.wavetracing import (
     Plane,
     PlaneField,
     PlaneWave,
+    PointEmitter,
     edge_rays,
     field_on_plane,
     sample_pattern,
@@ -77,11 +78,31 @@ class TestBoundary:
         found = np.array([at(point, opening) for point in points])
         assert np.abs(found - exact).max() < 1e-10
 
+    @pytest.mark.parametrize("light", [
+        TILTED, PlaneWave(wavelength=1.0, direction=[np.sin(1.3), 0, np.cos(1.3)]), PointEmitter([0.4, -3, -2.0], 1.0),
+        PointEmitter([30, -3, -200.0], 1.0, power=1e6),
+    ])  # fmt: skip
+    def test_oblique_and_spherical_light(self, light):
+        """At 18 and 74 degrees, of a point near and far, against the surface integral over the light's own field."""
+        opening = [hexagram(), box(3, 2, (0.5, 0))[::-1]]
+        points = np.array([[0, 0, 3.0], [6, 0, 3], [0.5, 1.0, 4], [9, -4, 5], [2, 0.3, 30], [60, 5, 90], [-20, 3, 2]])
+        exact = surface_field(rim_of("opening", opening).triangles, points, order=70, light=light.field)
+        found = np.array([at(point, opening, light=light) for point in points])
+        assert np.abs(found - exact).max() < 1e-10 * np.abs(exact).max()
+
+    def test_a_far_point_is_a_plane_wave(self):
+        """1e9 away: the same field over the light's own, to what the curvature is."""
+        direction, far, point = np.array([0.6, 0.0, 0.8]), 1e9, np.array([12.0, 1.0, 15.0])
+        wave, lamp = PlaneWave(wavelength=1.0, direction=direction), PointEmitter(-far * direction, 1.0)
+        ratios = [at(point, hexagram(), light=light) / light.field(point) for light in (wave, lamp)]
+        assert ratios[1] == pytest.approx(ratios[0], abs=1e-6)
+
     def test_nothing_jumps_over_the_rim(self):
         """A wavelength behind it: steps of 1e-9 to both sides of an edge and of a corner move u by its slope only."""
-        for x, y in ((5.0, 0.3), (5.0, 5.0)):
-            values = [at([x + step, y, 1.0], box(10, 10)) for step in (-1e-9, 0.0, 1e-9)]
-            assert np.ptp(np.real(values)) + np.ptp(np.imag(values)) < 1e-8
+        shifted = [1.0 * TILTED.direction[c] / TILTED.direction[2] for c in (0, 1)]  # where its shadow's rim falls
+        for light, (x, y) in ((LIGHT, (5.0, 0.3)), (LIGHT, (5.0, 5.0)), (TILTED, (5 + shifted[0], 5 + shifted[1]))):
+            values = [at([x + step, y, 1.0], box(10, 10), light=light) for step in (-1e-9, 0.0, 1e-9)]
+            assert np.ptp(np.real(values)) + np.ptp(np.imag(values)) < 2e-8
 
     def test_near_the_opening_light_is_light_and_dark_is_dark(self):
         assert at([1.0, 1.0, 1e-6], box(10, 10)) == pytest.approx(1, abs=1e-5)
@@ -309,8 +330,9 @@ def test_planes():
     [
         (lambda: at([0, 0, -1.0], box(1, 1)), "behind the screen"),
         (lambda: at([0, 0, 0.0], box(1, 1)), "behind the screen"),
-        (lambda: at([0, 0, 1.0], box(1, 1), light=TILTED), "right angles to the screen"),
-        (lambda: at([0, 0, 1.0], box(1, 1), light=Given(LIGHT.field)), "a PlaneWave for method 'boundary'"),
+        (lambda: at([0, 0, 1.0], box(1, 1), light=PointEmitter([0, 0, 0.5], 1.0)), "before the screen, at z < 0"),
+        (lambda: at([0, 0, 1.0], box(1, 1), light=Given(LIGHT.field)), "a PointEmitter for method 'boundary'"),
+        (lambda: at([0, 0, 1.0], box(1, 1), light=PointEmitter([0, 0, -5], 1.0), method="utd"), "for method 'utd'"),
         (lambda: at([0, 0, 1.0], box(1, 1), method="rays"), '"boundary", "spectrum"'),
         (lambda: at([0.5, 0, 0.1], box(1, 1), method="utd"), "away from every edge"),
         (lambda: at([0, 0, 1.0], box(1, 1), method="utd", polarisation="te"), 'must be one of "soft", "hard"'),

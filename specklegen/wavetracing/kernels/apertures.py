@@ -13,16 +13,18 @@ By triangles, u linear between its corner values u_i, y_j = -i xi.p_j:
 Divided differences of exp are the corner of the exponential of the 4 x 4 matrix with diagonal y and superdiagonal 1,
 which is regular where corners coincide.
 
-By the rim, u = 1 under a plane wave at right angles, the field of the first Rayleigh-Sommerfeld integral at P, the
-distance z behind the plane: phi and s the angle about P's foot and the distance along an edge, p that of the foot
-from the edge, R^2 = z^2 + p^2 + s^2,
+By the rim, the first Rayleigh-Sommerfeld integral of a plane wave, or one of a point, as the sum of two of Kirchhoff's,
+of the wave and of its mirror image in the screen: both have the same field there, and opposite slopes. At Q of an edge
+of tangent t, s = P - Q, R = |s|, n the direction of the wave, n' of its image, r its radius of curvature:
 
-    u(P) = (1/2 pi) sum_e int [e^{ikz} - (z/R) e^{ikR}] dphi = (e^{ikz}/2 pi) sum_e p int G ds,
-    G = 1/(R(R + z)) - i (kz/(R(R + z))) e^{i d/2} sinc(d/2),   d = k (R - z) = k (s^2 + p^2)/(R + z)
+    u(P) = (u_0(P)/2 pi) sum_e int l { q [e^{ikD}/(Rm) - (4ik/(m w)) e^{ikD/2} sinc(kD/2)] - q' e^{ikD}/(2R(R - n'.s)) }
+    q = (s x n).t,  q' = (s x n').t,  l = (length from source to P)/r,  D = R + r - l r,
+    m = (g + R)(2 + (g - R)/r),  g = r (l - 1),  w = 1 + l + R/r,
 
-The bracket vanishes at the foot like R^2 - z^2, so nothing is singular when the foot crosses the rim.
+of which D = 4 |s x n|^2/(m w) is regular. The geometric wave is within: its angle about the ray to P makes the bracket
+vanish where that ray meets the rim, so that nothing is singular there. For a plane wave l = 1, g = n.s, w = 2.
 Sources: [Steinberg] Eqs. 22-24; McCurdy, Ng, Parlett, Math. Comp. 43, 501 (1984) (divided differences);
-Maggi and Rubinowicz in Born and Wolf, *Principles of Optics*, section 8.9, for the idea of the rim.
+Maggi and Rubinowicz in Born and Wolf, *Principles of Optics*, section 8.9.
 """
 
 import math
@@ -135,54 +137,88 @@ def triangle_transform(triangles, amplitudes, xi, out):
             out[m] += double_area * value
 
 
+@inlined
+def _onto(source, x, y):
+    """Direction of the wave that meets (x, y, 0), and one over its radius of curvature.
+
+    source : float64[4]   a direction, and 0, of a plane wave; a point, and 1
+    """
+    if source[3] == 0.0:
+        return source[0], source[1], source[2], 0.0
+    u, v, w = x - source[0], y - source[1], -source[2]
+    curved = 1.0 / math.sqrt(u * u + v * v + w * w)
+    return u * curved, v * curved, w * curved, curved
+
+
 @kernel
-def rim_field(edges, k, points, nodes, weights, out):
-    """Fill ``out`` complex128[M] with the field at ``points`` float64[M, 3], z > 0 behind the opening.
+def rim_field(edges, k, source, points, nodes, weights, out):
+    """Fill ``out`` complex128[M] with the field at ``points`` float64[M, 3], z > 0, over the light's own.
 
     edges          : float64[N, 4]   start and end, the opening on the left
+    source         : float64[4]      a unit vector of travel, and 0; or a point at z < 0, and 1
     nodes, weights : float64[G]      Gauss-Legendre on [-1, 1], 16 of them for 1e-13
 
-    A panel is at most as long as 3/4 of the distance R of its start, so that the singularity R = 0 lies at least 1.6
-    half lengths from its middle, and holds at most 8 radians of phase. It never passes over the foot.
+    A panel is at most as long as 3/4 of the distance R of its start, times the cosine of incidence, so that
+    singularities lie at least 1.6 half lengths from its middle, and holds at most 8 radians of phase. It never passes
+    over the foot.
     """
     for m in range(points.shape[0]):
         px, py, z = points[m, 0], points[m, 1], points[m, 2]
         total = complex(0.0, 0.0)
         for e in range(edges.shape[0]):
             ax, ay = edges[e, 0] - px, edges[e, 1] - py
-            dx, dy = edges[e, 2] - edges[e, 0], edges[e, 3] - edges[e, 1]
-            length = math.sqrt(dx * dx + dy * dy)
+            tx, ty = edges[e, 2] - edges[e, 0], edges[e, 3] - edges[e, 1]
+            length = math.sqrt(tx * tx + ty * ty)
             if length == 0.0:
                 continue
-            p = (ax * dy - ay * dx) / length
-            start = (ax * dx + ay * dy) / length
+            tx, ty = tx / length, ty / length
+            start = ax * tx + ay * ty
             end = start + length
-            base = z * z + p * p
-            line = complex(0.0, 0.0)
+            base = z * z + (ax * ty - ay * tx) ** 2
+            x, y, steep, curved = _onto(source, edges[e, 0], edges[e, 1])
+            u, v, w, bent = _onto(source, edges[e, 2], edges[e, 3])
+            # Along an edge the light's own phase changes fastest at one of its ends.
+            rate = max(abs(x * tx + y * ty), abs(u * tx + v * ty))
+            steep, curved = min(steep, w), max(curved, bent)
+            reach = 8.0 / k if rate == 0.0 else 4.0 / k
             at = start
             while at < end:
                 here = math.sqrt(base + at * at)
-                # Up to the foot, or to where R has changed by 8 / k.
+                # Up to the foot, or to where R has changed by the reach.
                 if at < 0.0:
-                    near = here - 8.0 / k
+                    near = here - reach
                     step = -at - math.sqrt(max(near * near - base, 0.0)) if near > 0.0 else -at
                 else:
-                    step = math.sqrt((here + 8.0 / k) ** 2 - base) - at
-                step = min(step, 0.75 * here)
+                    step = math.sqrt((here + reach) ** 2 - base) - at
+                step = min(step, 0.75 * here * steep)
+                if rate > 0.0:
+                    step = min(step, reach / rate)
+                if curved > 0.0:
+                    step = min(step, 0.75 * steep / curved)
                 if at + 1.0001 * step >= end:
                     step = end - at
                 half = 0.5 * step
-                real = imag = 0.0
                 for g in range(nodes.size):
-                    s = at + half * (1.0 + nodes[g])
-                    square = p * p + s * s
-                    distance = math.sqrt(z * z + square)
-                    far = 1.0 / (distance * (distance + z))
-                    d = 0.5 * k * square / (distance + z)
-                    wave = weights[g] * k * z * far * sinc(d)
-                    real += weights[g] * far + wave * math.sin(d)
-                    imag -= wave * math.cos(d)
-                line += half * complex(real, imag)
+                    s = at - start + half * (1.0 + nodes[g])
+                    sx, sy = -ax - s * tx, -ay - s * ty
+                    u, v, w, bent = _onto(source, edges[e, 0] + s * tx, edges[e, 1] + s * ty)
+                    # s x n and (s x n').t: what lies along z, and within the screen.
+                    cx, cy, cz = sy * w - z * v, z * u - sx * w, sx * v - sy * u
+                    flat = sx * u + sy * v
+                    here = math.sqrt(sx * sx + sy * sy + z * z)
+                    more = here * here * bent + 2.0 * (flat + z * w)
+                    long = math.sqrt(1.0 + bent * more)
+                    grown = more / (long + 1.0)
+                    wide = (grown + here) * (2.0 + (grown - here) * bent)
+                    both = 1.0 + long + here * bent
+                    d = 2.0 * k * (cx * cx + cy * cy + cz * cz) / (wide * both)  # half of k D
+                    sine, cosine = math.sin(d), math.cos(d)
+                    across, image = cx * tx + cy * ty, (-sy * w - z * v) * tx + (z * u + sx * w) * ty
+                    far = across / (here * wide) - 0.5 * image / (here * (here - flat + z * w))
+                    wave = 4.0 * k * across * (sine / d if d > 1e-4 else 1.0 - d * d / 6.0) / (wide * both)
+                    size = half * weights[g] * long
+                    total += size * complex(
+                        far * (1.0 - 2.0 * sine * sine) + wave * sine, 2.0 * far * sine * cosine - wave * cosine
+                    )
                 at += step
-            total += p * line
-        out[m] = total * complex(math.cos(k * z), math.sin(k * z)) / _TWO_PI
+        out[m] = total / _TWO_PI

@@ -1,0 +1,53 @@
+"""Paths one by one: they add up to the field, and run where a plane mirror and a straight edge send them."""
+
+import numpy as np
+import pytest
+from wavetracing.solids import box
+
+from specklegen.core.errors import RuleError
+from specklegen.wavetracing import Conductor, Geometry, PointEmitter, coherent_paths, coherent_rays
+
+pytestmark = pytest.mark.filterwarnings("ignore::specklegen.core.errors.DoubtWarning")
+
+BLOCK = Geometry(box((6.0, 40.0, 30.0), (0, 0, 0), material=Conductor()))
+LAMP = PointEmitter([-25.0, 3.0, 4.0], 1.0, power=4 * np.pi)
+
+
+@pytest.mark.parametrize("point", [[20.0, -2.0, 9.0], [-9.0, 1.0, -3.0]])
+def test_paths_add_up_and_their_legs_are_straight(point):
+    """In shadow and in light: amplitudes to rounding, phases by lengths, directions by Keller's cone."""
+    paths = coherent_paths(BLOCK, LAMP, point, 1, 2, "hard")
+    total = sum(path.amplitude for path in paths)
+    assert total == pytest.approx(coherent_rays(BLOCK, LAMP, [point], 1, 2, "hard")[0], rel=1e-12)
+    lengths = [path.length for path in paths]
+    assert lengths == sorted(lengths)
+    for path in paths:
+        assert np.linalg.norm(path.departure) == pytest.approx(1)
+        assert path.delay == pytest.approx(path.length / 299_792_458.0)
+        if len(path.met) == 1 and path.met[0][0] == "diffraction":
+            start, stop = BLOCK.edges.ends[path.met[0][1]]
+            along = (stop - start) / np.linalg.norm(stop - start)
+            assert path.departure @ along == pytest.approx(path.arrival @ along, abs=1e-12)
+            # Both legs meet on the edge, and are as long together as the path.
+            sides = np.stack([path.departure, path.arrival], axis=1)
+            out, back = np.linalg.lstsq(sides, np.array(point) - LAMP.position, rcond=None)[0]
+            assert out + back == pytest.approx(path.length)
+            assert np.linalg.norm(np.cross(LAMP.position + out * path.departure - start, along)) < 1e-9
+
+
+def test_a_mirror():
+    """The image's length, the incoming side's angle, and the mesh that it is."""
+    _, image = coherent_paths(BLOCK, LAMP, [-9.0, 1.0, -3.0], 1, 0)
+    mirrored = np.array([3.0, 1.0, -3.0])  # in the face x = -3
+    assert image.length == pytest.approx(np.linalg.norm(mirrored - LAMP.position))
+    assert image.departure == pytest.approx((mirrored - LAMP.position) / image.length)
+    assert image.arrival == pytest.approx(image.departure * [-1, 1, 1])
+    assert image.met == (("reflection", 0),)
+    assert image.amplitude == pytest.approx(-np.exp(2j * np.pi * image.length) / image.length)
+
+
+def test_refused():
+    with pytest.raises(RuleError, match="a finite point"):
+        coherent_paths(BLOCK, LAMP, [[0.0, 0, 9]])
+    with pytest.raises(RuleError, match="coherent_paths source"):
+        coherent_paths(BLOCK, None, [0.0, 0, 99])
