@@ -8,7 +8,7 @@ ARG TORCH="torch==2.13.0"
 ARG PIP_EXTRA_INDEX_URL
 RUN pip install --no-cache-dir "$TORCH"
 COPY . /source
-RUN pip install --no-cache-dir "/source[mie,digits]" && rm -rf /source
+RUN pip install --no-cache-dir "/source[torch,mie,digits,photographs]" && rm -rf /source
 ENV SPECKLEGEN_CACHE=/var/cache/specklegen MPLCONFIGDIR=/tmp
 # Kernels compile once, into the image: whoever runs it reads them, and only root writes there.
 RUN specklegen plan through-slab --samples 8 && chmod -R a+rX "$SPECKLEGEN_CACHE"

@@ -15,11 +15,11 @@ QUICK = tests/core tests/scene tests/instrument tests/kernels tests/theory tests
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet "$(TORCH)"
-	$(BIN)/pip install --quiet --editable .
+	$(BIN)/pip install --quiet --editable ".[photographs]"
 	touch $@
 
 .venv/installed-tests: .venv/installed
-	$(BIN)/pip install --quiet --editable ".[dev,digits,mie,dask,mesh,validate,parquet,remote,hdf5]"
+	$(BIN)/pip install --quiet --editable ".[dev,digits,photographs,mie,dask,mesh,validate,parquet,remote,hdf5]"
 	touch $@
 
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/

@@ -4,7 +4,7 @@ Public names stand in ``__init__.pyi`` and load when they are first used: neithe
 recipe.
 """
 
-import lazy_loader
+from specklegen.core.extras import lazy_names
 
 if __name__ == "datasets":
     raise ImportError(
@@ -12,4 +12,4 @@ if __name__ == "datasets":
         "`import specklegen.datasets`, or start Python in another folder to import another package of that name"
     )
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

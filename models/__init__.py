@@ -3,7 +3,7 @@
 Public names stand in ``__init__.pyi`` and load when they are first used.
 """
 
-import lazy_loader
+from specklegen.core.extras import lazy_names
 
 if __name__ == "models":
     raise ImportError(
@@ -11,4 +11,4 @@ if __name__ == "models":
         "`import specklegen.models`, or start Python in another folder to import another package of that name"
     )
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -11,14 +11,10 @@ effect, recipes as text.
 
 import argparse
 import os
-import re
 import subprocess
 import sys
 import tempfile
-import tomllib
 from pathlib import Path
-
-ROOT = Path(__file__).resolve().parents[1]
 
 CORE = """
 import numpy as np, specklegen as sg
@@ -65,11 +61,7 @@ def try_out(file: Path, python: str, folder: Path, *, with_torch: bool) -> None:
     bin_ = folder / "venv" / "bin"
     if with_torch:
         run([bin_ / "pip", "install", "--quiet", os.environ.get("TORCH", "torch==2.13.0")], folder)
-        run([bin_ / "pip", "install", "--quiet", file], folder)
-    else:
-        needed = [line for line in requirements() if not re.match(r"torch\b", line)]
-        run([bin_ / "pip", "install", "--quiet", *needed], folder)
-        run([bin_ / "pip", "install", "--quiet", "--no-deps", file], folder)
+    run([bin_ / "pip", "install", "--quiet", f"{file}[torch]" if with_torch else file], folder)
     away = folder / "away"
     away.mkdir()
     run([bin_ / "specklegen", "--version"], away)
@@ -78,11 +70,6 @@ def try_out(file: Path, python: str, folder: Path, *, with_torch: bool) -> None:
     if with_torch:
         run([bin_ / "python", "-c", FULL], away)
         run([bin_ / "specklegen", "plan", "through-slab", "--samples", "8"], away)
-
-
-def requirements() -> list[str]:
-    """What pyproject.toml says that the package needs."""
-    return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
 
 
 def run(words: list, folder: Path) -> None:

@@ -29,13 +29,12 @@ def main() -> None:
     print("| site-packages | MB |\n|---|---|", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         environments = Environments(chosen.python, Path(folder))
-        light = [line for line in needed if not re.match(r"torch\b", line)]
-        core = environments.new("core", light, ["--no-deps", str(chosen.file.resolve())])
-        row("what needs no PyTorch", environments.size(core))
+        core = environments.new("core", needed, ["--no-deps", str(chosen.file.resolve())])
+        row("the package, without PyTorch", environments.size(core))
         torch = environments.copy(core, "torch", [os.environ.get("TORCH", "torch==2.13.0")])
-        row("with PyTorch", environments.size(torch))
+        row("with the extra `torch`", environments.size(torch))
         for extra, lines in extras.items():
-            if extra not in chosen.leave_out:
+            if extra not in ("torch", "all", *chosen.leave_out):
                 more = environments.copy(torch, extra, lines)
                 row(f"extra `{extra}` adds", environments.size(more) - environments.size(torch))
 

@@ -17,21 +17,27 @@ from specklegen.cli.output import Progress
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.store.generate import generate
-from specklegen.models import Retrieval, load_pretrained
+from specklegen.models import Retrieval, load_pretrained, recoverable
 from specklegen.models.judging.baselines import katz
 from specklegen.models.judging.charts import contact_sheet
 from specklegen.models.judging.evaluation import evaluate
 
-SAMPLES = 512
+SAMPLES = 256
 PICTURES = {
     "seeing-through.png": "characters behind slabs that the network has never seen: camera, phase retrieval, network",
     "characters.png": "hidden characters, what the camera sees of them, and the autocorrelations of both",
     "tilt-stack.png": "speckle of four materials under five tilts: it moves, and turns into another pattern",
     "memory-effect.png": "how far speckle keeps its shape under tilt, for two fogs of one optical depth",
-    "through-slab.png": "samples of the training set: photographs through fog",
+    "through-slab.png": "the training set: cut-outs of photographs; the autocorrelation of each image is its object's",
     "held-out-letters.png": "the hardest: neither the slabs nor the letters were in the network's training",
 }
 """What the demo draws, what works best first."""
+PHOTOGRAPHS = {
+    "objects": {"type": "Silhouettes", "shape": [28, 28]},
+    "window": {"profile": "disc"},
+    "camera": {"shape": [256, 256]},
+}
+"""Cut-outs of photographs on a camera large enough for them, as ``specklegen recoverable`` says."""
 
 
 def compile_kernels(recipe) -> None:
@@ -102,7 +108,7 @@ def main() -> None:
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
     through = load_recipe("through-slab")
-    photographs = load_recipe("through-slab", {"objects": {"type": "Photographs", "shape": [28, 28]}})
+    photographs = load_recipe("through-slab", PHOTOGRAPHS)
     compile_kernels(through)
 
     print("1. Seeing through: the packaged network on eight new slabs, characters of its training in them")
@@ -116,7 +122,8 @@ def main() -> None:
     print("3. The memory effect: how far speckle keeps its shape under tilt")
     memory_effect(out / "memory-effect.png")
 
-    print(f"4. A training set: {arguments.samples} photographs seen through fog, into {out / 'through-slab.zarr'}")
+    print(f"4. A training set: {arguments.samples} cut-outs of photographs, into {out / 'through-slab.zarr'}")
+    print("  can they be seen at all? It " + recoverable(photographs).explain().partition("\n")[0])
     fill(photographs, arguments.samples, out / "through-slab.zarr")
     cache = SpeckleCache(out / "through-slab.zarr")
     shown = [cache.numpy(n) for n in range(min(6, len(cache)))]

@@ -4,8 +4,8 @@ Scene -> plan -> sampler -> fields: one page, ``specklegen.rendering``. Public n
 load when they are first used, so that importing the package stays light.
 """
 
-import lazy_loader
+from specklegen.core.extras import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)
 
 __version__ = "0.1.0"

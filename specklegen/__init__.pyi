@@ -23,6 +23,8 @@ from .models.calibration.material_fit import MaterialFit as MaterialFit
 from .models.calibration.material_fit import fit_material as fit_material
 from .models.calibration.setup_fit import SetupFit as SetupFit
 from .models.calibration.setup_fit import fit_setup as fit_setup
+from .models.calibration.twin import Twin as Twin
+from .models.calibration.twin import twin as twin
 from .planning.planning import Plan as Plan
 from .planning.planning import plan as plan
 from .rendering import SpeckleStack as SpeckleStack

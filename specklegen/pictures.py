@@ -75,12 +75,15 @@ def autocorrelation_of_object(hidden: np.ndarray) -> np.ndarray:
 
 
 def tilt_strip(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
-    """Draw stacks, a row a sample and a column a tilt, each image marked with its correlation with the first.
+    """Draw stacks, a row a sample and a column a tilt.
+
+    Each image is marked with how far the pattern of the first has moved (an arrow), and with its correlation with that
+    pattern where both see it.
 
     Parameters
     ----------
     samples
-        With "stack" [T, H, W], "tilts" [T, 2] and "parameters" (thickness, optical_depth, g).
+        With "stack" [T, H, W], "tilts" [T, 2] and "parameters" (optical_depth, g, camera_pitch).
     out
         PNG to write.
     """
@@ -89,13 +92,34 @@ def tilt_strip(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
     for row, sample in enumerate(samples):
         stack, parameters = np.asarray(sample["stack"]), sample["parameters"]
         high = np.percentile(stack, 99.5)
-        for column, image in enumerate(stack):
+        moves = np.rint((np.asarray(sample["tilts"]) - sample["tilts"][0]) / parameters["camera_pitch"]).astype(int)
+        for column, (image, move) in enumerate(zip(stack, moves, strict=True)):
             angle = np.rad2deg(np.hypot(*np.asarray(sample["tilts"])[column]))
             title = f"{angle:.4f}°"
             if column == 0:
                 title = f"OD {parameters['optical_depth']:.1f}  g {parameters['g']:.2f}\n" + title
-            _show(axes[row, column], image, title, low=0, high=high)
+            elif (alike := moved_correlation(stack[0], image, move)) is not None:
+                title += f"   C {alike:.2f}"
+            panel = axes[row, column]
+            _show(panel, image, title, low=0, high=high)
+            if move.any():
+                panel.annotate("", 4 + np.maximum(move, 0), 4 - np.minimum(move, 0), annotation_clip=False,
+                               arrowprops={"arrowstyle": "->", "color": "tab:orange", "lw": 1.5})  # fmt: skip
     return _save(figure, out)
+
+
+def moved_correlation(first: np.ndarray, image: np.ndarray, move: np.ndarray) -> float | None:
+    """Correlation of two images[H, W] where the first's pattern, moved by (x, y) whole pixels, lies on the second.
+
+    None where fewer than 64 pixels do.
+    """
+    (x, y), (height, width) = (int(step) for step in move), first.shape
+    if max(height - abs(y), 0) * max(width - abs(x), 0) < 64:
+        return None
+    parts = []
+    for one, right, down in ((first, -x, -y), (image, x, y)):
+        parts.append(one[max(down, 0) : height + min(down, 0), max(right, 0) : width + min(right, 0)])
+    return float(np.corrcoef(parts[0].ravel(), parts[1].ravel())[0, 1])
 
 
 def memory_effect_figure(curves: Mapping[str, MemoryEffect], out: Path) -> Path:

@@ -23,7 +23,6 @@ import numpy as np
 PACKAGE = "specklegen"
 STATEFUL = {
     "specklegen.core.parallel._linear_algebra": "a handle of libraries",
-    "specklegen.datasets.recipes.generator.generator_of": "has media of its own, which its samples are compared with",
     "specklegen.samplers.screens.sampler.ScreensRenderer._envelopes": "a table that fills as tilts are asked for",
 }
 """What is kept because it changes, and why that is no number of a result."""

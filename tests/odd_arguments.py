@@ -207,6 +207,7 @@ def values() -> Iterator[Call]:
         sg.VoxelGrid(lower=[0.0] * 3, upper=[1.0] * 3, extinction=np.ones((2, 2, 2)), albedo=np.ones((2, 2, 2)),
                      material=np.zeros((2, 2, 2)), scatterers=(ISOTROPIC,)),
         sg.Mie(radius=0.3, wavelength=0.5, refractive_index=1.2), sg.VonMisesFisher(concentration=10.0),
+        sg.Polarisers(), sg.Rayleigh(),
         sg.Mixture(types=(ISOTROPIC, sg.HenyeyGreenstein(g=0.5)), fractions=(0.5, 0.5)),
         sg.Tabulated(theta=np.linspace(0, np.pi, 5), amplitude=np.ones(5)),
         sg.Brownian(diffusion=1.0), sg.Drift(velocity=[1.0, 0.0, 0.0]), sg.Shear(rate=1.0), FILM.beams,
@@ -471,6 +472,10 @@ def others() -> Iterator[Call]:
     yield Call("fit_setup", sg.fit_setup,
                {"photographs": np.random.default_rng(0).exponential(size=(96, 96)), "envelope": None, "dark": None,
                 "pixel_integration": False, "profile": "disc"}, ("photographs",))  # fmt: skip
+    yield Call("twin", sg.twin,
+               {"photographs": np.random.default_rng(0).exponential(size=(1, 96, 96)), "recipe": None, "images": 8,
+                "envelope": None, "dark": None, "pixel_integration": False, "profile": "disc", "seed": 0},
+               ("photographs",))  # fmt: skip
     yield Call("advise", sg.advise, {"slab": SLAB, "wavelength": 0.5}, ("slab",))
     yield Call("measured.MemoryCurve", measured.MemoryCurve, {"tilts": [1e-4, 2e-4], "c_i": [0.9, 0.7], "error": 0.01})
     yield Call("measured.TemporalCurve", measured.TemporalCurve,

@@ -165,6 +165,9 @@ def test_a_command_on_a_page_is_one(command):
     words, outer = shlex.split(command)[1:], get_command(app)
     with outer.make_context("specklegen", list(words), resilient_parsing=True) as context:
         name, inner, rest = outer.resolve_command(context, list(words))
+        while inner is not None and hasattr(inner, "resolve_command"):  # a command of commands
+            context = inner.make_context(name, list(rest), parent=context, resilient_parsing=True)
+            name, inner, rest = inner.resolve_command(context, list(rest))
         assert inner is not None
         assert inner.make_context(name, rest, parent=context).args == []
 

@@ -116,7 +116,7 @@ def test_every_file_says_the_same_version():
 def test_the_conda_recipe_asks_for_what_the_package_needs():
     other_names = {"finufft": "python-finufft", "matplotlib": "matplotlib-base", "torch": "pytorch"}
     pip = {}
-    for line in PROJECT["project"]["dependencies"]:
+    for line in [*PROJECT["project"]["dependencies"], *PROJECT["project"]["optional-dependencies"]["torch"]]:
         name, range_ = re.fullmatch(r"([\w-]+)(.*)", line).groups()
         pip[other_names.get(name, name)] = range_
     run = (ROOT / "packaging/conda/recipe.yaml").read_text().partition("  run:\n")[2].partition("\n\n")[0]
@@ -287,6 +287,48 @@ def _loaded(program: str, names: tuple[str, ...]) -> list[str]:
 def test_import_stays_light():
     program = "import specklegen as sg\nsg.Scene, sg.plan, sg.render, sg.memory_effect"
     assert _loaded(program, ("torch", "matplotlib", "zarr", "skimage", "typer", "scipy.stats")) == []
+
+
+def test_what_no_pytorch_is_needed_for_works_without_and_the_rest_names_the_extra(tmp_path):
+    """In a process that finds no torch, as after a plain `pip install`."""
+    program = """
+import importlib.abc, sys
+class NoTorch(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name.partition(".")[0] == "torch":
+            raise ModuleNotFoundError("No module named 'torch'", name="torch")
+sys.meta_path.insert(0, NoTorch())
+import numpy as np, specklegen as sg
+from specklegen.datasets import load_recipe
+slab = sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(0.5))
+scene = sg.Scene(wavelength=0.5, medium=slab, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=1000.0),
+                 sensor=sg.FarField.grid((6, 5), 1e-4))
+assert sg.plan(scene, paths=64).explain()
+assert sg.render(scene, paths=64, sampler="paths").field.any()
+assert sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-3], paths=128).intensity[0] == 1
+assert sg.covariance(scene.replace(sensor=sg.FarField(scene.views[:3])), paths=64).value.any()
+def models():
+    from specklegen.models import load_pretrained
+def sample():
+    load_recipe("tilt-stack").sample(0, "train", 0)
+for ask in (lambda: sg.render(scene, sampler="stationary"), sample, models):
+    try:
+        ask()
+    except ModuleNotFoundError as error:
+        assert error.name == "torch" and "pip install 'specklegen-torch[torch]'" in str(error), error
+    else:
+        raise AssertionError(ask)
+from specklegen.cli.commands import main
+try:
+    main(["generate", "tilt-stack", "--samples", "2", "--out", sys.argv[1]])
+except SystemExit as end:
+    assert end.code == 2
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program, f"{tmp_path}/x.zarr"], cwd=ROOT, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "specklegen-torch[torch]" in done.stderr.strip().splitlines()[-1]
 
 
 def test_recipes_are_read_without_torch():

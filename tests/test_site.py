@@ -26,7 +26,7 @@ QUIET = [
     "--disable-background-networking", "--disable-component-update",
 ]  # fmt: skip
 PAGES = {
-    "index.html": "Documentation",
+    "index.html": "specklegen",
     "auto_gallery/plot_02_tilt_and_memory.html": "Tilt, and the memory of a slab",
     "generated/specklegen.memory_effect.html": "specklegen.memory_effect",
 }

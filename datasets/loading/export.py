@@ -98,7 +98,7 @@ def _write_npy(cache: SpeckleCache, chosen: list[int], out: Path) -> tuple[list[
 
 
 def _write_png(cache: SpeckleCache, chosen: list[int], out: Path) -> tuple[list[Path], list[dict]]:
-    from skimage.io import imsave
+    from PIL import Image
 
     files, columns = [], []
     for index in chosen:
@@ -112,7 +112,7 @@ def _write_png(cache: SpeckleCache, chosen: list[int], out: Path) -> tuple[list[
                 scales |= {f"{key}_min": least, f"{key}_max": greatest}
                 picture = np.rint((picture - least) / ((greatest - least) or 1.0) * 65535).astype(np.uint16)
             files.append(out / f"{key}_{index:06d}.png")
-            imsave(files[-1], picture, check_contrast=False)
+            Image.fromarray(np.ascontiguousarray(picture)).save(files[-1])
         columns.append(scales)
     return files, columns
 

@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.extras import extras_named
 from specklegen.datasets.objects.family import ListedFamily, Source, place_within
 from specklegen.datasets.objects.pictures import read_grey, resampled
 
@@ -114,7 +115,8 @@ class Silhouettes(Photographs):
 
 @lru_cache(maxsize=len(PHOTOGRAPHS))
 def _photograph(name: str) -> np.ndarray:
-    path = Path(str(files("skimage.data") / name))
+    with extras_named():
+        path = Path(str(files("skimage.data") / name))
     if not path.is_file():
         reject(
             "Photographs file",

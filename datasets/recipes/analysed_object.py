@@ -8,13 +8,14 @@ independent of each other, which they are but for |K_ab|^2 <= .005 between two p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
@@ -25,7 +26,9 @@ from specklegen.datasets.recipes.media import DrawnMedia, MediumView
 from specklegen.datasets.recipes.parts.light import Analyser
 from specklegen.datasets.recipes.parts.material import Material
 from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.instrument.mosaic import ANGLES, PolarisationMosaic
 from specklegen.memory_effects.polarised_fields import PolarisedCorrelation, estimate_polarised_correlation
+from specklegen.scene.layers import left_out
 from specklegen.scene.media import Slab
 from specklegen.scene.polarisation import Polarisers
 from specklegen.scene.scene import Scene
@@ -90,6 +93,51 @@ class BehindAnalysers:
 
 
 @dataclass(frozen=True)
+class BehindMosaic:
+    """K behind the polarisers of a mosaic, whose fields are two components of one, seen at four angles.
+
+    C_ab = a_x b_x C_xx + a_y b_y C_yy + (a_x b_y + a_y b_x) C_xy,    C_xy = C_45 - (C_xx + C_yy) / 2
+
+    for linear light along x and real matrices of paths, for which C_xy is real and even.
+
+    Attributes
+    ----------
+    each : PolarisedCorrelation
+        Behind analysers along the light, across it, and at 45 degrees.
+    angles : float64[A]
+        Of the polarisers from the light, radians.
+    """
+
+    isotropic: ClassVar[bool] = False
+    each: tuple[PolarisedCorrelation, PolarisedCorrelation, PolarisedCorrelation]
+    angles: tuple[float, ...]
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Contributions along the light."""
+        return self.each[0].weights
+
+    def planar(self, qx: np.ndarray, qy: np.ndarray) -> np.ndarray:
+        """K float64[A, A, h, w] between all of them, at the same differences; or float64[h, w] behind the first."""
+        alone = qx.ndim == 2
+        along, across, between = (
+            float(one.weights.sum()) * one.planar(*((qx, qy) if alone else (qx[0, 0], qy[0, 0]))) for one in self.each
+        )
+        mixed = between - (along + across) / 2
+        axes = np.array([[np.cos(a), np.sin(a)] for a in self.angles[: 1 if alone else None]])
+        x, y = axes[:, 0], axes[:, 1]
+        found = (
+            np.multiply.outer(np.outer(x, x), along) + np.multiply.outer(np.outer(y, y), across)
+            + np.multiply.outer(np.outer(x, y) + np.outer(y, x), mixed)
+        )  # fmt: skip
+        total, less = (float(one.weights.sum()) for one in self.each[:2])
+        cross = float(self.each[2].weights.sum()) - (total + less) / 2
+        lit = np.sqrt(x * x * total + y * y * less + 2 * x * y * cross)
+        found /= np.outer(lit, lit)[:, :, None, None]
+        return found[0, 0] if alone else found
+
+
+@dataclass(frozen=True)
 class AnalysedView(MediumView):
     """The same with light and analyser."""
 
@@ -112,10 +160,18 @@ class AnalysedObject(HiddenObject):
     ----------
     light
         ``polarisation`` says what the particles do, ``analyser`` what stands before the camera.
+    mosaic
+        A camera with a polariser before each pixel (:class:`specklegen.instrument.PolarisationMosaic`): then there
+        is no other analyser, and ``stack`` is its one raw image, of mean 1 over the expected light of all pixels.
     """
 
     kind: Literal["analysed-object"] = "analysed-object"  # type: ignore[assignment]
     polarises: ClassVar[bool] = True
+    mosaic: PolarisationMosaic | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_mosaic(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return left_out(write(self), mosaic=self.mosaic is None)
 
     @model_validator(mode="after")
     def _check_analysers(self) -> Self:
@@ -128,11 +184,16 @@ class AnalysedObject(HiddenObject):
         if type(self.material) is not Material or self.material.kernel != "estimate":
             reject("Recipe.material", 'a slab given by its numbers, with kernel = "estimate", in polarised light',
                    self.material)  # fmt: skip
-        if not self.material.faces.matched:
-            reject("Recipe.material.faces", "matched in polarised light", self.material.faces,
-                   'What faces do to either polarisation is not modelled: with a lab, faces = "matched".')  # fmt: skip
         if light.bandwidth or (self.lab is not None and self.lab.bandwidth) or not light.polarised:
             reject("Recipe.light", "of one wavelength, and polarised", light, "Others are not modelled here.")
+        if self.mosaic is not None:
+            if light.analyser != "none":
+                reject("Light.analyser", '"none" before a mosaic of polarisers', light.analyser)
+            if light.polarisation != "projector":
+                reject("Light.polarisation", '"projector" before a mosaic', light.polarisation,
+                       "Between its angles fields of others have correlations that no real modes hold.")  # fmt: skip
+            if any(side % 2 for side in self.camera_shape):
+                reject("CameraGrid.shape", "of even sides behind a mosaic of two by two", self.camera_shape)
         self._polarised(self.material.extremes()[0])  # a scatterer without amplitudes is refused here
         return self
 
@@ -141,19 +202,27 @@ class AnalysedObject(HiddenObject):
 
     @property
     def _drawn(self) -> tuple[Analyser, ...]:
-        """Analysers whose fields are drawn: without any, both components."""
+        """Analysers whose fields are drawn: without any, both components; all angles of a mosaic."""
+        if self.mosaic is not None:
+            return ("parallel", *(math.radians(angle) for angle in ANGLES[1:]))
         some = self.light.analysers
         return _BOTH if some == ("none",) else some
 
     @property
     def _whole(self) -> bool:
         """Whether there is none, and both components add up."""
-        return self.light.analysers == ("none",)
+        return self.light.analysers == ("none",) and self.mosaic is None
+
+    @property
+    def _seen(self) -> tuple[Analyser, ...]:
+        """Analysers that each have an image."""
+        return self.light.analysers if self.mosaic is None else self._drawn
 
     def images_layout(self) -> dict[str, ArraySpec]:
         """Layout of what :meth:`named` names."""
-        shape = (self.pictures, *self.camera_shape)
-        return {"stack": self.observation(shape, ("analyser", "y", "x"), "one camera image an analyser")}
+        each = self.pictures, "one camera image an analyser"
+        count, told = each if self.mosaic is None else (1, "raw image of a mosaic of polarisers")
+        return {"stack": self.observation((count, *self.camera_shape), ("analyser", "y", "x"), told)}
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
         """Images behind all analysers."""
@@ -162,7 +231,16 @@ class AnalysedObject(HiddenObject):
     @property
     def pictures(self) -> int:
         """One an analyser."""
-        return len(self.light.analysers)
+        return len(self._seen)
+
+    def on_sensor(self, images: Any, parameters: Mapping[str, Any]) -> Any:
+        """Light on the pixels: of a mosaic what each of its polarisers passes, of mean 1 over all of them."""
+        if self.mosaic is None:
+            return images
+        shares = torch.stack([parameters[f"analyser_share_{n}"] for n in range(self.pictures)], 1)
+        mixed = torch.from_numpy(self.mosaic.mixture(*self.camera_shape)).to(images)  # of each image, at each pixel
+        passed = (mixed * shares.to(images)[:, :, None, None] * images).sum(1, keepdim=True)
+        return passed / (mixed.mean((1, 2)) * shares.to(images)).sum(1)[:, None, None, None]
 
     @property
     def path_sum_obstacle(self) -> str | None:
@@ -191,15 +269,20 @@ class AnalysedObject(HiddenObject):
     def seen_media(self, drawn: Addresses, numbers: Sequence[int], materials: Materials) -> DrawnMedia:
         """Draw what is seen of media; their memory effect is that of polarised light."""
         slabs = [self._polarised(made()) for made in materials.slabs]  # type: ignore[arg-type]
-        behind = {each: [self._known(slab, each) for slab in slabs] for each in dict.fromkeys((*self._drawn, *_BOTH))}
+        every = dict.fromkeys((*self._drawn, *_BOTH))
+        behind = {each: [self._known(slab, each) for slab in slabs] for each in every}
         put = lambda rows: torch.tensor(rows, dtype=torch.float64).to(drawn.device)  # noqa: E731
         lit = {each: put([float(k.weights.sum()) for k in known]) for each, known in behind.items()}
         total = sum(lit[each] for each in _BOTH)
         told = {f"analyser_share_{n}": (total if self._whole else lit[each]) / total
-                for n, each in enumerate(self.light.analysers)}  # fmt: skip
+                for n, each in enumerate(self._seen)}  # fmt: skip
         told["polarisation_degree"] = (lit["parallel"] - lit["crossed"]) / total
         if self._whole:
             known = [_sum_of(behind[_BOTH[0]][n], behind[_BOTH[1]][n]) for n in range(len(slabs))]
+        elif self.mosaic is not None:
+            angles = tuple(math.radians(angle) for angle in ANGLES)
+            three = zip(behind["parallel"], behind["crossed"], behind[self._drawn[1]], strict=True)
+            known = [BehindMosaic(each, angles) for each in three]
         else:
             known = [BehindAnalysers(tuple(behind[each][n] for each in self._drawn)) for n in range(len(slabs))]
         seen = replace(

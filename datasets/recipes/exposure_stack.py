@@ -148,13 +148,12 @@ class ExposureStack(Recipe):
         media = DrawnMedia(materials, sight, seen.bandwidth, base, parameters, whole(1.0))
         lags, between = instant_lags(self.instants, self.exposures.durations)
         filmed = brownian.filmed_media(self, self.exposures, drawn, numbers, media, lags, between)
-        return replace(filmed, parameters=filmed.parameters | self._contrasts(drawn, filmed))
+        return replace(filmed, parameters=filmed.parameters | self._contrasts(filmed))
 
-    def _contrasts(self, drawn: Addresses, media: DrawnMedia) -> dict[str, torch.Tensor]:
+    def _contrasts(self, media: DrawnMedia) -> dict[str, torch.Tensor]:
         """K^2 of every exposure as it is drawn."""
         assert media.film is not None
-        weights = torch.from_numpy(lag_weights(self.instants)).to(drawn.device)
-        found = media.film.shares.sum(-1).square() @ weights.T
+        found = contrasts_squared(media.film.shares.sum(-1).square(), lag_weights(self.instants))
         return {f"contrast_squared_{place}": each for place, each in enumerate(found.unbind(-1))}
 
     def later_frames(self, drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor | None:
@@ -203,6 +202,15 @@ def lag_weights(instants: Sequence[int]) -> np.ndarray:
         own[first + 1 : first + count] = 2 * (count - apart) / count**2
         first += count
     return found
+
+
+def contrasts_squared(left: torch.Tensor, weights: np.ndarray) -> torch.Tensor:
+    """K^2 float64[M, E] of exposures of M media, of |g1|^2 at the lags float64[M, F + 1] and their weights.
+
+    Added up medium by medium: a row of a product of matrices has other last bits with other rows beside it, on some
+    processors.
+    """
+    return (left[:, None] * torch.from_numpy(weights).to(left.device)).sum(-1)
 
 
 def _field(known: MovingCorrelation) -> Any:

@@ -14,7 +14,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from operator import index
 from threading import Lock
 from typing import TYPE_CHECKING, Any, cast
@@ -143,6 +143,11 @@ class SpeckleGenerator:
                 "device": str(self.device), "host": host}  # fmt: skip
         return said | {"graphs": self.run.report() if isinstance(self.run, Graphs) else "none"}
 
+    def held(self) -> list[Any]:
+        """All that is kept for samples to come: media, their spectra, what media share."""
+        with self._lock:
+            return [*self._media.values(), *self._spectra.values(), self._shared]
+
     def media(self, numbers: Sequence[int]) -> ReadyMedia:
         """Draw media and make them ready, all at once."""
         recipe, drawn = self.recipe, self.drawn
@@ -237,6 +242,7 @@ class SpeckleGenerator:
         left = recipe.light.halves**-0.5 * recipe.contrast_left(parameters)
         parameters["expected_contrast"] = self._contrasts(ready, lit) * left
         parameters["medium"] = self.drawn.put(media).to(torch.float64)
+        images = recipe.on_sensor(images, parameters)
         if recipe.exposure is not None:
             keys = self.drawn.keys(Stream.CAMERA, self.drawn.words(numbers, exposure.NOISES))
             images = exposure.expose(recipe.exposure, images, keys)
@@ -374,9 +380,3 @@ def _chunks(places: list[int], size: int) -> Iterator[list[int]]:
     for first in range(0, len(places), size):
         some = places[first : first + size]
         yield some + some[:1] * (size - len(some))
-
-
-@lru_cache(maxsize=4)
-def generator_of(recipe: "Recipe", seed: tuple[int, ...], split: Split, device: str) -> SpeckleGenerator:
-    """Return the generator that makes a recipe's samples one by one, or the one that is there; of ``seed_words``."""
-    return SpeckleGenerator(recipe, seed, split, device)

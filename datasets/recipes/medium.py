@@ -9,7 +9,8 @@ import torch
 
 from specklegen.core.random_streams import seed_words
 from specklegen.core.shielded import shielded
-from specklegen.datasets.recipes.generator import ReadyMedia, generator_of
+from specklegen.datasets.recipes.generator import ReadyMedia
+from specklegen.datasets.recipes.kept_generators import generator_of
 from specklegen.datasets.split import Split
 
 if TYPE_CHECKING:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     import torch
 
     from specklegen.datasets.addresses import Addresses
-    from specklegen.datasets.recipes import generator as _generator
+    from specklegen.datasets.recipes import kept_generators as _kept_generators
     from specklegen.datasets.recipes import materials as _materials
     from specklegen.datasets.recipes import medium as _medium
     from specklegen.datasets.recipes.materials import Materials
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from specklegen.datasets.recipes.parts.light import Lit
 else:
     torch = LazyModule("torch")
-    _generator = LazyModule("specklegen.datasets.recipes.generator")
+    _kept_generators = LazyModule("specklegen.datasets.recipes.kept_generators")
     _materials = LazyModule("specklegen.datasets.recipes.materials")
     _medium = LazyModule("specklegen.datasets.recipes.medium")
 
@@ -192,6 +192,10 @@ class Recipe(Specification):
         """Draw what shines through the media of samples; every kind has its own."""
         raise NotImplementedError
 
+    def on_sensor(self, images: Any, parameters: Mapping[str, Any]) -> Any:  # noqa: ARG002
+        """Light on the pixels, real[B, n, H, W], of images real[B, pictures, H, W]; what a mosaic makes of them."""
+        return images
+
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Name what the camera saw, [B, T or F, H, W], under tilts float64[B, T, 2]; every kind has its own."""
         raise NotImplementedError
@@ -289,7 +293,8 @@ class Recipe(Specification):
         seed = words if isinstance(seed, Sequence) else words[0]
         split_number(split)
         self.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
-        batch = arrays(_generator.generator_of(self, seed_words(seed), cast(Split, split), self.device)(numbers))
+        kept = _kept_generators.generator_of(self, seed_words(seed), cast(Split, split), self.device)
+        batch = arrays(kept(numbers))
         require_finite(batch, self, seed, split)
         return batch
 

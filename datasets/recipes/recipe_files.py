@@ -112,9 +112,9 @@ def _relative(file: Path) -> str:
 def changed(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Merge a recipe with what inherits it, and drop terms that the other way of describing the setup replaces.
 
-    A ``[lab]`` takes the place of the window, camera, field and wavelength of what it inherits, whose lengths come to
-    its unit; ``[pixels]`` that of window, camera, field, ``[lab]`` and material. With a material of another kind, the
-    refractive index of the old one goes.
+    A ``[lab]`` takes the place of the window, camera, field and wavelength of what it inherits, and all lengths that
+    stay come to the unit that its own wavelength tells; ``[pixels]`` takes that of window, camera, field, ``[lab]`` and
+    material. With a material of another kind, the refractive index of the old one goes.
     """
     base = {name: dict(each) if isinstance(each, Mapping) else each for name, each in base.items()}
     lab, material = base.get("lab"), base.get("material")
@@ -122,9 +122,10 @@ def changed(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
         base = {name: each for name, each in base.items() if name not in (*_IN_LENGTHS, "material")}
     elif "pixels" in base and _IN_LENGTHS & changes.keys():
         base.pop("pixels")
+    if isinstance(changes.get("lab"), Mapping):
+        base = rescaled(base, changes["lab"])
+        lab, material = base.get("lab"), base.get("material")
     if "lab" in changes and lab is None:
-        if isinstance(base.get("material"), dict) and isinstance(changes["lab"], Mapping):
-            base["material"] = rescaled(base["material"], changes["lab"])
         base = {name: each for name, each in base.items() if name not in ("window", "camera", "field")}
         for name, fields in (("material", ("wavelength",)), ("light", ("bandwidth", "refractive_index"))):
             if isinstance(base.get(name), dict):

@@ -182,9 +182,14 @@ class Specification(Registered, Pictured):
         field, bandwidth = ("light", self.light.bandwidth) if self.lab is None else ("lab", self.lab.bandwidth)
         if bandwidth:
             reject(f"Recipe.{field}.bandwidth", f"0 behind {what}", bandwidth, "It is not modelled there.")
-        if self.lab is not None and isinstance(self.material, LayeredMaterial) and not self.lab.layer_faces.matched:
+        if self.lab is None or not isinstance(self.material, LayeredMaterial):
+            return
+        if not self.lab.layer_faces.matched:
             reject("Lab.faces", '"matched" where the material is in layers, whose faces reflect nothing here',
                    self.lab.faces)  # fmt: skip
+        if any(layer.index is not None for layer in self.material.layers):
+            reject("Material.layers.index", "left out in a lab, which gives all layers its refractive_index", "given",
+                   "Or leave out the lab, and say wavelength, window and camera.")  # fmt: skip
 
     def _take_laboratory(self, lab: Lab) -> None:
         """Material by its name: wavelength and unit are those of the laboratory, whose layer has its index."""

@@ -12,6 +12,13 @@ from specklegen.core.errors import RuleError, reject
 from specklegen.core.units import LAB_LENGTHS, METRES, RADIANS, length_in, metres_of, plain_lengths, sine_of, unit_of
 
 _TEXTS = ("name", "description", "kind", "type", "path", "inherits", "sampler", "exposure")
+_PLAIN = (
+    "optical_depth", "g", "albedo", "refractive_index", "index", "outside", "grit", "rms_phase", "concentration",
+    "durations", "interval", "tau0", "correlation_time", "diffusion", "tissue_diffusion", "samples", "media", "frames",
+    "count", "planes", "pixels_per_grain", "shape", "pixels", "extent_over_range", "tolerance", "mode_tolerance",
+    "kernel_tolerance", "kernel_paths", "contrast", "dilution",
+)  # fmt: skip
+"""Fields of recipes that are neither a length nor an angle."""
 _PIXELS = ("grain", "object_pixel", "shape", "profile")
 _WIDTH = 5000.0  # micrometres; of a setup in pixels, whose directions alone are seen
 _WAVELENGTH = 0.532
@@ -52,7 +59,7 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
         If a field of it is missing or unknown, or the setup is given in lengths too.
     """
     found = dict(table)
-    if "pixels" not in found:
+    if "pixels" not in found or type(found["pixels"]) is int:  # a number is a field of the kind's own: of a mask, say
         return found
     given = found.pop("pixels")
     if not isinstance(given, Mapping):
@@ -88,32 +95,54 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def rescaled(material: Mapping[str, Any], lab: Mapping[str, Any]) -> dict[str, Any]:
-    """A material's table in the unit of length of a laboratory that takes the place of its own wavelength."""
-    own, wavelength = material.get("wavelength"), lab.get("wavelength")
-    old, new = unit_of(own), 1e-6 if isinstance(wavelength, str) else unit_of(wavelength)
+def rescaled(base: Mapping[str, Any], lab: Mapping[str, Any]) -> dict[str, Any]:
+    """A recipe's tables in the unit of length that a laboratory's own wavelength tells, where it tells another one."""
+    old = _unit_of_lengths(base.get("lab")) or _unit_of_lengths(base.get("material"))
+    new = _unit_of_lengths(lab)
     if old is None or new is None or old == new:
-        return dict(material)
-
-    def scaled(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {name: scaled(each) for name, each in value.items()}
-        if isinstance(value, list | tuple):
-            return [scaled(each) for each in value]
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return float(f"{value * old / new:.12g}") if number else value
-
-    found = {name: scaled(each) if name in _LENGTHS else each for name, each in material.items()}
-    layers = found.get("layers")
-    if isinstance(layers, list | tuple):
-        found["layers"] = [
-            {name: scaled(value) if name in _LENGTHS else value for name, value in each.items()}
-            if isinstance(each, Mapping) else each for each in layers
-        ]  # fmt: skip
-    return found
+        return dict(base)
+    found = {name: _rescaled(each, old / new) if name in _IN_LENGTHS else each for name, each in base.items()}
+    if isinstance(found.get("lab"), Mapping):
+        found["lab"] = {
+            name: _scaled(each, old / new) if name in LAB_LENGTHS else each for name, each in found["lab"].items()
+        }
+    return _rescaled({name: found.pop(name) for name in _LENGTHS if name in found}, old / new) | found
 
 
-_LENGTHS = ("thickness", "mean_free_path", "gaps")
+_IN_LENGTHS = ("material", "dynamics", "exposures")
+"""Tables of a recipe that hold lengths, beside those that a laboratory takes the place of."""
+_LENGTHS = {name: 1 for name in (
+    "thickness", "mean_free_path", "gaps", "correlation_length", "velocities", "coherence_length",
+)} | {"diffusion": 2}  # fmt: skip
+"""Fields that are powers of a length, in them or of the recipe, and which power."""
+
+
+def _unit_of_lengths(table: Any) -> float | None:
+    """Metres in a unit of length, by the wavelength of a table; written lengths come to micrometres."""
+    wavelength = table.get("wavelength") if isinstance(table, Mapping) else None
+    return 1e-6 if isinstance(wavelength, str) else unit_of(wavelength)
+
+
+def _rescaled(value: Any, ratio: float) -> Any:
+    if isinstance(value, list | tuple):
+        return [_rescaled(each, ratio) for each in value]
+    if not isinstance(value, Mapping):
+        return value
+    return {
+        name: _scaled(each, ratio ** _LENGTHS[name]) if name in _LENGTHS
+        else each if name == "scatterer" else _rescaled(each, ratio)
+        for name, each in value.items()
+    }  # fmt: skip
+
+
+def _scaled(value: Any, ratio: float) -> Any:
+    """A length times a ratio: a number, a distribution, or a list of them; rounded to twelve digits."""
+    if isinstance(value, Mapping):
+        return {name: _scaled(each, ratio) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_scaled(each, ratio) for each in value]
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(f"{value * ratio:.12g}") if number else value
 
 
 def _unit(table: Mapping[str, Any]) -> float:
@@ -134,11 +163,16 @@ def _texts(value: Any, where: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...]
         yield where, value
     elif isinstance(value, Mapping):
         for name, each in value.items():
-            if name not in _TEXTS:
+            if not _is_text(where, name):
                 yield from _texts(each, (*where, str(name)))
     elif isinstance(value, list | tuple):
         for each in value:
             yield from _texts(each, where)
+
+
+def _is_text(where: tuple[str, ...], name: str) -> bool:
+    """Whether a field holds words, among which "5deg" is four characters that are held out."""
+    return name in _TEXTS or (where[:1] == ("objects",) and name in ("train", "validation", "test", "characters"))
 
 
 def _has_unit(text: str) -> bool:
@@ -150,7 +184,8 @@ def _walked(value: Any, where: tuple[str, ...], unit: float) -> Any:
         return _number(value, where, unit) if _has_unit(value) else value
     if isinstance(value, Mapping):
         return {
-            name: each if name in _TEXTS else _walked(each, (*where, str(name)), unit) for name, each in value.items()
+            name: each if _is_text(where, name) else _walked(each, (*where, str(name)), unit)
+            for name, each in value.items()
         }
     if isinstance(value, list | tuple):
         return [_walked(each, where, unit) for each in value]
@@ -160,13 +195,15 @@ def _walked(value: Any, where: tuple[str, ...], unit: float) -> Any:
 def _number(text: str, where: tuple[str, ...], unit: float) -> float:
     field = ".".join(where)
     sine = sine_of(text)
+    if any(name in _PLAIN for name in where):
+        reject(field, "a plain number, which has no unit of length or angle", text)
     if where[:2] == ("light", "bandwidth"):
         reject(field, "a number, in wavenumber inside the medium", text, "[lab] takes a bandwidth as a length.")
     if sine is not None:
         if where[0] not in ("field", "tilts", "material", "view", "object"):
             reject(field, f"a length in {', '.join(METRES)}", text)
         return sine
-    if where[0] == "field" or where[-1] == "angle":
+    if where[0] == "field" or "angle" in where or ("aperture" in where and where[0] != "lab"):
         reject(field, f"a direction sine, or an angle in {', '.join(RADIANS)}", text)
     found = length_in(text, 1e-6 if where[-2:] == ("preset", "wavelength") else unit)
     assert found is not None

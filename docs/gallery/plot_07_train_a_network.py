@@ -2,33 +2,42 @@
 Train a network
 ===============
 
-Forty steps on a stream that is rendered while the network learns. This is a start, not a good network:
-``specklegen train`` is the tool, and a packaged network comes with it.
+How far does an unknown slab remember? Nine images under tilts that overlap on the camera hold the answer: their
+speckle decorrelates as fast as the material says. A perceptron learns it from 384 stacks in a few seconds, and is asked
+about materials and media that it has never met. ``specklegen train`` is the same thing from the command line.
 """
 
-import torch
-from matplotlib import pyplot as plt
-from specklegen.datasets import SpeckleStream, load_recipe
-from torch import nn
+import tempfile
 
-torch.manual_seed(0)
-recipe = load_recipe("through-slab", {"samples": {"train": 320}})
-layers = [nn.Conv2d(1, 8, 5, 4, 2), nn.ReLU(), nn.Conv2d(8, 16, 5, 2, 2), nn.ReLU(), nn.AdaptiveAvgPool2d(7)]
-net = nn.Sequential(*layers, nn.Flatten(), nn.Linear(16 * 49, 28 * 28))
-optimiser = torch.optim.Adam(net.parameters(), 1e-3)
-losses = []
-for batch in SpeckleStream(recipe, seed=0, split="train", batch_size=8).loader(num_workers=0):
-    image = batch["image"].float()
-    image = (image / image.mean((1, 2), keepdim=True) - 1)[:, None]
-    loss = nn.functional.mse_loss(net(image).reshape(-1, 28, 28), batch["object"])
-    optimiser.zero_grad()
-    loss.backward()
-    optimiser.step()
-    losses.append(loss.item())
+from matplotlib import pyplot as plt
+from specklegen.datasets import load_recipe
+from specklegen.models import Training, train
+from specklegen.models.learning.examples import examples
+from specklegen.models.learning.targets import in_units
+
+recipe = load_recipe("registered-tilts")
+data, held_out = (
+    examples(recipe, "registered", samples, 0, split, "material") for samples, split in ((384, "train"), (96, "test"))
+)
+settings = Training(target="material", input="registered", network="perceptron", epochs=60, patience=60)
+rows = []
+with tempfile.TemporaryDirectory() as folder:
+    model = train(settings, data, held_out, folder, progress=rows.append)
+
+axes = plt.subplots(layout="constrained")[1]
+axes.semilogy([row["epoch"] for row in rows], [row["train_loss"] for row in rows])
+axes.set_xlabel("epoch")
+axes.set_ylabel("training loss")
+plt.show()
 
 # %%
+# Materials of the test split, which share nothing with those of the training split: memory-effect range, as it is and
+# as the network tells it from the images.
+told, true = (in_units(rows)[:, 0] for rows in (model(held_out.inputs.float()), held_out.targets))
 axes = plt.subplots(layout="constrained")[1]
-axes.plot(losses)
-axes.set_xlabel("step")
-axes.set_ylabel("mean squared error")
+axes.plot(true, told, "o")
+axes.axline((float(true.mean()),) * 2, slope=1, color="gray")
+axes.set_xlabel("log10 of the memory-effect range")
+axes.set_ylabel("the same, told by the network")
+axes.set_title(f"R² = {1 - float((told - true).square().sum() / (true - true.mean()).square().sum()):.2f}")
 plt.show()

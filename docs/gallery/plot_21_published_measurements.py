@@ -12,6 +12,7 @@ import specklegen as sg
 from matplotlib import pyplot as plt
 from scipy.optimize import brentq
 from specklegen.oracles.adding_doubling import adding_doubling
+from specklegen.oracles.vector_adding_doubling import backscattering, projected, rayleigh, vector_adding_doubling
 from specklegen.theory.diffusing_wave import inferred_depths
 
 # %%
@@ -87,4 +88,22 @@ lit = np.array([
 without = (lit.sum(axis=0) - lit)[:, 0] / (lit.sum(axis=0) - lit)[:, 1]
 for name, ratio, error in zip(channels, lit[:, 0].sum(0) / lit[:, 1].sum(0), 3 * without.std(axis=0), strict=True):
     print(f"{name}: {ratio:.3f} +- {error:.3f}")
+
+# %%
+# A half space of such particles, without a random number: what a path and its reverse add, from adding and doubling.
+spins = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])
+seen, added = backscattering(1e4, rayleigh)
+for name, pair in channels.items():
+    into, passed = (np.einsum("a,iab,b->i", np.conj(field), spins, field).real for field in pair)
+    print(f"half space, {name}: {1 + passed @ added @ into / (passed @ seen @ into):.4f}")
+print(f"half space, all light: {1 + added[0, 0] / seen[0, 0]:.4f}")
+
+# %%
+# Jacques, Roman and Lee (Lasers Surg. Med. 26, 119, 2000) gave suspensions, skin, muscle and liver a polarisation
+# diffusivity chi in rad^2 a mean free path. If the angle has the variance chi tau, light keeps P = exp(-2 chi tau).
+for g, nodes in ((0.0, 8), (0.5, 12), (0.8, 24)):
+    matrix = projected(lambda c, g=g: (1 - g * g) / (1 + g * g - 2 * g * c) ** 1.5) if g else rayleigh
+    for depth in (2.0, 5.0):
+        light = vector_adding_doubling(depth, matrix, nodes=nodes).transmitted[0, 0]
+        print(f"g = {g:g}, depth {depth:g}: chi = {-np.log(light[1, 1] / light[0, 0]) / (2 * depth):.4f} rad^2")
 plt.show()

@@ -29,6 +29,7 @@ from specklegen.core.errors import counted, reject
 from specklegen.measured.files import Source
 from specklegen.measured.measurement import Measurement, read_measurement
 from specklegen.models.calibration.material_fit import Interval
+from specklegen.models.calibration.point_speckle import PointSpeckle
 from specklegen.models.likelihood.likelihood import Optics
 from specklegen.models.likelihood.spectrum import transforms
 from specklegen.scene.window import PROFILES, Profile, Window
@@ -150,6 +151,12 @@ class SetupFit(Pictured):
             found[name] = Interval(max(value - wide * error, 0.0), value + wide * error)
         return found
 
+    @property
+    def drawn(self) -> PointSpeckle:
+        """What draws photographs of this setup."""
+        noise = self.noise**2
+        return PointSpeckle(self.profile, self.grain, min(self.contrast**2, 1.0), noise, self.pixel_integration)
+
     def optics(self, step: float) -> Optics:
         """Return the layout for a likelihood, with object pixels ``step`` camera pixels apart."""
         return Optics(step, self.grain, self.profile, self.pixel_integration)
@@ -259,6 +266,21 @@ def fit_setup(
         float(min(errors[2] / (2 * noise) if noise else np.inf, np.sqrt(errors[2]))), behind, chance,
         pixel_integration, len(tiles.power), seen, tuple(doubts), rings,
     )  # fmt: skip
+
+
+def influence(images: np.ndarray, setup: PointSpeckle) -> np.ndarray:
+    """What each image moves a fit by, float64[n, 3]: ln(grain), contrast^2 and noise^2; their mean is the whole move.
+
+    One step of Fisher's scoring from the setup, image by image; images float64[n, h, w] of any brightness.
+    """
+    light = images / images.mean(axis=(1, 2), keepdims=True) - 1
+    tiles = _tiles(light, setup.grain)
+    alone = _alone(tiles, setup.profile, np.log(setup.grain), setup.pixel_integration)
+    spectrum = setup.lit * alone + setup.noise
+    at = _Fitted(setup.profile, float(np.log(setup.grain)), setup.lit, setup.noise, spectrum, 0.0)
+    slopes = _slopes(tiles, at, setup.pixel_integration)
+    scores = (tiles.power / spectrum - 1) @ slopes.T
+    return scores.reshape(len(images), -1, _NUMBERS).mean(axis=1) @ np.linalg.pinv(slopes @ slopes.T, hermitian=True)
 
 
 def _correlation(images: np.ndarray) -> float:

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from specklegen.core.errors import reject
 from specklegen.models.learning.exposures import exposures_input
+from specklegen.models.learning.local_contrast import local_contrast_input
 from specklegen.models.retrieval.autocorrelation import lag_means
 from specklegen.models.retrieval.camera_noise import READABLE, camera_noise
 
@@ -219,8 +220,9 @@ FEATURES: dict[str, Callable[[Mapping[str, Any]], Tensor]] = {
     "registered": registered_input,
     "registered+power": registered_and_power_input,
     "exposures": exposures_input,
+    "local-contrast": local_contrast_input,
 }
-"""Name to function of a batch of stacks, float[B, F]."""
+"""Name to function of a batch of stacks, float[B, F], or of maps float[B, C, H, W]."""
 
 
 def steps_of(batch: Mapping[str, Any]) -> Tensor:

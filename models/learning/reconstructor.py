@@ -16,7 +16,7 @@ from specklegen.core.errors import reject
 from specklegen.models.learning.inputs import FEATURES, INPUTS, network_input
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks import NETWORKS, build, network_content
-from specklegen.models.learning.targets import TARGETS, in_units
+from specklegen.models.learning.targets import TARGETS
 
 PRETRAINED = "unknown-slab"
 """Model that comes with the package; its card lies beside it, and in docs/networks.md."""
@@ -33,7 +33,7 @@ class Reconstructor:
     input : str
         "camera" or "autocorrelation".
     target : str
-        What it tells: "object", "label", "material" or "motion".
+        What it tells: "object", "label", "material", "motion" or "contrast".
     trained_on : dict
         Table of the objects that it was trained on, as in a recipe; empty where that is not known.
 
@@ -84,9 +84,9 @@ class Reconstructor:
 
         Returns
         -------
-        float32[B, K]
+        float32[B, K], or of maps float32[B, E, H, W]
             Probabilities of the classes; of a material log10 of range (radians), thickness and optical depth, and g; of
-            motion log10 of tau0, and the share of the light at rest.
+            motion log10 of tau0, and the share of the light at rest; the contrast of each pixel of every exposure.
 
         Raises
         ------
@@ -98,9 +98,7 @@ class Reconstructor:
         inputs = network_input(batch, self.input)
         if inputs.shape[-1] != self.side:
             reject("tell batch", f"as in training, {self.side} numbers along the last axis", tuple(inputs.shape))
-        made = self(inputs)
-        names = TARGETS[self.target].numbers
-        return in_units(made, names) if names else made[:, 0]
+        return TARGETS[self.target].read(self(inputs))
 
     def save(self, path: str | os.PathLike, compact: bool = False) -> None:
         """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter."""

@@ -1,6 +1,6 @@
-"""What a network is to tell of a sample: its object, the label of the object, or numbers of the medium in front of it.
+"""What a network is to tell of a sample: its object, the object's label, numbers of the medium, or maps of contrast.
 
-Answers other than the object are one row, float[B, 1, K], so that the networks and runs are those of objects.
+Numbers are one row, float[B, 1, K], and maps lie one below the other, so that networks and runs are those of objects.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from specklegen.core.errors import reject
+from specklegen.models.learning.local_contrast import require_maps
 from specklegen.models.learning.losses import Loss
 from specklegen.models.metrics import align, pearson
 
@@ -51,8 +52,12 @@ class Target(NamedTuple):
         Of (answers, values), to a number: the larger the better, at most 1.
     scored : str
         Name of the score.
+    hidden : bool
+        Whether it is asked of hidden objects.
     numbers : mapping
         Of targets that are numbers of the medium: their names, in order; else empty.
+    read : function
+        Of answers, to what is told of a batch: float[B, K], or maps float[B, E, H, W].
     """
 
     values: Callable[[Mapping[str, Any]], Tensor]
@@ -60,7 +65,9 @@ class Target(NamedTuple):
     answer: Callable[[Tensor], Tensor]
     score: Callable[[Tensor, Tensor], float]
     scored: str
+    hidden: bool = True
     numbers: Mapping[str, Scale] = MappingProxyType({})
+    read: Callable[[Tensor], Tensor] = lambda rows: rows[:, 0]
 
 
 def objects_of(batch: Mapping[str, Any]) -> Tensor:
@@ -97,6 +104,17 @@ def in_units(rows: Tensor, names: Mapping[str, Scale] = MATERIAL) -> Tensor:
     return rows[:, 0] * spread + middle
 
 
+def maps_of(batch: Mapping[str, Any]) -> Tensor:
+    """Maps of contrast, those of a sample one below the other, float32[B, E H, W]."""
+    require_maps(batch)
+    return batch["target"].float().flatten(1, 2)
+
+
+def apart(rows: Tensor) -> Tensor:
+    """Square maps float[B, E, W, W] that lie one below the other in float[B, E W, W]."""
+    return rows.unflatten(1, (-1, rows.shape[-1]))
+
+
 def _scales(names: Mapping[str, Scale], dtype: torch.dtype) -> Tensor:
     return torch.tensor([(each.middle, each.spread) for each in names.values()], dtype=dtype).T
 
@@ -117,6 +135,13 @@ def determination(made: Tensor, rows: Tensor) -> Tensor:
     return 1 - error / spread.clamp_min(torch.finfo(rows.dtype).tiny)
 
 
+def map_determination(made: Tensor, rows: Tensor) -> float:
+    """R^2 of the pixels of all maps: 1 less the square error over the variance within exposures, both their sums."""
+    true = apart(rows).double()
+    spread = true.var((0, 2, 3), correction=0).sum().clamp_min(torch.finfo(torch.float32).tiny)
+    return float(1 - (apart(made).double() - true).square().mean((0, 2, 3)).sum() / spread)
+
+
 def cross_entropy_of_classes(logits: Tensor, labels: Tensor) -> Tensor:
     """Cross-entropy of the classes' probabilities."""
     return functional.cross_entropy(logits[:, 0], labels[:, 0])
@@ -125,7 +150,8 @@ def cross_entropy_of_classes(logits: Tensor, labels: Tensor) -> Tensor:
 def _of_numbers(names: Mapping[str, Scale]) -> Target:
     return Target(
         lambda batch: numbers_of(batch, names), functional.mse_loss, lambda logits: logits,
-        lambda made, rows: float(determination(made, rows).mean()), "r2", names,
+        lambda made, rows: float(determination(made, rows).mean()), "r2", False, names,
+        lambda rows: in_units(rows, names),
     )  # fmt: skip
 
 
@@ -134,5 +160,6 @@ TARGETS: dict[str, Target] = {
     "label": Target(labels_of, cross_entropy_of_classes, lambda logits: logits.softmax(-1), accuracy, "accuracy"),
     "material": _of_numbers(MATERIAL),
     "motion": _of_numbers(MOTION),
+    "contrast": Target(maps_of, functional.mse_loss, lambda told: told, map_determination, "r2", False, read=apart),
 }
 """Name to target."""

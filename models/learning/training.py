@@ -47,16 +47,17 @@ class Training(Value):
     ----------
     target
         What it is to tell: the "object", its "label" (a class), the "material" (range, thickness, optical depth, g), or
-        the "motion" (tau0, share of the light at rest).
+        the "motion" (tau0, share of the light at rest), or the map of its "contrast".
     input
         What the network sees: "autocorrelation" or "camera"; of stacks of tilts "registered", how their speckle
-        decorrelates, or "registered+power", with the transmitted power; of exposures "exposures", their contrasts.
+        decorrelates, or "registered+power", with the transmitted power; of exposures "exposures", their
+        contrasts, or "local-contrast", maps of them.
     network
-        "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample), "dense", or
-        "perceptron" (for stacks of tilts or exposures); or one of your own (:class:`specklegen.models.Network`), by its
-        name or by its import path, as in "my_module:Linear".
+        "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample), "dense",
+        "perceptron" (for stacks of tilts or exposures) or "contrast" (for maps); or one of your own
+        (:class:`specklegen.models.Network`), by its name or by its import path, as in "my_module:Linear".
     width
-        Channels at the top of the U-Net, or a sixteenth of the units of the other two.
+        Channels at the top of a U-Net, or a sixteenth of the units of dense nets.
     loss
         A name in :data:`specklegen.models.learning.losses.LOSSES`, for objects; the other targets have losses of their
         own.
@@ -110,9 +111,9 @@ class Training(Value):
 
 
     @property
-    def tells_numbers(self) -> bool:
-        """Whether it is to tell numbers of the medium, which need no hidden object."""
-        return bool(TARGETS[self.target].numbers)
+    def of_objects(self) -> bool:
+        """Whether what it is to tell needs hidden objects."""
+        return TARGETS[self.target].hidden
 
 
 def _able(what: str, name: str) -> str:

@@ -35,7 +35,7 @@ BAND = 0.92
 """Frequencies used, over the highest that the window passes along an axis."""
 PASSED = 0.005
 """Smallest transfer function of the window at a frequency that is used."""
-_LEAST = 1e-9  # of the spectrum's peak: below is rounding
+_LEAST = 1e-9  # of the peak of an object's own spectrum: below is rounding
 _STEPS = 6  # of Fisher's scoring for the brightness
 
 
@@ -202,7 +202,7 @@ class SpeckleLikelihood(nn.Module):
         if memory_effect is not None:
             lags = lags * memory_effect.to(self.power)
         found = Transforms(self.rows, self.columns)(lags)
-        return found.clamp_min(_LEAST * float(found.detach().max()))
+        return torch.maximum(found, _LEAST * found.detach().amax((-2, -1), keepdim=True))
 
     def spectrum(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
         """S with the brightness that fits best, and noise, float[B, ..., F, G]: what the periodogram should be."""

@@ -23,6 +23,7 @@ from specklegen.cli import (
     recoverable,
     scenes,
     stores,
+    twin,
 )
 from specklegen.cli.examples import epilog
 from specklegen.cli.failures import failures_told
@@ -71,6 +72,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "fit-camera": fit_camera.fit_camera,
     "fit-material": fit_material.fit_material,
     "fit-setup": fit_setup.fit_setup,
+    "twin": twin.twin,
     "compare": compare.compare_command,
     "benchmark": benchmark.benchmark,
     "explore": explore.explore,

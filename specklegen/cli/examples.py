@@ -32,6 +32,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "fit-camera": ("fit-camera --pairs bright_1.tif bright_2.tif --dark dark_1.tif dark_2.tif --out camera.toml",),
     "fit-material": ("fit-material --wavelength 0.5 --tilt tilts.csv --transmittance .79+-.02 --out my-bench.toml",),
     "fit-setup": ("fit-setup run1 --dark 20", "fit-setup frame.tif --profile disc --picture spectrum.png"),
+    "twin": ("twin run1 --dark 20 --out twin.toml --picture twin.png", "twin run1 --setup setup.toml --envelope fit"),
     "compare": ("compare through-slab --out compared.png",),
     "benchmark": ("benchmark --list", "benchmark mine.py:mine --task thin --samples 8"),
     "explore": ("explore", "explore --port 2718 --no-browser"),

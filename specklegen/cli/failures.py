@@ -11,6 +11,7 @@ from typing import Any
 import typer
 
 from specklegen.core.errors import RuleError, ToldError
+from specklegen.core.extras import install_line
 
 FAILED = 2
 """Exit status of a command that could not do what it was asked for."""
@@ -19,26 +20,11 @@ NOT_WHOLE = 1
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as a shell has it."""
 
-_EXTRAS = {
-    "sklearn": "digits", "miepython": "mie", "distributed": "dask", "dask": "dask", "dask_jobqueue": "dask",
-    "cloudpickle": "dask", "trimesh": "mesh", "mapbox_earcut": "mesh", "shapely": "mesh", "pyarrow": "parquet",
-    "upath": "remote", "lightning": "lightning", "deepinv": "deepinv", "embreex": "validate", "treams": "validate",
-    "marimo": "explore", "uvicorn": "explore", "h5py": "hdf5", "xarray": "xarray",
-}  # fmt: skip
-"""Packages that come with an extra of this one."""
-
 
 def _system(error: OSError) -> str:
     files = ": ".join(str(name) for name in (error.filename, error.filename2) if name is not None)
     said = error.strerror or str(error) or type(error).__name__
     return f"{said}: {files}" if files else said
-
-
-def _package(error: ImportError) -> str:
-    name = (error.name or "").partition(".")[0]
-    if name in _EXTRAS:
-        return f"this needs the package {name}: pip install 'specklegen-torch[{_EXTRAS[name]}]'"
-    return str(error)
 
 
 _WORDS: tuple[tuple[type[BaseException], Callable[[Any], str]], ...] = (
@@ -48,7 +34,7 @@ _WORDS: tuple[tuple[type[BaseException], Callable[[Any], str]], ...] = (
     (MemoryError, lambda error: f"there is not enough memory. {error}".strip()),
     (RecursionError, lambda error: "something is nested too deeply to be read"),
     (UnicodeError, lambda error: f"a text or a name is not in UTF-8: {error}"),
-    (ImportError, _package),
+    (ImportError, lambda error: install_line(error) or str(error)),
 )
 
 

@@ -21,7 +21,7 @@ def fit_setup(
 
     if picture is not None:
         picture_file("fit-setup --picture", picture)
-    found = fit(photographs, dark=_black(dark), profile=profile, pixel_integration=not points)
+    found = fit(photographs, dark=black_level(dark), profile=profile, pixel_integration=not points)
     if picture is not None:
         figure = found.plot().get_figure()
         assert figure is not None
@@ -37,7 +37,8 @@ def fit_setup(
         typer.echo(str(picture))
 
 
-def _black(text: str | None) -> str | float | None:
+def black_level(text: str | None) -> str | float | None:
+    """A number, if it is one; else the name of files."""
     try:
         return None if text is None else float(text)
     except ValueError:

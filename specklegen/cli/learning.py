@@ -25,6 +25,7 @@ from specklegen.core.errors import counted, reject
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+    from specklegen.datasets.recipes.recipe import Recipe
     from specklegen.models.learning.reconstructor import Reconstructor
 
 MOST_KEPT = 10**6
@@ -52,19 +53,19 @@ def train(
         int, typer.Option(min=1, max=MOST_KEPT, help="Of a recipe's validation split.")
     ] = 256,
     target: Annotated[
-        str, typer.Option(help="What the network is to tell: object, label, material or motion.")
+        str, typer.Option(help="What the network is to tell: object, label, material, motion or contrast.")
     ] = "object",
     input: Annotated[
         str,
         typer.Option(
             help="What the network sees: camera or autocorrelation; of stacks of tilts registered or registered+power; "
-            "of exposures exposures."
+            "of exposures exposures, or, of a surface, local-contrast."
         ),
     ] = "autocorrelation",
     network: Annotated[
         str,
         typer.Option(
-            help="Kind of network: dense, perceptron, residual, stack-unet or unet; or one of your own, as "
+            help="Kind of network: contrast, dense, perceptron, residual, stack-unet or unet; or one of your own, as "
             "my_module:Name, whose module is run."
         ),
     ] = "unet",
@@ -132,7 +133,7 @@ def train(
     else:
         if validation is not None:
             reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
-        recipe = (load if settings.tells_numbers else load_hidden)(what, changes, images, objects)
+        recipe = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
         shown = sharing_media(recipe, media_group)
         data = streamed(SpeckleStream(shown, seed=seed, batch_size=batch_size), input, workers, target)
         held_out = examples(recipe, input, validation_samples, seed, "validation", target)
@@ -174,7 +175,7 @@ def evaluate(
         str | None,
         typer.Option(
             help="What to test on (default: one-angular-size; characters-of-new-fonts for labels, registered-tilts for "
-            "materials, lsci-slab for motion).", autocompletion=names_starting_with,
+            "materials, lsci-slab for motion, flow-vessel for contrast).", autocompletion=names_starting_with,
         ),
     ] = None,
     split: Split = "test",
@@ -193,17 +194,15 @@ def evaluate(
     """Judge networks beside chance and phase retrieval, on media and characters that none has seen.
 
     Images of characters that a network was trained on are passed over, except with --split train. Networks that tell
-    labels, materials or motion are judged one at a time, by a table of confusions or of R^2; of motion beside the
-    multi-exposure model in closed form.
+    labels, materials, motion or contrast are judged one at a time, by a table of confusions or of R^2; of motion beside
+    the multi-exposure model in closed form, of contrast beside that and a sliding window.
     """
     import torch
 
     from specklegen.datasets.objects import Points
-    from specklegen.datasets.recipes.exposure_stack import ExposureStack
     from specklegen.datasets.recipes.hidden_object import HiddenObject
     from specklegen.models.judging import baselines, evaluation
     from specklegen.models.judging.charts import contact_sheet
-    from specklegen.models.judging.closed_inversion import closed_inversion
     from specklegen.models.judging.points import localisation
     from specklegen.models.judging.unseen import seen_by, unseen
     from specklegen.models.learning.examples import batches_of
@@ -222,12 +221,11 @@ def evaluate(
         reject("evaluate models", "networks that tell the same", sorted(asked))
     (target,) = asked
     recipe = recipe or _BENCHMARKS[target]
-    loaded = (load if TARGETS[target].numbers else load_hidden)(recipe, changes, images, objects)
+    loaded = (load_hidden if TARGETS[target].hidden else load)(recipe, changes, images, objects)
     if loaded.media_of(samples) < 2:
         reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
     if target != "object":
-        beside = {"closed inversion": closed_inversion(loaded, seed)} if isinstance(loaded, ExposureStack) else {}
-        _judge_answers(named, batches_of(loaded, samples, seed, split), out, as_json, beside)
+        _judge_answers(named, batches_of(loaded, samples, seed, split), out, as_json, _closed(loaded, target, seed))
         return
     assert isinstance(loaded, HiddenObject)
     if "image" not in loaded.images_layout():
@@ -268,21 +266,35 @@ def evaluate(
 
 _BENCHMARKS = {
     "object": "one-angular-size", "label": "characters-of-new-fonts", "material": "registered-tilts",
-    "motion": "lsci-slab",
+    "motion": "lsci-slab", "contrast": "flow-vessel",
 }  # fmt: skip
+
+
+def _closed(recipe: "Recipe", target: str, seed: int) -> "Mapping[str, Callable]":
+    """Methods without learning that stand beside a network of a target."""
+    from specklegen.datasets.recipes.contrast_map import ContrastMap
+    from specklegen.datasets.recipes.exposure_stack import ExposureStack
+    from specklegen.models.judging.closed_contrast import closed_contrast
+    from specklegen.models.judging.closed_inversion import closed_inversion
+
+    if target == "motion" and isinstance(recipe, ExposureStack):
+        return {"closed inversion": closed_inversion(recipe, seed)}
+    return closed_contrast(recipe, seed) if target == "contrast" and isinstance(recipe, ContrastMap) else {}
 
 
 def _judge_answers(
     named: "dict[str, Reconstructor]", batches: "Iterator[dict]", out: Path, as_json: bool,
     beside: "Mapping[str, Callable]",
 ) -> None:  # fmt: skip
-    """Print and write the table of a network that tells labels or numbers, and of methods beside it."""
+    """Print and write the table of a network that tells labels, numbers or maps, and of methods beside it."""
     from specklegen.models.judging.answers import judge
+    from specklegen.models.judging.contrast_maps import judge_maps
 
     if len(named) > 1:
         reject("evaluate models", "one at a time where they tell no object", sorted(named))
     writable(out)
-    found = judge(next(iter(named.values())), batches, beside)
+    model = next(iter(named.values()))
+    found = (judge_maps if model.target == "contrast" else judge)(model, batches, beside)
     found.write(out)
     if as_json:
         echo_json(found.rows())

@@ -3,12 +3,16 @@
 import contextlib
 import os
 import re
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+
+import numpy as np
 
 from specklegen.core.errors import reject
 
 _SMALL = 2**24  # bytes: fewer are on any machine, and asking the system takes as long as small media do
+_PACKAGE = __name__.partition(".")[0]
 _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
@@ -93,6 +97,32 @@ def _lines(file: Path) -> dict[str, int]:
     """Bytes by name, from a file of the system that states them in kB."""
     stated = re.findall(r"^(\w+):\s*(\d+) kB$", file.read_text(), re.MULTILINE)
     return {name: int(kibibytes) * 1024 for name, kibibytes in stated}
+
+
+def array_bytes(held: object) -> int:
+    """Bytes of all arrays and tensors within a value of this library, or within lists and tables, each once."""
+    sizes: dict[object, int] = {}
+    seen: set[int] = set()
+    left = [held]
+    while left:
+        each = left.pop()
+        if id(each) in seen:
+            continue
+        seen.add(id(each))  # what holds them is held by the caller: no number comes twice
+        if isinstance(each, np.ndarray):
+            while isinstance(each.base, np.ndarray):
+                each = each.base
+            sizes[id(each)] = each.nbytes
+        elif hasattr(each, "untyped_storage"):
+            storage = each.untyped_storage()
+            sizes[storage.data_ptr() or id(each)] = storage.nbytes()
+        elif isinstance(each, Mapping):
+            left += each.values()
+        elif isinstance(each, list | tuple | set | frozenset):
+            left += each
+        elif type(each).__module__.startswith(_PACKAGE) and not isinstance(each, type):
+            left += getattr(each, "__dict__", {}).values()
+    return sum(sizes.values())
 
 
 def require_memory(owner: str, rule: str, needed: float, what: str, remedy: str, *, share: float = 0.5) -> None:

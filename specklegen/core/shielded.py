@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from specklegen.core.extras import extras_named
 from specklegen.core.parallel import one_blas_thread, one_torch_thread
 
 T = TypeVar("T")
@@ -74,6 +75,7 @@ def shielded() -> Iterator[None]:
         stack.enter_context(one_blas_thread())
         if "torch" in sys.modules:  # else its settings are those that it comes with
             _shield_torch(stack)
+        stack.enter_context(extras_named())
         yield
 
 

@@ -29,6 +29,7 @@ class State(NamedTuple):
     focus: float = 0.0
     lens: float = 0.02
     magnification: float = 2.0
+    analysers: str = "linear"
     sample: int = 0
 
 
@@ -72,6 +73,7 @@ CONTROLS: dict[str, Control] = {
     ),
     "lens": Control("aperture of the lens, a sine in the slab", (0.01, 0.015, 0.02, 0.03, 0.04, 0.05)),
     "magnification": Control("magnification, onto pixels of 6.5 µm", (1.0, 2.0, 3.0, 5.0, 10.0, 20.0)),
+    "analysers": Control("light before two analysers", ("linear", "circular")),
     "sample": Control("which sample", tuple(range(16))),
 }
 """Field of a state to its control."""

@@ -93,6 +93,21 @@ def _moved(state: State) -> str:
     )
 
 
+def _analysed(state: State) -> str:
+    found = shown.analysed(state)
+    pictures = (
+        drawing.picture(drawing.png(image), f"image behind the analyser {name}") + f"{name}: {share:.1%} of the light"
+        for image, name, share in zip(found.images, recipe.ANALYSERS[state.analysers], found.shares, strict=True)
+    )
+    degree = found.shares[0] - found.shares[1]
+    return (
+        drawing.row(*pictures)
+        + f"<p>One object in {state.analysers} light, particles of low contrast. What comes out has a degree of "
+        f"polarisation of {degree:.2f}; what the second analyser passes was turned on detours, and forgets sooner.</p>"
+        + _text(recipe.analysed_toml)(state)
+    )
+
+
 def _lens(state: State) -> str:
     found = shown.focused(state)
     high = float(np.percentile(found.images, 99.5))
@@ -156,6 +171,7 @@ _PANELS: tuple[tuple[str, bool, Callable[[State], str]], ...] = (
     ("What the camera sees", False, _camera),
     ("Speckle under tilt", False, _tilt),
     ("Speckle in motion", False, _moved),
+    ("Behind two analysers", False, _analysed),
     ("Through a lens", False, _lens),
     ("Autocorrelation", False, _lags),
     ("Memory effect", False, _curve),

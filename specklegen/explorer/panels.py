@@ -12,7 +12,18 @@ from specklegen.core.statistics import autocorrelation
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.recipes.brownian import moving
 from specklegen.explorer.controls import State
-from specklegen.explorer.recipe import PIXEL, SEED, SIDE, SPHERES, SPLIT, lens_of, motion_of, recipe_of, tilts_of
+from specklegen.explorer.recipe import (
+    PIXEL,
+    SEED,
+    SIDE,
+    SPHERES,
+    SPLIT,
+    analysed_of,
+    lens_of,
+    motion_of,
+    recipe_of,
+    tilts_of,
+)
 from specklegen.models.judging.baselines import katz
 from specklegen.models.judging.evaluation import aligned_to, targets_of
 from specklegen.models.metrics import pearson
@@ -106,6 +117,31 @@ def moved(state: State) -> Moved:
     lags = np.linspace(0, max(3 * half, 1.2 * state.lag), _POINTS)
     at = float(known.field(np.array(rate * state.lag)) ** 2)
     return Moved(np.asarray(frames), lags, np.square(known.field(rate * lags)), float(half), at)
+
+
+class Analysed(NamedTuple):
+    """The hidden object in polarised light, behind two analysers at right angles.
+
+    Attributes
+    ----------
+    images : real[2, H, W]
+        Each of mean 1: what kept its polarisation, and the rest.
+    shares : tuple of float
+        Of the light, that each analyser passes.
+    """
+
+    images: np.ndarray
+    shares: tuple[float, float]
+
+
+@lru_cache(maxsize=4)
+def analysed(state: State) -> Analysed:
+    """Two images of one object by the projector model, of a kernel of its own behind each analyser."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtWarning)
+        found = analysed_of(state).sample(SEED, SPLIT, state.sample)
+    told = found["parameters"]
+    return Analysed(np.asarray(found["stack"]), (float(told["analyser_share_0"]), float(told["analyser_share_1"])))
 
 
 class Focused(NamedTuple):

@@ -8,6 +8,7 @@ import numpy as np
 import tomli_w
 from scipy.optimize import brentq
 
+from specklegen.datasets.recipes.analysed_object import AnalysedObject
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.lens_stack import LensStack
 from specklegen.datasets.recipes.multi_image import DynamicSlab
@@ -28,6 +29,8 @@ SPOT = 100.0
 """Side of the lit window that the lens looks at, micrometres."""
 PIXEL = 6.5
 """Micrometres between pixels of the camera behind the lens."""
+ANALYSERS = {"linear": ("parallel", "crossed"), "circular": ("circular", "flipped")}
+"""What stands before the camera in light of each kind."""
 _PATHS = 20_000  # a kernel that no table holds, in a third of a second
 _SUMMED = 3000  # behind the lens, where paths are summed
 
@@ -59,6 +62,15 @@ def motion_table(state: State) -> dict[str, Any]:
         "dynamics": {
             "model": "brownian", "frames": 2, "interval": 1e-3 * state.lag, "diffusion": SPHERES.diffusion,
         },
+    }  # fmt: skip
+
+
+def analysed_table(state: State) -> dict[str, Any]:
+    """Table of the recipe of the same hidden object in polarised light, behind two analysers at right angles."""
+    still = recipe_table(state)
+    return still | {
+        "name": "explored-analysers", "kind": "analysed-object", "material": still["material"] | {"kernel": "estimate"},
+        "light": {"polarisation": "projector", "analyser": list(ANALYSERS[state.analysers])},
     }  # fmt: skip
 
 
@@ -112,26 +124,37 @@ def _begun(state: State, *names: str) -> State:
 
 
 _LENS = "focus", "lens", "magnification"
+_LATER = *_LENS, "analysers"
 
 
 def recipe_of(state: State) -> HiddenObject:
     """Recipe of the hidden object."""
-    return _hidden(_begun(state, "tilt", "lag", *_LENS))
+    return _hidden(_begun(state, "tilt", "lag", *_LATER))
 
 
 def tilts_of(state: State) -> TiltStack:
     """Recipe of the two tilts."""
-    return _tilts(_begun(state, "object", "extent", "photons", "lag", *_LENS))
+    return _tilts(_begun(state, "object", "extent", "photons", "lag", *_LATER))
 
 
 def motion_of(state: State) -> DynamicSlab:
     """Recipe of the two frames."""
-    return _motion(_begun(state, "tilt", *_LENS))
+    return _motion(_begun(state, "tilt", *_LATER))
 
 
 def lens_of(state: State) -> LensStack:
     """Recipe of the spot through a lens."""
-    return _lens(_begun(state, "aperture", "object", "extent", "photons", "tilt", "lag"))
+    return _lens(_begun(state, "aperture", "object", "extent", "photons", "tilt", "lag", "analysers"))
+
+
+def analysed_of(state: State) -> AnalysedObject:
+    """Recipe of the hidden object behind two analysers."""
+    return _analysed(_begun(state, "tilt", "lag", *_LENS))
+
+
+@lru_cache(maxsize=16)
+def _analysed(state: State) -> AnalysedObject:
+    return AnalysedObject(**analysed_table(state))
 
 
 @lru_cache(maxsize=16)
@@ -157,6 +180,11 @@ def _lens(state: State) -> LensStack:
 def lens_toml(state: State) -> str:
     """TOML file of the recipe of the spot through a lens."""
     return tomli_w.dumps(lens_table(state))
+
+
+def analysed_toml(state: State) -> str:
+    """TOML file of the recipe behind two analysers."""
+    return tomli_w.dumps(analysed_table(state))
 
 
 def toml(state: State) -> str:

@@ -8,6 +8,8 @@ Source: Goldstein, *Polarized Light* (3rd ed., 2011), section 5.3; Tyo, LaCharit
 (2009), on what interpolation leaves out: detail finer than two pixels.
 """
 
+from __future__ import annotations
+
 from typing import Annotated, Self
 
 import numpy as np
@@ -101,9 +103,8 @@ class PolarisationMosaic(Value):
         self._require_cells("PolarisationMosaic.pixels images", seen, 2 * points)
         if not np.isfinite(seen).all() or (seen < 0).any():
             reject("PolarisationMosaic.pixels images", "finite and at least 0 everywhere", images)
-        passed = seen + self._leak * np.roll(seen, 2, axis=-3)  # the polariser across is two further
-        masks = self._masks(seen.shape[-2] // points, seen.shape[-1] // points).repeat(points, 1).repeat(points, 2)
-        return (passed * masks).sum(axis=-3)
+        mixed = self.mixture(seen.shape[-2] // points, seen.shape[-1] // points).repeat(points, 1).repeat(points, 2)
+        return (seen * mixed).sum(axis=-3)
 
     def stokes(self, pixels: ArrayLike) -> np.ndarray:
         """S0, S1 and S2 float64[..., 3, H, W] of light or counts (less their offset) float[..., H, W] of the pixels.
@@ -123,6 +124,11 @@ class PolarisationMosaic(Value):
         spread = _between(seen[..., None, :, :] * masks) / _between(masks)
         analysers = _AXES * np.array([1 + self._leak, 1 - self._leak, 1 - self._leak]) / 2
         return np.einsum("sa,...ahw->...shw", np.linalg.pinv(analysers), spread)
+
+    def mixture(self, rows: int, columns: int) -> np.ndarray:
+        """Share float64[4, H, W] that pixels see of images behind ideal polarisers at 0, 45, 90 and 135 degrees."""
+        masks = self._masks(rows, columns)
+        return masks + self._leak * np.roll(masks, 2, axis=0)  # the polariser across is two further
 
     def _masks(self, rows: int, columns: int) -> np.ndarray:
         """Which pixels have each of the four angles, float64[4, H, W]."""

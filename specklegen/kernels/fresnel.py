@@ -40,6 +40,29 @@ def reflectance(mu, inside, wall, outside):
     return 1.0 - (1.0 - first) * (1.0 - second) / (1.0 - first * second)
 
 
+@inlined
+def amplitudes(mu, inside, outside):
+    """What one face makes of fields that meet it from inside: real and imaginary parts across the plane, and in it.
+
+    Behind the face lies the image of the light: what lies in the plane keeps the sign of its part along the face, so
+    that both are one number straight on. Where all is reflected both have length 1, and e^(-i omega t) says their sign.
+    """
+    ratio = inside / outside
+    beyond = 1.0 - (1.0 - mu * mu) * ratio * ratio
+    if beyond > 0.0:
+        nu = math.sqrt(beyond)
+        across = (inside * mu - outside * nu) / (inside * mu + outside * nu)
+        along = (inside * nu - outside * mu) / (inside * nu + outside * mu)
+        return across, 0.0, along, 0.0
+    kappa = math.sqrt(-beyond)
+    # (a - ib) / (a + ib), and the same with the sign of its parts exchanged
+    a, b = inside * mu, outside * kappa
+    norm = a * a + b * b
+    c, d = outside * mu, inside * kappa
+    other = c * c + d * d
+    return (a * a - b * b) / norm, -2.0 * a * b / norm, (d * d - c * c) / other, 2.0 * c * d / other
+
+
 @kernel
 def reflectances(cosines, inside, wall, outside, out):
     """Fill ``out`` float64[n] with R at cosines float64[n] inside."""

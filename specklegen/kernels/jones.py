@@ -44,9 +44,9 @@ class Jones(NamedTuple):
 
     Attributes
     ----------
-    matrices : float64[n, 4], or float64[0, 4]
-        S1 and S2, real before imaginary parts, at the nodes of the walk's lobe, linear in 1 - cos between them; of no
-        rows the projector, S2 = cos(theta) S1.
+    matrices : float64[n, 4], float64[types, n, 4] through layers, or of no rows
+        S1 and S2, real before imaginary parts, at the nodes of the walk's lobe, linear in 1 - cos between them, through
+        layers those of :func:`amplitudes_of_type`; of no rows the projector, S2 = cos(theta) S1.
     carried : float64[2, CARRIED]
         Room for the matrices of the lanes: FLYING, and WAITING for a lane.
     step : float64[STEP]
@@ -70,6 +70,13 @@ def unpolarised(carried, count):
 
 
 @inlined
+def start_matrix(carried, lane):
+    """Put the unit matrix into a lane in flight."""
+    for n in range(ENTRIES):
+        carried[FLYING, n * LANES + lane] = 1.0 if n == 0 or n == ENTRIES - 2 else 0.0
+
+
+@inlined
 def write_matrix(carried, lane, out):
     """Fill float64[ENTRIES] with the matrix of a lane in flight."""
     for n in range(ENTRIES):
@@ -77,12 +84,28 @@ def write_matrix(carried, lane, out):
 
 
 @inlined
-def scatter_polarised(where, g, rows, guide, places, matrices, spin, step, state, address, count):
-    """Turn every lane's direction, and its matrix float64[CARRIED] with it."""
+def draw_turns(where, step, address, count):
+    """Draw the uniforms that turn azimuths."""
     for i in range(count):
         step[TURN + i] = uniforms(
             where.key0, where.key1, where.sample, address[PATH + i], address[ORDER + i] + _TURNS
         )[0]  # fmt: skip
+
+
+@inlined
+def project(step, state, count):
+    """Amplitudes of the projector at the angles that the lanes have drawn."""
+    for i in range(count):
+        cosine = 1.0 - state[DROP + i]
+        across = math.sqrt(2.0 / (1.0 + cosine * cosine))
+        step[ACROSS_RE + i], step[ACROSS_IM + i] = across, 0.0
+        step[ALONG_RE + i], step[ALONG_IM + i] = across * cosine, 0.0
+
+
+@inlined
+def scatter_polarised(where, g, rows, guide, places, matrices, spin, step, state, address, count):
+    """Turn every lane's direction, and its matrix float64[CARRIED] with it."""
+    draw_turns(where, step, address, count)
     if rows.shape[0] == 0:
         for i in range(count):
             state[DROP + i] = sample_henyey_greenstein(g, state[POLAR + i])
@@ -90,11 +113,7 @@ def scatter_polarised(where, g, rows, guide, places, matrices, spin, step, state
         for i in range(count):
             state[DROP + i] = sample_density(rows, guide, state[POLAR + i])[0]
     if matrices.shape[0] == 0:
-        for i in range(count):
-            cosine = 1.0 - state[DROP + i]
-            across = math.sqrt(2.0 / (1.0 + cosine * cosine))
-            step[ACROSS_RE + i], step[ACROSS_IM + i] = across, 0.0
-            step[ALONG_RE + i], step[ALONG_IM + i] = across * cosine, 0.0
+        project(step, state, count)
     else:
         for i in range(count):
             v = state[DROP + i]
@@ -105,6 +124,29 @@ def scatter_polarised(where, g, rows, guide, places, matrices, spin, step, state
                 step[ACROSS_RE + n * LANES + i] = matrices[j, n] + t * (matrices[j + 1, n] - matrices[j, n])
     for i in range(count):
         turn_lane(spin, step, state, i)
+
+
+@inlined
+def amplitudes_of_type(matrices, kind, step, state, i):
+    """S1 and S2 of one lane's particle at the angle that it has drawn, from its rows of ``matrices`` float64[t, n, 4].
+
+    Rows are even in sin(theta / 2) up to a right angle and in -cos(theta / 2) beyond: :func:`node_place`.
+    """
+    last = matrices.shape[1] - 1
+    place = node_place(state[DROP + i]) * last
+    j = min(np.int64(place), np.int64(last - 1))
+    t = place - j
+    for n in range(4):
+        step[ACROSS_RE + n * LANES + i] = matrices[kind, j, n] + t * (matrices[kind, j + 1, n] - matrices[kind, j, n])
+
+
+@inlined
+def node_place(one_minus_cos):
+    """Where a scattering angle stands among such rows, from 0 straight on to 1 back."""
+    half = 0.5 * one_minus_cos
+    if half <= 0.5:
+        return math.sqrt(half) / math.sqrt(2.0)
+    return 1.0 - math.sqrt(max(1.0 - half, 0.0)) / math.sqrt(2.0)
 
 
 @inlined

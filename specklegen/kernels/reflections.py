@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined
-from specklegen.kernels.fresnel import reflectance
-from specklegen.kernels.lanes import AMOUNT, ORDER, OZ, PATH, POWER, WZ, X1, Y1, Z1, X, Y, Z
+from specklegen.kernels.fresnel import amplitudes, reflectance
+from specklegen.kernels.jones import A_IM, A_RE, B_IM, B_RE, C_IM, C_RE, D_IM, D_RE, frame
+from specklegen.kernels.lanes import AMOUNT, ORDER, OZ, PATH, POWER, WX, WY, WZ, X1, Y1, Z1, X, Y, Z
 from specklegen.kernels.rng import uniforms
 
 _FACES = np.uint64(0x40000000)  # dimensions of reflections: above all orders, below the coins of absorption
@@ -101,6 +102,95 @@ def reflect(where, thickness, faces, state, address, count):
                 z, wz = (-z if z < 0.0 else 2.0 * thickness - z), -wz
                 u /= r
         state[Z + i], state[WZ + i] = z, wz
+
+
+@inlined
+def reflect_polarised(where, thickness, faces, spin, state, address, count):
+    """The same of polarised light, of matrices float64[CARRIED]: each reflection by what it leaves of the light there.
+
+    A matrix is multiplied by both reflected amplitudes, and has the probability f = |r M|^2 / |M|^2; over the root of f
+    it keeps |M|^2 = 2, and weights stay those of scalar light, both ways (:mod:`specklegen.kernels.jones`).
+    """
+    for i in range(count):
+        z, wz = state[Z + i], state[WZ + i]
+        if z >= 0.0 and z <= thickness:
+            continue
+        across_re, across_im, along_re, along_im = amplitudes(abs(wz), faces.inside, faces.outside)
+        x, y = state[WX + i], state[WY + i]
+        one, two = across_re * across_re + across_im * across_im, along_re * along_re + along_im * along_im
+        if across_im != 0.0 or one >= 1.0:
+            m = math.floor(z / thickness)
+            z -= m * thickness
+            times = abs(m)
+            across_re, across_im = _power(across_re, across_im, times)
+            along_re, along_im = _power(along_re, along_im, times)
+            mirror_matrix(spin, i, x, y, wz, across_re, across_im, along_re, along_im, times % 2.0 != 0.0)
+            if m % 2.0 != 0.0:
+                z, wz = thickness - z, -wz
+        elif one > 0.0 or two > 0.0:
+            u = uniforms(where.key0, where.key1, where.sample, address[PATH + i], address[ORDER + i] + _FACES)[0]
+            while z < 0.0 or z > thickness:
+                lying = _share_along(spin, i, x, y, wz)
+                share = two * lying + one * (1.0 - lying)
+                if not u < share:
+                    break
+                u /= share
+                scale = 1.0 / math.sqrt(share)
+                mirror_matrix(spin, i, x, y, wz, scale * across_re, 0.0, scale * along_re, 0.0, True)
+                z, wz = (-z if z < 0.0 else 2.0 * thickness - z), -wz
+        state[Z + i], state[WZ + i] = z, wz
+
+
+@inlined
+def _power(re, im, times):
+    """(re + i im)^times of a number of length 1, a whole number of times, by squares."""
+    out_re, out_im = 1.0, 0.0
+    while times >= 1.0:
+        if times % 2.0 != 0.0:
+            out_re, out_im = out_re * re - out_im * im, out_re * im + out_im * re
+        re, im = re * re - im * im, 2.0 * re * im
+        times = math.floor(times / 2.0)
+    return out_re, out_im
+
+
+@inlined
+def _plane(x, y, z):
+    """Cosine and sine of the angle from a direction's frame to the plane of it and the axis."""
+    flat = math.sqrt(x * x + y * y)
+    if flat == 0.0:
+        return 1.0, 0.0
+    e1x, e1y, e1z, e2x, e2y, e2z = frame(x, y, z)
+    px, py = x * z / flat, y * z / flat
+    return px * e1x + py * e1y - flat * e1z, px * e2x + py * e2y - flat * e2z
+
+
+@inlined
+def _share_along(spin, i, x, y, z):
+    """Share of unpolarised light behind the matrix of a lane that lies in the plane of its direction and the axis."""
+    c, d = _plane(x, y, z)
+    p_re, p_im = c * spin[A_RE + i] + d * spin[C_RE + i], c * spin[A_IM + i] + d * spin[C_IM + i]
+    q_re, q_im = c * spin[B_RE + i] + d * spin[D_RE + i], c * spin[B_IM + i] + d * spin[D_IM + i]
+    return min(0.5 * (p_re * p_re + p_im * p_im + q_re * q_re + q_im * q_im), 1.0)
+
+
+@inlined
+def mirror_matrix(spin, i, x, y, z, across_re, across_im, along_re, along_im, turned):
+    """Multiply the matrix of a lane of direction (x, y, z) by amplitudes across and along the plane with the axis.
+
+    ``turned`` puts it into the frame of (x, y, -z): there the second axis is that of the image, with its sign changed.
+    """
+    c, d = _plane(x, y, z)
+    sign = -1.0 if turned else 1.0
+    for column in range(2):
+        up_re, up_im, low_re, low_im = (
+            (A_RE + i, A_IM + i, C_RE + i, C_IM + i) if column == 0 else (B_RE + i, B_IM + i, D_RE + i, D_IM + i)
+        )
+        p_re, p_im = c * spin[up_re] + d * spin[low_re], c * spin[up_im] + d * spin[low_im]
+        s_re, s_im = c * spin[low_re] - d * spin[up_re], c * spin[low_im] - d * spin[up_im]
+        p_re, p_im = along_re * p_re - along_im * p_im, along_re * p_im + along_im * p_re
+        s_re, s_im = across_re * s_re - across_im * s_im, across_re * s_im + across_im * s_re
+        spin[up_re], spin[up_im] = c * p_re - d * s_re, c * p_im - d * s_im
+        spin[low_re], spin[low_im] = sign * (d * p_re + c * s_re), sign * (d * p_im + c * s_im)
 
 
 @inlined

@@ -21,6 +21,14 @@ import numpy as np
 
 from specklegen.kernels import inlined, kernel, spliced
 from specklegen.kernels.arithmetic import exponential, fma, minus_log
+from specklegen.kernels.jones import (
+    amplitudes_of_type,
+    draw_turns,
+    project,
+    start_matrix,
+    turn_lane,
+    write_matrix,
+)
 from specklegen.kernels.lanes import (
     ADDRESS,
     AMOUNT,
@@ -32,6 +40,7 @@ from specklegen.kernels.lanes import (
     DROP,
     FLIGHT,
     FLOWN,
+    FLYING,
     KEEP,
     LANES,
     ORDER,
@@ -56,15 +65,16 @@ from specklegen.kernels.lanes import (
     adopt,
     carried,
     draw,
+    hand_on,
     scatter,
     scatter_by_table,
     sort_by_path,
 )
-from specklegen.kernels.lobes import density_of, judged, judged_phase_function
-from specklegen.kernels.phase_functions import amplitude
+from specklegen.kernels.lobes import density_of, judged, judged_phase_function, sample_density
+from specklegen.kernels.phase_functions import amplitude, sample_henyey_greenstein
 from specklegen.kernels.phase_table import choose_type, power, sample
 from specklegen.kernels.rng import uniforms
-from specklegen.kernels.slab_steps import Leg, survivor_weight
+from specklegen.kernels.slab_steps import Address, Leg, survivor_weight
 from specklegen.kernels.sources import KEPT, TYPE, WORDS, draw_starts, sample_start, start_densities, turn
 from specklegen.kernels.volume import EXTRA, VOXELS, corners, escape_distance, free_flight, inside, optical_depth, voxel
 from specklegen.kernels.walk import FLOW, TRANSFER, write_record
@@ -192,8 +202,8 @@ def propose(bounds, sigma, g, rows, places, least, kinds, points, given, state, 
 
 
 @inlined
-def drop_ended(box, state, address, count, last_order):
-    """Fill the lanes of paths that left, were absorbed or are too long with the last ones.
+def drop_ended(box, state, address, count, last_order, jones):
+    """Fill the lanes of paths that left, were absorbed or are too long with the last ones, and their matrices.
 
     Returns (lanes still in use, paths that were too long, sum of their W).
     """
@@ -214,21 +224,26 @@ def drop_ended(box, state, address, count, last_order):
             state[quantity + lane] = state[quantity + count]
         for quantity in (FIRST_TYPE, FLIGHTS):
             address[quantity + lane] = address[quantity + count]
+        if jones is not None:
+            hand_on(jones.carried, FLYING, lane, FLYING, count)
     return count, unfinished, weight
 
 
 @kernel
-def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, probes, rules, found, types):
+def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, rules, found, types, jones):
     """Trace paths and write their connections as the walk finds them.
 
     where, rules, found : Address, Rules, Found of :mod:`specklegen.kernels.walk`
+    share : (first path, number of paths)
     volume, table, sources, probes : Volume, PhaseTable, Sources, Probes
     by_lobe, lobe : whether all the medium scatters by one phase function of three dimensions, and that Lobe
     types : int32[cap, 2]      output, of the first and of the last particle
+    jones : Jones or None      of polarised light through layers; None leaves it out of the compiled walk
 
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written.
     """
+    first, count = share
     bidirectional, threshold = rules.reverse, rules.threshold
     light_kinds, lights, view_kinds, views = probes.light_kinds, probes.lights, probes.view_kinds, probes.views
     bounds, cells, extinction, per_length = volume.bounds, volume.cells, volume.extinction, volume.per_length
@@ -254,7 +269,7 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
     words = np.empty(WORDS * LANES)
     flying = started = drawn = 0
     while True:
-        flying, cut, cut_weight = drop_ended(box, state, address, flying, last_order)
+        flying, cut, cut_weight = drop_ended(box, state, address, flying, last_order, jones)
         unfinished += cut
         unfinished_weight += cut_weight
         fresh = flying
@@ -308,6 +323,8 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
             state[POWER + i] = state[BACKWARD + i] = 1.0
             address[PATH + i], address[ORDER + i] = np.uint64(p), _ONE
             address[FIRST_TYPE + i], address[FLIGHTS + i], address[VOXEL + i] = kind, _FLIGHT, here
+            if jones is not None:
+                start_matrix(jones.carried, i)
             if threshold > 0.0:
                 leg = Leg(x, y, z, -ox, -oy, -oz)
                 state[POWER + i] = _probe_power(
@@ -384,6 +401,8 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
                                  state[DOPPLER + i])  # fmt: skip
                     orders[kept_count], paths[kept_count] = address[ORDER + i], address[PATH + i]
                     types[kept_count, 0], types[kept_count, 1] = address[FIRST_TYPE + i], kind
+                    if jones is not None:
+                        write_matrix(jones.carried, i, jones.found[kept_count])
                 kept_count += 1
         if flows:
             for i in range(fresh):
@@ -391,7 +410,28 @@ def trace_volume(where, first, count, volume, table, by_lobe, lobe, sources, pro
                     flow, address[VOXEL + i], state[X + i], state[Y + i], state[Z + i], state[WX + i], state[WY + i],
                     state[WZ + i],
                 )  # fmt: skip
-        if not by_lobe:
+        if jones is not None:
+            draw_turns(Address(k0, k1, sample64), jones.step, address, fresh)
+            if by_lobe:
+                for i in range(fresh):
+                    state[DROP + i] = (
+                        sample_henyey_greenstein(g, state[POLAR + i]) if rows.shape[0] == 0
+                        else sample_density(rows, guide, state[POLAR + i])[0]
+                    )  # fmt: skip
+            by_projector = jones.matrices.shape[0] == 0
+            for i in range(fresh):
+                chosen = 0
+                if not by_lobe:
+                    u = state[COIN + i] / state[ALBEDO + i]
+                    chosen = choose_type(table, materials[address[VOXEL + i]], u)
+                    state[DROP + i] = sample(table, chosen, state[POLAR + i], state[SECOND + i])
+                if not by_projector:
+                    amplitudes_of_type(jones.matrices, chosen, jones.step, state, i)
+            if by_projector:
+                project(jones.step, state, fresh)
+            for i in range(fresh):
+                turn_lane(jones.carried[FLYING], jones.step, state, i)
+        elif not by_lobe:
             for i in range(fresh):
                 # Below the albedo, the coin is a uniform again: it chooses the type that scatters.
                 u = state[COIN + i] / state[ALBEDO + i]

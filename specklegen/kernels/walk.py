@@ -62,7 +62,15 @@ from specklegen.kernels.lanes import (
     scatter_by_table,
     sort_by_path,
 )
-from specklegen.kernels.reflections import Mirror, mirror_of, reflect, reflect_first, turn_over, unfolded
+from specklegen.kernels.reflections import (
+    Mirror,
+    mirror_of,
+    reflect,
+    reflect_first,
+    reflect_polarised,
+    turn_over,
+    unfolded,
+)
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.slab_steps import (
     Address,
@@ -145,10 +153,11 @@ def write_record(row, entry, last, weight, length, turned, doppler):
 
 
 @kernel
-def trace_slab(where, first, count, slab, lobe, aim, stretch, faces, light, probes, rules, found, jones):
+def trace_slab(where, share, slab, lobe, aim, stretch, faces, light, probes, rules, found, jones):
     """Trace paths and write the kept connections.
 
     where, slab, light, rules, found : Address, FlowingLayer, Light (z > 0), Rules, Found
+    share : (first path, number of paths)
     lobe, aim : Lobe           the phase function, and the lobe of first directions about the light; either both are
                                closed, of one g, or both are tables
     stretch : Stretch          how paths are drawn towards the far face; of a rate above 0 not with ``reverse``, and not
@@ -157,11 +166,13 @@ def trace_slab(where, first, count, slab, lobe, aim, stretch, faces, light, prob
     probes : float64[n, 5]     views at which the contribution is judged, and the optical depth to the outside
                                along each as (at z = 0, per length of z); with faces the views as they look at a vertex
                                after no reflection, then after one, ..., and depths hold -ln of what faces leave
-    jones : Jones or None      of polarised light, neither between faces nor stretched; None leaves it out likewise
+    jones : Jones or None      of polarised light, not stretched, its matrices between frames of directions as paths are
+                               walked, not as they are unfolded; None leaves it out likewise
 
     Returns (connections found, scattering events, paths ended by max_order, sum of their W); connections
     beyond the capacity are counted but not written: call again with more room.
     """
+    first, count = share
     thickness, sigma_t, flow = slab.thickness, slab.sigma_t, slab.flow
     layer = Layer(thickness, sigma_t, slab.albedo)
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
@@ -234,7 +245,10 @@ def trace_slab(where, first, count, slab, lobe, aim, stretch, faces, light, prob
             )  # fmt: skip
             if faces is not None:
                 turn_over(thickness, fresh, waiting)
-                reflect(where, thickness, faces, fresh, fresh_address, waiting)
+                if jones is not None:
+                    reflect_polarised(where, thickness, faces, jones.carried[WAITING], fresh, fresh_address, waiting)
+                else:
+                    reflect(where, thickness, faces, fresh, fresh_address, waiting)
             waiting, cut, cut_weight = drop_ended(
                 fresh, fresh_address, waiting, thickness, survival, last_order, jones, WAITING
             )  # fmt: skip
@@ -304,7 +318,10 @@ def trace_slab(where, first, count, slab, lobe, aim, stretch, faces, light, prob
             add_doppler(flow, -1.0, state, flying)
         fly(mean_free_path, state, flying)
         if faces is not None:
-            reflect(where, thickness, faces, state, address, flying)
+            if jones is not None:
+                reflect_polarised(where, thickness, faces, jones.carried[FLYING], state, address, flying)
+            else:
+                reflect(where, thickness, faces, state, address, flying)
     sort_by_path(paths, first, count, min(kept_count, capacity), found.ranks)
     return kept_count, events, unfinished, unfinished_weight
 

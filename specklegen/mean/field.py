@@ -27,6 +27,7 @@ from specklegen.mean.finite import scattered_mean
 from specklegen.paths.endpoints import light_endpoints, view_endpoints
 from specklegen.paths.faces import reflectance
 from specklegen.paths.lit_plane import lens_of
+from specklegen.paths.steps import refracting_layers, straight_light
 from specklegen.paths.volumes import volume_of
 from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.media import Slab
@@ -119,7 +120,7 @@ def _layer(scene: Scene, beams: CollimatedBeams) -> np.ndarray:
     for tilt, direction, depth in zip(field, beams.directions, _depths(scene), strict=True):
         difference = (direction - views) / wavelength
         # On the exit face the beam has walked off by its slope times the thickness.
-        turns = difference @ (direction / direction[-1] * scene.thickness)
+        turns = difference @ _walked_off(scene, direction)
         pattern = beams.window.transform(*difference[:, :-1].T)
         attenuation = np.exp(-0.5 * depth)
         crossed = np.sqrt(_crossing(scene, direction[-1:]) * _crossing(scene, views[:, -1]))
@@ -134,6 +135,8 @@ def _depths(scene: Scene) -> np.ndarray:
     directions = scene.beams.directions
     if scene.thin is not None:
         return np.square(scene.thin.phases(scene.wavelength, np.hypot(*directions[:, :2].T))).sum(axis=0)
+    if _refracts_inside(scene):
+        return straight_light(scene.slab, np.hypot(*directions[:, :2].T)).depth
     return scene.optical_depth / directions[:, -1]
 
 
@@ -152,9 +155,25 @@ def ballistic_fraction(scene: Scene) -> float:
 
 def straight_through(slab: Slab) -> float:
     """Share of light along the axis that crosses a slab without a collision and without an echo."""
+    if refracting_layers(slab):
+        return float(np.exp(-slab.optical_depth) * straight_light(slab, np.zeros(1)).let_through[0])
     return float(np.exp(-slab.optical_depth) * (1 - reflectance(slab.faces, np.ones(1))[0]) ** 2)
 
 
 def _crossing(scene: Scene, cosines: np.ndarray) -> np.ndarray:
-    """1 - R float64[n] of a slab's faces at cosines inside; 1 of what has none."""
+    """1 - R float64[n] of a slab's faces at cosines inside; 1 of what has none. Of layers the root of what all let."""
+    if _refracts_inside(scene):
+        return np.sqrt(straight_light(scene.slab, np.sqrt(np.maximum(1 - np.square(cosines), 0.0))).let_through)
     return 1 - reflectance(scene.medium.faces, cosines)
+
+
+def _walked_off(scene: Scene, direction: np.ndarray) -> np.ndarray:
+    """Where on the exit face the middle of a beam arrives, float64[3] or float64[2]."""
+    if _refracts_inside(scene):
+        slope = straight_light(scene.slab, np.hypot(*direction[:2])[None]).slope[0]
+        return np.append(direction[:2] * slope, scene.thickness)
+    return direction / direction[-1] * scene.thickness
+
+
+def _refracts_inside(scene: Scene) -> bool:
+    return scene.thin is None and not scene.medium.has_sides and refracting_layers(scene.slab)

@@ -18,6 +18,7 @@ from specklegen.measured.region import LEAST, Region, given_region, lit_region
 
 _FIELD = "read_measurement"
 _MANY = 0.01  # share of pixels that are saturated, at 0 or not good, from which on there is a doubt
+_REACH = 1e6  # spreads of the counts: beyond, differences of the light would be rounding
 _NOT_LIGHT = ("dark", "flat", "background", "bias")
 
 
@@ -278,6 +279,10 @@ def _black(
         level, hot = taken.mean(axis=0), hot_in_dark(taken)
     if np.mean(level) >= mean:
         reject(f"{_FIELD} dark", f"darker than the frames, of mean {mean:.4g}", float(np.mean(level)))
+    spread = float(np.ptp(raw[:, good]))
+    if spread and np.abs(level).max() > _REACH * spread:
+        reject(f"{_FIELD} dark", f"a level near the counts, which differ by {spread:.4g}", float(np.abs(level).max()),
+               "What is left of so large a number would be its rounding.")  # fmt: skip
     return level, hot
 
 

@@ -25,7 +25,7 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.slab_tracer import SlabTracer
-from specklegen.paths.steps import refracting_layers
+from specklegen.paths.steps import inside_share, refracting_layers
 from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.polarisation import require_scalar
@@ -211,11 +211,12 @@ def estimate_correlation(
 def _of_axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: int | None) -> MemoryEffectCorrelation:
     """K of layers that refract, from light that is not aimed (:mod:`specklegen.kernels.analog_walk`)."""
     light, batches = axial_light(medium, paths, seed, threads), min(BATCHES, max(paths, 1))
+    weight, once = (inside_share(medium) * each for each in (light.weight, light.once))  # as of a slab between faces
     radius = np.hypot(*light.displacement.T)
     place = radius_bins(medium, radius)
     batch = np.arange(paths) * batches // max(paths, 1)
-    rows = np.bincount(batch * RADIUS_BINS + place, light.weight, batches * RADIUS_BINS).reshape(batches, RADIUS_BINS)
-    return _of_bins(rows, radius, light.weight, place, light.once.sum(), paths)
+    rows = np.bincount(batch * RADIUS_BINS + place, weight, batches * RADIUS_BINS).reshape(batches, RADIUS_BINS)
+    return _of_bins(rows, radius, weight, place, once.sum(), paths)
 
 
 def radius_bins(medium: PlaneMedium, radius: np.ndarray) -> np.ndarray:

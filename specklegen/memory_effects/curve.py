@@ -53,7 +53,7 @@ from specklegen.scene.validity import warn_of_dependence
 from specklegen.theory.phase_screens import index_correlation, lobes, tilt_ways
 
 Mode = Literal["transmission", "reflection"]
-_OFF_BACKSCATTER = np.deg2rad(5.0)
+OFF_BACKSCATTER = np.deg2rad(5.0)
 _SMALL = 0.02  # tilts beside 1 - |g| up to which a path's directions stay as they are
 _TILTS = "radians between -pi/2 and pi/2, of shape {}"
 
@@ -82,16 +82,18 @@ class Aim(NamedTuple):
     reversal: Decision
 
 
-def _require_angles(owner: str, tilts: np.ndarray) -> None:
+def require_angles(owner: str, tilts: np.ndarray) -> None:
+    """Refuse tilts that are no row of angles between -pi/2 and pi/2."""
     if tilts.ndim != 1 or not np.isfinite(tilts).all() or (tilts.size and np.abs(tilts).max() >= np.pi / 2):
         reject(f"{owner} tilts", _TILTS.format("(T,)"), tilts, "Use np.deg2rad.")
 
 
-def _checked_view(owner: str, view: ArrayLike, mode: Mode) -> np.ndarray:
+def checked_view(owner: str, view: ArrayLike, mode: Mode, dimension: int = 3) -> np.ndarray:
+    """Return a view float64[d], a unit vector on the side of a mode, or refuse it."""
     found = real_array(f"{owner} view", view)
     side = 1.0 if mode == "transmission" else -1.0
-    if found.shape != (3,) or not abs(np.linalg.norm(found) - 1) <= 1e-6 or found[2] * side <= 0:
-        reject(f"{owner} view", f"a unit vector of shape (3,) on the side of {mode}", found)
+    if found.shape != (dimension,) or not abs(np.linalg.norm(found) - 1) <= 1e-6 or found[-1] * side <= 0:
+        reject(f"{owner} view", f"a unit vector of shape ({dimension},) on the side of {mode}", found)
     return found
 
 
@@ -118,15 +120,15 @@ def aimed(
             "Without scattered light there is no speckle that could be correlated. Towards either end all light is "
             "scattered once, and C_I of transmission along the axis tends to 1 at tilts small beside the lobe.",
         )  # fmt: skip
-    _require_angles(owner, tilts)
+    require_angles(owner, tilts)
     wavelength = positive_number(f"{owner} wavelength", wavelength)
     warn_of_dependence(medium.mean_free_path, wavelength)
     choice(f"{owner} mode", mode, ("transmission", "reflection"))
     side = 1.0 if mode == "transmission" else -1.0
     if view is None:
-        sine = 0.0 if mode == "transmission" else np.sin(_OFF_BACKSCATTER)
+        sine = 0.0 if mode == "transmission" else np.sin(OFF_BACKSCATTER)
         view = directions_of_sines("view", [sine, 0.0], side)
-    view = _checked_view(owner, view, mode)
+    view = checked_view(owner, view, mode)
     light = directions_of_sines(f"{owner} tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines(f"{owner} view + tilts", view[:2] + light[:, :2], side)
     if refracting_layers(medium):
@@ -331,7 +333,7 @@ def memory_effect(
     tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
     wavelength = positive_number("memory_effect wavelength", wavelength)
     require_tilts("memory_effect", tilts.size, f"{tilts.size} tilts")
-    _require_angles("memory_effect", tilts)
+    require_angles("memory_effect", tilts)
     if isinstance(medium, PhaseScreen | GroundGlass | ScreenStack):
         return _of_screens(medium, wavelength, tilts, mode, view)
     aim = aimed("memory_effect", medium, wavelength, tilts, mode, view, budget.reverse, budget.tolerance)
@@ -388,9 +390,8 @@ def require_traced(owner: str, medium: PlaneMedium, aim: Aim, count: int, thread
     RuleError
         With the remedy.
     """
-    reverse, matched, slab = aim.reversal.needed, medium.faces.matched, as_slab(medium)
-    polarised = slab is not None and slab.polarisation != "scalar"
-    if aim.side > 0 and (reverse or not matched or slab is None or polarised):
+    reverse, matched = aim.reversal.needed, medium.faces.matched
+    if aim.side > 0 and (reverse or not matched or as_slab(medium) is None or medium.polarisation != "scalar"):
         require_reach(owner, relative_variance(medium), count)
     if refracting_layers(medium):
         require_walkable(owner, medium, count)
@@ -418,7 +419,7 @@ def analysed(owner: str, medium: object, channel: str, azimuth: float) -> Polari
         reject(f"{owner} azimuth", "finite, in radians", azimuth)
     if getattr(medium, "polarisation", "scalar") != "scalar":
         return polariser(channel, azimuth)  # type: ignore[arg-type]
-    remedy = 'Give the Slab polarisation = "projector" or "vector".'
+    remedy = 'Give the Slab or Layers polarisation = "projector" or "vector".'
     if channel != "none":
         reject(f"{owner} channel", '"none" of a medium in which light is a scalar', channel, remedy)
     if azimuth:
@@ -453,7 +454,7 @@ def _of_screens(medium: ThinMedium, wavelength: float, tilts: np.ndarray, mode: 
         reject("memory_effect mode", '"transmission" behind thin screens', mode)
     stack, sines = require_thin(medium, wavelength), np.sin(tilts)
     terms = lobes(stack, wavelength)
-    seen = np.zeros(2) if view is None else _checked_view("memory_effect", view, mode)[:2]
+    seen = np.zeros(2) if view is None else checked_view("memory_effect", view, mode)[:2]
     lateral = np.stack([sines, 0 * sines], axis=-1)
     walks = [terms.correlation(seen, tilt_ways(stack, each)) for each in lateral]
     kept = index_correlation(stack, wavelength, np.zeros(1), np.abs(sines))[0]

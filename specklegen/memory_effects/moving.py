@@ -14,8 +14,10 @@ from scipy.optimize import root_scalar
 
 from specklegen.core.random_streams import Seed
 from specklegen.memory_effects.correlation import axial_tracer, lateral_distance
+from specklegen.paths.analog_walk import axial_light
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.momentum import geometric_classes, momentum_transfer
+from specklegen.paths.steps import refracting_layers
 from specklegen.scene.media import Slab
 
 _BINS = 257  # of either: 6 % wide, so that the mean Y of a bin for that of each path is 1e-4 off in g1, and r in K
@@ -78,10 +80,14 @@ def estimate_moving_correlation(
     decides anything: q r and x Y do. Of layers the fastest has the Y of its paths, others that times their speed
     beside it.
     """
-    tracer = axial_tracer(medium, True)
-    bank = tracer.trace(seed, paths, threads=threads)
-    weight, radius = contributions(tracer.layout, bank), lateral_distance(bank)
-    turned = momentum_transfer(tracer.layout, bank)
+    if refracting_layers(medium):
+        light = axial_light(medium, paths, seed, threads)
+        weight, radius, turned = light.weight, np.hypot(*light.displacement.T), light.transfer
+    else:
+        tracer = axial_tracer(medium, True)
+        bank = tracer.trace(seed, paths, threads=threads)
+        weight, radius = contributions(tracer.layout, bank), lateral_distance(bank)
+        turned = momentum_transfer(tracer.layout, bank)
     far, often = geometric_classes(radius, _BINS), geometric_classes(turned, _BINS)
     joint = np.bincount(far * _BINS + often, weight, _BINS**2).reshape(_BINS, _BINS)
     mean = lambda sums, weights: np.divide(sums, weights, out=np.zeros(_BINS), where=weights > 0)  # noqa: E731

@@ -27,10 +27,10 @@ from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.memory_effects.curve import Mode, aimed, require_traced
 from specklegen.memory_effects.polarised import interfering, pair_ways
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.jones import ends_of
+from specklegen.paths.jones import require_ends
 from specklegen.paths.rare_paths import warn_of_rare_paths
 from specklegen.paths.tracer import plane_tracer
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
 
 _SPINS = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])
 """Matrices of I, Q, U and V."""
@@ -120,7 +120,7 @@ def _field(name: str, value: ArrayLike) -> np.ndarray:
 
 @shielded()
 def mueller_matrix(
-    medium: Slab,
+    medium: PlaneMedium,
     *,
     wavelength: float,
     mode: Mode = "transmission",
@@ -138,7 +138,7 @@ def mueller_matrix(
     Parameters
     ----------
     medium
-        A slab with a ``polarisation``.
+        A slab or layers with a ``polarisation``.
     wavelength
         Inside the medium, in its unit of length.
     mode, view
@@ -189,11 +189,10 @@ def mueller_matrix(
 
 
 def _estimate(
-    medium: Slab, wavelength: float, view: np.ndarray, paths: int, seed: Seed, threads: int | None, reverse: bool
+    medium: PlaneMedium, wavelength: float, view: np.ndarray, paths: int, seed: Seed, threads: int | None, reverse: bool
 ) -> MuellerMatrix:
     tracer = plane_tracer(medium, wavelength, AXIS[None], view[None], reverse)
-    ends = ends_of(medium)
-    assert ends is not None, "it was asked for polarised light"
+    ends = require_ends(medium)
 
     def batch(part: slice, crew: Threads) -> np.ndarray:
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=crew)

@@ -23,7 +23,7 @@ from specklegen.paths.layout import plane_layout
 from specklegen.paths.momentum import doppler_shift, momentum_transfer
 from specklegen.paths.roulette import slab_roulette
 from specklegen.paths.slab_tracer import SlabTracer, plane_proposal
-from specklegen.paths.steps import refracting_layers
+from specklegen.paths.steps import inside_share, refracting_layers
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.polarisation import require_scalar
 
@@ -120,9 +120,9 @@ def estimate_oblique_correlation(
 def _of_axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: int | None) -> ObliqueCorrelation:
     """K from light that is not aimed (:mod:`specklegen.kernels.analog_walk`): a connection a path."""
     found = axial_light(medium, paths, seed, threads)
-    lit = found.weight > 0
+    lit, inside = found.weight > 0, inside_share(medium)
     total = found.weight.sum()
     return ObliqueCorrelation(
-        found.displacement[lit], found.weight[lit], np.flatnonzero(lit), paths,
+        found.displacement[lit], inside * found.weight[lit], np.flatnonzero(lit), paths,
         float(found.once.sum() / total) if total else 0.0, found.transfer[lit],
     )  # fmt: skip

@@ -25,11 +25,11 @@ from specklegen.memory_effects.correlation import axial_tracer
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions, multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.jones import Ends, connection_matrices
+from specklegen.paths.jones import Ends, connection_matrices, require_ends
 from specklegen.paths.layout import Layout
 from specklegen.paths.momentum import momentum_transfer
 from specklegen.paths.tracer import plane_tracer
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
 
 Channel = Literal["none", "co", "crossed"]
 """What stands before the camera: no analyser, one along the polarisation of the light, one across it."""
@@ -123,13 +123,13 @@ class AxialLight:
 
 
 def axial_light(
-    medium: Slab, seen: Polariser, paths: int, seed: Seed, *, transfer: bool = False, threads: int | None = None
+    medium: PlaneMedium, seen: Polariser, paths: int, seed: Seed, *, transfer: bool = False, threads: int | None = None
 ) -> AxialLight:
     """Polarised light along the axis behind a slab, from ``paths`` paths in at most 64 batches."""
     tracer = axial_tracer(medium, transfer)
     bank = tracer.trace(seed, paths, threads=threads)
     weights = contributions(tracer.layout, bank)
-    matrices = connection_matrices(Ends(medium.scatterer, medium.polarisation), bank, AXIS, AXIS)
+    matrices = connection_matrices(require_ends(medium), bank, AXIS, AXIS)
     way = bank.exit[:, :2] - bank.entry[:, :2]
     terms = _terms(matrices, np.arctan2(way[:, 1], way[:, 0]), seen) * weights
     batches = max(min(BATCHES, paths), 1)
@@ -196,8 +196,9 @@ def field_of(sums: np.ndarray) -> np.ndarray:
 
 
 def axial_curve(
-    medium: Slab, wavelength: float, tilts: np.ndarray, seen: Polariser, paths: int, seed: Seed, threads: int | None
-) -> PolarisedCurve:
+    medium: PlaneMedium, wavelength: float, tilts: np.ndarray, seen: Polariser, paths: int, seed: Seed,
+    threads: int | None,
+) -> PolarisedCurve:  # fmt: skip
     """K of small tilts float64[T] (differences of sines) of light along the axis."""
     light = axial_light(medium, seen, paths, seed, threads=threads)
     still = light.sums(0.0)
@@ -260,15 +261,15 @@ class PairLight(NamedTuple):
 
 
 def pair_light(
-    medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, number: np.ndarray, x: np.ndarray | None,
-    seen: Polariser, paths: int, seed: Seed, threads: int | None, *, reverse: bool, near: bool,
+    medium: PlaneMedium, wavelength: float, lights: np.ndarray, views: np.ndarray, number: np.ndarray,
+    x: np.ndarray | None, seen: Polariser, paths: int, seed: Seed, threads: int | None, *, reverse: bool, near: bool,
 ) -> PairLight:  # fmt: skip
     """Sums of P pairs of the light at rest with tilt ``number`` int64[P] (of T) a time x float64[P] later.
 
     lights, views : float64[T + 1, 3], the first at rest; ``near`` leaves all but the phases as they are there
     """
     tracer = plane_tracer(medium, wavelength, lights, views, reverse, transfer=x is not None)
-    ends, pairs = Ends(medium.scatterer, medium.polarisation), len(number)
+    ends, pairs = require_ends(medium), len(number)
     first = tracer.layout.of_ends(slice(0, 1), slice(0, 1))
     directions = seen.vectors
     analysers = directions[list(seen.components)]
@@ -307,8 +308,8 @@ def pair_light(
 
 
 def pair_curve(
-    medium: Slab, wavelength: float, lights: np.ndarray, views: np.ndarray, seen: Polariser, paths: int, seed: Seed,
-    threads: int | None, *, reverse: bool, near: bool,
+    medium: PlaneMedium, wavelength: float, lights: np.ndarray, views: np.ndarray, seen: Polariser, paths: int,
+    seed: Seed, threads: int | None, *, reverse: bool, near: bool,
 ) -> PolarisedCurve:  # fmt: skip
     """K from the fields of every connection at every pair (i_t, v_t) float64[T + 1, 3]; the first is at rest."""
     number, options = np.arange(len(lights) - 1), {"reverse": reverse, "near": near}

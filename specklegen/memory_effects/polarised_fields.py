@@ -26,12 +26,12 @@ from specklegen.memory_effects.oblique import face_to_face
 from specklegen.memory_effects.polarised import bessel_even
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.jones import Ends, connection_matrices
+from specklegen.paths.jones import connection_matrices, require_ends
 from specklegen.paths.layout import plane_layout
 from specklegen.paths.momentum import momentum_transfer
 from specklegen.paths.roulette import slab_roulette
 from specklegen.paths.slab_tracer import SlabTracer, plane_proposal
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
 from specklegen.scene.motion import Motion, reduced_time
 from specklegen.scene.polarisation import Polarisers
 
@@ -124,7 +124,7 @@ class PolarisedFields:
 
 
 def estimate_polarised_fields(
-    medium: Slab, polarisers: Polarisers, light: np.ndarray, view: np.ndarray, paths: int, seed: Seed, *,
+    medium: PlaneMedium, polarisers: Polarisers, light: np.ndarray, view: np.ndarray, paths: int, seed: Seed, *,
     transfer: bool = False, threads: int | None = None,
 ) -> PolarisedFields:  # fmt: skip
     """Fields of ``paths`` paths about a light and a view float64[3] (unit vectors of travel)."""
@@ -133,7 +133,7 @@ def estimate_polarised_fields(
     tracer = slab_roulette(tracer, light, pilot_seed(medium.unitless_fingerprint()))
     bank = tracer.trace(seed, paths, threads=threads)
     entering, passed = polarisers.fields
-    matrices = connection_matrices(Ends(medium.scatterer, medium.polarisation), bank, light, view)
+    matrices = connection_matrices(require_ends(medium), bank, light, view)
     fields = np.sqrt(contributions(layout, bank)) * (matrices @ entering).T
     turned = momentum_transfer(layout, bank) if transfer else None
     return PolarisedFields(face_to_face(bank, medium, light, view), fields, passed, paths, turned)
@@ -188,13 +188,13 @@ def _digits(values: np.ndarray) -> int:
 
 
 def estimate_polarised_correlation(
-    medium: Slab, polarisers: Polarisers, paths: int, seed: Seed, *, threads: int | None = None
+    medium: PlaneMedium, polarisers: Polarisers, paths: int, seed: Seed, *, threads: int | None = None
 ) -> PolarisedCorrelation:
     """Estimate K of a slab along the axis behind an analyser, from ``paths`` paths in at most 64 batches."""
     tracer = axial_tracer(medium)
     bank = tracer.trace(seed, paths, threads=threads)
     weight, way = contributions(tracer.layout, bank), bank.exit[:, :2] - bank.entry[:, :2]
-    matrices = connection_matrices(Ends(medium.scatterer, medium.polarisation), bank, AXIS, AXIS)
+    matrices = connection_matrices(require_ends(medium), bank, AXIS, AXIS)
     radius, turn = np.hypot(*way.T), np.arctan2(way[:, 1], way[:, 0])
     zero, two, four = _harmonics(matrices, turn, *polarisers.fields)
     place, bins = radius_bins(medium, radius), RADIUS_BINS

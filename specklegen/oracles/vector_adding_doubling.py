@@ -15,6 +15,7 @@ Sources: van de Hulst, *Multiple Light Scattering* (1980), ch. 15; de Haan, Bosm
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -61,8 +62,8 @@ class PolarisedLight:
 
 
 def vector_adding_doubling(
-    optical_depth: float,
-    matrix: PhaseMatrix,
+    optical_depth: float | Sequence[float],
+    matrix: PhaseMatrix | Sequence[PhaseMatrix],
     *,
     albedo: float = 1.0,
     incidence: float = 1.0,
@@ -70,47 +71,135 @@ def vector_adding_doubling(
     azimuths: Sequence[float] = (0.0,),
     nodes: int = 16,
     orders: int = 3,
+    index: float = 1.0,
 ) -> PolarisedLight:
     """Scattered light of a slab of particles that are spheres, or turned at random.
 
     Parameters
     ----------
     optical_depth, albedo
-        Of the slab.
+        Of the slab, or depths of several layers, the first one first.
     matrix
-        Phase matrix of its particles, of mean 1 over the sphere.
+        Phase matrix of its particles, of mean 1 over the sphere; one for each of several layers.
     incidence, views
         Cosines, above 0, of the angles to the axis of the beam, which travels at azimuth 0, and of the views.
     azimuths
         Of the views, radians.
     nodes
-        Gauss nodes of the cosine, from 0 to 1.
+        Gauss nodes of the cosine, from 0 to 1; between faces half of them beyond the critical angle.
     orders
         Harmonics of the azimuth, m = 0, ..., orders - 1: 3 are all of Rayleigh's; narrower lobes have more. Light along
         the axis, seen along the axis, needs no more than 3.
+    index
+        Of refraction inside over outside, of both faces. Cosines are those inside, the light is that inside the slab
+        before it leaves, times what the face lets through of it; echoes add up as intensities.
 
     Raises
     ------
     RuleError
         For an optical depth that is not above 0, or cosines that are none.
     """
-    if not 0 < optical_depth < np.inf:
+    depths = np.atleast_1d(np.asarray(optical_depth, np.float64))
+    matrices = [matrix] * len(depths) if callable(matrix) else [*matrix]
+    if not ((depths > 0) & (depths < np.inf)).all() or not len(depths):
         reject("vector_adding_doubling optical_depth", "greater than 0 and finite", optical_depth)
     for cosine in (incidence, *views):
         if not 0 < cosine <= 1:
             reject("vector_adding_doubling cosines", "above 0 and at most 1", cosine)
-    x, w = gauss_legendre(nodes)
-    mu = np.concatenate([(1 + x) / 2, [incidence], views])
-    weight = np.concatenate([w * mu[:nodes], np.zeros(1 + len(views))])  # 2 mu dmu over [0, 1]
+    inside, share = _nodes(nodes, index)
+    nodes = len(inside)
+    mu = np.concatenate([inside, [incidence], views])
+    weight = np.concatenate([2 * share * inside, np.zeros(1 + len(views))])  # 2 mu dmu over [0, 1]
     found = np.zeros((2, len(views), len(azimuths), 4, 4))
-    harmonics = _harmonics(matrix, mu, orders)
+    mirrored, crossed = _face(mu, index)
+    harmonics = [_harmonics(each, mu, orders) for each in matrices]
     for m in range(orders):
-        through, back, *_ = _layer(harmonics[m], mu, np.repeat(weight, 4), optical_depth, albedo)
+        each = [_layer(one[m], mu, np.repeat(weight, 4), depth, albedo)
+                for one, depth in zip(harmonics, depths, strict=True)]  # fmt: skip
+        layer = reduce(lambda above, below: _added(above, below, np.repeat(weight, 4)), each)
+        through, back = layer[:2]
+        if index != 1:
+            through, back = _between_faces(layer, np.repeat(weight, 4), mirrored, crossed, nodes)
         phase = np.exp(1j * m * np.asarray(azimuths, np.float64)) * (1 if m == 0 else 2)  # -m is the conjugate of m
         for n, kernel in enumerate((through, back)):
             seen = kernel.reshape(len(mu), 4, len(mu), 4)[nodes + 1 :, :, nodes]
             found[n] += (phase[:, None, None] * seen[:, None]).real
     return PolarisedLight(*(mu[nodes] * found))
+
+
+_SPINS = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])
+"""Matrices of I, Q, U and V."""
+
+
+def backscattering(
+    optical_depth: float, matrix: PhaseMatrix, *, albedo: float = 1.0, nodes: int = 16
+) -> tuple[np.ndarray, np.ndarray]:
+    """Light sent straight back along the axis: what adds up as intensities, and what interference adds to it.
+
+    A path and its reverse have fields J e and J^T e, so that of the multiple scattering E[J_ac J_bd*] interference adds
+    E[J_ac J_db*]: Mishchenko, J. Opt. Soc. Am. A 9, 978 (1992), sec. 3. Both are matrices float64[4, 4] between the
+    Stokes vectors of fields along x and y, of light and view, as ``reflected`` is.
+    """
+    straight = vector_adding_doubling(optical_depth, matrix, albedo=albedo, nodes=nodes).reflected[0, 0]
+    seen = np.diag([1.0, 1.0, -1.0, -1.0]) @ straight  # theta is -x there
+    f11, _, f33, _ = matrix(np.array(-1.0))
+    once = -albedo / 8 * np.expm1(-2 * optical_depth) * np.diag([f11, f11, -f33, -f33])
+    products = np.einsum("ij,iab,jdc->abcd", seen - once, _SPINS, _SPINS) / 2
+    added = np.einsum("iba,abcd,jcd->ij", _SPINS, products.transpose(0, 3, 2, 1), _SPINS) / 2
+    return seen, added.real
+
+
+def _nodes(nodes: int, index: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines from 0 to 1 and their weights; half of them beyond the angle from which a face sends all back."""
+    edge = np.sqrt(max(1 - index**-2, 0.0)) if index > 1 else 0.0
+    x, w = gauss_legendre(nodes // 2 if edge else nodes)
+    parts = [(0.0, edge), (edge, 1.0)] if edge else [(0.0, 1.0)]
+    ends = [(low + (high - low) * (1 + x) / 2, (high - low) * w / 2) for low, high in parts]
+    return np.concatenate([each[0] for each in ends]), np.concatenate([each[1] for each in ends])
+
+
+def _face(mu: np.ndarray, index: float) -> tuple[np.ndarray, np.ndarray]:
+    """What a face sends back and lets out of Stokes vectors that meet it from inside at n cosines, float64[4 n, 4 n].
+
+    Born and Wolf, *Principles of Optics*, sec. 1.5, of fields along theta and phi: what is sent back is seen in the
+    frame of its own direction, in which theta points the other way.
+    """
+    beyond = np.emath.sqrt(1 - (1 - mu**2) * index**2)
+    across = (index * mu - beyond) / (index * mu + beyond)
+    along = (mu - index * beyond) / (mu + index * beyond)
+    out = np.zeros((2, 4 * len(mu), 4 * len(mu)))
+    for n, (p, s) in enumerate(zip(along.astype(complex), across.astype(complex), strict=True)):
+        lets = 0 if abs(s) > 1 - 1e-12 else 1
+        through = [lets * np.sqrt(max(1 - abs(r) ** 2, 0.0)) for r in (p, s)]
+        for into, one, two in ((out[0], p, s), (out[1], *through)):
+            mean, less = (abs(one) ** 2 + abs(two) ** 2) / 2, (abs(one) ** 2 - abs(two) ** 2) / 2
+            both = one * np.conj(two)
+            into[4 * n : 4 * n + 4, 4 * n : 4 * n + 4] = [
+                [mean, less, 0, 0], [less, mean, 0, 0], [0, 0, both.real, both.imag], [0, 0, -both.imag, both.real],
+            ]  # fmt: skip
+    return out[0], out[1]
+
+
+def _between_faces(
+    layer: "Layer", weight: np.ndarray, mirrored: np.ndarray, crossed: np.ndarray, beam: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same of a layer between two faces: from what falls on the first at the node ``beam`` to what leaves both."""
+    on, back, on_up, back_up, straight = layer
+    size, part = len(weight), slice(4 * beam, 4 * beam + 4)
+    # Unscattered light at the upper face, downwards, and at the lower one, upwards.
+    way, echo, one = straight[4 * beam], mirrored[part, part], np.eye(4)
+    down = np.linalg.solve(one - echo @ echo * way**2, crossed[part, part])
+    up = echo @ down * way
+    lit_below, lit_above = on[:, part] @ down + back_up[:, part] @ up, back[:, part] @ down + on_up[:, part] @ up
+    # Scattered light: what comes down to the lower face, and up to the upper one.
+    way_on = np.diag(straight)
+    lower = np.block([[on * weight + way_on, back_up * weight], [back * weight, on_up * weight + way_on]])
+    turned = np.kron(np.array([[0, 1], [1, 0]]), mirrored)  # what was up goes down at the upper face
+    source = np.concatenate([lit_below, lit_above])
+    found = np.linalg.solve(np.eye(2 * size) - lower @ turned, source)
+    leaving = np.zeros((2, size, size), complex)
+    leaving[0][:, part], leaving[1][:, part] = crossed @ found[:size], crossed @ found[size:]
+    return leaving[0], leaving[1]
 
 
 def _harmonics(matrix: PhaseMatrix, mu: np.ndarray, orders: int) -> np.ndarray:

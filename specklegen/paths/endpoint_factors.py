@@ -81,20 +81,31 @@ def single_factors(layout: Layout, bank: PathBank) -> np.ndarray:
     """complex128[T, V, M], s(i . v) of connections of single scattering; [T, V, 1] where all share it."""
     lights, views = layout.lights, layout.views
     turned = turned_over(bank)
-    if turned.any() and not turned.all():
+    kinds = turned if layout.polarised is None else _kinds(layout, bank)
+    if len(bank) and (kinds != kinds[0]).any():
         out = np.empty((len(lights), len(views), len(bank)), np.complex128)
-        out[..., turned], out[..., ~turned] = (single_factors(layout, bank.select(one)) for one in (turned, ~turned))
+        for kind in np.unique(kinds):
+            out[..., kinds == kind] = single_factors(layout, bank.select(kinds == kind))
         return out
     if not (lights.near or views.near) and len(layout.table.kinds) == 1:
         bank = bank.select(slice(0, 1))
     out = np.empty((len(lights), len(views), len(bank)), np.complex128)
-    passed = layout.polarised and layout.polarised.single(-lights.vectors, views.vectors)
+    passed = None
+    if layout.polarised is not None:
+        (before, behind), kind = (bank.bounces[0], int(bank.types[0, 0])) if len(bank) else ((0, 0), 0)
+        passed = layout.polarised.single(-lights.vectors, views.vectors, (int(before), int(behind)), kind)
     seen = views.vectors * np.array([1.0, 1.0, -1.0]) if turned.any() else views.vectors
     kernels.single_factors(
         layout.table, bank.records, bank.types, lights.near, np.ascontiguousarray(lights.vectors),
         views.near, np.ascontiguousarray(seen), out,
     )  # fmt: skip
     return out if passed is None else out * passed[..., None]
+
+
+def _kinds(layout: Layout, bank: PathBank) -> np.ndarray:
+    """Numbers int64[M] that are equal where one scattering does the same to the polarisation of light."""
+    types = bank.types[:, 0] if len(layout.table.kinds) > 1 else np.zeros(len(bank), np.int64)
+    return (types.astype(np.int64) * 16 + bank.bounces[:, 0]) * 16 + bank.bounces[:, 1]
 
 
 def turned_over(bank: PathBank) -> np.ndarray:
@@ -158,7 +169,7 @@ def _by_light(layout: Layout, bank: PathBank, bidirectional: bool, reverse: bool
         for light, own, seen, phases in each_light(layout, some, np.ones(len(some), np.complex128)):
             ends = endpoint_factors(own, seen, own.lights, "entry", threads) * (np.sqrt(seen.weight) * phases)
             out[light] = endpoint_factors(own, seen, own.views, "exit", threads) * ends
-        return out.reshape(-1, len(some))
+        return out.reshape(len(layout.lights) * len(layout.views), len(some))  # there may be no paths
 
     forward = amplitudes(bank)
     if not bidirectional:

@@ -5,8 +5,10 @@
 m, m' are the reflections of the first and the last leg, R that of unpolarised light
 (:mod:`specklegen.kernels.fresnel`). The factors are symmetric, so reciprocity holds, and with them |u|^2 stays per
 steradian *inside*; outside it is cos(theta_out) / (n^2 cos(theta_in)) times that. Phases of reflections go into the
-random phase of the connection, which each (m, m') has for itself. Legs that were reflected are unfolded in the bank:
-their images stand where the leg is straight, so that all else at the ends is as without faces.
+random phase of the connection, which each (m, m') has for itself. Polarised light has roots of 1 - R and of R for
+its field along the plane of incidence, and others for that across it (:func:`crossing_matrices`). Legs that were
+reflected are unfolded in the bank: their images stand where the leg is straight, so that all else at the ends is as
+without faces.
 """
 
 import math
@@ -14,7 +16,7 @@ import math
 import numpy as np
 
 from specklegen.core.errors import reject
-from specklegen.kernels.fresnel import reflectances
+from specklegen.kernels.fresnel import amplitudes, reflectances
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import PlaneMedium
 
@@ -73,6 +75,29 @@ def crossing_factors(faces: Faces, vectors: np.ndarray, bounces: np.ndarray) -> 
     r = reflectance(faces, vectors[:, 2])
     table = np.sqrt(1 - r)[:, None] * np.sqrt(r)[:, None] ** np.arange(MOST_IMAGES + 1)
     return table[:, bounces]
+
+
+def crossing_matrices(faces: Faces, direction: np.ndarray) -> np.ndarray:
+    """What the same leaves of either polarisation, beside :func:`crossing_factors`: float64[m, 2, 2] by reflections.
+
+    Of a light or view float64[3], between fields along x and y on both sides: turned the shortest way from the axis,
+    they have the same parts in the plane with the axis, whatever the angle to it.
+    """
+    inside, _, outside = faces.indices
+    flat = float(np.hypot(*direction[:2]))
+    across, across_im, along, _ = amplitudes(abs(float(direction[2])), inside, outside)
+    out = np.zeros((MOST_IMAGES + 1, 2, 2))
+    if across_im or abs(across) >= 1:  # nothing crosses
+        return out
+    radial = direction[:2] / flat if flat else np.array([1.0, 0.0])
+    axes = np.stack([radial, [-radial[1], radial[0]]])
+    mean = float(reflectance(faces, direction[2:])[0])
+    for m in range(MOST_IMAGES + 1):
+        scalar = math.sqrt((1 - mean) * mean**m)
+        if scalar:
+            kept = [math.sqrt(1 - r * r) * r**m / scalar for r in (along, across)]
+            out[m] = axes.T @ np.diag(kept) @ axes
+    return out
 
 
 def require_reflection(medium: PlaneMedium, views: np.ndarray) -> None:

@@ -13,6 +13,7 @@ from specklegen.kernels import volume_walk
 from specklegen.kernels.volume_walk import Probes
 from specklegen.kernels.walk import Rules
 from specklegen.paths.bank import PathBank
+from specklegen.paths.jones import type_matrices
 from specklegen.paths.phase_tables import common_lobe, phase_table
 from specklegen.paths.starts import beam_sources
 from specklegen.paths.volume_tracer import traced
@@ -39,8 +40,9 @@ def trace_layers(
     """Trace paths ``first`` ... ``first + count - 1`` as a proposal says (`specklegen.paths.slab_tracer`)."""
     if medium.refracts:
         reject(
-            f"{medium.type}.{'layers' if medium.indices else 'faces'}", "of one index where light interferes",
-            medium.indices or medium.faces, "Leave the steps out: in transmission along the axis alone they are known.",
+            f"{medium.type}.{'layers' if medium.indices else 'faces'}", "of one index where paths are aimed at views",
+            medium.indices or medium.faces,
+            "Leave the steps out: light that is not aimed alone knows them, in transmission along the axis.",
         )  # fmt: skip
     particles, light = materials(medium), -proposal.reference[None]
     kinds = np.full(1 + len(proposal.probes), volume_walk.FAR, np.int64)
@@ -50,5 +52,5 @@ def trace_layers(
         Probes(kinds[:1], light, kinds[1:], proposal.probes),
         Rules(int(proposal.bidirectional), proposal.threshold, proposal.max_order),
         seed, count, first=first, sample=sample, stream=stream, threads=threads, capacity=_CAPACITY,
-        transfer=proposal.transfer,
+        transfer=proposal.transfer, matrices=type_matrices(medium),
     )  # fmt: skip

@@ -9,13 +9,11 @@ from specklegen.kernels.phase_table import PhaseTable
 from specklegen.kernels.volume import Volume
 from specklegen.paths.endpoints import Endpoints, light_endpoints, plane_endpoints, view_endpoints
 from specklegen.paths.far_field import middle_light
-from specklegen.paths.jones import Analysed, Ends
+from specklegen.paths.jones import Analysed, ends_of
 from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.volumes import materials, volume_of
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import PlaneMedium
-from specklegen.scene.polarisation import Polarisation
-from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
 
 
@@ -91,13 +89,14 @@ def scene_layout(scene: Scene) -> Layout:
         wavelength=scene.wavelength,
         faces=scene.medium.faces,
         middle=middle_light(scene),
-        polarised=None if scene.polarisers is None else Analysed(Ends(*_model(scene)), *scene.polarisers.fields),
+        polarised=_analysed(scene),
     )
 
 
-def _model(scene: Scene) -> tuple[Scatterer, Polarisation]:
-    """Particle and model of the slab of a polarised scene."""
-    return scene.slab.scatterer, scene.slab.polarisation
+def _analysed(scene: Scene) -> Analysed | None:
+    """Light and analyser of a polarised scene, and what its particles and faces do."""
+    ends = None if scene.polarisers is None else ends_of(scene.slab)
+    return None if scene.polarisers is None or ends is None else Analysed(ends, *scene.polarisers.fields)
 
 
 def plane_layout(medium: PlaneMedium, wavelength: float, lights: np.ndarray, views: np.ndarray) -> Layout:

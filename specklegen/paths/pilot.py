@@ -5,6 +5,7 @@ view factors, samplers) biases no result. No unit of length sways it.
 """
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -58,6 +59,9 @@ class Pilot:
     multiple_share: float
     missed_variance: float
     decisions: tuple[Decision, ...]
+
+    event: ClassVar[str] = "event"
+    """Name of the operation that a scattering event of these paths is."""
 
     @property
     def events_per_path(self) -> float:

@@ -20,7 +20,7 @@ from specklegen.kernels.reflections import Faces
 from specklegen.kernels.slab_steps import Address, FlowingLayer, Light
 from specklegen.paths import faces
 from specklegen.paths.bank import BLOCK, PathBank, columns_of, concatenate, empty_bank
-from specklegen.paths.jones import ends_of, walk_matrices
+from specklegen.paths.jones import ends_of, unfolded_matrices, walk_matrices
 from specklegen.paths.layered_tracer import trace_layers
 from specklegen.paths.layout import Layout
 from specklegen.paths.phase_tables import walk_lobes
@@ -199,8 +199,8 @@ def trace(
                 room = np.empty((2, CARRIED)), np.empty(STEP), np.zeros((capacity, ENTRIES))
                 jones = Jones(walk_matrices(ends), *room)
             found, events, unfinished, unfinished_weight = walk.trace_slab(
-                where, start, size, layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules, output,
-                jones,
+                where, (start, size), layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules,
+                output, jones,
             )  # fmt: skip
             if found <= capacity:
                 break
@@ -208,6 +208,8 @@ def trace(
         records, bounces, orders, paths = (a.take(ranks[:found], axis=0) for a in (records, bounces, orders, paths))
         types = _types(shares, seed, sample, orders, paths)
         turned = jones and jones.found.take(ranks[:found], axis=0).view(np.complex128).reshape(-1, 2, 2)
+        if turned is not None and mirrors is not None:
+            turned = unfolded_matrices(turned, bounces)
         return PathBank(records, orders, paths, types, bounces, size, events, unfinished, unfinished_weight, turned)
 
     return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads), threads)

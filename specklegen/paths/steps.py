@@ -18,7 +18,7 @@ import numpy as np
 
 from specklegen.core.values import remembered
 from specklegen.kernels.fresnel import reflectances
-from specklegen.scene.layers import merged
+from specklegen.scene.layers import Layers, merged
 from specklegen.scene.media import Medium, PlaneMedium, as_slab
 
 
@@ -62,6 +62,51 @@ def refracting_layers(medium: PlaneMedium) -> bool:
     return medium.refracts and as_slab(medium) is None
 
 
+def inside_share(medium: PlaneMedium) -> float:
+    """Light per steradian in the index ``faces.inside`` over that per steradian outside, (n / n')^2."""
+    return (medium.faces.inside / medium.faces.outside) ** 2
+
+
+def without_steps(medium: PlaneMedium) -> Layers:
+    """Layers of the same particles, and no step of the refractive index anywhere."""
+    return Layers(layers=tuple(layer.replace(index=None) for layer in medium.layers))
+
+
+class Straight(NamedTuple):
+    """What straight light meets on its way through layers.
+
+    Attributes
+    ----------
+    let_through : float64[n]
+        Share of it that all faces let through at the first pass.
+    depth : float64[n]
+        Optical depth; infinite where a layer holds it back.
+    slope : float64[n]
+        How far it comes to one side, over its sine.
+    """
+
+    let_through: np.ndarray
+    depth: np.ndarray
+    slope: np.ndarray
+
+
+def straight_light(medium: PlaneMedium, sines: np.ndarray) -> Straight:
+    """Follow light of sines float64[n], in the index ``faces.inside``, straight through layers without an echo."""
+    known, inside = optics(medium), medium.faces.inside
+    own = np.multiply.outer(inside / known.indices, np.asarray(sines, np.float64))
+    cosines = np.sqrt(np.maximum(1 - own**2, 0.0))
+    left, reflected = np.ones(own.shape[1]), np.empty(own.shape[1])
+    for j in range(len(own) + 1):
+        k, wall, beyond = _face(known, j)
+        reflectances(cosines[k], known.indices[k], wall, beyond, reflected)
+        left *= 1 - reflected
+    crosses = (own < 1).all(axis=0)
+    slant = np.where(crosses, cosines, 1.0)
+    depth = np.where(crosses, (known.depths[:, None] / slant).sum(axis=0), np.inf)
+    slope = ((np.diff(known.edges) * inside / known.indices)[:, None] / slant).sum(axis=0)
+    return Straight(left, depth, slope)
+
+
 def end_indices(medium: Medium) -> tuple[float, float]:
     """Refractive indices of the first and of the last layer."""
     indices = medium.indices or (medium.faces.inside,)
@@ -95,14 +140,22 @@ def _met(known: Optics, sine: float) -> tuple[np.ndarray, np.ndarray]:
     cosines = np.sqrt(np.maximum(1 - sines**2, 0.0))
     steps = np.empty(len(known.indices) + 1)
     for j in range(len(steps)):
-        # From the denser side or the other, R is the same; the outer faces are met from inside, with their walls.
-        k = min(max(j - 1, 0), len(cosines) - 1) if j else 0
-        beyond = known.outside if j in (0, len(cosines)) else known.indices[j]
-        wall = known.walls[0] if j == 0 else known.walls[1] if j == len(cosines) else known.indices[k]
+        k, wall, beyond = _face(known, j)
         reflectances(cosines[k : k + 1], known.indices[k], wall, beyond, steps[j : j + 1])
     with np.errstate(divide="ignore"):
         passed = np.where(sines < 1, np.exp(-known.depths / np.where(sines < 1, cosines, 1.0)), 0.0)
     return steps, passed
+
+
+def _face(known: Optics, j: int) -> tuple[int, float, float]:
+    """Layer from which the face j is met, and the indices of its wall and beyond.
+
+    From the denser side or the other, R is the same; the outer faces are met from inside, with their walls.
+    """
+    last = len(known.indices)
+    k = max(j - 1, 0)
+    beyond = known.outside if j in (0, last) else known.indices[j]
+    return k, known.walls[0] if j == 0 else known.walls[1] if j == last else known.indices[k], beyond
 
 
 def _shares(steps: np.ndarray, passed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

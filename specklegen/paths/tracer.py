@@ -96,7 +96,7 @@ def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
     views, layout = probe_views(scene), scene_layout(scene)
     if reverse:
         require_reflection(scene.slab, views)
-    if aside and layout.middle is not None:
+    if aside and layout.middle is not None and len(views):
         views = judged_views(views, scene.beams.directions[:, :2] - layout.middle[:2])
     proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse)
     tracer = SlabTracer(layout, scene.slab, proposal)
@@ -115,7 +115,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
     if scene.film:
         return _filming(volume_tracer(scene.at_rest, reverse), scene)
     if not scene.medium.has_sides:
-        if not scene.slab.faces.matched or scene.polarisers is not None:
+        if scene.slab.refracts or scene.polarisers is not None:
             return slab_tracer(scene, reverse)
         require_traceable(scene.slab, events_per_path(scene.slab))
     layout = scene_layout(scene)
@@ -133,10 +133,14 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
 
 def _filming(tracer: Any, scene: Scene) -> Any:
     """The same paths with their momentum transfer, for all frames of a film."""
-    layout = scene_layout(scene)
+    return replace(transferring(tracer), layout=scene_layout(scene))
+
+
+def transferring(tracer: Any) -> Any:
+    """The same paths with what motion needs of them: their momentum transfer and Doppler shifts."""
     if isinstance(tracer, SlabTracer):
-        return replace(tracer, layout=layout, proposal=replace(tracer.proposal, transfer=True))
-    return replace(tracer, layout=layout, transfer=True)
+        return replace(tracer, proposal=replace(tracer.proposal, transfer=True))
+    return replace(tracer, transfer=True)
 
 
 def plane_tracer(

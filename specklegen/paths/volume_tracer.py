@@ -7,6 +7,7 @@ import numpy as np
 from specklegen.core.parallel import Threads, map_blocks
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import volume_walk, walk
+from specklegen.kernels.jones import CARRIED, ENTRIES, STEP, Jones
 from specklegen.kernels.lobes import Lobe
 from specklegen.kernels.phase_table import PhaseTable
 from specklegen.kernels.slab_steps import Address
@@ -89,8 +90,12 @@ def traced(
     threads: Threads,
     capacity: float,
     transfer: bool = False,
+    matrices: np.ndarray | None = None,
 ) -> PathBank:
-    """Trace paths ``first`` ... ``first + count - 1``, block after block; a pure function of all but ``threads``."""
+    """Trace paths ``first`` ... ``first + count - 1``, block after block; a pure function of all but ``threads``.
+
+    ``matrices`` are those of polarised light through layers (:func:`specklegen.paths.jones.type_matrices`).
+    """
     where = Address(*stream_key(seed, stream), sample)
     if transfer and not len(volume.mobility):  # at rest
         volume = volume._replace(mobility=np.zeros(len(volume.extinction)))
@@ -104,15 +109,21 @@ def traced(
             records, bounces = np.empty((room, columns)), np.zeros((room, 2), np.int8)
             orders, types = np.empty(room, np.int32), np.empty((room, 2), np.int32)
             paths, ranks = np.empty(room, np.int64), np.empty(room, np.int64)
+            jones = None
+            if matrices is not None:
+                jones = Jones(matrices, np.empty((2, CARRIED)), np.empty(STEP), np.zeros((room, ENTRIES)))
             found, events, unfinished, unfinished_weight = volume_walk.trace_volume(
-                where, start, size, volume, table, lobe is not None, lobe or closed_lobe(0.0), sources, probed, rules,
-                walk.Found(records, orders, paths, bounces, ranks), types,
+                where, (start, size), volume, table, lobe is not None, lobe or closed_lobe(0.0), sources, probed, rules,
+                walk.Found(records, orders, paths, bounces, ranks), types, jones,
             )  # fmt: skip
             if found <= room:
                 break
             room = found
         records, orders, paths, types = (a.take(ranks[:found], axis=0) for a in (records, orders, paths, types))
-        return PathBank(records, orders, paths, types, bounces[:found], size, events, unfinished, unfinished_weight)
+        turned = jones and jones.found.take(ranks[:found], axis=0).view(np.complex128).reshape(-1, 2, 2)
+        return PathBank(
+            records, orders, paths, types, bounces[:found], size, events, unfinished, unfinished_weight, turned
+        )  # fmt: skip
 
     banks = map_blocks(block, range(first, first + count, BLOCK), threads)
     return concatenate(banks, threads) if banks else empty_bank(count, columns)

@@ -273,10 +273,12 @@ def _planned_image(
     if asked is not None and not asked.images:
         reject("sampler", '"auto", "paths" or "stationary" for a camera with a lens', asked.name)
     if mean and not scene.illumination.coherent:
-        reject("mean", "False for an incoherent object", mean, "Its ballistic image is not modelled.")
+        reject("mean", "False for an incoherent object, and for exposures", mean,
+               "What does not scatter is not modelled there.")  # fmt: skip
+    tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
+    scene, exposed = _with_sub_frames(scene, tolerance)
     lens, lit = lens_of(scene), lit_plane(scene)
     few = _too_narrow(scene, lit, asked)
-    tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
     at_faces = asked is not None and asked.from_face
     if few is None and lit.turned > tolerance:
         few = Decision(
@@ -309,9 +311,17 @@ def _planned_image(
         f"{lens.camera.focus:.4g} behind the face, is lit over {lit.extent:.4g} and repeats after {lens.period:.4g}",
     )  # fmt: skip
     return replace(
-        made, scene=scene, lens=lens, pixel=pixel, decisions=(seen, *(d for d in (few, rare) if d), *told),
+        made, scene=scene, lens=lens, pixel=pixel,
+        decisions=(*exposed, seen, *(d for d in (few, rare) if d), *told),
         operations=operations, seconds=seconds(operations, thread_count(budget.threads)), memory_bytes=memory,
     )  # fmt: skip
+
+
+def _with_sub_frames(scene: Scene, tolerance: float) -> tuple[Scene, list[Decision]]:
+    """The scene with instants for every exposure, as many as views over the pupil ask for; and what is said of them."""
+    afar = scene.replace(sensor=scene.sensor.pupil_grid(3))  # type: ignore[attr-defined]
+    found, said = with_sub_frames(afar, tolerance)
+    return scene.replace(illumination=found.illumination), said
 
 
 def _too_narrow(scene: Scene, lit: LitPlane, asked: type[Sampler] | None) -> Decision | None:

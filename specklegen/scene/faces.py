@@ -18,7 +18,7 @@ def require_index(field: str, index: float) -> None:
 class Faces(Value):
     """Both faces of a slab: smooth, alike, and between two refractive indices. By default matched: no step.
 
-    Light of one wavelength is scalar here: a face reflects the mean of both polarisations.
+    Scalar light is reflected as the mean of both polarisations, polarised light as either (not through a wall).
 
     Parameters
     ----------

@@ -34,6 +34,7 @@ from specklegen.core.registry import Registry, is_import_path
 from specklegen.core.values import Positive, UnitInterval, Value, remembered
 from specklegen.scene.faces import Faces, require_index
 from specklegen.scene.motion import AnyMotion, Motion, fastest
+from specklegen.scene.polarisation import Polarisation, require_polarised
 from specklegen.scene.scatterers import AnyScatterer, Mixture, Scatterer
 from specklegen.scene.unitless import unitless_fingerprint
 
@@ -203,6 +204,7 @@ class Stratified(PlaneParallel, Registered):
         albedo: float
         scatterer: Scatterer
         faces: Faces
+        polarisation: Polarisation
         layers: Sequence[Layer]
 
     @classmethod
@@ -215,6 +217,8 @@ class Stratified(PlaneParallel, Registered):
                 setattr(cls, name, property(value))
         if not cls._has("faces"):
             cls.faces = Faces()
+        if not cls._has("polarisation"):
+            cls.polarisation = "scalar"
 
     @classmethod
     def _has(cls, name: str) -> bool:
@@ -237,11 +241,16 @@ class Stratified(PlaneParallel, Registered):
                 reject(f"{owner}.{name}", f"what its layers say, {value(self):.10g}", said, remedy)
         fastest(self.motions)  # laws that are no factor apart are refused
         require_still_faces(self, owner)
+        for layer in layers:
+            require_polarised(owner, self.polarisation, layer.scatterer, self.faces, layer.motion)
+        if self.polarisation != "scalar" and self.refracts and len(merged(layers)) > 1:
+            reject(f"{owner}.{'layers' if self.indices else 'faces'}", "of one index where light is polarised",
+                   self.indices or self.faces, "Leave the steps out: a Slab alone may have faces then.")  # fmt: skip
         return self
 
     def content(self) -> object:
-        """Return what decides a medium of a user's own: its layers."""
-        return list(self.layers)
+        """Return what decides a medium of a user's own: its layers, and what they do to polarised light."""
+        return [*self.layers, *([] if self.polarisation == "scalar" else [self.polarisation])]
 
     @property
     def scatterers(self) -> tuple[Scatterer, ...]:
@@ -311,8 +320,10 @@ class Layers(Stratified):
     faces
         The step of the refractive index at both outer faces, which layers with an ``index`` of their own have to what
         is outside, of index 1 if nothing is said. Wavelengths and tilts are those in ``faces.inside``, 1 again.
-        `reflectance_transmittance`, `joint_correlation`, `memory_effect` and `temporal_correlation` know all steps;
-        scenes refuse them.
+        `reflectance_transmittance` and `joint_correlation` know all steps; `memory_effect`, `temporal_correlation` and
+        scenes those that are met near the axis, in transmission (docs/media.md). Polarised light refuses them.
+    polarisation
+        What the particles of all layers do to polarised light, as of a :class:`Slab`.
 
     Examples
     --------
@@ -326,11 +337,12 @@ class Layers(Stratified):
 
     layers: tuple[Layer, ...] = Field(min_length=1, kw_only=False)  # type: ignore[assignment]
     faces: Faces = Faces()
+    polarisation: Polarisation = "scalar"
 
     @model_serializer(mode="wrap")
-    def _without_matched_faces(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out faces that do nothing, as a slab does."""
-        return left_out(write(self), faces=self.faces.matched)
+    def _without_what_does_nothing(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out faces that do nothing, as a slab does, and scalar light."""
+        return left_out(write(self), faces=self.faces.matched, polarisation=self.polarisation == "scalar")
 
 
 def merged(layers: Sequence[Layer]) -> list[Layer]:

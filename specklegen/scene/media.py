@@ -180,7 +180,7 @@ def as_slab(medium: PlaneMedium) -> Slab | None:
     (one,) = layers
     return Slab(
         thickness=one.thickness, mean_free_path=one.mean_free_path, albedo=one.albedo, scatterer=one.scatterer,
-        faces=medium.faces, motion=one.motion,
+        faces=medium.faces, motion=one.motion, polarisation=medium.polarisation,
     )  # fmt: skip
 
 

@@ -87,7 +87,7 @@ class Polarisers(Value):
 def require_polarised(
     owner: str, polarisation: Polarisation, scatterer: Scatterer, faces: Faces, motion: Motion | None = None
 ) -> None:
-    """Refuse particles without amplitudes S1 and S2 where these are asked for, faces that would polarise, and flows.
+    """Refuse particles without amplitudes S1 and S2 where these are asked for, walls whose echoes mix, and flows.
 
     Raises
     ------
@@ -96,9 +96,9 @@ def require_polarised(
     """
     if polarisation == "scalar":
         return
-    if not faces.matched:
-        reject(f"{owner}.faces", "matched where light is polarised", faces,
-               "What faces do to either polarisation is not modelled: leave them out.")  # fmt: skip
+    if faces.wall not in (None, faces.inside):
+        reject(f"{owner}.faces", "without a wall where light is polarised", faces,
+               "Echoes in a wall add up as powers, which keep no field: leave it out.")  # fmt: skip
     if motion is not None and motion.carries:
         reject(f"{owner}.motion", "random where light is polarised", motion,
                "Flows are known of scalar light alone: take Brownian(diffusion=...), or no polarisation.")  # fmt: skip

@@ -142,9 +142,6 @@ class Scene(Value, Pictured):
                 "Scene.sensor", "FarField or NearField before this medium and light", self.sensor.type,
                 "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.",
             )  # fmt: skip
-        if getattr(self.illumination, "exposure", None) is not None:  # beams alone have any
-            reject("CollimatedBeams.exposure", "left out before a camera with a lens", self.illumination.exposure,
-                   "Render a film, and add up its intensities.")  # fmt: skip
         camera = cast(Imaging, self.sensor)
         require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})
         camera.require_lens(self.wavelength, self.medium.faces.largest_sine)
@@ -183,13 +180,14 @@ class Scene(Value, Pictured):
         """Refuse what a slab with refracting faces does not serve, and directions that do not cross them."""
         if not self.medium.refracts:
             return
-        if not self.medium.homogeneous:
+        layered = not self.medium.homogeneous
+        if layered and (not self.illumination.limited or self.sensor.near or self.sensor.corners[..., 2].min() <= 0):
             indices = self.volume.indices
             reject(
                 f"{self.medium.type}.{'layers' if indices else 'faces'}",
-                f"{'of one index' if indices else 'matched'} in a scene", indices or self.medium.faces,
-                "Leave the steps out; memory_effect, temporal_correlation, joint_correlation and "
-                "reflectance_transmittance know those of layers.",
+                f"{'of one index' if indices else 'matched'}, unless beams are seen from afar in transmission",
+                indices or self.medium.faces,
+                "Leave the steps out; joint_correlation and reflectance_transmittance know those of all light.",
             )  # fmt: skip
         if not self.illumination.limited or self.sensor.near or self.dimension == 2:
             reject(

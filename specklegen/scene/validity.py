@@ -47,7 +47,7 @@ def idealisations(
         Independent polarisations that are added up beside it.
     """
     found = []
-    if scene.thin is None and scene.volume.faces.matched and refractive_index != 1:
+    if scene.thin is None and not scene.volume.refracts and refractive_index != 1:
         index = "" if refractive_index is None else f" although the refractive index is {refractive_index:g}"
         remedy = "Slab.faces, or a laboratory's refractive_index" if not scene.volume.has_sides else "of a Slab alone"
         found.append(Decision(

@@ -22,7 +22,7 @@ from specklegen.scene.window import Window
 from specklegen.synthesis.correlations import Correlations, LightBatch
 from specklegen.synthesis.exit_grid import disc_power
 from specklegen.synthesis.fused import fused
-from specklegen.synthesis.modes import on_differences, on_signed_differences
+from specklegen.synthesis.modes import on_differences, on_signed_differences, one_by_one
 from specklegen.synthesis.sight import Sight
 
 
@@ -89,7 +89,9 @@ def speckle_variance(
     modes = [(ones, correlations)] if light is None else [*zip(light.shares.unbind(1), light.modes, strict=True)]
     shape, wavevector = sight.shape, sight.wavenumber * sight.object_pitch
     if sight.profile == "disc":
-        shown = _disc_lags(sight, wavevector)
+        # On the CPU each alone: cells of companions would have it transformed on another grid, to other last bits.
+        each = [slice(n, n + 1) for n in range(len(sight))] if one_by_one(sight.device) else [slice(None)]
+        shown = torch.cat([_disc_lags(sight.at(own), wavevector[own]) for own in each])
     else:
         along = [
             lag_transform(power, sight.cells.size[:, axis], wavevector, sight.pixel, shape[axis])

@@ -3,6 +3,6 @@
 Public names stand in ``__init__.pyi``; when to believe what, in docs/wavetracing.md. Only `coupling` knows the engine.
 """
 
-import lazy_loader
+from specklegen.core.extras import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -166,7 +166,7 @@ def _by_patterns(
     def walk(first: int, count: int) -> _Counts:
         tally = beam_walk.Tally(np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells), *_ledger(), np.zeros(1))
         beam_walk.walk_beams(
-            key, first, count, rules, source, emitter.wavelength, geometry.tree, facets, openings, table, materials,
+            key, (first, count), rules, source, emitter.wavelength, geometry.tree, facets, openings, table, materials,
             receivers, tally,
         )  # fmt: skip
         return tally.counts, *tally, np.zeros(2)

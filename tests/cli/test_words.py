@@ -129,9 +129,9 @@ def test_one_of_a_thing_is_singular(tmp_path):
         (("preview", "through-slab", "--out", "x.pdf"), "preview --out must be a file whose name ends in .png"),
         (("compare", "through-slab", "--seconds", "nan"), "--seconds must be greater than 0"),
         (("evaluate", "text.toml"), "model must be a file that Reconstructor.save wrote"),
-        (("plan", "folder/inside"), "or the path of a TOML file"),
+        (("plan", "folder/inside"), "recipe must be a file that is there, or a packaged name; got 'folder/inside'"),
         (("render", "--scene", "folder"), "--scene must be a file that exists"),
-        (("render", "--scene", "text.toml"), "Scene.wavelength must be given"),
+        (("render", "--scene", "text.toml"), "wavelength must be given"),
         (("render", "--scene", "text.toml", "--g", "0.5", "--tilts", "3"), "render --g, --tilts must be left out"),
         (("export", "folder", "--out", "x"), "store.folder must be a folder that holds a store"),
     ],
@@ -177,12 +177,13 @@ def test_errors_of_the_system_are_told_and_defects_are_not():
 def test_a_package_of_an_extra_that_is_missing_is_named_with_its_extra():
     """Every one that the package imports, under the name that it is imported by."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    for extra in extras.keys() - {"dev", "docs"}:
+    for extra in extras.keys() - {"dev", "docs", "all"}:
         for line in extras[extra]:
             package = re.split(r"[<>=\[]", line)[0].lower()
             name = IMPORT_NAMES.get(package, package.replace("-", "_"))
             said = told(ModuleNotFoundError("no", name=f"{name}.inner"))
-            assert said == f"this needs the package {name}: pip install 'specklegen-torch[{extra}]'"
+            assert said is not None
+            assert said.startswith(f"this needs the package {name}: pip install 'specklegen-torch[{extra}]'")
 
 
 @pytest.mark.parametrize(("rate", "written"), [(0.4343, "0.43"), (9.96, "10"), (12.5, "12"), (12345.6, "12346")])

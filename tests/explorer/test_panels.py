@@ -23,7 +23,7 @@ from specklegen.explorer.controls import CONTROLS, State
 FALSE_ALARM = 1e-6
 BEGIN = State()
 WIDE = State(extent=0.3, thickness=1500.0, camera=128)
-UNMADE = ("tilt", "lag", "focus", "lens", "magnification", "sample")
+UNMADE = ("tilt", "lag", "focus", "lens", "magnification", "analysers", "sample")
 UNFIT = State(thickness=4000.0, aperture=5e3, camera=64)
 
 
@@ -46,7 +46,7 @@ def test_the_recipe_as_toml_and_python_is_the_recipe(tmp_path):
 
 
 def test_every_physical_control_changes_the_recipe():
-    """But the tilt, the lag, the lens and the number of the sample, which it is not made of."""
+    """But the tilt, the lag, the lens, analysers and the number of the sample, which it is not made of."""
     prints = {recipe.recipe_of(state).fingerprint() for state in states()}
     unmade = sum(len({CONTROLS[n].steps[0], CONTROLS[n].steps[-1]} - {getattr(BEGIN, n)}) for n in UNMADE)
     assert len(prints) == len(list(states())) - unmade + 1
@@ -103,6 +103,20 @@ def test_frames_forget_as_the_curve_says():
         measured.append((alike.mean(), frames[0].correlation, alike.std(ddof=1) / np.sqrt(12)))
     assert_z(*np.transpose(measured), degrees=11, slack=0.02)  # of an image's own mean and a wide beam's
     assert measured[0][0] > measured[1][0] + 0.3
+
+
+def test_analysers_show_the_file_that_is_taken_along(tmp_path):
+    """Both images and their shares, in linear and in circular light, through faces too."""
+    begun = State(camera=64, thickness=500.0)
+    for state in (begun, begun._replace(analysers="circular", refractive_index=1.33)):
+        (tmp_path / "analysed.toml").write_text(recipe.analysed_toml(state))
+        found = panels.analysed(state)
+        sample = load_recipe(tmp_path / "analysed.toml").sample(1, "test", 0)
+        np.testing.assert_array_equal(found.images, sample["stack"])
+        assert found.images.shape == (2, 64, 64)
+        assert sum(found.shares) == pytest.approx(1)
+        assert found.shares[0] > 0.9  # forward light keeps its polarisation
+    assert "flipped: " in page._analysed(state)
 
 
 THIN = State(thickness=200.0, mean_free_path=50.0, camera=64, focus=200.0)

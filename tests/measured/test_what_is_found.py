@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from zscore import assert_z
 
+from specklegen.core.errors import RuleError
 from specklegen.measured import read_measurement
 from specklegen.measured.hot_pixels import hot_among_neighbours
 
@@ -192,3 +193,11 @@ def test_a_given_envelope_is_divided_out():
     assert np.allclose(found.images[0], LIGHT[8:108, 8:98] * kept.mean())
     assert found.envelope.mean() == pytest.approx(1)
     assert "envelope: as given" in found.explain()
+
+
+def test_a_black_level_far_below_all_counts_is_refused():
+    """Light less -1e30 is even to the last bit."""
+    frames = np.random.default_rng(0).exponential(size=(40, 40))
+    assert read_measurement(frames, dark=-3.0, envelope=None).light.std() > 0.5
+    with pytest.raises(RuleError, match=r"dark must be a level near the counts"):
+        read_measurement(frames, dark=-(10.0**30), envelope=None)

@@ -133,7 +133,7 @@ def test_a_tilt_at_the_time_to_one_over_e():
 def test_both_estimators_agree(monkeypatch):
     medium, tilts = slab(10, ISOTROPIC), np.arcsin(np.array([0.0, 1.0]) / K / 100)
     ways = curve(medium, [[0.0, 0.01]], tilts=tilts[:, None])
-    monkeypatch.setattr(temporal, "_by_ways", temporal._by_amplitudes)
+    monkeypatch.setattr(temporal, "by_ways", temporal.by_amplitudes)
     amplitudes = curve(medium, [[0.0, 0.01]], tilts=tilts[:, None], seed=6)
     assert ways.field.shape == (2, 2)
     assert_z(amplitudes.intensity[1:], ways.intensity[1:], np.hypot(ways.standard_error, amplitudes.standard_error)[1:])
@@ -224,9 +224,8 @@ def test_refusals():
             sg.temporal_correlation(medium, wavelength=WAVELENGTH, **asked)
     with pytest.raises(RuleError, match="temporal_correlation medium must be one whose particles move"):
         curve(medium.replace(motion=None), [1.0])
-    box = sg.Box(lower=[-5, -5, 0], upper=[5, 5, 4], mean_free_path=2.0, scatterer=ISOTROPIC)
-    with pytest.raises(RuleError, match="temporal_correlation medium must be a Slab or Layers"):
-        curve(box, [1.0])
+    with pytest.raises(RuleError, match="temporal_correlation medium must be a Slab, Layers, a Box or a VoxelGrid"):
+        curve(sg.PhaseScreen(correlation_length=5.0, rms_phase=2.0), [1.0])
 
 
 def test_all_views_together():

@@ -5,13 +5,21 @@ import pytest
 from scenes import slab as slab_of_depth
 
 import specklegen as sg
+from specklegen.kernels.jones import node_place
 from specklegen.paths.bank import backwards, walk_frame
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.jones import Ends, connection_matrices, laboratory_frame, scattering, walk_matrices
+from specklegen.paths.jones import (
+    Ends,
+    connection_matrices,
+    laboratory_frame,
+    scattering,
+    type_matrices,
+    walk_matrices,
+)
 from specklegen.paths.phase_tables import walk_lobes
 from specklegen.paths.slab_tracer import plane_proposal, trace
 
-RAYLEIGH = Ends(sg.Rayleigh(), "projector")
+RAYLEIGH = Ends((sg.Rayleigh(),), "projector")
 
 
 def directions(count, seed=0):
@@ -107,7 +115,7 @@ def test_tables_of_walks_follow_the_amplitudes():
     """Half-way between nodes, of a sphere larger than the wavelength."""
     pytest.importorskip("miepython")
     sphere = sg.Mie(radius=0.6, wavelength=0.5, refractive_index=1.2)
-    ends = Ends(sphere, "vector")
+    ends = Ends((sphere,), "vector")
     nodes, table = walk_lobes(sphere)[0].rows[:, 0], walk_matrices(ends)
     middle = (nodes[:-1] + nodes[1:]) / 2
     one, two = sphere.amplitude_matrix(1 - middle)
@@ -117,3 +125,20 @@ def test_tables_of_walks_follow_the_amplitudes():
     power = np.square(np.abs(sphere.amplitude(1 - middle))) * np.diff(nodes)
     missed = (np.square(np.abs(found - exact)).sum(axis=0) * power).sum() / power.sum()
     assert np.sqrt(missed) < 0.01  # of light's field; a mean degree of polarisation is off by its square
+
+
+def test_amplitudes_by_type_follow_the_particles():
+    """Of layers, half-way between nodes, of a sphere larger than the wavelength."""
+    pytest.importorskip("miepython")
+    sphere = sg.Mie(radius=0.6, wavelength=0.5, refractive_index=1.2)
+    parts = [sg.Layer(thickness=1.0, mean_free_path=1.0, scatterer=each) for each in (sg.Rayleigh(), sphere)]
+    table = type_matrices(sg.Layers(layers=parts, polarisation="vector"))
+    place = (np.arange(table.shape[1] - 1) + 0.5) / (table.shape[1] - 1)
+    cosine = 1 - 2 * np.where(place <= 0.5, 2 * place**2, 1 - 2 * (1 - place) ** 2)
+    for rows, particle in zip(table, (sg.Rayleigh(), sphere), strict=True):
+        one, two = particle.amplitude_matrix(cosine)
+        exact = np.stack([one, two]) * np.sqrt(2 / (abs(one) ** 2 + abs(two) ** 2))
+        found = (rows[:-1] + rows[1:]) / 2
+        np.testing.assert_allclose(found[:, 0::2] + 1j * found[:, 1::2], exact.T, atol=1e-3)
+    places = np.array([node_place(v) for v in (0.0, 1.0, 2.0)])
+    np.testing.assert_allclose(places, [0, 0.5, 1], atol=1e-12)

@@ -280,3 +280,16 @@ def test_no_scene_falls_to_the_sampler_of_the_larger_error(g, depth, part):
     # Path sums beyond .1 rad are off by as much as they say; the stationary sampler is taken where it is off by less.
     assert stated < 0.05 or (made.sampler == "stationary" and stated < other.error)
     assert not made.doubts or reach > 0.1  # farther apart there may be no correlation left to be wrong
+
+
+@pytest.mark.parametrize("views", [0, 1])
+def test_lights_that_keep_their_angles_need_neither_paths_nor_views(views):
+    """A slab of thickness 0, whose light is reflected alone, and a sensor that looks nowhere."""
+    thin = sg.Slab(thickness=0.0, mean_free_path=1.0, scatterer=sg.HenyeyGreenstein(g=-0.99),
+                   faces=sg.Faces(inside=2.0, outside=1.0, wall=0.5))  # fmt: skip
+    scene = sg.Scene(
+        wavelength=1.0, medium=thin, illumination=sg.CollimatedBeams.tilts([0.1, 0.2], width=1.0),
+        sensor=sg.FarField(directions=np.array([[0.0, 0.0, 1.0]])[:views]),
+    )  # fmt: skip
+    assert sg.render(scene, paths=16, sampler="paths").field.tolist() == [[0j] * views] * 2
+    assert sg.covariance(scene, paths=16).value.shape == (2, views, 2, views)

@@ -109,6 +109,44 @@ def test_exposures_are_means_of_films():
     np.testing.assert_allclose(scene.illumination.shares.sum(axis=1), 1.0)
 
 
+def through_a_lens(exposure, times, sines=0.0, **parts):
+    """Before pixels half a grain apart, of which twelve make the whole image of the middle of the window."""
+    light = {key: parts.pop(key) for key in ("medium", "width") if key in parts}
+    camera = {"shape": (12, 12), "pitch": 5.0, "aperture": 0.05} | parts.pop("camera", {})
+    scene = exposed(exposure, times, sines=sines, **light, **parts)
+    return scene.replace(sensor=sg.Imaging(**camera))
+
+
+def test_exposures_through_a_lens_are_means_of_its_films():
+    scene = through_a_lens([0.2, 0.1], [0.0, 0.5], [0.0, 0.002], width=60.0, sub_frames=[3, 2])
+    asked = {"sampler": "paths", "paths": 300, "seed": 1, "threads": 1}
+    with pytest.warns(DoubtWarning, match="instants an exposure"):
+        found = sg.render(scene, **asked)
+    frames = sg.render(scene.replace(illumination=scene.beams), **asked).intensity
+    expected = [frames[:3].mean(0), frames[3:].mean(0)]
+    np.testing.assert_allclose(found.intensity, expected, rtol=1e-4, atol=1e-6 * frames.max())
+    assert found.report.sampler == "paths"
+    with pytest.raises(RuleError, match="field must be asked of coherent illumination"):
+        _ = found.field
+
+
+def test_exposures_through_a_lens_have_the_contrast_of_the_light_over_its_pupil():
+    """In the middle of a wide window, where speckle is Gaussian whatever the number of paths."""
+    scene = through_a_lens(EXPOSURES, STARTS, width=800.0, camera={"focus": -10.0})
+    made = sg.plan(scene, paths=2000, sampler="stationary")
+    assert "exposure: used" in made.explain()
+    assert made.scene.illumination.instants.tolist() == sorted(made.scene.illumination.instants)
+    stack = sg.render(scene, paths=20_000, sampler="stationary", seed=3, realizations=100)
+    found, error = contrast(stack.intensity)
+    known, _ = law(THIN)
+    formula = known.contrast(EXPOSURES)
+    noise = np.hypot(error, formula.standard_error)
+    # Two per cent of instants, and as much of views aside of the axis.
+    assert_z(found, formula.squared, noise, degrees=99, slack=0.04 * formula.squared)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(found, known.contrast(2 * np.array(EXPOSURES)).squared, noise, degrees=99)
+
+
 STILL, BLURRED = (
     sg.Layer(thickness=5.0, mean_free_path=5.0, scatterer=sg.Isotropic(), motion=each) for each in (None, FLUID)
 )

@@ -41,6 +41,37 @@ def test_intensities_are_those_of_the_mueller_matrix():
         assert_z(found.intensity[0, 0], light.intensity(*CROSSED.fields) * WIDTH**2, error, degrees=63)
 
 
+HALF = sg.Layer(thickness=THICKNESS / 2, mean_free_path=THICKNESS / 2, scatterer=sg.Rayleigh())
+MEDIA = {
+    "faces": slab(polarisation="vector").replace(faces=sg.Faces(inside=1.5)),
+    "layers": sg.Layers(layers=[HALF, HALF.replace(scatterer=sg.HenyeyGreenstein(0.5))], polarisation="projector"),
+}
+
+
+@pytest.mark.parametrize("name", MEDIA)
+def test_scenes_of_faces_and_layers_have_their_intensities(name):
+    """By covariances, 20 degrees aside of the axis too, and by pictures of the stationary sampler."""
+    medium = MEDIA[name]
+    aside = np.array([0.3, 0.15, np.sqrt(1 - 0.1125)])
+    for view in (None, aside):
+        light = sg.mueller_matrix(medium, wavelength=WAVELENGTH, view=view, paths=15_000, seed=1)
+        sensor = None if view is None else sg.FarField(directions=[view])
+        for polarisers in (sg.Polarisers.parallel(0.6), sg.Polarisers.circular()):
+            found = sg.covariance(scene(polarisers, medium, sensor=sensor), paths=8000, seed=2)
+            expected = light.intensity(*polarisers.fields) * WIDTH**2
+            error = np.hypot(np.ravel(found.standard_error)[0], light.standard_error[0, 0] * WIDTH**2)
+            assert_z(np.ravel(found.intensity)[0], expected, error, degrees=63)
+        if view is None:
+            with pytest.raises(AssertionError, match="z ="):
+                assert_z(np.ravel(found.intensity)[0], light.intensity(*CROSSED.fields) * WIDTH**2, error, degrees=63)
+            seen = scene(sg.Polarisers.circular(), medium, sensor=sg.FarField.grid((24, 24), 1e-6))
+            drawn = sg.render(seen, sampler="stationary", realizations=40, paths=15_000, seed=3).intensity
+            lit = drawn.astype(np.float64).mean(axis=(1, 2, 3))
+            expected = light.intensity(*seen.polarisers.fields) * WIDTH**2
+            error = np.hypot(lit.std(ddof=1) / np.sqrt(40), 1.5 * light.standard_error[0, 0] * WIDTH**2)
+            assert_z(lit.mean(), expected, error, degrees=39)
+
+
 def test_correlations_are_those_of_the_memory_effect():
     tilt = float(np.arcsin(1.5 * WAVELENGTH / (2 * np.pi * THICKNESS)))
     sensor = sg.FarField(directions=[[0.0, 0.0, 1.0], [np.sin(tilt), 0.0, np.cos(tilt)]])

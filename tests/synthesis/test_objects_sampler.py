@@ -11,6 +11,9 @@ from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import HenyeyGreenstein
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.synthesis import imaging
+from specklegen.synthesis.contrast import speckle_variance
+from specklegen.synthesis.correlations import Tabulated
+from specklegen.synthesis.sight import Sight
 from specklegen.synthesis.spectrum import LightModes
 
 K = estimate_correlation(
@@ -119,3 +122,18 @@ def test_modes_of_many_pixels_say_their_seconds_before_they_are_made(monkeypatch
         with pytest.raises(Begun):
             sampler(object_shape=(side, side), object_pitch=0.1 * GRAIN / side, base=[[0.0, 0.0]])
         assert [f"{side} x {side} pixels" in record.getMessage() for record in caplog.records] == [True] * said
+
+
+@pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
+def test_the_contrast_of_one_medium_does_not_know_those_beside_it(profile):
+    """Windows of several widths take grids of several sizes: to the bit."""
+    width = torch.tensor([5e4, 7.3e4, 9e4], dtype=torch.float64)
+    sight = Sight(
+        wavelength=0.5, profile=profile, shape=(3, 4), camera=(9, 7), center=(0.0, 0.0), integrated=True, width=width,
+        object_pitch=torch.full_like(width, 0.8 * GRAIN), camera_pitch=torch.full_like(width, 0.4 * GRAIN),
+        base=torch.zeros((3, 1, 2), dtype=torch.float64),
+    )  # fmt: skip
+    together = speckle_variance(sight, Tabulated([K, K, K]))
+    for n in range(3):
+        one = slice(n, n + 1)
+        assert torch.equal(speckle_variance(sight.at(one), Tabulated([K])), together[one])

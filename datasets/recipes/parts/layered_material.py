@@ -33,7 +33,7 @@ from specklegen.datasets.recipes.parts.particles import Particles, drawn_numbers
 from specklegen.datasets.split import Split
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.stretching import relative_variance
-from specklegen.scene.faces import Faces
+from specklegen.scene.faces import Faces, require_index
 from specklegen.scene.layers import Layer, Layers, left_out
 from specklegen.scene.scatterers import HenyeyGreenstein
 
@@ -51,6 +51,9 @@ class LayerDraws(Value):
         Anisotropy of Henyey-Greenstein scatterers.
     scatterer
         The particles, of any type; instead of ``g``.
+    index
+        Its refractive index, as of :class:`specklegen.Layer`; left out, that of what is around, in which the recipe's
+        wavelength and angles are.
     at_rest
         Whether its particles stand still where the recipe's dynamics move those of the others: bone over blood.
     """
@@ -60,12 +63,13 @@ class LayerDraws(Value):
     albedo: Draw = 1.0
     g: Draw | None = None
     scatterer: Particles | None = None
+    index: Draw | None = None
     at_rest: bool = False
 
     @model_serializer(mode="wrap")
     def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out a rest that nobody asked for."""
-        return left_out(write(self), at_rest=not self.at_rest)
+        """Leave out an index and a rest that nobody asked for."""
+        return left_out(write(self), at_rest=not self.at_rest, index=self.index is None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -77,22 +81,25 @@ class LayerDraws(Value):
             reject("Material.layers.albedo", "above 0 and at most 1", self.albedo)
         if self.g is not None and not -1 < ends(self.g)[0] <= ends(self.g)[1] < 1:
             reject("Material.layers.g", "between -1 and 1, both excluded", self.g)
+        if self.index is not None:
+            for end in ends(self.index):
+                require_index("Material.layers.index", end)
         return self
 
     @property
     def draws(self) -> dict[str, Any]:
         """What is drawn for the layer, by name; of particles by "scatterer_" and theirs."""
         particles = self.scatterer or {}
-        own = {name: getattr(self, name) for name in (*_NUMBERS, "g") if is_draw(getattr(self, name))}
+        own = {name: getattr(self, name) for name in (*_NUMBERS, "g", "index") if is_draw(getattr(self, name))}
         return own | {f"scatterer_{name}": particles[name] for name in drawn_numbers(particles)}
 
     def layer(self, numbers: Mapping[str, float]) -> Layer:
         """Layer with these numbers for what is drawn."""
-        lengths = {name: numbers.get(name, getattr(self, name)) for name in _NUMBERS}
+        own = {name: numbers.get(name, getattr(self, name)) for name in (*_NUMBERS, "index")}
         if self.scatterer is None:
-            return Layer(**lengths, scatterer=HenyeyGreenstein(g=numbers.get("g", self.g)))
+            return Layer(**own, scatterer=HenyeyGreenstein(g=numbers.get("g", self.g)))
         particles = {n.removeprefix("scatterer_"): v for n, v in numbers.items() if n.startswith("scatterer_")}
-        return Layer(**lengths, scatterer=scatterer_with(self.scatterer, particles))
+        return Layer(**own, scatterer=scatterer_with(self.scatterer, particles))
 
 
 class LayeredMaterial(Value):

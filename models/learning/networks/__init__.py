@@ -9,6 +9,7 @@ import torch
 from torch import nn
 
 from specklegen.core.errors import reject
+from specklegen.models.learning.networks.contrast_net import ContrastNet
 from specklegen.models.learning.networks.dense import DenseNet
 from specklegen.models.learning.networks.network import NETWORKS, Network, NetworkName, network_content
 from specklegen.models.learning.networks.perceptron import Perceptron
@@ -17,8 +18,8 @@ from specklegen.models.learning.networks.stack_unet import StackUNet
 from specklegen.models.learning.networks.unet import UNet
 
 __all__ = [
-    "NETWORKS", "DenseNet", "Network", "NetworkName", "Perceptron", "ResidualNet", "StackUNet", "UNet", "build",
-    "network_content", "parameter_count",
+    "NETWORKS", "ContrastNet", "DenseNet", "Network", "NetworkName", "Perceptron", "ResidualNet", "StackUNet", "UNet",
+    "build", "network_content", "parameter_count",
 ]  # fmt: skip
 
 

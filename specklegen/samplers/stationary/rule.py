@@ -9,10 +9,12 @@ from specklegen.core.errors import RuleError, reject
 from specklegen.core.values import remembered
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.flows import drifted, uneven_turn
+from specklegen.paths.steps import refracting_layers
 from specklegen.paths.tracer import lock_step_obstacle, slab_tracer
 from specklegen.samplers.sampler import Request
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.object_maps import ObjectMaps, object_maps
+from specklegen.samplers.stationary.refracting import refracting_decision
 from specklegen.samplers.stationary.stationarity import StationaryError, pilot_envelope, stationary_error
 from specklegen.scene.illumination import reference_direction
 from specklegen.scene.scene import Scene
@@ -51,6 +53,8 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     See docs/physics.md 9.
     """
     obstacle = stationary_obstacle(scene, request.reverse)
+    if lock_step_obstacle(scene) is None and refracting_layers(scene.slab):
+        return Model("axial"), refracting_decision(scene, request, obstacle)
     asked = request.asked == "stationary"
     models = [] if obstacle else _models(scene, request.envelope)
     if scene.polarisers is not None:  # envelopes are those of light that is the same whichever way it is turned

@@ -18,9 +18,11 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed, pilot_seed, seed_words
 from specklegen.core.values import remembered
+from specklegen.paths.axial_pilot import AxialPilot, axial_pilot
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.flows import drift_phases, drifted
 from specklegen.paths.pilot import PILOT_PATHS, Pilot, scene_pilot
+from specklegen.paths.steps import refracting_layers
 from specklegen.samplers.sampler import (
     FIXED_BYTES,
     TORCH_BYTES,
@@ -72,7 +74,8 @@ class Stationary(Sampler, name="stationary"):
         Paths that estimate the memory-effect correlation, once.
     form : "axial" or "oblique"
         The correlation of the axis, or about the middle of the beams and views.
-    pilot : Pilot
+    pilot : Pilot or AxialPilot
+        The latter of layers that refract.
     streamed : bool
         Whether the stack comes tilt by tilt.
     envelope : Envelope or None
@@ -84,7 +87,7 @@ class Stationary(Sampler, name="stationary"):
     scene: Scene
     paths: int = field()  # given, whatever the base has
     form: Form
-    pilot: Pilot
+    pilot: Pilot | AxialPilot
     streamed: bool
     envelope: Envelope | None = None
     maps: ObjectMaps | None = None
@@ -111,7 +114,7 @@ class Stationary(Sampler, name="stationary"):
         if model is None:
             return None, [decision]
         envelope = scene_envelope(rest, model.form == "oblique") if model.enveloped else None
-        pilot = scene_pilot(rest, False)
+        pilot = axial_pilot(rest) if refracting_layers(rest.slab) else scene_pilot(rest, False)
         paths = request.paths
         if paths is None:
             paths = DEFAULT_PATHS if request.rel_error is None else pilot.moments.paths_for(request.rel_error)
@@ -137,7 +140,8 @@ class Stationary(Sampler, name="stationary"):
 
     def _tracing(self) -> dict[str, float]:
         connections = self.paths * self.pilot.connections_per_path
-        return {"path": self.paths, "event": self.paths * self.pilot.events_per_path, "connection": connections}
+        events = self.paths * self.pilot.events_per_path
+        return {"path": self.paths, self.pilot.event: events, "connection": connections}
 
     def operations(self) -> Mapping[str, float]:
         """Operations of the correlation and of one stack, or of the image of an object by its modes."""

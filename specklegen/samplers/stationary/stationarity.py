@@ -111,12 +111,12 @@ def pilot_error(
     norm = model.sums(weight)
     if not norm.any():  # an analyser that nothing passes: both are dark
         return StationaryError(0.0, 0.0, 0.0, 0.0)
-    tilts = _probe_tilts(scene, model.bank.orders, weight, way)
+    tilts = probe_tilts(scene, model.bank.orders, weight, way)
     models = [model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt))) for tilt in tilts]
     gains, sums = [], []
-    for view in _probe_views(scene):
+    for view in probe_views(scene):
         for tilt, modelled in zip(tilts, models, strict=True):
-            for kappa, gain in _probe_mismatches(scene):
+            for kappa, gain in probe_mismatches(scene):
                 other = view - tilt - kappa
                 if max(np.hypot(*other), np.hypot(*(pilot.light[:2] - tilt))) < 1:
                     # Tilted light keeps its angle to a lobe that is narrower, where the lobe is not in its far field.
@@ -228,7 +228,7 @@ def _kept(scene: Scene, tilt: float) -> bool:
     return lobe_loss(scene.slab, scene.wavelength, float(tilt)).spurious
 
 
-def _probe_views(scene: Scene) -> np.ndarray:
+def probe_views(scene: Scene) -> np.ndarray:
     """Centre and corners of the grid: float64[5, 2] direction sines."""
     grid = _grid(scene)
     return np.concatenate([grid.center_direction[None], grid.corner_directions])[:, :2]
@@ -264,7 +264,7 @@ def _nine_and_four(scene: Scene, reach: float) -> np.ndarray:
 
 def _intensity_views(scene: Scene, between: bool) -> np.ndarray:
     """Where intensities are judged: at the probe views, and between those at which an envelope was fitted."""
-    views = _probe_views(scene)
+    views = probe_views(scene)
     return np.concatenate([views, _nine_and_four(scene, 0.7)]) if between else views
 
 
@@ -278,7 +278,7 @@ def _grid(scene: Scene) -> FarFieldGrid:
     return scene.sensor
 
 
-def _probe_mismatches(scene: Scene) -> list[tuple[np.ndarray, float]]:
+def probe_mismatches(scene: Scene) -> list[tuple[np.ndarray, float]]:
     """Mismatches kappa / k in {0, +-pi / (k W)} along either axis, with the window's W^ there.
 
     W^ is that of a square, 2/pi at pi / W: the largest of all profiles, and so the strictest.
@@ -288,7 +288,7 @@ def _probe_mismatches(scene: Scene) -> list[tuple[np.ndarray, float]]:
     return [(np.zeros(2), 1.0), *((kappa, 2 / np.pi) for kappa in aside)]
 
 
-def _probe_tilts(scene: Scene, orders: np.ndarray, weight: np.ndarray, way: np.ndarray) -> np.ndarray:
+def probe_tilts(scene: Scene, orders: np.ndarray, weight: np.ndarray, way: np.ndarray) -> np.ndarray:
     """Tilt differences 0, t/2 and t, t no further than where C_I is within 0.01 of its floor: float64[3, 2].
 
     C_I is the model's: connections of ``orders`` and ``weight`` that lead ``way`` sideways.

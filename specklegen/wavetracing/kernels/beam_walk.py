@@ -187,16 +187,17 @@ def remember(memory, kept, sheet):
 
 @kernel
 def walk_beams(
-    key, first, count, rules, source, wavelength, tree, facets, openings, table, materials, receivers, tally
+    key, share, rules, source, wavelength, tree, facets, openings, table, materials, receivers, tally
 ):  # fmt: skip
     """Walk beams; fill what receivers and the ledger count.
 
-    key : two words;  rules, tally : Rules, Tally;  source : float64[SOURCE]
+    key : two words;  share : (first beam, number of beams);  rules, tally : Rules, Tally;  source : float64[SOURCE]
     tree, facets, openings, table, receivers : Tree, Facets, Openings, EdgeTable, Receivers of
     `specklegen.wavetracing.kernels`
     materials : float64[M, 4], see `specklegen.wavetracing.kernels.surfaces`
     """
     k0, k1 = np.uint64(key[0]), np.uint64(key[1])
+    first, count = share
     mode, amplitude, max_events = rules.mode, rules.amplitude, rules.max_events
     facet, normals, rims, sheet = facets.facet, facets.normals, facets.rims, facets.sheet
     ends, statistics, areas = tally.ends, tally.statistics, tally.areas

@@ -3,8 +3,12 @@
 import json
 import os
 import re
+import runpy
+import shutil
 import subprocess
 import sys
+import types
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -122,3 +126,63 @@ def test_without_pyarrow_it_says_what_to_install(exported, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(RuleError, match=r"specklegen-torch\[parquet\]"):
         export(exported / "train.zarr", exported / "none", "parquet")
+
+
+# ---- Sending it to a hub --------------------------------------------------------------------------------
+
+
+def upload(monkeypatch, capsys, *words: str) -> str:
+    """Run the script that uploads; return what it printed."""
+    monkeypatch.setattr(sys, "argv", ["upload_dataset.py", *words])
+    runpy.run_path(str(ROOT / "scripts" / "upload_dataset.py"), run_name="__main__")
+    return capsys.readouterr().out
+
+
+class Hub(types.ModuleType):
+    """Stands in for huggingface_hub: keeps what it is given."""
+
+    def __init__(self):
+        super().__init__("huggingface_hub")
+        self.sent: dict[str, bytes] = {}
+
+        class HfApi:
+            def create_repo(api, repository, *, repo_type, exist_ok):
+                assert (repository, repo_type, exist_ok) == ("me/speckle", "dataset", True)
+
+            def create_commit(api, repository, operations, *, commit_message, repo_type):
+                assert (repository, repo_type) == ("me/speckle", "dataset")
+                self.sent |= dict(operations)
+
+        def add(path_in_repo, path_or_fileobj):
+            held = path_or_fileobj
+            return path_in_repo, held if isinstance(held, bytes) else Path(held).read_bytes()
+
+        self.HfApi, self.CommitOperationAdd = HfApi, add
+
+
+def test_an_upload_is_said_first_and_holds_every_file_and_the_licence(exported, monkeypatch, capsys):
+    hub = Hub()
+    monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
+    words = [str(exported / "out"), "me/speckle", "--licence", "cc-by-4.0"]
+    said = upload(monkeypatch, capsys, *words)
+    assert "nothing was sent" in said
+    assert hub.sent == {}
+    upload(monkeypatch, capsys, *words, "--really")
+    assert set(hub.sent) == {"README.md", "croissant.json", "data/train.parquet", "data/test.parquet"}
+    assert all(name in said for name in hub.sent)
+    assert hub.sent["README.md"].startswith(b'---\nlicense: "cc-by-4.0"\npretty_name: ')
+    assert hub.sent["data/test.parquet"] == (exported / "out" / "data" / "test.parquet").read_bytes()
+
+
+@pytest.mark.parametrize(("damage", "said"), [
+    (lambda out: (out / "croissant.json").unlink(), "must hold croissant.json"),
+    (lambda out: (out / "data" / "test.parquet").unlink(), "data/test.parquet must be there"),
+    (lambda out: (out / "data" / "test.parquet").open("ab").write(b"x"), "SHA-256"),
+    (lambda out: (out / "data" / "more.parquet").write_bytes(b"x"), "data/more.parquet must stand in croissant.json"),
+])  # fmt: skip
+def test_a_damaged_folder_is_not_sent(exported, monkeypatch, capsys, tmp_path, damage, said):
+    shutil.copytree(exported / "out", tmp_path / "out")
+    damage(tmp_path / "out")
+    with pytest.raises(SystemExit):
+        upload(monkeypatch, capsys, str(tmp_path / "out"), "me/speckle", "--licence", "mit", "--really")
+    assert said in capsys.readouterr().err

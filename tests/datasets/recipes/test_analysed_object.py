@@ -89,6 +89,32 @@ def test_without_an_analyser_both_components_add_up():
         assert_z(images.mean(axis=(1, 2)).mean(), 1.5, images.mean(axis=(1, 2)).std() / np.sqrt(len(images)))
 
 
+def test_a_mosaic_sees_two_components_of_one_field(tissue):
+    """Modes of all four angles are those of cos a f_x + sin a f_y, and pixels have the light of their polarisers."""
+    leak = 1 / 50
+    mosaic = recipe(analyser="none").replace(mosaic={"extinction": 1 / leak}, mode_tolerance=1e-4)
+    modes = mosaic.prepare(0, "train", 1).imaging.modes[0].double().numpy()[:, :, ::7]
+    told = mosaic.sample(0, "train", 1)
+    shares = np.array([told["parameters"][f"analyser_share_{n}"] for n in range(4)])
+    fields = modes * np.sqrt(shares)[:, None, None]
+    np.testing.assert_allclose(fields[1], (fields[0] + fields[2]) / np.sqrt(2), atol=0.02 * np.abs(fields).max())
+    np.testing.assert_allclose(fields[3], (fields[2] - fields[0]) / np.sqrt(2), atol=0.02 * np.abs(fields).max())
+    degree = told["parameters"]["polarisation_degree"]
+    np.testing.assert_allclose(shares, [(1 + degree) / 2, 0.5, (1 - degree) / 2, 0.5], atol=0.02)
+    assert told["stack"].shape == (1, 40, 40)
+    images = np.concatenate([mosaic.sample(0, "train", n)["stack"] for n in range(12)]).astype(np.float64)
+    cells = images.reshape(12, 20, 2, 20, 2).mean(axis=(1, 3)).reshape(12, 4)
+    lit = {90: shares[2], 45: shares[1], 135: shares[3], 0: shares[0]}
+    expected = np.array([lit[a] + leak * lit[(a + 90) % 180] for a in mosaic.mosaic.pattern]) * 2 / (1 + leak)
+    assert_z(cells.mean(axis=0), expected, cells.std(axis=0, ddof=1) / np.sqrt(12), degrees=11)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(cells.mean(axis=0), expected[::-1], cells.std(axis=0, ddof=1) / np.sqrt(12), degrees=11)
+    counted = mosaic.replace(exposure={"photons": 100.0})
+    assert counted.sample(0, "train", 1)["stack"].dtype == np.uint16
+    assert "mosaic" not in recipe(analyser="none").to_toml()
+    assert load_recipe("polarised-tissue").fingerprint() != mosaic.fingerprint()
+
+
 REFUSED = {
     "scalar light": ({"light": {"polarisation": "scalar", "analyser": "none"}}, "Light.polarisation"),
     "angles together": ({"light": {"analyser": [0.1, 0.2]}}, "Light.analyser must be one, or parallel and crossed"),
@@ -99,7 +125,12 @@ REFUSED = {
     "a band": ({"light": {"bandwidth": 1e-4}}, "Recipe.light must be of one wavelength"),
     "halves": ({"light": {"polarised": False}}, "Recipe.light must be of one wavelength"),
     "the atlas": ({"material": {"kernel": "atlas"}}, "Recipe.material must be a slab given by its numbers"),
-    "faces": ({"material": {"faces": {"inside": 1.33}}}, "faces must be matched"),
+    "walls": ({"material": {"faces": {"inside": 1.33, "wall": 1.52}}}, "faces must be without a wall"),
+    "a mosaic behind an analyser": ({"mosaic": {}}, 'Light.analyser must be "none"'),
+    "a mosaic of odd sides": (
+        {"mosaic": {}, "light": {"analyser": "none"}, "camera": {"shape": [41, 40]}}, "CameraGrid.shape must be of ev"),
+    "a mosaic before spheres": (
+        {"mosaic": {}, "light": {"analyser": "none", "polarisation": "vector"}}, "Light.polarisation must be"),
     "no amplitudes": ({"light": {"polarisation": "vector"}}, "Slab.polarisation"),
 }
 

@@ -16,13 +16,17 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten
 from torch.utils.data import DataLoader
 
+import specklegen as sg
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.loading import stream as streams
 from specklegen.datasets.recipes import specification
+from specklegen.datasets.recipes.analysed_object import BehindMosaic
 from specklegen.datasets.recipes.parts.material import known
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.identity import device_kind, fingerprint, identity
+from specklegen.memory_effects.polarised_fields import estimate_polarised_correlation
+from specklegen.synthesis.objects import object_imaging, object_media
 from specklegen.synthesis.stacks import stack_sampler
 
 SMALL = {
@@ -166,6 +170,25 @@ def test_every_tensor_of_an_object_is_on_the_device():
             moved = replace(sampler, imaging=replace(sampler.imaging, **{name: left_behind}))
             with pytest.raises(RuntimeError, match="mixes devices"):
                 moved.image(medium, brightness, form="pairs")
+
+
+def test_memory_effects_that_are_not_round_are_drawn_on_the_device():
+    """Modes in two dimensions, of one analyser and of all four of a mosaic; numbers of K come from the host."""
+    slab = sg.Slab(thickness=1000.0, mean_free_path=500.0, scatterer=sg.Rayleigh(), polarisation="projector")
+    along, across, between = (
+        estimate_polarised_correlation(slab, sg.Polarisers(light=[1, 0], analyser=seen), 300, 1)
+        for seen in ([1, 0], [0, 1], [1, 1])
+    )
+    mosaic = BehindMosaic((along, across, between), (0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4))
+    for seen, base in ((along, np.zeros((1, 2))), (mosaic, np.zeros((4, 2)))):
+        with OneDevice():
+            made = object_imaging(
+                seen, wavelength=0.5, object_shape=(6, 6), object_pitch=1e-5, width=5e4, base=base,
+                grid=load_recipe("through-slab", SMALL["through-slab"]).geometry.grid, device="meta",
+            )  # fmt: skip
+            images = object_media(made, (1, 2, 3)).images(torch.ones((1, 6, 6), device="meta"))
+        assert images.device.type == "meta"
+        assert images.shape == (1, len(base), 32, 32)
 
 
 @pytest.mark.parametrize("fft", [False, True])

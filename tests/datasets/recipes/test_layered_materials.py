@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from zscore import assert_z
 
 import specklegen as sg
 from specklegen.datasets import load_recipe
+from specklegen.datasets.recipes.parts.layered_material import LayerDraws
 
 TOML = """
 name = "skin"
@@ -82,3 +84,42 @@ def test_layers_that_let_no_path_through_are_refused(skin):
     ]
     with pytest.raises(sg.RuleError, match="enough that light crosses"):
         type(load_recipe(skin))(**table).sample(0, "train", 3)
+
+
+def refracting(skin, **changes):
+    """The same with layers of indices of their own, one of them drawn."""
+    table = load_recipe(skin).model_dump(mode="json", exclude_none=True)
+    table["material"]["layers"][0]["index"] = 1.4
+    table["material"]["layers"][1]["index"] = {"uniform": [1.1, 1.5]}
+    return type(load_recipe(skin))(**{**table, **changes})
+
+
+def test_layers_that_refract_are_drawn_by_the_stationary_sampler(skin):
+    recipe = refracting(skin)
+    assert {made.sampler for made in recipe.plans()} == {"stationary"}
+    sample = recipe.sample(0, "train", 3)
+    told = sample["parameters"]
+    assert 1.1 <= told["layer_1_index"] <= 1.5
+    layers = recipe.material.slab_of(told)
+    assert layers.indices == (1.4, told["layer_1_index"])
+    np.testing.assert_array_equal(sample["stack"], refracting(skin).batch(0, "train", [1, 3])["stack"][1])
+    curve = sg.memory_effect(layers, wavelength=0.5, tilts=[0.003], paths=20_000)
+    value, _, error = recipe.material.known(layers).correlation.intensity(2 * np.pi / 0.5 * np.sin(curve.tilts))
+    assert_z(value, curve.intensity, np.hypot(error, curve.standard_error))
+    assert curve.intensity < 0.95
+    assert recipe.fingerprint() != load_recipe(skin).fingerprint()
+    assert "index" not in load_recipe(skin).material.layers[0].model_dump()
+
+
+def test_layers_that_refract_need_the_stationary_sampler_and_no_lab(skin):
+    with pytest.raises(sg.RuleError, match=r"Layers\.layers must be of one index where paths are aimed"):
+        refracting(skin, sampler="paths").sample(0, "train", 0)
+    with pytest.raises(sg.RuleError, match=r"Material\.layers\.index must be a refractive index"):
+        LayerDraws(thickness=1.0, mean_free_path=1.0, g=0.5, index={"uniform": [0.01, 1.0]})
+    table = refracting(skin).model_dump(mode="json", exclude_none=True)
+    lab = load_recipe("through-slab-lab").model_dump(mode="json", exclude_none=True)["lab"]
+    for name in ("window", "camera"):
+        table.pop(name)
+    table["material"].pop("wavelength")
+    with pytest.raises(sg.RuleError, match=r"Material\.layers\.index must be left out in a lab"):
+        type(load_recipe(skin))(**table, lab=lab | {"faces": "matched", "bandwidth": 0.0})

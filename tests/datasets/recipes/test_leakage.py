@@ -33,8 +33,8 @@ def media(recipe, count=6):
     for split in SPLITS:
         numbers = [recipe.medium_number(index) for index in range(count)]
         ready = [recipe.prepare(0, split, number) for number in numbers]
-        lensed = recipe.kind == "lens-stack"  # whose paths are drawn from seeds
-        found[split] = {each for one in ready for each in (one.seen.seeds if lensed else map(digest, one.seen.drawn))}
+        seen = [one.seen for one in ready]  # paths and films behind a lens are drawn from seeds when they are lit
+        found[split] = {each for one in seen for each in getattr(one, "seeds", None) or map(digest, one.drawn)}
     return found
 
 

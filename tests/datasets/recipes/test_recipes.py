@@ -16,7 +16,7 @@ from zscore import assert_mean
 from specklegen.cli.commands import app
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe, recipe_names
-from specklegen.datasets.recipes.generator import generator_of
+from specklegen.datasets.recipes.kept_generators import GENERATORS
 from specklegen.datasets.recipes.registry import KINDS, recipe_schema
 from specklegen.datasets.recipes.specification import DATA_VERSION
 from specklegen.datasets.sample_schema import Renderable, stored_arrays
@@ -43,7 +43,7 @@ def test_samples_are_pure(name):
                 assert {n: v[place] for n, v in column.items()} == alone["parameters"]
             else:
                 assert column[place].tobytes() == np.asarray(alone[key]).tobytes()
-    generator_of.cache_clear()
+    GENERATORS.forget()
     threads = torch.get_num_threads()
     try:
         torch.set_num_threads(3)

@@ -7,6 +7,7 @@ import pytest
 from specklegen.core.errors import RuleError
 from specklegen.core.units import length_in, metres_of, sine_of
 from specklegen.datasets import load_recipe
+from specklegen.datasets.recipes.recipe_files import changed
 from specklegen.instrument import LabSetup
 
 GLASS = {"material": {"screens": [{"type": "GroundGlass", "grit": 220}]}}
@@ -74,6 +75,40 @@ def test_a_laboratory_takes_the_lengths_of_what_it_inherits_with_it():
     assert own.material.thickness == 2.0
 
 
+@pytest.mark.parametrize(
+    ("name", "length"),
+    [("screen-stack", lambda recipe: recipe.material.extremes()[0].stack.screens[0].correlation_length),
+     ("moving-diffuser", lambda recipe: recipe.dynamics.velocities[0][0].log_uniform[1])],
+)  # fmt: skip
+def test_screens_and_their_velocities_come_along(name, length):
+    """They kept their numbers, and became a thousand times as coarse and as fast."""
+    base = load_recipe(name, {"lab": MICROMETRES})
+    assert length(load_recipe(name, {"lab": MILLIMETRES})) == pytest.approx(length(base) / 1000, rel=1e-12)
+
+
+def test_a_laboratory_in_the_place_of_one_in_another_unit():
+    """All of the material's lengths, and those of the laboratory that nobody states anew."""
+    base = load_recipe("through-slab-lab")  # in millimetres
+    found = load_recipe("through-slab-lab", {"lab": {"wavelength": 0.532, "object_distance": 1e5}})
+    assert found.material.thickness == 1000 * base.material.thickness
+    assert (found.lab.object_distance, found.lab.camera_distance, found.lab.pixel_pitch) == (1e5, 1e5, 5.0)
+    assert found.lab.bandwidth == 1000 * base.lab.bandwidth
+    again = load_recipe("through-slab-lab", {"lab": {"wavelength": 0.000633}})
+    assert again.material.thickness == base.material.thickness
+    assert again.lab.object_distance == base.lab.object_distance
+
+
+def test_characters_that_are_held_out_are_no_length():
+    found = load_recipe("one-angular-size", {"objects": {"test": "5deg", "validation": "7r"}})
+    assert found.objects.test == "5deg"
+
+
+def test_diffusion_is_a_length_squared():
+    base = {"material": {"wavelength": 0.5}, "dynamics": {"diffusion": {"uniform": [1.0, 4.0]}, "tau0": 1.0}}
+    found = changed(base, {"lab": {"wavelength": 500e-6}})
+    assert found["dynamics"] == {"diffusion": {"uniform": [1e-6, 4e-6]}, "tau0": 1.0}
+
+
 def test_a_setup_in_pixels():
     told = {"pixels": {"grain": 3.6, "object_pixel": 1.5, "shape": [96, 80]}}
     found = load_recipe("through-slab", told)
@@ -96,6 +131,11 @@ def test_a_setup_in_pixels():
         ({"window": {"width": "5 deg"}}, "window.width must be a length in nm"),
         ({"field": {"pitch": "5 mm"}}, "field.pitch must be a direction sine, or an angle in rad"),
         ({"light": {"bandwidth": "1 nm"}}, "light.bandwidth must be a number, in wavenumber"),
+        ({"material": {"optical_depth": "1 mm"}}, "material.optical_depth must be a plain number"),
+        ({"material": {"g": {"uniform": ["0.8 um", 0.9]}}}, "material.g.uniform must be a plain number"),
+        ({"material": {"albedo": "1 deg"}}, "material.albedo must be a plain number"),
+        ({"material": {"screens": [{"type": "GroundGlass", "angle": {"uniform": ["1 mm", "2 mm"]}}]}},
+         "angle.uniform must be a direction sine, or an angle"),
         ({"pixels": {"grain": 3.0, "shape": [64, 64]}}, "Pixels.object_pixel must be given"),
         ({"pixels": {"grain": 1.5, "object_pixel": 1.0, "shape": [64, 64]}}, "Pixels.grain must be at least 2"),
         ({"pixels": {"grain": 3.0, "object_pixel": 0, "shape": [64, 64]}}, "Pixels.object_pixel must be greater"),

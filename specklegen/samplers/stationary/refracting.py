@@ -1,0 +1,112 @@
+"""When the stationary sampler serves layers that refract, which nobody else draws.
+
+Their light is known along the axis alone (:mod:`specklegen.paths.analog_walk`), so that the model is judged in two
+parts. Its correlations at the window's mismatches kappa are judged by the ways R of that light,
+
+    C_exact = W^(kappa) E[w e^(-ik (t + kappa) . R)] / E[w],     C_model = W^(kappa) K(t),
+
+at tilts as small as the memory effect knows (:mod:`specklegen.samplers.stationary.stationarity`). The evenness of its
+intensities over views and tilts is judged by the same layers without steps, whose paths can be aimed: faces that
+reflect make light more even. In a layer of a lower index than that of the tilts light is steeper, by the ratio m of
+both, and intensities are off by m^2 times as much.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from specklegen.core.decision import Decision
+from specklegen.core.errors import reject
+from specklegen.core.statistics import batch_sums, jackknife
+from specklegen.core.values import remembered
+from specklegen.memory_effects.curve import small_tilts
+from specklegen.paths.axial_pilot import axial_pilot
+from specklegen.paths.far_field import SLANT, steepest
+from specklegen.paths.steps import without_steps
+from specklegen.paths.tracer import slab_tracer
+from specklegen.samplers.sampler import Request
+from specklegen.samplers.stationary.stationarity import (
+    StationaryError,
+    probe_mismatches,
+    probe_tilts,
+    probe_views,
+    stationary_error,
+)
+from specklegen.scene.scene import Scene
+
+
+def refracting_decision(scene: Scene, request: Request, obstacle: str | None) -> Decision:
+    """Decide on a scene of layers that refract: served with the correlation of the axis, or refused.
+
+    Raises
+    ------
+    RuleError
+        Where the stationary sampler cannot serve it, or not within the tolerance if nobody asked for it: no other may.
+    """
+    medium = scene.slab
+    owner, steps = f"{medium.type}.{'layers' if medium.indices else 'faces'}", medium.indices or medium.faces
+    obstacle = obstacle or _beyond_axis(scene)
+    if obstacle:
+        why = f"The stationary sampler alone knows steps, and {obstacle}."
+        reject(owner, "of one index for this scene", steps, why)
+    error = scene_error(scene, request.tolerance)
+    said = (
+        f"layers that refract, seen along the axis: its correlations are off by {error.correlation:.2g} +- "
+        f"{error.correlation_error:.1g}, and without steps its intensities would be by {error.intensity:.2g} +- "
+        f"{error.intensity_error:.1g}, allowed {request.tolerance:g}"
+    )
+    accepted = error.accepts(request.tolerance)
+    if not accepted and request.asked != "stationary":
+        reject(owner, "of one index for this scene", steps, f"The stationary sampler alone knows steps; {said}.")
+    return Decision("stationary sampler", True, said, doubt=not accepted)
+
+
+def _beyond_axis(scene: Scene) -> str | None:
+    """What of a scene is too far from the axis; None where nothing is."""
+    sines = np.concatenate([np.zeros((1, 2)), scene.beams.directions[:, :2]])
+    tilts = np.arcsin(np.hypot(*sines.T))
+    if not small_tilts(scene.slab, scene.wavelength, tilts) or steepest(scene.slab, tilts) ** 2 > SLANT:
+        return f"tilts of up to {tilts.max():.3g} rad are not small beside the scatterers' lobe"
+    views = np.arcsin(np.hypot(*probe_views(scene).T))
+    if steepest(scene.slab, views) ** 2 > SLANT:
+        return f"views up to {views.max():.3g} rad off the axis are not small"
+    return None
+
+
+@remembered(64)
+def scene_error(scene: Scene, tolerance: float) -> StationaryError:
+    """How far the model is from light along the axis, and its evenness from that of layers without steps."""
+    light = axial_pilot(scene).light
+    paths = len(light.weight)
+    # What was scattered once goes straight: both parts of a path, one after the other.
+    weight = np.concatenate([light.once, light.weight - light.once])
+    way, owner = np.tile(light.displacement, (2, 1)), np.tile(np.arange(paths), 2)
+    orders = np.repeat([1, 2], paths)
+
+    def sums(values: np.ndarray) -> np.ndarray:
+        return batch_sums(values, owner, paths)
+
+    if not weight.any():
+        reject(scene.slab.type, "one that lets light through", scene.slab, f"None of {paths} pilot paths carried any.")
+    rows, gains = [], []
+    for tilt in probe_tilts(scene, orders, weight, way):
+        for kappa, gain in probe_mismatches(scene):
+            exact, model = (sums(weight * np.exp(-1j * scene.wavenumber * (way @ q))) for q in (tilt + kappa, tilt))
+            rows += [exact, model]
+            gains.append(gain)
+    table, gain = np.array([*rows, sums(weight)]).T, np.array(gains)
+
+    def differences(total: np.ndarray) -> np.ndarray:
+        exact, model = np.square(np.abs(total[:-1] / total[-1])).reshape(-1, 2).T
+        return gain**2 * (exact - model)
+
+    value, error = jackknife(table, differences)
+    worst = np.abs(value).argmax()
+    even = scene.replace(medium=without_steps(scene.slab))
+    found = stationary_error(even, slab_tracer(even, False, aside=False), tolerance)
+    inside = scene.slab.faces.inside
+    wider = max(1.0, inside / min((*scene.slab.indices, inside))) ** 2
+    return replace(
+        found, correlation=float(abs(value[worst])), correlation_error=float(error[worst]),
+        intensity=wider * found.intensity, intensity_error=wider * found.intensity_error,
+    )  # fmt: skip

@@ -1,0 +1,87 @@
+"""Generators stay as long as what they hold fits, however many there are; a sample does not depend on it."""
+
+import numpy as np
+import pytest
+import torch
+from quick_recipes import quick_recipe
+
+from specklegen.core.memory import array_bytes
+from specklegen.core.random_streams import seed_words
+from specklegen.datasets.recipes.generator import SpeckleGenerator
+from specklegen.datasets.recipes.kept_generators import KeptGenerators
+
+
+@pytest.fixture(scope="module")
+def recipe():
+    return quick_recipe("through-slab", 300)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Sample numbers of all media that are made."""
+    made, plain = [], SpeckleGenerator.media
+
+    def noted(self, numbers):
+        made.extend(numbers)
+        return plain(self, numbers)
+
+    monkeypatch.setattr(SpeckleGenerator, "media", noted)
+    return made
+
+
+def keys(recipe, count):
+    return [(recipe, seed_words(seed), "train", "cpu") for seed in range(count)]
+
+
+def test_media_of_six_generators_in_turn_are_made_once(recipe, counted):
+    kept, own = KeptGenerators(), keys(recipe, 6)
+    first = [kept.found(key)([0, 1])["image"] for key in own]
+    once = len(counted)
+    again = [kept.found(key)([0, 1])["image"] for key in own]
+    assert len(kept) == 6
+    assert len(counted) == once >= 6
+    assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
+
+
+def test_what_does_not_fit_goes_the_oldest_first(recipe, counted):
+    own = keys(recipe, 3)
+    one = SpeckleGenerator(*own[0])
+    found = one([0])["image"]
+    size = array_bytes(one.held())
+    kept = KeptGenerators(int(2.5 * size))
+    for key in own:
+        kept.found(key)([0])
+    assert len(kept) == 3  # the last had made nothing when it was weighed
+    kept.found((recipe, seed_words(9), "train", "cpu"))
+    assert [*kept._kept] == [*own[1:], (recipe, seed_words(9), "train", "cpu")]
+    before = len(counted)
+    assert torch.equal(kept.found(own[0])([0])["image"], found)
+    assert len(counted) == before + 1
+
+
+def test_one_too_large_stays_alone_and_their_number_is_bounded(recipe):
+    own = keys(recipe, 4)
+    kept = KeptGenerators(0)
+    kept.found(own[0])([0])
+    assert [*kept._kept] == own[:1]
+    few = KeptGenerators(most=2)
+    for key in own:
+        few.found(key)
+    assert [*few._kept] == own[2:]
+    few.forget()
+    assert not len(few)
+
+
+def test_arrays_are_counted_once(recipe):
+    a = np.zeros((10, 10))
+    assert array_bytes([a, a[3:], {"x": a.T}]) == 800
+    b = torch.zeros(10, 10)
+    assert array_bytes([b, b[2:], (a, b.view(100))]) == 1200
+    assert array_bytes(["text", 3, None, np.ndarray]) == 0
+    held = SpeckleGenerator(recipe, 0, "train")
+    before = array_bytes(held.held())
+    held([0])
+    media, spectra = held._media[0][0], held._spectra.get(0)
+    assert array_bytes(held.held()) > before
+    least = sum(t.nbytes for t in media.groups[0][1].tensors().values()) + (0 if spectra is None else spectra.nbytes)
+    assert array_bytes(held.held()) >= 0.9 * least

@@ -1,0 +1,180 @@
+"""Scenes of layers whose refractive indices differ, which the stationary sampler alone draws.
+
+Judged by slabs behind faces, whose paths are aimed, and by a literal walk.
+"""
+
+import numpy as np
+import pytest
+from scipy.special import j0
+from zscore import assert_mean, assert_z
+
+import specklegen as sg
+from specklegen.mean.field import straight_through
+from specklegen.memory_effects import correlation as correlation_module
+from specklegen.oracles.layered_walk import BATCHES, walk_layers
+from specklegen.paths.steps import optics, straight_light, unscattered
+
+SLAB = sg.Slab(
+    thickness=100.0, mean_free_path=20.0, albedo=0.98, scatterer=sg.HenyeyGreenstein(0.6), faces=sg.Faces(inside=1.5)
+)
+TILTS = np.array([0.0, 1e-3, 2e-3])
+UPPER = sg.Layer(thickness=40.0, mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(0.5), index=1.5)
+LOWER = sg.Layer(thickness=60.0, mean_free_path=30.0, albedo=0.95, scatterer=sg.Isotropic(), index=1.2)
+TWO = sg.Layers([UPPER, LOWER])
+
+
+def halves(**other):
+    """The slab in two layers that differ by next to nothing."""
+    return [
+        sg.Layer(thickness=50.0, mean_free_path=20.0 * (1 + 1e-9 * n), albedo=0.98, scatterer=SLAB.scatterer, **other)
+        for n in range(2)
+    ]  # fmt: skip
+
+
+BY_FACES = sg.Layers(halves(), faces=SLAB.faces)
+BY_INDEX = sg.Layers(halves(index=1.5))
+
+
+def scene_of(medium, index=1.0, *, width=8000.0, sensor=None, **light):
+    """A scene whose angles and wavelength are those in an index: the same light whatever it is."""
+    beams = sg.CollimatedBeams(
+        directions=np.stack([index * np.sin(TILTS), 0 * TILTS, np.sqrt(1 - (index * np.sin(TILTS)) ** 2)], -1),
+        width=width, **light,
+    )  # fmt: skip
+    seen = sensor or sg.FarField.grid((8, 8), 2e-5 * index)
+    return sg.Scene(wavelength=0.5 * index, medium=medium, illumination=beams, sensor=seen)
+
+
+def of_batches(scene, seed, paths=32_000):
+    """Mean intensity and K at the tilts, of batches of paths: float64[64, 1 + T]."""
+    made = sg.plan(scene, paths=paths)
+    assert made.sampler == "stationary"
+    found = made.chosen.prepare(seed, 1).correlation
+    q = 2 * np.pi / scene.wavelength * scene.beams.directions[:, 0]
+    sums = np.stack([found.weights @ w for w in (np.ones(len(found.radius)), *j0(q[:, None] * found.radius))], -1)
+    return np.concatenate([sums[:, :1] * 64 / paths, sums[:, 1:] * 64 / paths], axis=1)
+
+
+def assert_same(one, other):
+    """Means over batches of two runs."""
+    error = np.hypot(*(each.std(axis=0, ddof=1) / 8 for each in (one, other)))
+    assert_z(one.mean(axis=0), other.mean(axis=0), error, degrees=63)
+
+
+def test_layers_that_are_a_slab_behind_faces_are_drawn_as_it(monkeypatch):
+    """In the index of the slab, and in that of the air, where wavelengths, sines and solid angles are others."""
+    slab = of_batches(scene_of(SLAB), 1)
+    assert_same(of_batches(scene_of(BY_FACES), 2), slab)
+    in_air = scene_of(BY_INDEX, 1.5)
+    assert_same(of_batches(in_air, 3) * 1.5**2, slab)
+    monkeypatch.setattr(correlation_module, "inside_share", lambda medium: 1.0)
+    with pytest.raises(AssertionError, match="z ="):  # light that is not counted per steradian inside
+        assert_same(of_batches(scene_of(BY_FACES), 2), slab)
+
+
+def test_rendered_intensities_follow_the_tilt_as_a_literal_walk_says():
+    """Views one tilt further see <I I'> = <I>^2 (1 + K^2); with z of the mean over 200 media."""
+    tilt = 16 * 6e-5
+    light = sg.CollimatedBeams(directions=[[0.0, 0.0, 1.0], [tilt, 0.0, np.sqrt(1 - tilt**2)]], width=4000.0)
+    scene = sg.Scene(wavelength=0.5, medium=TWO, illumination=light, sensor=sg.FarField.grid((12, 32), 6e-5))
+    made = sg.plan(scene, paths=30_000)
+    renderer = made.chosen.prepare(4, 1)
+    stacks = np.square(np.abs([each.image for each in renderer.media(200)]))
+    stacks /= stacks.mean()
+    moved = (stacks[:, 0, :, :-16] * stacks[:, 1, :, 16:]).mean(axis=(1, 2))
+    q = np.array([2 * np.pi / scene.wavelength * tilt])
+    sums = walk_layers(
+        [(each.thickness, each.mean_free_path, each.albedo, each.scatterer.mean_cosine(), each.index)
+         for each in TWO.layers], paths=BATCHES * 400, seed=5,
+    ).sums(q).sum(axis=0)  # fmt: skip
+    expected = 1 + (sums[1] / sums[0]) ** 2
+    assert 1.2 < expected < 1.9
+    assert_mean(moved, expected, slack=0.02)  # of the paths of either walk
+    still = (stacks[:, 0] * stacks[:, 1]).mean(axis=(1, 2))
+    with pytest.raises(AssertionError, match="z ="):  # views that stay behind
+        assert_mean(still, expected, slack=0.02)
+
+
+def test_films_are_those_of_the_slab():
+    """g1 between frames, of batches by seeds."""
+    moving = sg.Brownian(diffusion=2e-3)
+    times = {"times": [0.0, 0.1, 0.2]}
+    found = []
+    for medium in (SLAB.replace(motion=moving), sg.Layers(halves(motion=moving), faces=SLAB.faces)):
+        scene = scene_of(medium, **times)
+        film = [sg.plan(scene, paths=4000).chosen.prepare(seed, 1).correlation for seed in range(16)]
+        still = np.zeros((3, 2))
+        found.append([np.real(each.matrix(still, scene.wavenumber)[0]) for each in film])
+    one, other = map(np.array, found)
+    assert 0.2 < one[:, 1].mean() < 0.95
+    error = np.hypot(one.std(axis=0, ddof=1), other.std(axis=0, ddof=1)) / 4
+    assert_z(one.mean(axis=0)[1:], other.mean(axis=0)[1:], error[1:], degrees=15)
+
+
+def test_what_goes_straight_is_that_of_the_slab():
+    mean = [sg.mean_field(scene_of(*each)) for each in ((SLAB,), (BY_FACES,), (BY_INDEX, 1.5))]
+    np.testing.assert_allclose(mean[1], mean[0], rtol=1e-6)
+    np.testing.assert_allclose(1.5 * np.abs(mean[2]), np.abs(mean[0]), rtol=1e-4)  # to the tilt's square
+    one, other = straight_light(SLAB, np.array([0.3, 0.6])), straight_light(BY_INDEX, np.array([0.45, 0.9]))
+    np.testing.assert_allclose(other.let_through, one.let_through, rtol=1e-12)
+    np.testing.assert_allclose(other.depth, 5.0 / np.sqrt(1 - np.array([0.3, 0.6]) ** 2), rtol=1e-8)
+    np.testing.assert_allclose(1.5 * other.slope, one.slope, rtol=1e-12)
+    held = straight_light(TWO, np.array([0.0, 1.3]))  # sines in index 1 of what was steep before
+    assert held.depth[0] == pytest.approx(TWO.optical_depth)
+    assert held.depth[1] == np.inf
+    thick = sg.Layers([layer.replace(mean_free_path=10 * layer.thickness) for layer in TWO.layers])
+    first, all_echoes = straight_through(thick), unscattered(optics(thick), 0.0)[1]
+    assert first < all_echoes < 1.03 * first
+    drawn = sg.render(scene_of(TWO), paths=2000, mean=True)
+    assert drawn.field.shape == (3, 8, 8)
+
+
+def test_plans_tell_of_steps():
+    told = sg.plan(scene_of(TWO), paths=1000).explain()
+    assert "layers that refract, seen along the axis: its correlations are off by" in told
+    assert "matched to the surroundings" not in told
+    asked = sg.plan(scene_of(TWO), rel_error=0.01)
+    assert asked.sampler == "stationary"
+    assert asked.paths > 1000
+
+
+def test_the_image_of_an_object_behind_layers_that_refract():
+    """As bright in the mean as behind the slab that they are, within the errors of 20 000 paths and 16 images."""
+    hidden = sg.IncoherentObject(brightness=np.ones((3, 3)), pitch=2e-4, width=8000.0)
+    means = []
+    for medium in (SLAB, BY_FACES):
+        scene = scene_of(medium, sensor=sg.FarField.grid((24, 24), 2e-5)).replace(illumination=hidden)
+        seen = [sg.render(scene, paths=20_000, seed=seed).intensity.mean() for seed in range(16)]
+        means.append(np.array(seen))
+    error = np.hypot(*(each.std(ddof=1) / 4 for each in means))
+    assert_z(means[0].mean(), means[1].mean(), error, degrees=15)
+
+
+ASIDE = sg.FarField.grid((8, 8), 2e-5, center=(0.3, 0.0))
+COARSE = sg.FarField.grid((8, 8), 5e-4)
+BACK = sg.FarField.grid((8, 8), 2e-5, side="reflection")
+POINT = sg.NearField([[0.0, 0.0, 200.0]])
+
+
+@pytest.mark.parametrize(
+    ("scene", "options", "rule"),
+    [
+        (lambda: scene_of(TWO), {"sampler": "paths"}, "Layers.layers must be of one index where paths are aimed"),
+        (lambda: scene_of(TWO), {"sampler": "covariance"}, "Layers.layers must be of one index where paths are aimed"),
+        (lambda: scene_of(TWO, width=300.0, sensor=COARSE), {}, "Layers.layers must be of one index for this scene"),
+        (lambda: scene_of(TWO, 40.0), {}, "Layers.layers must be of one index for this scene"),
+        (lambda: scene_of(TWO, sensor=ASIDE), {}, "Layers.layers must be of one index for this scene"),
+        (lambda: scene_of(TWO, sensor=BACK), {}, "Layers.layers must be of one index, unless"),
+        (lambda: scene_of(TWO, sensor=POINT), {}, "Layers.layers must be of one index, unless"),
+        (lambda: scene_of(BY_FACES, sensor=POINT), {}, "Layers.faces must be matched, unless"),
+    ],
+)
+def test_what_is_beyond_the_axis_is_refused(scene, options, rule):
+    with pytest.raises(sg.RuleError, match=rule):
+        sg.plan(scene(), paths=1000, **options)
+
+
+def test_a_narrow_window_is_a_doubt_where_it_is_asked_for():
+    scene = scene_of(TWO, width=300.0, sensor=COARSE)
+    made = sg.plan(scene, paths=1000, sampler="stationary")
+    assert "layers that refract" in " ".join(made.doubts)
