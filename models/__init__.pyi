@@ -13,6 +13,7 @@ from .likelihood.likelihood import expected_deviance as expected_deviance
 from .likelihood.likelihood import memory_effect_between as memory_effect_between
 from .likelihood.periodogram import Periodogram as Periodogram
 from .likelihood.periodogram import periodogram as periodogram
+from .likelihood.third_order import turn_of as turn_of
 from .metrics import align as align
 from .metrics import bootstrap as bootstrap
 from .metrics import scores as scores

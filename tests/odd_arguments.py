@@ -556,6 +556,11 @@ def others() -> Iterator[Call]:
         {"seen": seen(), "shape": (8, 8), "optics": models.Optics(0.1, 0.4)},
     )
     yield Call(
+        "models.turn_of",
+        models.turn_of,
+        {"images": IMAGES, "objects": IMAGES[:, 0, :8, :8] + 1.0, "optics": models.Optics(1.0, 3.0), "noise": 0.01},
+    )
+    yield Call(
         "models.recoverable",
         models.recoverable,
         {"recipe": "through-slab", "compensation": True, "beam": np.inf, "removal": 0.0, "media": 1, "seed": 0},

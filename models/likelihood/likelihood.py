@@ -161,7 +161,7 @@ class SpeckleLikelihood(nn.Module):
         if len(size) != 2:
             reject("SpeckleLikelihood shape", "(h, w)", shape)
         count, dtype = len(seen.power), seen.power.dtype
-        step, grain = (_each(name, getattr(optics, name), count, dtype) for name in ("step", "grain"))
+        step, grain = (each_of(f"Optics.{name}", getattr(optics, name), count, dtype) for name in ("step", "grain"))
         self.shape, self.looks = (size[0], size[1]), seen.looks
         window = Window(optics.profile, 1.0)
         highest = BAND / float(grain.min()) * (1.0 if window.sharp else 2.0)
@@ -296,9 +296,8 @@ class SpeckleLikelihood(nn.Module):
         return -self.looks * self.frequencies.reshape(-1, *[1] * (deviance.ndim - 1)) * deviance
 
 
-def _each(name: str, value: float | Tensor, count: int, dtype: torch.dtype) -> Tensor:
-    """One number for each object."""
-    field = f"Optics.{name}"
+def each_of(field: str, value: float | Tensor, count: int, dtype: torch.dtype) -> Tensor:
+    """One number for each of so many objects, above 0."""
     given = value if isinstance(value, Tensor) else torch.from_numpy(real_array(field, value).copy())
     found = real_tensor(field, given).to(dtype)
     if found.ndim > 1 or (found.ndim == 1 and len(found) != count) or not ((found > 0) & found.isfinite()).all():
