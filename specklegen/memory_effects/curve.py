@@ -196,7 +196,7 @@ class MemoryEffect(Pictured, Labelled):
     near_field : bool
         Whether tilts keep their angle to the scatterers' lobe, since mean free paths are shorter than the far field
         that tells them apart (docs/physics.md 10).
-    channel : "none", "co" or "crossed"
+    channel : "none", "co", "crossed", "circular" or "flipped"
         Analyser before the camera; of scalar light "none".
     azimuth : float
         Of the tilts from the polarisation of the light, radians.
@@ -293,8 +293,10 @@ def memory_effect(
     mode
         "transmission" looks along the axis; "reflection" back through the entrance face.
     channel
-        Of a slab whose ``polarisation`` is not "scalar", in linearly polarised light: what passes an analyser along the
-        polarisation ("co") or across it ("crossed"), or all of it ("none").
+        Of a medium whose ``polarisation`` is not "scalar", in linearly polarised light: what passes an analyser along
+        the polarisation ("co") or across it ("crossed"), or all of it ("none"). In circular light: what passes an
+        analyser of the same circular field ("circular") or of the other ("flipped"), as of ``Polarisers.circular``:
+        seen against z, so that in transmission "circular" has kept its helicity, and in reflection "flipped".
     azimuth
         Of the tilts from that polarisation, radians: 0 along it, pi/2 across it. The curves differ
         (docs/polarisation.md).

@@ -10,6 +10,8 @@ path may be turned about it by any angle, and mirrored. The field components the
 so that K is **not round**: with phi the azimuth of the tilt from the polarisation
 
     K(q, phi) = E[ w (c_0 J0(qr) - c_2 cos 2 phi J2(qr) + c_4 cos 4 phi J4(qr)) ] / E[w c_0].
+
+Of circular light a turn changes no more than the phase of either circular component: their K is round.
 """
 
 from dataclasses import dataclass
@@ -31,8 +33,10 @@ from specklegen.paths.momentum import momentum_transfer
 from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import PlaneMedium
 
-Channel = Literal["none", "co", "crossed"]
-"""What stands before the camera: no analyser, one along the polarisation of the light, one across it."""
+Channel = Literal["none", "co", "crossed", "circular", "flipped"]
+"""What stands before the camera: no analyser, one along the polarisation of the light, one across it; of circular light
+an analyser that passes the same circular field, or the other one, as they are seen against z."""
+_ROOT = np.sqrt(0.5)
 _SMALL = 2.0  # argument below which recurrences of Bessel functions lose digits
 FAINTEST = 1e-290
 """Light below which its products have lost their digits: as good as none."""
@@ -47,21 +51,27 @@ class Polariser(NamedTuple):
         Of the tilts from the polarisation of the light, radians.
     components : tuple of int
         Directions of field that are seen: 0 along the polarisation, 1 across it.
+    circular : bool
+        Whether light is circular: 0 is its field, 1 the other circular one.
     """
 
     azimuth: float
     components: tuple[int, ...]
+    circular: bool = False
 
     @property
     def vectors(self) -> np.ndarray:
-        """Polarisation of the light, and the direction across it, float64[2, 2], in the frame of x and y."""
+        """Polarisation of the light, and that across it, complex128 or float64[2, 2], in the frame of x and y."""
+        if self.circular:
+            return np.array([[_ROOT, 1j * _ROOT], [_ROOT, -1j * _ROOT]])
         cosine, sine = np.cos(self.azimuth), np.sin(self.azimuth)
         return np.array([[cosine, -sine], [sine, cosine]])
 
 
 def polariser(channel: Channel, azimuth: float) -> Polariser:
     """Light and analyser of a channel."""
-    return Polariser(azimuth, {"none": (0, 1), "co": (0,), "crossed": (1,)}[channel])
+    seen = {"none": (0, 1), "co": (0,), "crossed": (1,), "circular": (0,), "flipped": (1,)}[channel]
+    return Polariser(azimuth, seen, channel in ("circular", "flipped"))
 
 
 class Way(NamedTuple):
@@ -145,6 +155,10 @@ def _terms(matrices: np.ndarray, azimuth: np.ndarray, seen: Polariser) -> np.nda
     """What of a connection belongs to J0, J2 and J4, complex128[n, n, 3, M], averaged over turns and mirrors."""
     (xx, xy), (yx, yy) = np.moveaxis(matrices, 0, -1)
     even, odd, c, d = (xx + yy) / 2, (yx - xy) / 2, (xx - yy) / 2, (xy + yx) / 2
+    if seen.circular:  # the mean over both mirror images
+        kept = (even, odd) if seen.components == (0,) else (c, d)
+        round_ = sum(np.square(np.abs(each)) for each in kept)
+        return np.stack([round_, np.zeros_like(round_), np.zeros_like(round_)]).astype(np.complex128)[None, None]
     p, m = (c + 1j * d) / 2, (c - 1j * d) / 2
     # Coefficients of 1, e^(2ia), e^(-2ia) of both components of a path turned by a.
     fields = (even, p, m), (odd, -1j * p, 1j * m)
@@ -272,7 +286,7 @@ def pair_light(
     ends, pairs = require_ends(medium), len(number)
     first = tracer.layout.of_ends(slice(0, 1), slice(0, 1))
     directions = seen.vectors
-    analysers = directions[list(seen.components)]
+    analysers = directions[list(seen.components)].conj()
 
     def batch(part: slice, crew: Threads) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=crew)

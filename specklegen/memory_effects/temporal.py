@@ -75,7 +75,7 @@ class TemporalCorrelation(Pictured, Labelled):
     classes : LightClasses or LightPaths
         The light without a tilt by its momentum transfer (of what flows path by path), from which :meth:`contrast`
         knows exposures.
-    channel : "none", "co" or "crossed"
+    channel : "none", "co", "crossed", "circular" or "flipped"
         Analyser before the camera; of scalar light "none".
     azimuth : float
         Of the tilts from the polarisation of the light, radians.

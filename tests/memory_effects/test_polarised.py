@@ -252,11 +252,20 @@ def test_a_round_kernel_is_caught(monkeypatch):
         assert_z(found, co, np.hypot(own, error), degrees=DEGREES)
 
 
+def test_circular_light_is_round_and_keeps_more():
+    """And is neither of the linear channels: the helicity that is kept remembers as far as the other forgets."""
+    medium = slab(5, TISSUE)
+    kept, own = curves(medium, 1.491, "circular", paths=10_000)
+    np.testing.assert_allclose(kept, kept[0], rtol=1e-12)  # whatever the azimuth
+    flipped, error = curves(medium, 1.491, "flipped", paths=10_000)
+    assert kept[0] - flipped[0] > 5 * np.hypot(own[0], error[0])
+
+
 def test_both_ways_to_a_curve_agree():
     """By ways turned about the axis, and by the fields of every connection at every pair of light and view."""
     medium, light = slab(3), np.array([[np.sin(t), 0.0, np.cos(t)] for t in tilts([0.7, 2.0])])
     lights = np.concatenate([AXIS[None], light])
-    for channel in ("none", "co", "crossed"):
+    for channel in ("none", "co", "crossed", "circular", "flipped"):
         seen = polariser(channel, 0.6)
         one = axial_curve(medium, WAVELENGTH, light[:, 0], seen, 15_000, 5, None)
         other = pair_curve(medium, WAVELENGTH, lights, lights, seen, 15_000, 6, None, reverse=False, near=False)
@@ -274,7 +283,11 @@ def test_bessel_functions_are_scipys():
 
 # ---- In time ---------------------------------------------------------------------------------------------
 
-PASSED = {"co": np.array([1, 1, 0, 0]) / 2, "crossed": np.array([1, -1, 0, 0]) / 2}
+PASSED = {
+    "co": ([1, 1, 0, 0], [1, 1, 0, 0]), "crossed": ([1, -1, 0, 0], [1, 1, 0, 0]),
+    "circular": ([1, 0, 0, 1], [1, 0, 0, 1]), "flipped": ([1, 0, 0, -1], [1, 0, 0, 1]),
+}  # fmt: skip
+"""What an analyser passes of a Stokes vector, and that of the light."""
 
 
 @pytest.mark.parametrize("sine", [0.0, 0.8])
@@ -287,11 +300,11 @@ def test_it_forgets_in_time_as_correlations_are_transferred(sine):
         light = vector_adding_doubling(
             depth, lambda c, each=each: rayleigh(c) * np.exp(-2 * each * (1 - c)), views=[cosine]
         ).transmitted[0, 0]  # fmt: skip
-        for channel, passed in PASSED.items():
-            lit[channel].append(passed @ light @ [1, 1, 0, 0])
-    co, crossed = np.array(lit["co"]), np.array(lit["crossed"])
-    squares = co**2 + crossed**2
-    exact = {name: (each / each[0])[1:] for name, each in {"co": co**2, "crossed": crossed**2, "none": squares}.items()}
+        for channel, (passed, sent) in PASSED.items():
+            lit[channel].append(passed @ light @ sent)
+    powers = {channel: np.square(each) for channel, each in lit.items()}
+    powers["none"] = powers["co"] + powers["crossed"]
+    exact = {name: (each / each[0])[1:] for name, each in powers.items()}
     for channel, expected in exact.items():
         found = sg.temporal_correlation(
             medium, wavelength=WAVELENGTH, lags=x, channel=channel, view=[sine, 0.0, cosine], paths=20_000, seed=4
