@@ -292,7 +292,7 @@ def test_a_model_imports_nothing(own, folder, tmp_path):
         "try:\n    Reconstructor.load({!r})\nexcept ValueError as error:\n    print(error)"
     )
     said = in_another_process(tmp_path, code.format(str(tmp_path / "best.pt")))
-    assert said.startswith("model network must be one of dense")
+    assert said.startswith("model network must be one of contrast, dense")
 
 
 def test_the_command_line_trains_and_judges(own, folder, tmp_path):

@@ -1,5 +1,7 @@
 """The paths of rays from a source to a point, one by one: length, delay, directions, amplitude, and what they met."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Literal
 

@@ -196,6 +196,7 @@ UNPICTURED = {
     "Edges": "of the geometry, for the tracer", "Mesh": "of the geometry", "Incidence": "of the march",
     "Moments": "of the layer's cells", "SingleDelay": "coefficients of one approximation",
     "Periodogram": "what the likelihood is computed from", "Optics": "a number for each object",
+    "RayPath": "one path of many",
 }  # fmt: skip
 
 

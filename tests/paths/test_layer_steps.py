@@ -254,13 +254,14 @@ def test_what_layers_that_refract_do_not_serve_is_refused():
         sg.Scene(wavelength=0.5, medium=TWO, illumination=light, sensor=back)
     with pytest.raises(sg.RuleError, match="light and view must be along the axis where layers refract"):
         estimate_oblique_correlation(TWO, AXIS, np.array([0.6, 0.0, 0.8]), 64, 0)
-    for verb, also in ((sg.memory_effect, {}), (sg.temporal_correlation, {"lags": [0.0]})):
-        name = verb.__name__
+    moving = [layer.replace(motion=sg.Brownian(diffusion=1.0)) for layer in TWO.layers]
+    for verb, layers, also in ((sg.memory_effect, TWO.layers, {}), (sg.temporal_correlation, moving, {"lags": [0.0]})):
+        name, two = verb.__name__, TWO.replace(layers=tuple(layers))
         with pytest.raises(sg.RuleError, match=rf'{name} mode must be "transmission" where layers refract'):
-            verb(TWO, tilts=[0.0], mode="reflection", **also, **ask)
+            verb(two, tilts=[0.0], mode="reflection", **also, **ask)
         with pytest.raises(sg.RuleError, match=rf"{name} view must be left out where layers refract"):
-            verb(TWO, tilts=[0.0], view=[0.1, 0.0, np.sqrt(0.99)], **also, **ask)
+            verb(two, tilts=[0.0], view=[0.1, 0.0, np.sqrt(0.99)], **also, **ask)
         with pytest.raises(sg.RuleError, match=rf"{name} reverse must be False"):
-            verb(TWO, tilts=[0.0], reverse=True, **also, **ask)
+            verb(two, tilts=[0.0], reverse=True, **also, **ask)
         with pytest.raises(sg.RuleError, match=rf"{name} tilts must be at most 0.0.* where layers refract"):
-            verb(sg.Layers(TWO.layers), tilts=[0.5], **also, **(ask | {"wavelength": 0.0001}))
+            verb(sg.Layers(tuple(layers)), tilts=[0.5], **also, **(ask | {"wavelength": 0.0001}))

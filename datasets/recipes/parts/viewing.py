@@ -67,6 +67,14 @@ class Lab(LabSetup):
 
     profile: Profile = "disc"
 
+    @model_validator(mode="after")
+    def _one_unit(self) -> Self:
+        """An object below a wavelength is a length in another unit: nothing of it could be seen."""
+        if self.object_extent < self.wavelength:
+            reject("Lab.object_extent", f"at least the wavelength, {self.wavelength:g}", self.object_extent,
+                   "All lengths of a [lab] are in the unit of its wavelength.")  # fmt: skip
+        return self
+
 
 @dataclass(frozen=True)
 class Viewing:
