@@ -1,7 +1,7 @@
 """Stores of every packaged kind of recipe, and of a recipe with a user's own parts: a death loses nothing.
 
-tests/fuzz_stores.py kills real processes at every file operation, of a recipe that costs nothing. Here one dies between two
-arrays of a shard, and the recipes are real: what they keep between samples, media they share and arrays of every name.
+tests/fuzz_stores.py kills real processes at every file operation, of a recipe that costs nothing. Here one dies between
+two arrays of a shard, and the recipes are real: what they keep between samples, media they share, arrays of every name.
 """
 
 import numpy as np
