@@ -1,14 +1,14 @@
 """Images a second of streams and of the torch samplers on one device, beside what it can do.
 
-    python scripts/gpu_benchmark.py --device cuda      about two minutes; writes nothing unless --json is given
+    python scripts/gpu_benchmark.py --device cuda      some minutes; writes nothing unless --json is given
     python scripts/gpu_benchmark.py --device cpu       the same on the CPU, for comparison
     python scripts/gpu_benchmark.py --only streams     batches of recipes (docs/devices.md), and what else users have
 
 Limits are measured in the same run: bytes a second of a large copy (read and written), and floating-point operations
 a second of a large complex64 matrix product. Beside each rate stand the bytes and operations that one image cannot do
 without, and the share of the device's limit that the rate reaches. Every result is compared with the CPU's before it
-is timed. Rates are medians of the repeats, on the CPU in seconds of the processor. The script has been run on CPUs
-only: no CUDA device was at hand.
+is timed. Rates are medians of the repeats, on the CPU in seconds of the processor. Of a CUDA device it has measured the
+two limits only (docs/devices.md): the first batch of a recipe compiles its operators, which takes a minute or two.
 """
 
 import argparse
