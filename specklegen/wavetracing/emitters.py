@@ -88,6 +88,13 @@ class CollimatedEmitter(Value):
         """Coherence width sigma_g = sqrt(2 Sigma): the degree of coherence is exp(-d^2 / 2 sigma_g^2)."""
         return float(np.sqrt(2 * self.sigma))
 
+    def lights(self, points: np.ndarray) -> np.ndarray:
+        """Whether points float64[P, 3] lie in the light, before anything stands in it: bool[P]."""
+        axis = int((self.upper - self.lower).argmin())
+        back = (points[:, axis] - self.lower[axis]) / self.direction[axis]
+        foot, across = points - back[:, None] * self.direction, np.arange(3) != axis
+        return (back >= 0) & ((foot >= self.lower) & (foot <= self.upper))[:, across].all(axis=1)
+
     def packed(self) -> np.ndarray:
         """Return what kernels know, float64[SOURCE]."""
         out = np.empty(SOURCE)
@@ -154,6 +161,10 @@ class PointEmitter(Value):
     def coherence(self) -> float:
         """Infinite: the light of a point is coherent with itself anywhere."""
         return np.inf
+
+    def lights(self, points: np.ndarray) -> np.ndarray:
+        """Whether points float64[P, 3] lie in the light, before anything stands in it: all, bool[P]."""
+        return np.ones(len(points), bool)
 
     def packed(self) -> np.ndarray:
         """Return what kernels know, float64[SOURCE]."""

@@ -40,7 +40,6 @@ _MODES: dict[str, int] = {"wave": beam_walk.WAVE, "ballistic": beam_walk.BALLIST
 _AMPLITUDES: dict[str, int] = {
     "auto": beam_walk.AUTO, "uniform": beam_walk.UNIFORM_LIGHT, "gaussian": beam_walk.GAUSSIAN_LIGHT,
 }  # fmt: skip
-_COHERENT = 3.3  # coherence widths sigma_g beyond which fringes are below .5 %: exp(-3.3^2 / 2)
 _ON_SURFACE = 1e-10  # of the scene's size, within which a receiver lies on a surface
 _BLOCK, _BLOCKS = 2048, 64  # beams of a block at least; blocks at most
 
@@ -86,7 +85,8 @@ def trace(
     amplitude
         Light in a hole, or on a plate. "uniform": u = 1 over all holes that the source sees as one, and the pattern's
         wavevector added to the ray's. "gaussian": the beam's own field, added to the mean. Both are right for even
-        light. "auto": uniform where a beam is at least as wide as the largest of the holes, else gaussian. Past other
+        light. "auto": one of both for all beams of an opening: uniform where the source lights all its corners, or its
+        beams are as wide as the largest hole; for a plate, where they are as wide as it is; else gaussian. Past other
         edges it is the beam's own field in any case.
     max_events
         Interactions after which a beam is stopped, and counted as such.
@@ -161,7 +161,7 @@ def _by_patterns(
     receivers = Receivers(_packed(planes), first_cell)
     source, cells, rules = emitter.packed(), int(first_cell[-1]), beam_walk.Rules(mode, amplitude, max_events)
     table = edge_table(geometry, facets)
-    openings = openings_of(facets, table, _COHERENT * emitter.coherence)
+    openings = openings_of(facets, table, emitter)
 
     def walk(first: int, count: int) -> _Counts:
         tally = beam_walk.Tally(np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells), *_ledger(), np.zeros(1))
