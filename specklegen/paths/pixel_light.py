@@ -191,7 +191,7 @@ class PixelLight:
         for n, sent in enumerate((amplitude * np.exp(1j * phase)).T):
             field = np.zeros((2 * side, 2 * side), complex)
             field[:side, :side][kept] = sent
-            image = np.square(np.abs(fft2(field)))
+            image = np.square(np.abs(np.asarray(fft2(field))))
             out[n] = image.sum() ** 2 / np.square(image).sum() * (own.period / (2 * side)) ** 2
         return out
 
