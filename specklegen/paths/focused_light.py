@@ -12,8 +12,8 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import endpoint_factors, single_factors
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.layout import Layout
-from specklegen.paths.lit_plane import pixel_moments
 from specklegen.paths.pilot import scene_pilot
+from specklegen.paths.pixel_light import PixelLight
 from specklegen.scene.scene import Scene
 
 _FEW, _BLOCK = 5, 2**22  # foci that stand for all; factors held at a time
@@ -50,14 +50,13 @@ def focus_moments(scene: Scene, reverse: bool, lens: Lens | None = None) -> Path
         if axis is not None:
             power[once] *= np.square(np.abs(single_factors(axis, bank.select(once))[0, 0]))
     found = PathMoments(0.0, 0.0)
-    for each in power * np.square(np.abs(entrance_factors(layout, bank, amplitudes))):
-        if not each.any():
+    for entering in np.square(np.abs(entrance_factors(layout, bank, amplitudes))):
+        if not (power * entering).any():
             continue
         if lens is None:
-            own = PathMoments.of(each, bank.paths, bank.count).stated()
+            own = PathMoments.of(power * entering, bank.paths, bank.count).stated()
         else:
-            middle = each @ bank.entry[:, :2] / each.sum()
-            spread = each @ np.square(bank.exit[:, :2] - middle).sum(axis=-1) / each.sum()
-            own = pixel_moments(scene, lens, bank, each, np.pi * float(spread))
+            light = PixelLight(scene, lens, layout, bank, np.array([0.0, 0.0, 1.0]), bank.weight * entering)
+            own = light.pixel(bank.exit[:, :2])
         found = max(found, own, key=lambda m: m.relative_variance)
     return found
