@@ -57,10 +57,35 @@ def test_intervals_end_where_the_profile_has_risen():
     for level in (0.68, 0.95):
         bounds = one.interval(level)
         assert set(bounds) == set(one.values)
-        for name, (low, high) in bounds.items():
+        for (name, (low, high)), rise in zip(bounds.items(), one.critical(level), strict=True):
             assert low < one.values[name] < high
-            np.testing.assert_allclose(one.profile(name, [low, high]), chi2.ppf(level, 1), rtol=0.05)
-            assert (one.profile(name, [0.5 * low + 0.5 * one.values[name]]) < chi2.ppf(level, 1)).all()
+            np.testing.assert_allclose(one.profile(name, [low, high]), rise, rtol=0.05)
+            assert (one.profile(name, [0.5 * low + 0.5 * one.values[name]]) < rise).all()
+
+
+def test_intervals_end_at_drawn_rises_where_those_are_larger():
+    one = fit()
+    names = [*one.values]
+    assert one.rises.shape == (len(names), 99)
+    for level, place in ((0.68, 67), (0.95, 94)):
+        np.testing.assert_array_equal(one.critical(level), np.maximum(one.rises[:, place], chi2.ppf(level, 1)))
+    # One set by itself: data that are drawn at the fit, fitted again, and held there.
+    problem, rng = one.problem, np.random.default_rng(5)
+    drawn = rng.normal(size=(99, len(problem.values)))[0]
+    lies_off = np.linalg.solve(problem.whitening, problem.model(one.at[None])[0][0] + drawn)
+    moved, start = [], 0
+    for each in one.observations:
+        values = each.values + lies_off[start : start + len(each.values)]
+        start += len(each.values)
+        moved.append(replace(each, **{VALUES[type(each).__name__]: values if values.size > 1 else float(values[0])}))
+    whole = dataclasses.replace(problem, observations=tuple(moved))
+    vars(whole)["whitening"] = problem.whitening  # the errors of the tables are those at the first data
+    again = minimize(whole.model, one.at[None], problem.unknowns.low, problem.unknowns.high, nothing_held(1, 3))
+    weights = problem.unknowns.weights(names[0])
+    held = Held(weights[None], np.array([np.argmax(np.abs(weights))]), weights[None] @ one.at)
+    there = minimize(whole.model, one.at[None], problem.unknowns.low, problem.unknowns.high, held)
+    rise = float(there.cost[0] - again.cost[0])
+    assert np.abs(one.rises[0] - rise).min() < 0.01
 
 
 def test_a_profile_is_the_minimum_over_the_others():
