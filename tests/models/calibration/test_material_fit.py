@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 import specklegen as sg
@@ -69,23 +70,25 @@ def test_intervals_end_at_drawn_rises_where_those_are_larger():
     assert one.rises.shape == (len(names), 99)
     for level, place in ((0.68, 67), (0.95, 94)):
         np.testing.assert_array_equal(one.critical(level), np.maximum(one.rises[:, place], chi2.ppf(level, 1)))
-    # One set by itself: data that are drawn at the fit, fitted again, and held there.
-    problem, rng = one.problem, np.random.default_rng(5)
-    drawn = rng.normal(size=(99, len(problem.values)))[0]
-    lies_off = np.linalg.solve(problem.whitening, problem.model(one.at[None])[0][0] + drawn)
-    moved, start = [], 0
-    for each in one.observations:
-        values = each.values + lies_off[start : start + len(each.values)]
-        start += len(each.values)
-        moved.append(replace(each, **{VALUES[type(each).__name__]: values if values.size > 1 else float(values[0])}))
-    whole = dataclasses.replace(problem, observations=tuple(moved))
-    vars(whole)["whitening"] = problem.whitening  # the errors of the tables are those at the first data
-    again = minimize(whole.model, one.at[None], problem.unknowns.low, problem.unknowns.high, nothing_held(1, 3))
-    weights = problem.unknowns.weights(names[0])
-    held = Held(weights[None], np.array([np.argmax(np.abs(weights))]), weights[None] @ one.at)
-    there = minimize(whole.model, one.at[None], problem.unknowns.low, problem.unknowns.high, held)
-    rise = float(there.cost[0] - again.cost[0])
-    assert np.abs(one.rises[0] - rise).min() < 0.01
+    # One set by itself, by another program: fitted freely, and with one unknown held at the truth.
+    problem = one.problem
+    drawn = np.random.default_rng(5).normal(size=(99, len(problem.values)))[0]
+    there = problem.model(one.at[None])[0][0]
+
+    def off(at):
+        return problem.model(np.atleast_2d(at))[0][0] - there - drawn
+
+    free = least_squares(off, one.at, x_scale=0.1, xtol=1e-10, ftol=1e-10)
+    place = int(np.argmax(np.abs(problem.unknowns.weights("g"))))
+    other = 1 - place
+
+    def held(value):
+        at = one.at.copy()
+        at[other] = value[0]
+        return off(at)
+
+    rise = 2 * (least_squares(held, one.at[[other]], x_scale=0.1, xtol=1e-10, ftol=1e-10).cost - free.cost)
+    assert np.abs(one.rises[names.index("g")] - rise).min() < 1e-3
 
 
 def test_a_profile_is_the_minimum_over_the_others():
