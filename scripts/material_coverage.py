@@ -91,7 +91,7 @@ def drawn(bench: Bench, rng: np.random.Generator) -> list:
 
 
 def one(task: tuple[str, int]) -> list:
-    """A line of the table: rises of chi squared at the truth, and the drawn ones that intervals of two levels end at."""
+    """A line of the table: rises of chi squared at the truth, and drawn ones that intervals of two levels end at."""
     name, number = task
     bench = exact_bench(slab_of(*MATERIALS[name]))
     rng = np.random.default_rng([23, [*MATERIALS].index(name), number])
