@@ -172,7 +172,8 @@ def main() -> None:
         for name in BENCHES:
             tests[name] = pool.map(seen, [(name, 7, first) for first in range(0, given.tests, _PIECE)], chunksize=1)
     print(f"drawn after {time.time() - begun:.0f} s", flush=True)
-    tasks = [(kind, seed, given.epochs, given.seconds, given.device, str(work)) for seed in range(given.seeds) for kind in KINDS]
+    about = given.epochs, given.seconds, given.device, str(work)
+    tasks = [(kind, seed, *about) for seed in range(given.seeds) for kind in KINDS]
     with multiprocessing.get_context("spawn").Pool(min(len(tasks), given.workers)) as pool:
         files = pool.map(trained, tasks, chunksize=1)
     print(f"trained after {time.time() - begun:.0f} s", flush=True)
