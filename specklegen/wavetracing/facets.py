@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from specklegen.wavetracing.emitters import Emitter
+from specklegen.wavetracing.emitters import Emitter, GaussianLaser
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.kernels.edge_waves import EdgeTable
 from specklegen.wavetracing.kernels.regions import Facets, Openings
@@ -157,6 +157,7 @@ def openings_of(facets: Facets, table: EdgeTable, emitter: Emitter) -> Openings:
     np.maximum.at(breadth, label, 2 * area / length)
     dark = np.bincount(label[of], ~emitter.lights(ends[:, :3]), count)
     even = (dark == 0) | (emitter.beam_radius >= breadth)
+    even &= not isinstance(emitter, GaussianLaser)
     even &= np.bincount(label, number, count) <= MOST_EDGES
     # An edge borders a hole if either of its faces does.
     bare = np.ones(len(table.edges), bool)

@@ -21,7 +21,7 @@ from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, in_turn, thread_count
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.wavetracing.edge_table import edge_table
-from specklegen.wavetracing.emitters import CollimatedEmitter, Emitter, PointEmitter
+from specklegen.wavetracing.emitters import Emitter, GaussianLaser
 from specklegen.wavetracing.facets import facets_of, openings_of
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.kernels import beam_walk
@@ -67,7 +67,7 @@ def trace(
     geometry
         The scene.
     emitter
-        A `CollimatedEmitter` or a `PointEmitter`.
+        A `CollimatedEmitter`, a `PointEmitter` or a `GaussianLaser` (not with UTD).
     planes
         Receivers. Light passes them; a beam that crosses several, or one twice, counts in each. One that lies on a
         surface is taken a little off it, on the side of the source: there light counts as it comes and as it leaves.
@@ -140,13 +140,15 @@ def _check(geometry, emitter, mode, diffraction, amplitude) -> None:
     """Refuse arguments of `trace` that are out of range."""
     if not isinstance(geometry, Geometry):
         reject("trace geometry", "a Geometry", geometry)
-    if not isinstance(emitter, CollimatedEmitter | PointEmitter):
-        reject("trace emitter", "a CollimatedEmitter or a PointEmitter", emitter)
+    if not isinstance(emitter, Emitter):
+        reject("trace emitter", "a CollimatedEmitter, a PointEmitter or a GaussianLaser", emitter)
     choice("trace mode", mode, _MODES)
     choice("trace diffraction", diffraction, ("fraunhofer", "utd"))
     choice("trace amplitude", amplitude, _AMPLITUDES)
     if diffraction == "utd" and mode != "wave":
         reject("trace diffraction", "'fraunhofer' in the modes 'ballistic' and 'ray'", diffraction)
+    if isinstance(emitter, GaussianLaser) and (diffraction == "utd" or amplitude == "uniform"):
+        reject("trace emitter", "even light, parallel or of a point, with UTD and for 'uniform'", emitter)
     if diffraction == "utd" and amplitude != "auto":
         reject("trace amplitude", "'auto' with UTD", amplitude, "Its light is each ray's: plane, or of a point.")
 

@@ -25,7 +25,7 @@ from specklegen.kernels import inlined, kernel
 from specklegen.kernels.rng import normal_pair, uniforms
 from specklegen.wavetracing.kernels import beam_state as beam
 from specklegen.wavetracing.kernels.beam_events import Event, Light, Room, diffract, scatter_diffusely
-from specklegen.wavetracing.kernels.beam_sources import RADIUS, emit
+from specklegen.wavetracing.kernels.beam_sources import KIND, LASER, RADIUS, emit
 from specklegen.wavetracing.kernels.beam_state import leave_region, mirror
 from specklegen.wavetracing.kernels.cone_bvh import collect_all
 from specklegen.wavetracing.kernels.cones import CONE
@@ -312,7 +312,8 @@ def walk_beams(
                     marked[0] = sheet[own]
                     low, high = math.inf, -math.inf
                     uniform = facets.whole[own] and amplitude != GAUSSIAN_LIGHT and (
-                        amplitude == UNIFORM_LIGHT or source[RADIUS] >= facets.breadth[own]
+                        amplitude == UNIFORM_LIGHT
+                        or (int(source[KIND]) != LASER and source[RADIUS] >= facets.breadth[own])
                     )  # fmt: skip
             if bordered:
                 statistics[REGIONS] += 1
