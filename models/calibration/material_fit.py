@@ -174,7 +174,7 @@ class MaterialFit(Pictured):
 
     def __repr__(self) -> str:
         return (f"MaterialFit({self.slab!r}, chi_squared={self.chi_squared:.3g} of {self.degrees}, "
-            "68 % intervals may hold less)")  # fmt: skip
+            "coverage not measured)")  # fmt: skip
 
     @property
     def values(self) -> dict[str, float]:
