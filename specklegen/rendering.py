@@ -26,6 +26,7 @@ from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.mean.field import mean_field
+from specklegen.memory_effects.kept import estimated_anew
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import planned
@@ -42,7 +43,8 @@ class Report:
     sampler, summation : str
         As in :class:`specklegen.Plan`.
     paths : int
-        Paths traced a realization (or once, for the stationary sampler's kernel).
+        Paths traced a realization (or once for a medium, for the stationary sampler's correlation; 0 where it is from
+        the atlas).
     connections : int
         Connections kept, over all realizations.
     unfinished : int
@@ -258,7 +260,10 @@ def rendered(
     if flag("mean", mean) and not scene.illumination.coherent:
         reject("mean", "False for an incoherent object, and for exposures", mean,
                "What does not scatter is not modelled there.")  # fmt: skip
-    choose = partial(planned, scene, sampler=sampler, mean=mean, field_tolerance=field_tolerance)
+    choose = partial(
+        planned, scene, sampler=sampler, mean=mean, field_tolerance=field_tolerance,
+        realizations=1 if budget.seconds is not None else realizations or 1,
+    )  # fmt: skip
     budget = _without_seconds(choose, budget, realizations or 1)
     made = choose(budget)
     each = math.prod(scene.illumination.images) * (8 if scene.illumination.coherent else 4)  # bytes of a view
@@ -268,7 +273,7 @@ def rendered(
         "Render fewer at a time, each range under a seed of its own.", share=0.9,
     )  # fmt: skip
     require_time(
-        f"{budget.owner} paths", made.seconds * (realizations or 1), f"{made.paths} paths, {realizations or 1} media",
+        f"{budget.owner} paths", made.seconds_of(realizations or 1), f"{made.paths} paths, {realizations or 1} media",
         "Ask for fewer paths, or for a larger rel_error.",
     )  # fmt: skip
     remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
@@ -327,10 +332,16 @@ def _without_seconds(choose: Callable[[Budget], Plan], budget: Budget, realizati
 
     def pilot(count: int) -> float:
         made = choose(replace(budget, paths=count, rel_error=None, seconds=None))
-        _drawn(made, pilot_seed(made.scene.unitless_fingerprint()), 1, budget.threads)
+        seed = pilot_seed(made.scene.unitless_fingerprint())
+        with estimated_anew(seed):
+            _drawn(made, seed, 1, budget.threads)
         return made.expected_error
 
-    paths = paths_within(budget.seconds / realizations, pilot)
+    wanted = None
     if budget.rel_error is not None:
-        paths = min(paths, choose(replace(budget, seconds=None)).paths)
+        wanted = choose(replace(budget, seconds=None)).paths
+        if not wanted:  # nothing is left to be traced
+            return replace(budget, seconds=None)
+    paths = paths_within(budget.seconds / realizations, pilot)
+    paths = paths if wanted is None else min(paths, wanted)
     return replace(budget, paths=paths, rel_error=None, seconds=None)

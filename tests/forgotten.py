@@ -21,9 +21,9 @@ def forget_some(seed, share):
 
 
 def _generators():
-    """What forgets the generators of samples that are kept, where there can be any."""
-    kept = sys.modules.get("specklegen.datasets.recipes.kept_generators")
-    return [] if kept is None else [kept.GENERATORS.forget]
+    """What forgets generators of samples and other results that are kept by their bytes, where there can be any."""
+    kept = sys.modules.get("specklegen.core.most_recent")
+    return [] if kept is None else [each.forget for each in kept.STORES.values()]
 
 
 @functools.lru_cache(1)

@@ -334,9 +334,11 @@ class SpeckleGenerator:
         if lit.step is not None:
             return found
         for places, made, imaging in _grouped(ready):
-            within = self.drawn.put([made.at[ready[place][1]][1] for place in places])
-            at = self.drawn.put(places)
-            found[at] = imaging.contrast(lit.light[at], within)
+            # In chunks of one size on a device, where an operator is compiled anew for every number of samples.
+            for some in [places] if self.one_by_one else _chunks(places, CHUNK):
+                within = self.drawn.put([made.at[ready[place][1]][1] for place in some])
+                at = self.drawn.put(some)
+                found[at] = imaging.contrast(lit.light[at], within)
         return found
 
 

@@ -4,11 +4,9 @@ What they hold is bounded in bytes, not in number: a process may go through as m
 likes.
 """
 
-from collections import OrderedDict
-from threading import Lock
 from typing import TYPE_CHECKING
 
-from specklegen.core.memory import array_bytes
+from specklegen.core.most_recent import MostRecent
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.split import Split
 
@@ -24,33 +22,18 @@ class KeptGenerators:
     """The generators that were asked for last, up to a number of bytes; the last one stays, however large it is."""
 
     def __init__(self, most_bytes: int = _MOST_BYTES, most: int = _MOST) -> None:
-        self._most_bytes, self._most, self._lock = most_bytes, most, Lock()
-        self._kept: OrderedDict[Key, SpeckleGenerator] = OrderedDict()
+        self._kept: MostRecent[Key, SpeckleGenerator] = MostRecent(most_bytes, most, SpeckleGenerator.held)
 
     def __len__(self) -> int:
         return len(self._kept)
 
     def found(self, key: Key) -> SpeckleGenerator:
         """Return the generator of (recipe, seed words, split, device), made now if it is not there."""
-        with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
-        made = SpeckleGenerator(*key)
-        with self._lock:
-            made = self._kept.setdefault(key, made)  # another thread may have been as quick
-            self._kept.move_to_end(key)
-            # Those that are kept have grown since they came: they are weighed when another wants a place.
-            held = {each: array_bytes(generator.held()) for each, generator in self._kept.items()}
-            while len(held) > 1 and (len(held) > self._most or sum(held.values()) > self._most_bytes):
-                oldest, _ = self._kept.popitem(last=False)
-                del held[oldest]
-        return made
+        return self._kept.found(key, lambda: SpeckleGenerator(*key))
 
     def forget(self) -> None:
         """Let all of them go."""
-        with self._lock:
-            self._kept.clear()
+        self._kept.forget()
 
 
 GENERATORS = KeptGenerators()

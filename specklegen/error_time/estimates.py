@@ -19,6 +19,7 @@ from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import batch_sums
 from specklegen.error_time.probes import Probes, only
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+from specklegen.memory_effects.kept import estimated_anew
 from specklegen.memory_effects.oblique import ObliqueCorrelation
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
@@ -28,7 +29,7 @@ from specklegen.samplers.covariance.covariance import covariance
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.screens.correlation import envelope, screen_correlation
 from specklegen.samplers.screens.rule import errors
-from specklegen.samplers.stationary.sampler import StationaryRenderer
+from specklegen.samplers.stationary.renderer import StationaryRenderer
 from specklegen.scene.scene import Scene, require_no_film, require_no_focus, require_unpolarised
 from specklegen.synthesis.objects import object_imaging
 from specklegen.synthesis.stacks import mean_intensity, stack_sampler
@@ -121,7 +122,7 @@ def single_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Est
 
 
 def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
-    """What the model of ``render(scene, sampler="stationary", paths=paths, seed=seed)`` implies.
+    """What the model of ``render(scene, sampler="stationary", paths=paths)`` implies, estimated under a seed.
 
     Of an incoherent object: between the beams of its lit pixels at views that have moved with them, as its modes
     have it.
@@ -129,18 +130,19 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
     require_no_film("compare", scene)
     require_unpolarised("compare", scene)
     require_no_focus("compare", scene)
-    renderer = plan(scene, paths=paths, sampler="stationary", threads=1).chosen.prepare(seed, 1)
-    assert isinstance(renderer, StationaryRenderer)
-    correlation = renderer.correlation
+    with estimated_anew(seed):
+        renderer = plan(scene, paths=paths, sampler="stationary", threads=1).chosen.prepare(seed, 1)
+        assert isinstance(renderer, StationaryRenderer)
+        correlation = renderer.shared.correlation
     assert isinstance(correlation, MemoryEffectCorrelation | ObliqueCorrelation)
     lights = scene.lights[probes.points[:, 0]]
     q = -scene.wavenumber * np.diff(lights[probes.ends, :2], axis=1)[:, 0]
     area = scene.beams.window.area
     found = Estimate.of_batches(area * _batch_sums(correlation, q), correlation.paths)
     carried = 1.0
-    if renderer.sampler.envelope is not None:
+    if renderer.shared.sampler.envelope is not None:
         views = scene.sensor.directions.reshape(-1, 3)[probes.points[:, 1], :2]  # type: ignore[union-attr]
-        gains = np.sqrt(renderer.sampler.envelope.intensity(lights[:, :2], views))
+        gains = np.sqrt(renderer.shared.sampler.envelope.intensity(lights[:, :2], views))
         carried = gains[probes.ends].prod(axis=1)
     if not scene.illumination.coherent:
         assert isinstance(correlation, MemoryEffectCorrelation)

@@ -15,6 +15,7 @@ from specklegen.error_time.estimates import (
     stationary_estimate,
 )
 from specklegen.error_time.probes import Probes
+from specklegen.memory_effects.kept import estimated_anew
 from specklegen.planning.planning import plan
 from specklegen.rendering import SpeckleStack, render
 from specklegen.samplers.sampler import AnySampler
@@ -61,7 +62,8 @@ class Sampler(NamedTuple):
 
 def rendering(sampler: AnySampler, scene: Scene, probes: Probes, count: int, seed: int) -> SpeckleStack:
     """Render a scene by one sampler, on one thread."""
-    return render(scene, paths=count, sampler=sampler, seed=seed, threads=1)
+    with estimated_anew(seed):  # of the stationary sampler, which keeps what it knows of a medium
+        return render(scene, paths=count, sampler=sampler, seed=seed, threads=1)
 
 
 def finished(scene: Scene, probes: Probes, count: int, seed: int, done: Estimate) -> Estimate:

@@ -15,7 +15,7 @@ per unit area is albedo OD e^-OD rho(0), at r = 0.  scripts/build/make_atlas.py 
 import hashlib
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -257,9 +257,10 @@ def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLE
     correlation = atlas_correlation(slab, tolerance)
     if correlation is not None:
         return correlation
-    file = cache.path_of(slab, paths)
-    correlation = cache.load(file)
-    if correlation is None:
-        correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
-        cache.store(correlation, file)
+    file = cache.path_of(slab, paths, MemoryEffectCorrelation.__name__)
+    correlation = cache.load(file, MemoryEffectCorrelation)
+    if correlation is not None:
+        return replace(correlation, source="cache")
+    correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
+    cache.store(correlation, file)
     return correlation

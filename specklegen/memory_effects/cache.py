@@ -6,29 +6,36 @@ of it. Readers see it whole or not at all, whoever else is writing (:mod:`speckl
 that cannot be written, or a file that is damaged, costs an estimate and nothing else.
 """
 
+import dataclasses
 import hashlib
 import io
 import os
 import platform
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
 
 from specklegen.core.libraries import library_versions
+from specklegen.core.values import read_only
 from specklegen.core.whole_files import sweep, write_whole
 from specklegen.kernels.cache import cache_root, say_once
-from specklegen.memory_effects.correlation import MemoryEffectCorrelation
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
 
-LIMIT = 2000  # files, about 0.2 MB each; the oldest go first
+LIMIT = 2000  # files; the oldest go first ...
+LIMIT_BYTES = 2**30  # ... and of all files together
+MOST_BYTES = 2**26  # of one: a larger one, of millions of paths, is for a process
 _SUFFIX = ".kernel"
 _DIGEST = 32  # bytes of SHA-256
 _SOURCES = (
     "kernels/*.py", "paths/*.py", "scene/*.py", "scene/scatterers/*.py", "core/random_streams.py", "core/quadrature.py",
-    "memory_effects/correlation.py",
+    "memory_effects/correlation.py", "memory_effects/oblique.py", "memory_effects/polarised_fields.py",
 )  # fmt: skip
+
+Correlation = TypeVar("Correlation")
+"""A dataclass of arrays and numbers."""
 
 
 def folder() -> Path:
@@ -36,13 +43,15 @@ def folder() -> Path:
     return cache_root() / "memory-kernels"
 
 
-def path_of(slab: Slab, paths: int) -> Path:
-    """File of the correlation that ``paths`` paths give of a slab."""
-    key = hashlib.sha256(f"{_sources_digest()} {_arithmetic()} {slab.fingerprint()} {paths}".encode()).hexdigest()
-    return folder() / (key + _SUFFIX)
+def path_of(medium: PlaneMedium, paths: int, *about: object) -> Path:
+    """File of what ``paths`` paths tell of a medium; ``about`` is all else that decides it."""
+    key = hashlib.sha256(f"{_sources_digest()} {_arithmetic()} {medium.fingerprint()} {paths}".encode())
+    for each in about:
+        key.update(f" {each!r}".encode())
+    return folder() / (key.hexdigest() + _SUFFIX)
 
 
-def load(file: Path) -> MemoryEffectCorrelation | None:
+def load(file: Path, kind: type[Correlation]) -> Correlation | None:
     """Read a correlation; None where there is no file, or a damaged one."""
     try:
         content = file.read_bytes()
@@ -53,22 +62,18 @@ def load(file: Path) -> MemoryEffectCorrelation | None:
         say_once(f"{file} is damaged, so its memory-effect correlation is estimated anew")
         return None
     with np.load(io.BytesIO(payload), allow_pickle=False) as data:
-        return MemoryEffectCorrelation(
-            data["radius"], data["weights"], int(data["paths"]), float(data["single_share"]), source="cache"
-        )
+        read = {name: data[name] for name in data.files}
+    return kind(**{name: read_only(each) if each.ndim else each.item() for name, each in read.items()})
 
 
-def store(correlation: MemoryEffectCorrelation, file: Path) -> None:
-    """Keep a correlation, if the folder can be written."""
+def store(correlation: object, file: Path) -> None:
+    """Keep a correlation, if the folder can be written and it is not huge."""
     buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        radius=correlation.radius,
-        weights=correlation.weights,
-        paths=correlation.paths,
-        single_share=correlation.single_share,
-    )
+    fields = {each.name: getattr(correlation, each.name) for each in dataclasses.fields(correlation)}  # type: ignore[arg-type]
+    np.savez(buffer, **{name: each for name, each in fields.items() if each is not None})
     payload = buffer.getvalue()
+    if len(payload) > MOST_BYTES:
+        return
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(file, hashlib.sha256(payload).digest() + payload)
@@ -79,17 +84,20 @@ def store(correlation: MemoryEffectCorrelation, file: Path) -> None:
 
 def _make_room(where: Path) -> None:
     sweep(where.glob("*.partial"))
-    kept = list(where.glob("*" + _SUFFIX))
-    if len(kept) > LIMIT:
-        for file in sorted(kept, key=_age)[: len(kept) - LIMIT]:
+    newest_first = sorted((_age_and_size(file) for file in where.glob("*" + _SUFFIX)), reverse=True)
+    held = 0
+    for number, (_, size, file) in enumerate(newest_first):
+        held += size
+        if number >= LIMIT or (held > LIMIT_BYTES and number):
             _remove(file)
 
 
-def _age(file: Path) -> float:
+def _age_and_size(file: Path) -> tuple[float, int, Path]:
     try:
-        return file.stat().st_mtime
+        status = file.stat()
     except OSError:
-        return 0.0
+        return 0.0, 0, file
+    return status.st_mtime, status.st_size, file
 
 
 def _remove(file: Path) -> None:

@@ -38,7 +38,11 @@ class Plan(Pictured):
     memory_bytes : int
         Predicted peak growth of the process by its first plan and render.
     alternatives : dict
-        Seconds that other ways to the same would take, by what they are.
+        Seconds that other ways to the same would take, by what they are; other samplers for all realizations.
+    realizations : int
+        Media for which it was planned.
+    setup_seconds : float
+        Of ``seconds``, those of what is found once for all realizations.
     lens : Lens or None
         Through which the fields of ``chosen``, over its pupil, become an image.
     pixel : PathMoments or None
@@ -64,6 +68,8 @@ class Plan(Pictured):
     seconds: float
     memory_bytes: int
     alternatives: dict[str, float]
+    realizations: int = 1
+    setup_seconds: float = 0.0
     lens: Lens | None = None
     pixel: PathMoments | None = None
 
@@ -98,7 +104,7 @@ class Plan(Pictured):
 
     @property
     def paths(self) -> int:
-        """Paths to trace a realization ("paths"), or once ("stationary", "covariance")."""
+        """Paths to trace a realization ("paths"), or once ("stationary", "covariance"; 0 where the atlas serves)."""
         return self.chosen.paths
 
     @property
@@ -131,7 +137,8 @@ class Plan(Pictured):
             f"Expected error ({self.chosen.error_of}, relative): {self.expected_error:.2g}"
             + (f", within an image {self.image_error:.2g}; four times the paths halve it." if self.paths else "."),
             f"Speckle: {self.gaussianity}",
-            f"Cost: about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
+            f"Cost: about {self.seconds:.2g} s for the first realization, {self._all}"
+            f"{self.memory_bytes / 2**20:.0f} MiB.",
         ]
         lines += _memory_note(self.scene)
         lines += [f"Instead, {way} would take about {cost:.2g} s." for way, cost in self.alternatives.items()]
@@ -148,10 +155,24 @@ class Plan(Pictured):
         lines = [
             self._about,
             f"Sampler: {self.sampler}, {self.paths} paths: expected error {self.expected_error:.2g}; "
-            f"about {self.seconds:.2g} s for the first realization, {self.memory_bytes / 2**20:.0f} MiB.",
+            f"about {self.seconds:.2g} s for the first realization, {self._all}{self.memory_bytes / 2**20:.0f} MiB.",
             " ".join(f"{words}: {', '.join(names)}." for words, names in parts.items() if names),
         ]
         return "\n".join(lines + [f"Doubtful: {doubt}." for doubt in self.doubts])
+
+    @property
+    def total_seconds(self) -> float:
+        """Predicted for all realizations; what is found once counts once."""
+        return self.seconds_of(self.realizations)
+
+    def seconds_of(self, realizations: int) -> float:
+        """Predicted for so many realizations by this plan."""
+        return self.setup_seconds + realizations * max(self.seconds - self.setup_seconds, 0.0)
+
+    @property
+    def _all(self) -> str:
+        many = self.realizations > 1
+        return f"{self.total_seconds:.2g} s for all {self.realizations}, " if many else ""
 
     @property
     def _about(self) -> str:

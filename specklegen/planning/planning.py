@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from specklegen.core.arguments import flag, instance, real_number
+from specklegen.core.arguments import flag, instance, real_number, whole_number
 from specklegen.core.budgets import Budget, Reverse
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
@@ -21,11 +21,12 @@ from specklegen.core.parallel import thread_count
 from specklegen.core.shielded import shielded
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
-from specklegen.paths.focused_light import focus_moments
+from specklegen.paths.focused_light import focus_moments, narrow_lobes
 from specklegen.paths.lit_plane import LitPlane, lens_of, lit_plane
 from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import scene_reversal
 from specklegen.paths.tracer import lock_step_obstacle
+from specklegen.planning.choosing import cheapest, served
 from specklegen.planning.exposure import with_sub_frames
 from specklegen.planning.plan import Plan
 from specklegen.samplers.covariance.sampler import Eigenfields
@@ -40,10 +41,8 @@ from specklegen.scene.validity import idealisations, validity_decisions
 
 PACKAGED: tuple[type[Sampler], ...] = (Stationary, PathSums, Eigenfields, Screens)
 """Samplers of this library; they are known, as those of users are, by being defined."""
-PREFERRED: tuple[type[Sampler], ...] = (Stationary, PathSums)
-"""Those that "auto" asks of a volume of scatterers, the cheapest first."""
 THIN: tuple[type[Sampler], ...] = (Screens,)
-"""And of thin screens."""
+"""Those that "auto" asks of thin screens; of volumes of scatterers see :mod:`specklegen.planning.choosing`."""
 
 STATIONARY_TOLERANCE = 0.02
 
@@ -93,6 +92,7 @@ def plan(
     field_tolerance: float = 1e-3,
     streamed: bool = False,
     envelope: bool = True,
+    realizations: int = 1,
     threads: int | None = None,
 ) -> Plan:
     """Choose how to render a scene, and predict what it costs.
@@ -125,6 +125,9 @@ def plan(
     envelope
         Whether the stationary sampler may draw fields under an envelope that turns with the tilt, and by the
         correlation about another direction than the axis; False of recipes, whose modes know neither.
+    realizations
+        How many media will be drawn. "auto" takes the sampler that is quickest to draw so many: what is found once
+        for all of them counts once.
     threads
         Threads for the prediction of seconds.
 
@@ -148,8 +151,9 @@ def plan(
     """
     budget = Budget("plan", paths, rel_error, threads=threads, reverse=reverse)
     return planned(
-        scene, budget, sampler=sampler, mean=mean, field_tolerance=field_tolerance, streamed=streamed, envelope=envelope
-    )
+        scene, budget, sampler=sampler, mean=mean, field_tolerance=field_tolerance, streamed=streamed,
+        envelope=envelope, realizations=realizations,
+    )  # fmt: skip
 
 
 def planned(
@@ -161,27 +165,29 @@ def planned(
     field_tolerance: float = 1e-3,
     streamed: bool = False,
     envelope: bool = True,
+    realizations: int = 1,
 ) -> Plan:
     """Plan within a budget, or refuse: every verb that renders asks here; see :func:`plan`."""
     instance("plan scene", scene, Scene)
+    realizations = whole_number(f"{budget.owner} realizations", realizations, 1)
     asked = asked_sampler("sampler", sampler)
     if asked is not None and asked.thin is False and scene.thin is not None:
         reject("sampler", '"auto" or "screens" for a thin medium', asked.name)
     if asked is not None and asked.thin and scene.thin is None:
         reject("sampler", "another one for a medium of scatterers", asked.name, "It draws thin screens alone.")
     if scene.illumination.focused:
-        return _planned_focus(scene, budget, asked, mean, field_tolerance, streamed)
+        return _planned_focus(scene, budget, asked, mean, field_tolerance, streamed, realizations)
     if scene.sensor.focused:
-        return _planned_image(scene, budget, asked, mean, field_tolerance)
+        return _planned_image(scene, budget, asked, mean, field_tolerance, realizations)
     grid = scene.sensor.regular_grid
     if grid is not None and scene.illumination.limited:
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
-    return _planned(scene, budget, asked, mean, field_tolerance, streamed, envelope)
+    return _planned(scene, budget, asked, mean, field_tolerance, realizations, streamed, envelope)
 
 
 def _planned(
     scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float,
-    streamed: bool = False, envelope: bool = True,
+    realizations: int, streamed: bool = False, envelope: bool = True,
 ) -> Plan:  # fmt: skip
     """Plan what is seen from afar, on a grid of any pitch, or at points."""
     field_tolerance = real_number("field_tolerance", field_tolerance)
@@ -198,24 +204,29 @@ def _planned(
     reversal = scene_reversal(scene, budget.reverse, tolerance)
     request = Request(
         budget.paths, budget.rel_error, reversal.needed, tolerance, field_tolerance,
-        "auto" if asked is None else asked.name, streamed, envelope,
+        "auto" if asked is None else asked.name, streamed, envelope, realizations,
     )  # fmt: skip
     decisions = exposed + [decision for rule in SCENE_RULES for decision in rule(scene)]
     decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
-    preferred = PREFERRED if scene.thin is None else THIN
-    chosen, told = _proposed(scene, request, preferred if asked is None else (asked,))
+    if asked is None and scene.thin is None:
+        chosen, told, others = cheapest(scene, request)
+    else:
+        (chosen, told), others = served(scene, request, THIN if asked is None else (asked,)), {}
     decisions += told
     if asked is PathSums:
         decisions.append(Decision("stationary sampler", False, "as asked"))
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
     if pilot is not None:
-        require_reach(budget.owner, pilot.missed_variance, chosen.paths)
+        if chosen.paths:
+            require_reach(budget.owner, pilot.missed_variance, chosen.paths)
         decisions += pilot.decisions
     require_float32(chosen.intensity)
     threads = thread_count(budget.threads)
     needed = chosen.memory(threads)
     _require_memory(scene, needed, chosen.paths)
     counted = dict(chosen.operations())
+    alternatives = {way: seconds(some, threads) for way, some in chosen.alternatives().items()}
+    alternatives |= {way: seconds(all_of_them, threads) for way, all_of_them in others.items()}
     return Plan(
         scene=scene,
         chosen=chosen,
@@ -225,13 +236,16 @@ def _planned(
         operations=counted,
         seconds=seconds(counted, threads),
         memory_bytes=needed,
-        alternatives={way: seconds(some, threads) for way, some in chosen.alternatives().items()},
+        alternatives=alternatives,
+        realizations=request.realizations,
+        setup_seconds=seconds(chosen.setup(), threads),
     )
 
 
 def _planned_focus(
-    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float, streamed: bool
-) -> Plan:
+    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float, streamed: bool,
+    realizations: int,
+) -> Plan:  # fmt: skip
     """Plan light that a lens focuses: the fields of its collimated beams, by one bank of paths, and their sums."""
     if asked not in (None, PathSums):
         reject("sampler", '"auto" or "paths" for focused beams', asked.name,
@@ -239,11 +253,14 @@ def _planned_focus(
     lit = scene.replace(illumination=scene.beams)
 
     def made_of(budget: Budget) -> Plan:
-        return planned(lit, budget, sampler=PathSums, mean=mean, field_tolerance=field_tolerance, streamed=streamed)
+        return planned(
+            lit, budget, sampler=PathSums, mean=mean, field_tolerance=field_tolerance, streamed=streamed,
+            realizations=realizations,
+        )  # fmt: skip
 
     made = made_of(budget)
     afar = scene if made.lens is None else scene.replace(sensor=made.lens.grid)
-    moments = focus_moments(afar, made.reverse, made.lens)
+    moments, lobes = focus_moments(afar, made.reverse, made.lens), narrow_lobes(afar, made.reverse)
     if budget.rel_error is not None:
         paths = moments.paths_for(budget.rel_error, within_image=True)
         if paths > made.paths:
@@ -251,7 +268,7 @@ def _planned_focus(
     beams = len(lit.lights)
     judged = made.chosen.pilot.decisions  # type: ignore[attr-defined] # of each beam alone
     left = {"stationary sampler", "stationary image"}
-    told = [d for d in made.decisions if d not in judged and d.part not in left]
+    told = [d for d in made.decisions if d not in judged and d.part not in left | {each.part for each in lobes}]
     said = Decision(
         "focused light", True, f"{len(scene.illumination.vectors)} foci as sums of {beams} collimated beams through "
         f"a window {lit.beams.width:.4g} wide, by one bank of paths",
@@ -261,13 +278,14 @@ def _planned_focus(
     sums = 8.0 * len(scene.illumination.vectors) * beams * np.prod(lit.sensor.shape, dtype=float)
     operations["flop"] = operations.get("flop", 0.0) + sums
     return replace(
-        made, scene=scene, pixel=moments, decisions=(said, *((rare,) if rare else ()), *told), operations=operations,
+        made, scene=scene, pixel=moments, decisions=(said, *lobes, *((rare,) if rare else ()), *told),
+        operations=operations,
         seconds=seconds(operations, thread_count(budget.threads)),
     )  # fmt: skip
 
 
 def _planned_image(
-    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float
+    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float, realizations: int
 ) -> Plan:
     """Plan what a lens sees: the far field over its pupil, and the image made of that."""
     if asked is not None and not asked.images:
@@ -287,7 +305,7 @@ def _planned_image(
             doubt=at_faces,
         )  # fmt: skip
     wanted = PathSums if few is not None and asked is None else asked
-    made = _planned(lens.pupil_scene, budget, wanted, mean, field_tolerance)
+    made = _planned(lens.pupil_scene, budget, wanted, mean, field_tolerance, realizations)
     pixel = lit.moments if made.chosen.medium_by_medium else None
     pilot = getattr(made.chosen, "pilot", None)  # which judges views up to the corners of the square around the pupil
     judged = () if pilot is None or pixel is None else pilot.decisions
@@ -300,7 +318,7 @@ def _planned_image(
         paths = pixel.paths_for(budget.rel_error, within_image=True)
         if paths > made.paths:
             budget = replace(budget, paths=paths, rel_error=None)
-            made = _planned(lens.pupil_scene, budget, PathSums, mean, field_tolerance)
+            made = _planned(lens.pupil_scene, budget, PathSums, mean, field_tolerance, realizations)
     operations = dict(made.operations)
     operations["flop"] = operations.get("flop", 0.0) + len(lens.pupil_scene.lights) * lens.flops
     memory = int(made.memory_bytes + lens.memory)
@@ -339,29 +357,6 @@ def _too_narrow(scene: Scene, lit: LitPlane, asked: type[Sampler] | None) -> Dec
         reject("sampler", '"paths" or "auto" for this image', asked.name,
                f"The stationary sampler has light under the window alone: {told}; {remedy}.")  # fmt: skip
     return Decision("stationary image", False, f"it has light under the window alone, and {told}")
-
-
-def _proposed(
-    scene: Scene, request: Request, kinds: tuple[type[Sampler], ...]
-) -> tuple[Sampler, list[Decision]]:
-    """The first sampler that serves, and what all that were asked say; one before it where that states less error."""
-    said: list[Decision] = []
-    for n, kind in enumerate(kinds):
-        chosen, told = kind.propose(scene, request)
-        said += told
-        if chosen is None:
-            continue
-        lost = max([0.0, *(each.error for each in told if each.doubt)])
-        if lost <= request.tolerance:
-            return chosen, said
-        for other in kinds[:n]:
-            surer, told = other.propose(scene, replace(request, beside=lost))
-            if surer is not None:
-                return surer, told
-        return chosen, said
-    reject(  # one of a user's own: path sums serve every scene
-        "sampler", "one that serves the scene", request.asked, "; ".join(each.reason for each in said)
-    )
 
 
 def streaming_obstacle(scene: Scene) -> str | None:

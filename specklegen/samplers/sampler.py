@@ -18,6 +18,7 @@ import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
+from specklegen.core.nanoseconds import seconds
 from specklegen.core.random_streams import Seed
 from specklegen.core.registry import Registry
 from specklegen.paths.gaussianity import EXACT
@@ -67,6 +68,10 @@ class Request:
         Whether the stack comes piece by piece.
     envelope : bool
         Whether fields may be drawn under an envelope that turns with the tilt.
+    realizations : int
+        Media that will be drawn, over which what is found once is shared.
+    thorough : bool
+        Whether more pilot paths are worth their time, where a first pilot leaves open whether a sampler serves.
     beside : float
         Error that another sampler states, which would serve instead: one that states less may, within the tolerance or
         not.
@@ -80,6 +85,8 @@ class Request:
     asked: str = "auto"
     streamed: bool = False
     envelope: bool = True
+    realizations: int = 1
+    thorough: bool = True
     beside: float = 0.0
 
 
@@ -272,6 +279,15 @@ class Sampler(ABC):
     def operations(self) -> Mapping[str, float]:
         """Counted operations of the first realization, by the names of :mod:`specklegen.core.nanoseconds`."""
         return {}
+
+    def setup(self) -> Mapping[str, float]:
+        """Those of them that are done once, however many realizations follow; by default none."""
+        return {}
+
+    def seconds(self, realizations: int, threads: int = 1) -> float:
+        """Predicted seconds of so many realizations, those of what is done once included."""
+        first, once = seconds(self.operations(), threads), seconds(self.setup(), threads)
+        return once + realizations * max(first - once, 0.0)
 
     def alternatives(self) -> Mapping[str, Mapping[str, float]]:
         """Operations that other ways to the same would take, by what they are."""

@@ -21,7 +21,14 @@ from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
-from specklegen.synthesis.exit_grid import Axis, fft_flops, matrix_flops, sampled_amplitude, stack_axes
+from specklegen.synthesis.exit_grid import (
+    Axis,
+    columns_first,
+    fft_flops,
+    matrix_flops,
+    sampled_amplitude,
+    stack_axes,
+)
 from specklegen.synthesis.gaussian_noise import complex_normals
 
 if TYPE_CHECKING:
@@ -29,7 +36,8 @@ if TYPE_CHECKING:
 else:
     torch = LazyModule("torch")
 
-_SMALL_PHASE = 1e-3  # radians that nobody sees beside the field tolerance of path sums
+SMALL_PHASE = 1e-3
+"""Radians that nobody sees beside the field tolerance of path sums."""
 
 
 class Weighed(Protocol):
@@ -131,7 +139,8 @@ class StackSampler:
     def _fields(self, white: torch.Tensor, tilts: slice, ramps: torch.Tensor) -> torch.Tensor:
         fields = (self.mixing[tilts] @ white).reshape(ramps.shape) * ramps
         if not self.fft:
-            views = self.rows @ fields @ self.columns.T
+            across = columns_first(self.x, self.y, self.shape)
+            views = self.rows @ (fields @ self.columns.T) if across else self.rows @ fields @ self.columns.T
             return views if self.face is None else views * self.face
         spectrum = torch.fft.fft2(fields, s=(self.y.period, self.x.period))
         # An FFT measures positions from its first cell, the matrices from the middle of the window.
@@ -198,13 +207,13 @@ def stack_sampler(
     # A Gaussian window reaches 2.5 widths; the transform of a coarse grid spans 2 and would cut it off.
     fft = fft and x.count <= x.period and y.count <= y.period
     tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(device=device, dtype=dtype)  # noqa: E731
-    turned = _face_phase(scene.thickness if grid.side == "transmission" else 0.0, k, grid)
-    face = None if np.abs(turned).max() < _SMALL_PHASE else tensor(np.exp(1j * turned))
+    turned = face_phase(scene.thickness if grid.side == "transmission" else 0.0, k, grid)
+    face = None if np.abs(turned).max() < SMALL_PHASE else tensor(np.exp(1j * turned))
     shifts = k * (sines - first)
     return StackSampler(x, y, tensor(mixing), window, shifts, tensor(rows), tensor(columns), grid.shape, fft, face)
 
 
-def _face_phase(face: float, wavenumber: float, grid: FarFieldGrid) -> np.ndarray:
+def face_phase(face: float, wavenumber: float, grid: FarFieldGrid) -> np.ndarray:
     """-k (v_z - c_z) f of every view, float64[H, W], c the middle one, without cancellation."""
     x, y = grid.sines
     center = grid.center_direction

@@ -201,7 +201,7 @@ def hidden(pixels: int) -> sg.Scene:
 def test_a_hidden_object_is_planned_by_its_modes(pixels):
     """Every pixel was counted as a tilt: 2000 x 2000 on 32 x 32 views were refused for 30.5 GiB of them."""
     made = sg.plan(hidden(pixels), paths=1000, sampler="stationary")
-    imaging = made.chosen.prepare(0, 1).imaging
+    imaging = made.chosen.prepare(0, 1).shared.imaging
     cells = imaging.envelope[0].numel()
     # Modes are those of another, smaller number of paths and of fewer pixels: one or two more or fewer.
     assert made.operations["normal"] / cells == pytest.approx(imaging.rank, abs=2)

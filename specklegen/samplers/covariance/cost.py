@@ -28,6 +28,21 @@ def covariance_operations(scene: Scene, pilot: Pilot, paths: int, entries: float
     }
 
 
+MOST_PAIRS = 2048
+"""Lights times views up to which a covariance is thought of unasked: its matrix and eigenvectors take 400 MB."""
+_EIGENVECTORS, _FIELD = 60.0, 8.0  # flops of eigenvectors, by pairs cubed, and of one field, by pairs squared
+
+
+def eigen_operations(pairs: float) -> dict[str, float]:
+    """Operations of the eigenvectors of a covariance of so many (light, view)."""
+    return {"flop": _EIGENVECTORS * pairs**3}
+
+
+def field_operations(pairs: float) -> dict[str, float]:
+    """Operations of one field that is drawn from them."""
+    return {"flop": _FIELD * pairs**2, "normal": pairs}
+
+
 def require_covariance_time(owner: str, scene: Scene, reverse: bool, paths: int, entries: float) -> None:
     """Refuse a covariance that takes more than a month, by the pilot by which the planner predicts it.
 

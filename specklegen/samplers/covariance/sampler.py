@@ -1,5 +1,7 @@
 """Fields drawn from the covariance between lights and views, estimated once. For few lights and views of any scene."""
 
+import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,11 +17,35 @@ from specklegen.core.statistics import BATCHES
 from specklegen.paths.far_field import far_field_decision
 from specklegen.paths.pilot import Pilot, volume_pilot
 from specklegen.paths.slab_tracer import BLOCK
-from specklegen.samplers.covariance.cost import covariance_operations
+from specklegen.samplers.covariance.cost import (
+    MOST_PAIRS,
+    covariance_operations,
+    eigen_operations,
+    field_operations,
+)
 from specklegen.samplers.covariance.covariance import Covariance, covariance
 from specklegen.samplers.covariance.outer_products import AMPLITUDES, batches_side_by_side
 from specklegen.samplers.sampler import FIXED_BYTES, RECORD_BYTES, Realization, Request, Sampler, Where, image_of
 from specklegen.scene.scene import Scene, require_no_film, require_no_focus
+
+
+def unasked_obstacle(scene: Scene, request: Request) -> str | None:
+    """Why nobody thinks of a covariance who does not ask for it; None where one may."""
+    if scene.film or scene.illumination.focused or scene.sensor.focused:
+        return "films and lenses need path sums or the stationary sampler"
+    if request.streamed or not request.envelope:
+        return "pieces and media of recipes are not drawn from a covariance"
+    if len(scene.lights) * math.prod(scene.sensor.shape) > MOST_PAIRS:
+        return f"more than {MOST_PAIRS} lights times views"
+    return None
+
+
+def least_operations(scene: Scene, pilot: Pilot, paths: int) -> Mapping[str, float]:
+    """Operations of a covariance as any pilot of a scene predicts them, before one of its own is traced."""
+    pairs = float(len(scene.lights) * math.prod(scene.sensor.shape))
+    found = Counter(covariance_operations(scene, pilot, paths))
+    found.update(eigen_operations(pairs))
+    return found
 
 
 @dataclass(frozen=True)
@@ -36,8 +62,10 @@ class Eigenfields(Sampler, name="covariance"):
     thin = False
 
     @classmethod
-    def propose(cls, scene: Scene, request: Request) -> tuple[Self, list[Decision]]:
-        """Fields drawn from their covariance, for a scene that asks for it."""
+    def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
+        """Fields drawn from their covariance, for a scene that asks for it, or of few lights and views."""
+        if request.asked != cls.name and unasked_obstacle(scene, request):
+            return None, []
         require_no_film("covariance", scene)
         require_no_focus("covariance", scene)
         pilot = volume_pilot(scene, request.reverse)
@@ -58,8 +86,18 @@ class Eigenfields(Sampler, name="covariance"):
         return self.pilot.intensity
 
     def operations(self) -> Mapping[str, float]:
-        """Operations of the covariance."""
-        return covariance_operations(self.scene, self.pilot, self.paths)
+        """Operations of the covariance, its eigenvectors and one field."""
+        found = Counter(self.setup())
+        found.update(field_operations(self._pairs))
+        return found
+
+    def setup(self) -> Mapping[str, float]:
+        """Those of the covariance and its eigenvectors."""
+        return covariance_operations(self.scene, self.pilot, self.paths) | eigen_operations(self._pairs)
+
+    @property
+    def _pairs(self) -> float:
+        return float(len(self.scene.lights) * len(self.scene.views))
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""

@@ -3,14 +3,13 @@
 What :mod:`specklegen.synthesis.imaging` draws in batches from the memory effect is summed over the paths themselves.
 """
 
-from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
-from threading import Lock
 
 import numpy as np
 import torch
 
+from specklegen.core.most_recent import MostRecent
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed
 from specklegen.instrument.lens import Lens
@@ -97,7 +96,7 @@ class PathMedia:
             return torch.from_numpy(_planes(self))[None].to(light.device)
         imaging, own = self.imaging, light[0].cpu().numpy().astype(np.float32).reshape(-1)
         lit = np.flatnonzero(own)
-        powers = _KEPT.found(self) if imaging.shared else _powers(self)
+        powers = _kept_powers(self) if imaging.shared else _powers(self)
         seen = np.stack([np.tensordot(own[lit], power[lit].astype(np.float32), axes=1) for power in powers])
         scale = np.float32(1 / own.sum(dtype=np.float64))
         return torch.from_numpy(seen * scale)[None].to(light.device)
@@ -111,30 +110,15 @@ class PathMedia:
         return torch.from_numpy(np.asarray(image / mean, np.float32))[None, None].to(amplitudes.device)
 
 
-class _KeptPowers:
-    """Intensities of the media that were looked through last, up to a number of bytes."""
-
-    def __init__(self, most: int) -> None:
-        self._most, self._lock = most, Lock()
-        self._kept: OrderedDict[tuple, np.ndarray] = OrderedDict()
-
-    def found(self, media: PathMedia) -> np.ndarray:
-        """Return a medium's intensities, rendered now if they are not there."""
-        own = media.imaging
-        key = own.sampler.scene, own.sampler.paths, own.unit, own.tilts, own.divisions, media.seeds
-        with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
-        powers = _powers(media)
-        with self._lock:
-            self._kept[key] = powers
-            while len(self._kept) > 1 and sum(each.nbytes for each in self._kept.values()) > self._most:
-                self._kept.popitem(last=False)
-        return powers
+_KEPT: MostRecent[tuple, np.ndarray] = MostRecent(_POWERS_BYTES, 4096)
+"""Intensities of the media that were looked through last."""
 
 
-_KEPT = _KeptPowers(_POWERS_BYTES)
+def _kept_powers(media: PathMedia) -> np.ndarray:
+    """Intensities of a medium, rendered now if they are not there."""
+    own = media.imaging
+    key = own.sampler.scene, own.sampler.paths, own.unit, own.tilts, own.divisions, media.seeds
+    return _KEPT.found(key, lambda: _powers(media))
 
 
 def division_weights(count: int) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
+from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import Threads, in_turn, one_blas_thread, slices, thread_count
 from specklegen.core.random_streams import Seed
 from specklegen.paths.bank import PathBank
@@ -47,6 +48,15 @@ assert TILTS_STREAMED % TILTS_AT_ONCE == 0, "transforms must group the tilts of 
 
 Bank = Callable[[int, Threads], tuple[PathBank, Phases]]
 """(number of a chunk, threads) -> its connections and their random phases."""
+
+
+def least_operations(scene: Scene, pilot: Pilot, paths: int) -> Mapping[str, float]:
+    """Operations that a realization takes at least, by its pilot alone, before its sums are looked into."""
+    lights, views, connections = len(scene.lights), math.prod(scene.sensor.shape), paths * pilot.connections_per_path
+    tracing = {"path": paths, pilot.event: paths * pilot.events_per_path, "connection": connections}
+    transformed = {"end": connections * lights, "spread": connections * lights, "FFT point": 4.0 * lights * views}
+    summed = direct_operations(lights, connections, views)
+    return tracing | min(transformed, summed, key=lambda each: seconds(each, 1))
 
 
 @dataclass(frozen=True)

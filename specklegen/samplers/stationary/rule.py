@@ -15,7 +15,13 @@ from specklegen.samplers.sampler import Request
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.object_maps import ObjectMaps, object_maps
 from specklegen.samplers.stationary.refracting import refracting_decision
-from specklegen.samplers.stationary.stationarity import StationaryError, pilot_envelope, stationary_error
+from specklegen.samplers.stationary.stationarity import (
+    FIRST_PATHS,
+    MOST_PATHS,
+    StationaryError,
+    pilot_envelope,
+    stationary_error,
+)
 from specklegen.scene.illumination import reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
@@ -72,7 +78,7 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
         if model.enveloped and not _carried(scene, model):
             continue
         errors[model] = scene_stationary_error(
-            scene, request.tolerance, model.form == "oblique", model.enveloped
+            scene, request.tolerance, model.form == "oblique", model.enveloped, request.thorough
         )
         if errors[model].accepts(request.tolerance):
             break
@@ -86,6 +92,8 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     )
     said += f", allowed {request.tolerance:g}"
     accepted = errors[best].accepts(request.tolerance)
+    if not (accepted or request.thorough):
+        said += "; more pilot paths would take longer than path sums do"
     if asked:
         return best, Decision(_PART, True, f"asked for; {said}", doubt=not accepted)
     least = min(errors, key=lambda model: errors[model].largest)
@@ -169,11 +177,14 @@ def _carried(scene: Scene, model: Model) -> bool:
 
 
 @remembered(64)
-def scene_stationary_error(scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False) -> StationaryError:
+def scene_stationary_error(
+    scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False, thorough: bool = True
+) -> StationaryError:
     """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
     envelope = scene_envelope(scene, oblique) if enveloped else None
     tracer = slab_tracer(scene, False, aside=False)
-    return stationary_error(scene, tracer, tolerance, oblique=oblique, envelope=envelope)
+    most = MOST_PATHS if thorough else FIRST_PATHS
+    return stationary_error(scene, tracer, tolerance, oblique=oblique, envelope=envelope, most=most)
 
 
 @remembered(64)

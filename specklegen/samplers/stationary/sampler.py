@@ -5,33 +5,28 @@ image of a hidden object is a sum of images under maps that make up the envelope
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
 from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed, pilot_seed, seed_words
 from specklegen.core.values import remembered
+from specklegen.memory_effects.atlas import TOLERANCE, Errors, atlas_errors
 from specklegen.paths.axial_pilot import AxialPilot, axial_pilot
-from specklegen.paths.endpoints import AXIS
-from specklegen.paths.flows import drift_phases, drifted
+from specklegen.paths.flows import drifted
 from specklegen.paths.pilot import PILOT_PATHS, Pilot, scene_pilot
 from specklegen.paths.steps import refracting_layers
 from specklegen.samplers.sampler import (
     FIXED_BYTES,
     TORCH_BYTES,
     MediaRequest,
-    Realization,
     Request,
     Sampler,
-    Where,
-    image_of,
 )
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.object_maps import ObjectMaps
@@ -42,23 +37,18 @@ from specklegen.samplers.stationary.rule import (
     scene_object_maps,
     stationary_decision,
 )
-from specklegen.scene.illumination import IncoherentObject, directions_of_sines, reference_direction
-from specklegen.scene.motion import law_of
+from specklegen.scene.illumination import IncoherentObject
+from specklegen.scene.media import as_slab
 from specklegen.scene.scene import Scene
 from specklegen.synthesis.exit_grid import fft_flops, matrix_flops, stack_axes
 
 if TYPE_CHECKING:
-    import torch
-
-    from specklegen.memory_effects.correlation import MemoryEffectCorrelation
-    from specklegen.memory_effects.film import FilmCorrelation
-    from specklegen.memory_effects.oblique import ObliqueCorrelation
-    from specklegen.memory_effects.polarised_fields import PolarisedCorrelation, PolarisedFields
+    from specklegen.samplers.stationary.renderer import StationaryRenderer
     from specklegen.synthesis.imaging import Imaging
     from specklegen.synthesis.sight import Sight
-    from specklegen.synthesis.stacks import StackSampler
 
 
+_CORRELATION = "memory-effect correlation"
 BYTES_A_PIXEL = 400
 """Of a hidden object's pixels as values: their brightness, directions, and what they are known by, as text."""
 
@@ -71,7 +61,7 @@ class Stationary(Sampler, name="stationary"):
     ----------
     scene : Scene
     paths : int
-        Paths that estimate the memory-effect correlation, once.
+        Paths that estimate the memory-effect correlation, once for a medium; 0 where the atlas has it.
     form : "axial" or "oblique"
         The correlation of the axis, or about the middle of the beams and views.
     pilot : Pilot or AxialPilot
@@ -82,6 +72,8 @@ class Stationary(Sampler, name="stationary"):
         Of the intensities, where they are not the same everywhere.
     maps : ObjectMaps or None
         The same over a hidden object and its camera.
+    tabulated : Errors or None
+        What the atlas states of its correlation, where it is taken from there.
     """
 
     scene: Scene
@@ -91,6 +83,7 @@ class Stationary(Sampler, name="stationary"):
     streamed: bool
     envelope: Envelope | None = None
     maps: ObjectMaps | None = None
+    tabulated: Errors | None = None
 
     summation = "FFT or matrix products"
     error_of = "intensity scale"
@@ -115,16 +108,21 @@ class Stationary(Sampler, name="stationary"):
             return None, [decision]
         envelope = scene_envelope(rest, model.form == "oblique") if model.enveloped else None
         pilot = axial_pilot(rest) if refracting_layers(rest.slab) else scene_pilot(rest, False)
-        paths = request.paths
+        paths, tabulated = request.paths, None
         if paths is None:
-            paths = DEFAULT_PATHS if request.rel_error is None else pilot.moments.paths_for(request.rel_error)
+            tabulated = _tabulated(rest, model.form, request.tolerance)
+            wanted = DEFAULT_PATHS if request.rel_error is None else pilot.moments.paths_for(request.rel_error)
+            paths = wanted if tabulated is None else 0
         hidden = envelope is not None and not scene.illumination.images
         maps = scene_object_maps(rest) if hidden else None
-        return cls(scene, paths, model.form, pilot, request.streamed, envelope, maps), [decision]
+        said = [decision, _source(paths, tabulated)]
+        return cls(scene, paths, model.form, pilot, request.streamed, envelope, maps, tabulated), said
 
     @property
     def expected_error(self) -> float:
-        """Relative standard error of the intensity scale."""
+        """Relative standard error of the intensity scale; the bound that the atlas states, where it is from there."""
+        if self.tabulated is not None:
+            return self.tabulated.intensity
         return float(np.sqrt(self.pilot.moments.relative_variance / self.paths))
 
     @property
@@ -160,8 +158,20 @@ class Stationary(Sampler, name="stationary"):
             "phasor": tilts * phasors,
         }
 
+    def setup(self) -> Mapping[str, float]:
+        """Operations of the correlation, and of the modes of an object."""
+        if self.scene.hides_object:
+            drawn = ("normal", "image")
+            return {name: count for name, count in self.operations().items() if name not in drawn}
+        found = dict(self._tracing())
+        if self.form == "oblique":
+            found["phasor"] = self.operations()["phasor"]
+        return found
+
     def alternatives(self) -> Mapping[str, Mapping[str, float]]:
         """Fresh paths for every realization."""
+        if not self.paths:
+            return {}
         return {f"tracing {self.paths} paths anew for every realization, all fields aside,": self._tracing()}
 
     def memory(self, threads: int) -> int:
@@ -190,8 +200,34 @@ class Stationary(Sampler, name="stationary"):
         )
 
     def prepare(self, seed: Seed, threads: int | None) -> "StationaryRenderer":
-        """Make ready to draw; the memory-effect correlation is estimated at the first draw."""
-        return StationaryRenderer(self, seed, threads)
+        """Make ready to draw; what all seeds share is found at the first draw of any."""
+        from specklegen.samplers.stationary.renderer import stationary_renderer
+
+        return stationary_renderer(self, seed, threads)
+
+
+def _tabulated(scene: Scene, form: Form, tolerance: float) -> Errors | None:
+    """What the atlas states of a scene's correlation, where it has it within the tolerance: half of it for C_I.
+
+    The other half is that of the model.
+    """
+    slab = as_slab(scene.slab)
+    if form != "axial" or scene.film or scene.polarisers is not None or slab is None:
+        return None
+    found = atlas_errors(slab)
+    if found is None or found.correlation > min(tolerance / 2, TOLERANCE) or found.intensity > tolerance:
+        return None
+    return found
+
+
+def _source(paths: int, tabulated: Errors | None) -> Decision:
+    """Where the memory effect comes from."""
+    if tabulated is None:
+        return Decision(_CORRELATION, True, f"estimated by {paths} paths under the medium's seed, once for all seeds")
+    return Decision(
+        _CORRELATION, True, f"from the atlas: |K|^2 within {tabulated.correlation:.2g}, intensities within "
+        f"{tabulated.intensity:.2g}; paths= estimates it instead",
+    )  # fmt: skip
 
 
 class _ImageWork(NamedTuple):
@@ -242,171 +278,3 @@ def _sight(scene: Scene) -> "Sight":
     assert isinstance(light, IncoherentObject)
     shape, profile = light.brightness.shape, light.profile
     return object_sight(scene.wavelength, shape, light.pitch, light.width, profile, scene.grid)  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True)
-class StationaryRenderer:
-    """Media of the stationary sampler under a seed."""
-
-    sampler: Stationary
-    seed: Seed
-    threads: int | None
-
-    @cached_property
-    def correlation(
-        self,
-    ) -> "MemoryEffectCorrelation | ObliqueCorrelation | FilmCorrelation | PolarisedFields | PolarisedCorrelation":
-        """The memory-effect correlation, of a film that in time as well."""
-        from specklegen.memory_effects.correlation import estimate_correlation
-        from specklegen.memory_effects.oblique import estimate_oblique_correlation
-
-        scene, paths = self.sampler.scene, self.sampler.paths
-        if scene.polarisers is not None:
-            return self._polarised_correlation if scene.hides_object else self._polarised_fields
-        if scene.film:
-            return self._film
-        if self.sampler.form == "axial":
-            return estimate_correlation(scene.slab, paths, self.seed, threads=self.threads)
-        light, view = reference_direction(scene.beams.directions), scene.grid.center_direction
-        return estimate_oblique_correlation(scene.slab, light, view, paths, self.seed, threads=self.threads)
-
-    @cached_property
-    def _polarised_fields(self) -> "PolarisedFields":
-        """Both components of beams, of a film at its times."""
-        from specklegen.memory_effects.polarised_fields import estimate_polarised_fields
-
-        scene = self.sampler.scene
-        assert scene.polarisers is not None, "asked for"
-        light, view = reference_direction(scene.at_rest.beams.directions), scene.grid.center_direction
-        ends = (AXIS, AXIS) if self.sampler.form == "axial" else (light, view)
-        found = estimate_polarised_fields(
-            scene.slab, scene.polarisers, *ends, self.sampler.paths, self.seed, transfer=scene.film,
-            threads=self.threads,
-        )  # fmt: skip
-        if not scene.film:
-            return found
-        law = law_of(scene.slab.motions)
-        assert law is not None, "a film is of a medium that moves"
-        return replace(found, times=np.asarray(scene.beams.times), motion=law)
-
-    @cached_property
-    def _polarised_correlation(self) -> "PolarisedCorrelation":
-        """K of a hidden object's pixels behind the analyser, which is not round."""
-        from specklegen.memory_effects.polarised_fields import estimate_polarised_correlation
-
-        scene = self.sampler.scene
-        assert scene.polarisers is not None, "asked for"
-        return estimate_polarised_correlation(
-            scene.slab, scene.polarisers, self.sampler.paths, self.seed, threads=self.threads
-        )
-
-    @property
-    def _film(self) -> "FilmCorrelation":
-        """Correlation of the light and view in the middle, as if at rest."""
-        from specklegen.memory_effects.film import FilmCorrelation
-        from specklegen.memory_effects.oblique import estimate_oblique_correlation
-
-        scene, axial = self.sampler.scene, self.sampler.form == "axial"
-        light, view = reference_direction(scene.at_rest.beams.directions), scene.grid.center_direction
-        ends = (AXIS, AXIS) if axial else (light, view)
-        ways = estimate_oblique_correlation(
-            scene.slab, *ends, self.sampler.paths, self.seed, transfer=True, threads=self.threads
-        )
-        law = law_of(scene.slab.motions)
-        assert law is not None, "a film is of a medium that moves"
-        shifts = None if drifted(scene) is not None else ways.doppler
-        return FilmCorrelation(ways, law, np.asarray(scene.beams.times), axial, shifts)
-
-    @cached_property
-    def stacks(self) -> "StackSampler":
-        """What draws stacks of tilted beams."""
-        from specklegen.memory_effects.film import causal_root
-        from specklegen.synthesis.stacks import stack_sampler, tilt_roots
-
-        scene = self.sampler.scene
-        roots = causal_root if scene.film else tilt_roots
-        if scene.polarisers is not None:
-            both: Any = self._polarised_fields
-            return stack_sampler(
-                scene, both, roots=lambda full: both.analysed(roots(full)), drift=self.sampler.drift
-            )
-        correlation: Any = self.correlation
-        return stack_sampler(scene, correlation, roots=roots, drift=self.sampler.drift)
-
-    @cached_property
-    def imaging(self) -> "Imaging":
-        """What images an incoherent object."""
-        import torch
-
-        from specklegen.memory_effects.correlation import MemoryEffectCorrelation
-        from specklegen.memory_effects.polarised_fields import PolarisedCorrelation
-        from specklegen.synthesis.objects import object_imaging
-
-        scene = self.sampler.scene
-        beams, grid = scene.illumination, scene.grid
-        assert isinstance(beams, IncoherentObject)
-        # modes need a real K, which that of the axis is
-        assert isinstance(self.correlation, MemoryEffectCorrelation | PolarisedCorrelation)
-        found = object_imaging(
-            self.correlation, wavelength=scene.wavelength, object_shape=beams.brightness.shape,
-            object_pitch=beams.pitch, width=beams.width, profile=beams.profile, grid=grid,
-        )  # fmt: skip
-        if self.sampler.maps is None:
-            return found
-        gains, polynomials = (torch.from_numpy(each).to(found.envelope) for each in self.sampler.maps.arrays())
-        return replace(found, gains=gains[None], polynomials=polynomials)
-
-    def media(self, count: int) -> Iterator[Realization]:
-        """One transform each."""
-        scene = self.sampler.scene
-        hidden = scene.hides_object
-        for number in range(count):
-            with one_torch_thread():  # the white noise as well
-                found = (self._image(number) if hidden else self.stacks.sample(self.seed, number)).numpy()
-            found = found if hidden or self.sampler.envelope is None else found * self._gains
-            found = found if self._moved is None else found * self._turned(slice(None))
-            yield Realization(found if hidden or scene.illumination.coherent else image_of(scene, found))
-
-    def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
-        """Tilt by tilt: the noise is held, no stack."""
-        rows, columns = self.sampler.scene.sensor.shape
-        for t, drawn in enumerate(self.stacks.one_by_one(self.seed, number)):
-            found = drawn.numpy()
-            if self.sampler.envelope is not None:
-                found = found * self._gain(t)
-            if self._moved is not None:
-                found = found * self._turned(slice(t, t + 1))
-            yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), found
-
-    def _image(self, number: int) -> "torch.Tensor":
-        from specklegen.synthesis.objects import object_media
-        from specklegen.synthesis.stacks import mean_intensity
-
-        beams = self.sampler.scene.illumination
-        light = object_media(self.imaging, polarised_seed(self.seed, self.sampler.scene), number)
-        seen = light.seen(self.imaging.modes.new_tensor(beams.brightness)[None])[0, 0]
-        return seen * mean_intensity(self.correlation, beams.window.area)  # type: ignore[union-attr]
-
-    @cached_property
-    def _moved(self) -> np.ndarray | None:
-        return drifted(self.sampler.scene)
-
-    def _turned(self, tilts: slice) -> np.ndarray:
-        """Phasors complex64[T, H, W] of some tilts, by which a medium that moves as one turns the field of views."""
-        scene, grid = self.sampler.scene, self.sampler.scene.grid
-        assert self._moved is not None
-        views = directions_of_sines("view", np.stack(np.meshgrid(*grid.sines), axis=-1), grid.sign)
-        some = scene.replace(illumination=scene.beams.of(np.arange(len(scene.lights))[tilts]))
-        return np.exp(1j * drift_phases(some, self._moved[tilts], views)).astype(np.complex64)
-
-    @cached_property
-    def _gains(self) -> np.ndarray:
-        """A of every tilt and view, float32[T, H, W]."""
-        return np.stack([self._gain(t) for t in range(len(self.sampler.scene.beams.directions))])
-
-    def _gain(self, t: int) -> np.ndarray:
-        """A of one tilt, float32[H, W]."""
-        scene, envelope = self.sampler.scene, self.sampler.envelope
-        assert envelope is not None
-        views = np.stack(np.meshgrid(*scene.grid.sines), axis=-1)
-        return np.sqrt(envelope.intensity(scene.beams.directions[t, :2], views)).astype(np.float32)

@@ -70,14 +70,15 @@ class StationaryError:
 
 
 def stationary_error(
-    scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False, envelope: Envelope | None = None
-) -> StationaryError:
-    """Judge a scene; more pilot paths while they alone stand between yes and no."""
+    scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False, envelope: Envelope | None = None,
+    most: int = MOST_PATHS,
+) -> StationaryError:  # fmt: skip
+    """Judge a scene; more pilot paths, at ``most`` so many, while they alone stand between yes and no."""
     paths = FIRST_PATHS
     while True:
         error = pilot_error(scene, tracer, paths, oblique=oblique, envelope=envelope)
         lowest = max(error.correlation - 2 * error.correlation_error, error.intensity - 2 * error.intensity_error)
-        if error.accepts(tolerance) or lowest > tolerance or paths >= MOST_PATHS:
+        if error.accepts(tolerance) or lowest > tolerance or paths >= most:
             return error
         paths *= 8
 

@@ -54,7 +54,7 @@ def test_what_does_not_fit_goes_the_oldest_first(recipe, counted):
         kept.found(key)([0])
     assert len(kept) == 3  # the last had made nothing when it was weighed
     kept.found((recipe, seed_words(9), "train", "cpu"))
-    assert [*kept._kept] == [*own[1:], (recipe, seed_words(9), "train", "cpu")]
+    assert [*kept._kept._kept] == [*own[1:], (recipe, seed_words(9), "train", "cpu")]
     before = len(counted)
     assert torch.equal(kept.found(own[0])([0])["image"], found)
     assert len(counted) == before + 1
@@ -64,11 +64,11 @@ def test_one_too_large_stays_alone_and_their_number_is_bounded(recipe):
     own = keys(recipe, 4)
     kept = KeptGenerators(0)
     kept.found(own[0])([0])
-    assert [*kept._kept] == own[:1]
+    assert [*kept._kept._kept] == own[:1]
     few = KeptGenerators(most=2)
     for key in own:
         few.found(key)
-    assert [*few._kept] == own[2:]
+    assert [*few._kept._kept] == own[2:]
     few.forget()
     assert not len(few)
 

@@ -11,6 +11,7 @@ from zscore import assert_mean, assert_z
 import specklegen as sg
 from specklegen.mean.field import straight_through
 from specklegen.memory_effects import correlation as correlation_module
+from specklegen.memory_effects.kept import estimated_anew
 from specklegen.oracles.layered_walk import BATCHES, walk_layers
 from specklegen.paths.steps import optics, straight_light, unscattered
 
@@ -49,7 +50,8 @@ def of_batches(scene, seed, paths=32_000):
     """Mean intensity and K at the tilts, of batches of paths: float64[64, 1 + T]."""
     made = sg.plan(scene, paths=paths)
     assert made.sampler == "stationary"
-    found = made.chosen.prepare(seed, 1).correlation
+    with estimated_anew(seed):
+        found = made.chosen.prepare(seed, 1).shared.correlation
     q = 2 * np.pi / scene.wavelength * scene.beams.directions[:, 0]
     sums = np.stack([found.weights @ w for w in (np.ones(len(found.radius)), *j0(q[:, None] * found.radius))], -1)
     return np.concatenate([sums[:, :1] * 64 / paths, sums[:, 1:] * 64 / paths], axis=1)
@@ -95,6 +97,11 @@ def test_rendered_intensities_follow_the_tilt_as_a_literal_walk_says():
         assert_mean(still, expected, slack=0.02)
 
 
+def film_of(scene, seed):
+    with estimated_anew(seed):
+        return sg.plan(scene, paths=4000).chosen.prepare(seed, 1).shared.correlation
+
+
 def test_films_are_those_of_the_slab():
     """g1 between frames, of batches by seeds."""
     moving = sg.Brownian(diffusion=2e-3)
@@ -102,7 +109,7 @@ def test_films_are_those_of_the_slab():
     found = []
     for medium in (SLAB.replace(motion=moving), sg.Layers(halves(motion=moving), faces=SLAB.faces)):
         scene = scene_of(medium, **times)
-        film = [sg.plan(scene, paths=4000).chosen.prepare(seed, 1).correlation for seed in range(16)]
+        film = [film_of(scene, seed) for seed in range(16)]
         still = np.zeros((3, 2))
         found.append([np.real(each.matrix(still, scene.wavenumber)[0]) for each in film])
     one, other = map(np.array, found)

@@ -1,0 +1,81 @@
+"""Results that are kept between calls: those asked for last, up to a number of bytes."""
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from itertools import count
+from threading import Lock
+from typing import Any, Generic, TypeVar
+from weakref import WeakValueDictionary
+
+from specklegen.core.memory import array_bytes
+
+Key = TypeVar("Key", bound=Hashable)
+Kept = TypeVar("Kept")
+
+STORES: "WeakValueDictionary[int, MostRecent[Any, Any]]" = WeakValueDictionary()
+"""All of this process, in the order in which they were made."""
+_NUMBER = count()
+
+
+class MostRecent(Generic[Key, Kept]):
+    """Results of pure functions of a key, the last of them up to a number of bytes.
+
+    The last one stays, however large it is, until :meth:`trim`. What it holds may grow meanwhile: all are weighed when
+    another wants a place. Any number of threads may ask.
+
+    Parameters
+    ----------
+    most_bytes
+        Bytes of all arrays of all results.
+    most
+        Results, for what is around the arrays takes memory too.
+    held
+        What of a result is weighed; by default all of it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.core.most_recent import MostRecent
+    >>> kept = MostRecent(2000)
+    >>> [kept.found(n, lambda: np.zeros(100)).nbytes for n in range(5)]
+    [800, 800, 800, 800, 800]
+    >>> len(kept)
+    2
+    """
+
+    def __init__(self, most_bytes: int, most: int = 64, held: Callable[[Kept], object] = lambda kept: kept) -> None:
+        self._most_bytes, self._most, self._held, self._lock = most_bytes, most, held, Lock()
+        self._kept: OrderedDict[Key, Kept] = OrderedDict()
+        STORES[next(_NUMBER)] = self
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def found(self, key: Key, make: Callable[[], Kept]) -> Kept:
+        """Return the result of a key, made now if it is not there."""
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        made = make()
+        with self._lock:
+            made = self._kept.setdefault(key, made)  # another thread may have been as quick
+            self._kept.move_to_end(key)
+            self._let_go(1)
+        return made
+
+    def trim(self) -> None:
+        """Weigh them now, and let the last one go too if it is too large."""
+        with self._lock:
+            self._let_go(0)
+
+    def _let_go(self, least: int) -> None:
+        sizes = {each: array_bytes(self._held(result)) for each, result in self._kept.items()}
+        while len(sizes) > least and (len(sizes) > self._most or sum(sizes.values()) > self._most_bytes):
+            oldest, _ = self._kept.popitem(last=False)
+            del sizes[oldest]
+
+    def forget(self) -> None:
+        """Let all of them go."""
+        with self._lock:
+            self._kept.clear()

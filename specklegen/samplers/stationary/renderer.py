@@ -1,0 +1,236 @@
+"""What the stationary sampler draws with: the memory effect of a medium, transforms, and then one seed after the other.
+
+All seeds of a scene share everything but their noise, so that is found once and kept (:data:`PREPARED`).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from specklegen.core.most_recent import MostRecent
+from specklegen.core.parallel import one_torch_thread
+from specklegen.core.random_streams import Seed
+from specklegen.memory_effects.atlas import atlas_correlation
+from specklegen.memory_effects.kept import (
+    axial_correlation,
+    estimated_under,
+    oblique_correlation,
+    polarised_correlation,
+    polarised_fields,
+)
+from specklegen.paths.endpoints import AXIS
+from specklegen.paths.flows import drift_phases, drifted
+from specklegen.samplers.sampler import Realization, Where, image_of
+from specklegen.samplers.stationary.sampler import Stationary, polarised_seed
+from specklegen.scene.illumination import IncoherentObject, directions_of_sines, reference_direction
+from specklegen.scene.media import as_slab
+from specklegen.scene.motion import law_of
+from specklegen.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+    from specklegen.memory_effects.film import FilmCorrelation
+    from specklegen.memory_effects.oblique import ObliqueCorrelation
+    from specklegen.memory_effects.polarised_fields import PolarisedCorrelation, PolarisedFields
+    from specklegen.synthesis.imaging import Imaging
+    from specklegen.synthesis.many_tilts import ManyTilts
+    from specklegen.synthesis.stacks import StackSampler
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What all seeds of a scene share, each part found when it is asked for first."""
+
+    sampler: Stationary
+    threads: int | None
+
+    @cached_property
+    def correlation(
+        self,
+    ) -> "MemoryEffectCorrelation | ObliqueCorrelation | FilmCorrelation | PolarisedFields | PolarisedCorrelation":
+        """The memory-effect correlation, of a film that in time as well."""
+        scene, paths = self.sampler.scene, self.sampler.paths
+        if scene.polarisers is not None:
+            return self._polarised_correlation if scene.hides_object else self._polarised_fields
+        if scene.film:
+            return self._film
+        if self.sampler.tabulated is not None:
+            slab = as_slab(scene.slab)
+            found = None if slab is None else atlas_correlation(slab, np.inf)
+            assert found is not None, "the planner has seen it there"
+            return found
+        if self.sampler.form == "axial":
+            return axial_correlation(scene.slab, paths, threads=self.threads)
+        light, view = reference_direction(scene.beams.directions), scene.grid.center_direction
+        return oblique_correlation(scene.slab, light, view, paths, threads=self.threads)
+
+    @cached_property
+    def _polarised_fields(self) -> "PolarisedFields":
+        """Both components of beams, of a film at its times."""
+        scene = self.sampler.scene
+        assert scene.polarisers is not None, "asked for"
+        light, view = reference_direction(scene.at_rest.beams.directions), scene.grid.center_direction
+        ends = (AXIS, AXIS) if self.sampler.form == "axial" else (light, view)
+        found = polarised_fields(
+            scene.slab, scene.polarisers, *ends, self.sampler.paths, transfer=scene.film, threads=self.threads
+        )
+        if not scene.film:
+            return found
+        law = law_of(scene.slab.motions)
+        assert law is not None, "a film is of a medium that moves"
+        return replace(found, times=np.asarray(scene.beams.times), motion=law)
+
+    @cached_property
+    def _polarised_correlation(self) -> "PolarisedCorrelation":
+        """K of a hidden object's pixels behind the analyser, which is not round."""
+        scene = self.sampler.scene
+        assert scene.polarisers is not None, "asked for"
+        return polarised_correlation(scene.slab, scene.polarisers, self.sampler.paths, threads=self.threads)
+
+    @property
+    def _film(self) -> "FilmCorrelation":
+        """Correlation of the light and view in the middle, as if at rest."""
+        from specklegen.memory_effects.film import FilmCorrelation
+        scene, axial = self.sampler.scene, self.sampler.form == "axial"
+        light, view = reference_direction(scene.at_rest.beams.directions), scene.grid.center_direction
+        ends = (AXIS, AXIS) if axial else (light, view)
+        ways = oblique_correlation(scene.slab, *ends, self.sampler.paths, transfer=True, threads=self.threads)
+        law = law_of(scene.slab.motions)
+        assert law is not None, "a film is of a medium that moves"
+        shifts = None if drifted(scene) is not None else ways.doppler
+        return FilmCorrelation(ways, law, np.asarray(scene.beams.times), axial, shifts)
+
+    @cached_property
+    def stacks(self) -> "StackSampler | ManyTilts":
+        """What draws stacks of tilted beams."""
+        from specklegen.memory_effects.film import causal_root
+        from specklegen.synthesis.many_tilts import many_tilts
+        from specklegen.synthesis.stacks import stack_sampler, tilt_roots
+
+        scene = self.sampler.scene
+        roots = causal_root if scene.film else tilt_roots
+        if scene.polarisers is not None:
+            both: Any = self._polarised_fields
+            return stack_sampler(
+                scene, both, roots=lambda full: both.analysed(roots(full)), drift=self.sampler.drift
+            )
+        correlation: Any = self.correlation
+        many = None if scene.film or self.sampler.drift is not None else many_tilts(scene, correlation)
+        if many is not None:
+            return many
+        return stack_sampler(scene, correlation, roots=roots, drift=self.sampler.drift)
+
+    @cached_property
+    def imaging(self) -> "Imaging":
+        """What images an incoherent object."""
+        import torch
+
+        from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+        from specklegen.memory_effects.polarised_fields import PolarisedCorrelation
+        from specklegen.synthesis.objects import object_imaging
+
+        scene = self.sampler.scene
+        beams, grid = scene.illumination, scene.grid
+        assert isinstance(beams, IncoherentObject)
+        # modes need a real K, which that of the axis is
+        assert isinstance(self.correlation, MemoryEffectCorrelation | PolarisedCorrelation)
+        found = object_imaging(
+            self.correlation, wavelength=scene.wavelength, object_shape=beams.brightness.shape,
+            object_pitch=beams.pitch, width=beams.width, profile=beams.profile, grid=grid,
+        )  # fmt: skip
+        if self.sampler.maps is None:
+            return found
+        gains, polynomials = (torch.from_numpy(each).to(found.envelope) for each in self.sampler.maps.arrays())
+        return replace(found, gains=gains[None], polynomials=polynomials)
+
+    @cached_property
+    def moved(self) -> np.ndarray | None:
+        """How far a medium that moves as one has come at each beam, float64[T, 3]; None of others."""
+        return drifted(self.sampler.scene)
+
+    def turned(self, tilts: slice) -> np.ndarray:
+        """Phasors complex64[T, H, W] of some tilts, by which a medium that moves as one turns the field of views."""
+        scene, grid = self.sampler.scene, self.sampler.scene.grid
+        assert self.moved is not None
+        views = directions_of_sines("view", np.stack(np.meshgrid(*grid.sines), axis=-1), grid.sign)
+        some = scene.replace(illumination=scene.beams.of(np.arange(len(scene.lights))[tilts]))
+        return np.exp(1j * drift_phases(some, self.moved[tilts], views)).astype(np.complex64)
+
+    @cached_property
+    def gains(self) -> np.ndarray:
+        """A of every tilt and view, float32[T, H, W]."""
+        return np.stack([self.gain(t) for t in range(len(self.sampler.scene.beams.directions))])
+
+    def gain(self, t: int) -> np.ndarray:
+        """A of one tilt, float32[H, W]."""
+        scene, envelope = self.sampler.scene, self.sampler.envelope
+        assert envelope is not None
+        views = np.stack(np.meshgrid(*scene.grid.sines), axis=-1)
+        return np.sqrt(envelope.intensity(scene.beams.directions[t, :2], views)).astype(np.float32)
+
+
+_Key = tuple[Scene, int, str, bool, bool, bool]
+PREPARED: MostRecent[_Key, Prepared] = MostRecent(
+    2**28, held=lambda kept: [each for name, each in vars(kept).items() if name != "sampler"]
+)
+"""Scenes that were drawn last, by all that decides what is kept of them."""
+
+
+@dataclass(frozen=True)
+class StationaryRenderer:
+    """Media of the stationary sampler under a seed."""
+
+    shared: Prepared
+    seed: Seed
+
+    def media(self, count: int) -> Iterator[Realization]:
+        """One transform each."""
+        shared = self.shared
+        scene = shared.sampler.scene
+        hidden = scene.hides_object
+        for number in range(count):
+            with one_torch_thread():  # the white noise as well
+                found = (self._image(number) if hidden else shared.stacks.sample(self.seed, number)).numpy()
+            found = found if hidden or shared.sampler.envelope is None else found * shared.gains
+            found = found if shared.moved is None else found * shared.turned(slice(None))
+            if number == count - 1:
+                PREPARED.trim()
+            yield Realization(found if hidden or scene.illumination.coherent else image_of(scene, found))
+
+    def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
+        """Tilt by tilt: the noise is held, no stack."""
+        shared = self.shared
+        rows, columns = shared.sampler.scene.sensor.shape
+        for t, drawn in enumerate(shared.stacks.one_by_one(self.seed, number)):
+            found = drawn.numpy()
+            if shared.sampler.envelope is not None:
+                found = found * shared.gain(t)
+            if shared.moved is not None:
+                found = found * shared.turned(slice(t, t + 1))
+            yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), found
+
+    def _image(self, number: int) -> "torch.Tensor":
+        from specklegen.synthesis.objects import object_media
+        from specklegen.synthesis.stacks import mean_intensity
+
+        shared = self.shared
+        beams = shared.sampler.scene.illumination
+        light = object_media(shared.imaging, polarised_seed(self.seed, shared.sampler.scene), number)
+        seen = light.seen(shared.imaging.modes.new_tensor(beams.brightness)[None])[0, 0]
+        return seen * mean_intensity(shared.correlation, beams.window.area)  # type: ignore[union-attr]
+
+
+def stationary_renderer(sampler: Stationary, seed: Seed, threads: int | None) -> StationaryRenderer:
+    """Media of a sampler under a seed, with what is there already from other seeds."""
+    if estimated_under() is not None:
+        return StationaryRenderer(Prepared(sampler, threads), seed)
+    key = (
+        sampler.scene, sampler.paths, sampler.form, sampler.tabulated is not None, sampler.envelope is not None,
+        sampler.streamed,
+    )  # fmt: skip
+    return StationaryRenderer(PREPARED.found(key, lambda: Prepared(sampler, threads)), seed)
