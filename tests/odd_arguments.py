@@ -566,6 +566,11 @@ def others() -> Iterator[Call]:
         {"recipe": "through-slab", "compensation": True, "beam": np.inf, "removal": 0.0, "media": 1, "seed": 0},
     )
     yield Call(
+        "models.judge_photograph",
+        models.judge_photograph,
+        {"photographs": IMAGES[0], "dark": 0.0, "camera": instrument.Camera(photons=10.0)},
+    )
+    yield Call(
         "models.evaluate",
         models.evaluate,
         {"methods": {"one": lambda batch: batch["image"]}, "batches": Lazy(hidden), "profile": "square"},
