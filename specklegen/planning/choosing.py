@@ -37,7 +37,7 @@ Others = dict[str, Mapping[str, float]]
 
 def cheapest(scene: Scene, request: Request) -> tuple[Sampler, list[Decision], Others]:
     """The sampler of a volume, what is said of all that were asked, and what others would take."""
-    refracts = lock_step_obstacle(scene) is None and refracting_layers(scene.slab)  # paths are not aimed, and not summed
+    refracts = lock_step_obstacle(scene) is None and refracting_layers(scene.slab)  # whose paths are not summed
     if refracts or not request.envelope:  # a recipe's probe stands for many samples, which the stationary sampler draws
         return *served(scene, request, (Stationary, PathSums)), {}
     pilot = scene_pilot(scene, request.reverse)
