@@ -36,7 +36,7 @@ Others = dict[str, Mapping[str, float]]
 
 
 def cheapest(scene: Scene, request: Request) -> tuple[Sampler, list[Decision], Others]:
-    """The sampler of a volume, what is said of all that were asked, and what others would take."""
+    """The sampler of a volume, what is said of all that were asked, and the operations of others."""
     refracts = lock_step_obstacle(scene) is None and refracting_layers(scene.slab)  # whose paths are not summed
     if refracts or not request.envelope:  # a recipe's probe stands for many samples, which the stationary sampler draws
         return *served(scene, request, (Stationary, PathSums)), {}
