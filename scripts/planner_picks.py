@@ -2,9 +2,10 @@
 
     python scripts/planner_picks.py [SCENES]
 
-Every sampler that serves a scene without a doubt is timed in processor seconds of one thread: its first realization, and
-what a further one takes; set-up and draws for more realizations follow from these two. What the medium's memory effect
-cost is counted anew for each. Printed are the picks, how much longer than the best they take, and how many are within 15 %.
+Every sampler that serves a scene without a doubt is timed in processor seconds of one thread: its first realization,
+and what a further one takes; set-up and draws for more realizations follow from these two. What the medium's memory
+effect cost is counted anew for each. Printed are the picks, how much longer than the best they take, and how many are
+within 15 %.
 """
 
 import sys
@@ -86,7 +87,8 @@ def main(scenes: int) -> None:
             excess = took[pick] / min(took.values()) - 1
             asked, within = asked + 1, within + (excess <= 0.15)
             told = " ".join(f"{name} {each:.3g} s" for name, each in took.items())
-            print(f"{n:3} {type(where.medium).__name__:10} {count:4} {pick:11} {100 * excess:6.0f} %  {told}", flush=True)
+            shape = type(where.medium).__name__
+            print(f"{n:3} {shape:10} {count:4} {pick:11} {100 * excess:6.0f} %  {told}", flush=True)
     print(f"{within} of {asked} picks are within 15 % of the best")
 
 
