@@ -47,6 +47,9 @@ class Purpose(IntEnum):
     FAMILY = 16
     OUTLINE = 17
     FOCUS = 18
+    BENCH = 19
+    BENCH_OF_MEDIUM = 20
+    UNEVENNESS = 21
 
 
 def split_number(split: str) -> int:

@@ -42,6 +42,8 @@ html_theme_options = {
     "header_links_before_dropdown": 4,
     "navbar_end": ["theme-switcher"],
 }
+html_context = {"default_mode": "auto"}
+html_favicon = "_static/icon.svg"
 html_show_sourcelink = False
 _ALONE = ("*", "project/readme", "project/changelog", "project/contributing", "project/security")
 html_sidebars = {page: [] for page in _ALONE}  # a page without children has nothing to list beside it
@@ -71,6 +73,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "min_reported_time": 1e9,
     "show_memory": False,
+    "write_computation_times": False,
     "abort_on_example_error": True,
     "copyfile_regex": "",
     "capture_repr": ("_repr_html_",),  # pictures and tables of results; the text of an Axes says nothing
@@ -100,9 +103,12 @@ def write_pages(app, config) -> None:
 
 def reference() -> str:
     """Page of every public name, package by package."""
-    text = "Every public name\n=================\n"
+    text, told = "Every public name\n=================\n", set()
     for package in (f"specklegen{name}" for name in PACKAGES):
-        names = "\n".join(f"   {name}" for name in sorted(importlib.import_module(package).__all__))
+        module = importlib.import_module(package)
+        own = [name for name in sorted(module.__all__) if (name, id(getattr(module, name))) not in told]
+        told |= {(name, id(getattr(module, name))) for name in own}  # what two packages hand out has one page
+        names = "\n".join(f"   {name}" for name in own)
         text += f"\n{package}\n{'-' * len(package)}\n\n.. currentmodule:: {package}\n"
         text += f".. autosummary::\n   :toctree: ../generated\n\n{names}\n"
     return text

@@ -232,6 +232,33 @@ def motion_rows(repeats: int) -> list[Row]:
     ]  # fmt: skip
 
 
+def lens_rows(repeats: int) -> list[Row]:
+    """An image through a lens against the far field of as many directions, by the same paths; a fresh plan in neither.
+
+    The lens takes a grid of n x n directions and makes n x n pixels of it; beside it stands a far field of n x n views.
+    """
+    medium = sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.9))
+    rows, paths = [], PATHS // 5
+    for aperture, tilts in ((0.2, 4), (0.4, 4), (0.2, 16)):
+        light = sg.CollimatedBeams.tilts(1e-3 * np.arange(tilts), width=200.0)
+        views = int(np.ceil(4 * aperture * light.width))  # half a grain of the far field apart, which it asks for
+        camera = sg.Imaging(
+            shape=(views, views), pitch=1 / (4 * aperture), aperture=aperture, focus=-10.0, views=views
+        )  # fmt: skip
+        seen = sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=camera)
+        afar = seen.replace(sensor=camera.pupil_grid(views))
+
+        def rendered(of: sg.Scene, seed: int) -> None:
+            sg.render(of, paths=paths, sampler="paths", reverse=False, seed=seed, threads=1)
+
+        lens, far = seconds(partial(rendered, seen), partial(rendered, afar), repeats=repeats)
+        rows.append(Row(
+            f"image through a lens / far field, {tilts} tilts of {views} x {views}", "",
+            list(lens / far), 2, note=f"aperture {aperture:g}; of the least of either: {lens.min() / far.min():.3f}",
+        ))  # fmt: skip
+    return rows
+
+
 def object_seconds(
     correlation: MemoryEffectCorrelation, repeats: int, times: int
 ) -> tuple[np.ndarray, np.ndarray, int]:
@@ -360,6 +387,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="three repeats and a shorter naive run")
     parser.add_argument("--motion", action="store_true", help="only the rows of particles that move")
+    parser.add_argument("--lens", action="store_true", help="only the rows of images through a lens")
     parser.add_argument("--threads", action="store_true", help="only the rows of two threads against one")
     parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, for docs/performance.md")
     parser.add_argument("--prediction", choices=PREDICTED, help="measure one case alone, and print JSON")
@@ -376,9 +404,11 @@ def main() -> None:
         lambda: stationary_rows(repeats),
         lambda: motion_rows(max(repeats, 10)),
         lambda: thread_rows(repeats),
+        lambda: lens_rows(repeats),
         prediction_rows,
     ]
-    for part in parts[3:4] if options.motion else parts[4:5] if options.threads else parts:
+    chosen = [n for n, only in ((3, options.motion), (4, options.threads), (5, options.lens)) if only]
+    for part in [parts[n] for n in chosen] or parts:
         found = part()
         rows += found
         print("\n".join(row.line() for row in found), flush=True)

@@ -19,6 +19,10 @@ be held in .37. The benches of a material share its truth, and so are not indepe
 """
 
 import argparse
+import csv
+import multiprocessing
+import time
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +30,9 @@ from scipy.stats import chi2, norm
 
 import specklegen as sg
 from specklegen.measured import MemoryCurve, Transmittance
+from specklegen.memory_effects.atlas import correlation_for
 from specklegen.memory_effects.correlation import estimate_correlation
+from specklegen.models.calibration.prediction import covariance_of_tables, predict
 
 WAVELENGTH, THICKNESS = 0.5, 1000.0
 FREE = ("thickness", "mean_free_path", "g")
@@ -61,6 +67,76 @@ def bench_of(slab: sg.Slab, paths: int = TRUTH) -> Bench:
     light = sg.reflectance_transmittance(slab, paths=min(paths, _AT_ONCE), seed=2)
     c_i = [each.intensity(2 * np.pi / WAVELENGTH * np.sin(tilts))[0] for each in estimates]
     return Bench(slab, tilts, np.mean(c_i, axis=0), light.transmittance)
+
+
+def exact_bench(slab: sg.Slab) -> Bench:
+    """A bench whose truth are the tables that the fit reads."""
+    x = np.array([[np.log(slab.thickness), np.log(slab.optical_depth), np.log(1 - slab.scatterer.mean_cosine()),
+                   -np.log(slab.albedo), 0.0]])  # fmt: skip
+    half = correlation_for(slab, paths=100_000, tolerance=1.0).half_range()
+    tilts = np.arcsin(half * np.arange(1, 26) * (3 / 25) * WAVELENGTH / (2 * np.pi))
+    seen = [MemoryCurve(tilts, np.full(25, 0.5), 0.01), Transmittance(0.5, 0.01)]
+    shown = predict(seen, WAVELENGTH, x, ()).values[0]
+    return Bench(slab, tilts, shown[:25], float(shown[25]))
+
+
+def drawn(bench: Bench, rng: np.random.Generator) -> list:
+    """Observations with the errors of data and of tables, both as the fit takes them to be."""
+    plain = [MemoryCurve(bench.tilts, bench.c_i, 0.01), Transmittance(bench.transmittance, 0.02 * bench.transmittance)]
+    moved = []
+    for each in plain:
+        wrong = np.linalg.cholesky(covariance_of_tables(each) + np.diag(np.square(each.errors)))
+        moved.append(each.values + wrong @ rng.normal(size=len(each.values)))
+    return [MemoryCurve(bench.tilts, moved[0], 0.01), Transmittance(float(moved[1][0]), 0.02 * bench.transmittance)]
+
+
+def one(task: tuple[str, int]) -> list:
+    """A line of the table: rises of chi squared at the truth, and drawn ones that intervals of two levels end at."""
+    name, number = task
+    bench = exact_bench(slab_of(*MATERIALS[name]))
+    rng = np.random.default_rng([23, [*MATERIALS].index(name), number])
+    fit = fitted(bench, drawn(bench, rng))
+    at = rises(bench, fit)
+    ends = [fit.rises[n, int(np.ceil(level * 100 - 1e-9)) - 1] for level in LEVELS for n in range(len(FREE))]
+    return [name, number, *(f"{value:.4f}" for value in [*at, *ends, fit.p_value])]
+
+
+def run(out: Path, count: int, workers: int, seconds: float) -> None:
+    """Write the table of exact truths, a line as soon as it is there, until the time is over; print what it says."""
+    begun = time.time()
+    one(("OD 5, g .9", 0))
+    tasks = [(name, number) for number in range(count) for name in MATERIALS]
+    with multiprocessing.get_context("fork").Pool(workers) as pool, out.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        for row in pool.imap(one, tasks):
+            writer.writerow(row)
+            file.flush()
+            if time.time() - begun > seconds:
+                break
+        pool.terminate()
+    print(told(out))
+
+
+def told(file: Path) -> str:
+    """What a table of exact truths says."""
+    with file.open() as read:
+        rows = list(csv.reader(read))
+    lines = []
+    for name in [*MATERIALS, ""]:
+        own = np.array([[float(x) for x in row[2:]] for row in rows if name in ("", row[0])])
+        if not len(own):
+            continue
+        for n, level in enumerate(LEVELS):
+            drawn_ends, at = own[:, 3 + 3 * n : 6 + 3 * n], own[:, :3]
+            plain = np.full_like(at, chi2.ppf(level, 1))
+            kinds = {"drawn": drawn_ends, "chi squared": plain, "the larger": np.maximum(drawn_ends, plain)}
+            for kind, ends in kinds.items():
+                shares = (at <= ends).mean(axis=0)
+                limits = [wilson(share, len(own)) for share in shares]
+                words = [f"{free} {share:.3f} ({low:.3f} to {high:.3f}){'' if low <= level <= high else ' !'}"
+                         for free, share, (low, high) in zip(FREE, shares, limits, strict=True)]  # fmt: skip
+                lines.append(f"{name or 'all'}, {len(own)}, {level:.0%}, {kind}: {'; '.join(words)}")
+    return "\n".join(lines)
 
 
 def slab_of(depth: float, g: float, albedo: float = 1.0) -> sg.Slab:
@@ -137,11 +213,19 @@ def wrong_models(count: int, paths: int) -> None:
 def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("sphere", "alone", "wrong"), help="C_I and T, C_I alone, or wrong models")
+    parser.add_argument("what", choices=("sphere", "alone", "wrong", "exact", "told"),
+                        help="C_I and T, C_I alone, wrong models, or truths of the tables")  # fmt: skip
     parser.add_argument("--benches", type=int, default=100, help="of each material")
     parser.add_argument("--paths", type=int, default=TRUTH)
+    parser.add_argument("--out", type=Path, default=Path("coverage.csv"))
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=1e9)
     arguments = parser.parse_args()
-    if arguments.what == "wrong":
+    if arguments.what == "exact":
+        run(arguments.out, arguments.benches, arguments.workers, arguments.seconds)
+    elif arguments.what == "told":
+        print(told(arguments.out))
+    elif arguments.what == "wrong":
         wrong_models(arguments.benches, arguments.paths)
     else:
         coverage(arguments.benches, arguments.paths, arguments.what == "sphere")

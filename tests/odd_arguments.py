@@ -605,6 +605,22 @@ def waves() -> Iterator[Call]:
     )
     yield Call("illumination_of", wavetracing.illumination_of, {"fields": field, "power": 0.99})
     yield Call("window_losses", wavetracing.window_losses, {"fields": field})
+    yield Call("Mask", wavetracing.Mask, {"values": np.ones((2, 3)), "pitch": 0.5, "center": [0.0, 0.0]})
+    yield Call(
+        "GaussianLaser",
+        wavetracing.GaussianLaser,
+        {"position": [0.0] * 3, "direction": UP, "waist": 1.0, "wavelength": 0.1, "power": 1.0},
+    )
+    yield Call(
+        "WaveSum",
+        wavetracing.WaveSum,
+        {"directions": np.array([UP]), "amplitudes": np.ones(1, complex), "wavelength": 0.1},
+    )
+    yield Call(
+        "light_behind",
+        wavetracing.light_behind,
+        {"values": np.ones((2, 2), complex), "sensor": sg.FarField.grid((2, 2), 0.01), "wavelength": 0.1},
+    )
     yield Call(
         "coverage",
         wavetracing.coverage,
@@ -696,6 +712,8 @@ def waves() -> Iterator[Call]:
                 "method": method,
                 "polarisation": "soft",
                 "padding": 2.0,
+                "shift": [0.0] * 3,
+                "rotation": np.eye(3),
                 "threads": 1,
             },
         )

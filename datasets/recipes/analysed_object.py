@@ -154,7 +154,9 @@ class AnalysedObject(HiddenObject):
     Samples: ``stack`` float32[A, H, W] (or uint16 counts), ``object`` float32[h, w]. Every image has mean 1 over its
     own expected intensity; what share of the light each analyser passes is among the parameters
     (``analyser_share_0``, ...), with the degree of polarisation of the light, ``polarisation_degree``. The
-    memory-effect range is that of scalar light, and ``expected_contrast`` that of the first image.
+    memory-effect range is that of scalar light, and ``expected_contrast`` that of the first image. With an exposure,
+    ``photons`` are the mean of each image, as if each were exposed for as long as its light needs; in one exposure for
+    all, the second image would have ``analyser_share_1 / analyser_share_0`` of the first one's.
 
     Parameters
     ----------
@@ -167,6 +169,7 @@ class AnalysedObject(HiddenObject):
 
     kind: Literal["analysed-object"] = "analysed-object"  # type: ignore[assignment]
     polarises: ClassVar[bool] = True
+    on_benches: ClassVar[bool] = False
     mosaic: PolarisationMosaic | None = None
 
     @model_serializer(mode="wrap")
@@ -264,7 +267,10 @@ class AnalysedObject(HiddenObject):
     def idealisations(self, scene: Scene) -> list[Decision]:
         """What is left out of every image, and of the two together."""
         told = Decision("analysers", True, "fields behind two of them are independent of each other, but for 0.005")
-        return [*super().idealisations(scene), told]
+        exposed = Decision("one exposure for all analysers", False, "idealised: every image has the mean photons of "
+                           "the exposure, however little light its analyser passes")  # fmt: skip
+        longer = self.exposure is not None and self.pictures > 1 and self.mosaic is None
+        return [*super().idealisations(scene), told, *([exposed] if longer else [])]
 
     def seen_media(self, drawn: Addresses, numbers: Sequence[int], materials: Materials) -> DrawnMedia:
         """Draw what is seen of media; their memory effect is that of polarised light."""

@@ -170,7 +170,8 @@ class SpeckleGenerator:
         whole_drawn = _together(parts, len(numbers))
         parameters = {name: _scattered(rows, len(numbers)) for name, rows in told.items()}
         ordered = [at_place[n] for n in range(len(numbers))]
-        return ReadyMedia(whole_drawn, groups, ordered, parameters, self._streams(numbers, whole_drawn))
+        streams = self._streams(numbers, whole_drawn)._replace(shares=recipe.polarisation_shares(parameters))
+        return ReadyMedia(whole_drawn, groups, ordered, parameters, streams)
 
     def _prepared(self, media: DrawnMedia, rendering: Rendering) -> list[tuple[list[int], Any]]:
         """Media made ready by the sampler that was planned for them; all that are alike share what is made."""
@@ -243,9 +244,16 @@ class SpeckleGenerator:
         parameters["expected_contrast"] = self._contrasts(ready, lit) * left
         parameters["medium"] = self.drawn.put(media).to(torch.float64)
         images = recipe.on_sensor(images, parameters)
+        bench, found = recipe.bench, {}
+        if bench is not None:
+            found = bench.found(parameters)
+            images = bench.seen(images, found, bench.keys(self.drawn, numbers))
         if recipe.exposure is not None:
             keys = self.drawn.keys(Stream.CAMERA, self.drawn.words(numbers, exposure.NOISES))
-            images = exposure.expose(recipe.exposure, images, keys)
+            if bench is None:
+                images = exposure.expose(recipe.exposure, images, keys)
+            else:
+                images = bench.exposed(images, found, keys, recipe.exposure)
         named = recipe.named(images, tilts, parameters) | lit.arrays
         return named | {"index": self.drawn.put(numbers), "parameters": parameters}
 
@@ -280,8 +288,10 @@ class SpeckleGenerator:
             return self.recipe.exposed(seen)
         streams = made.streams.at(places)
         inputs = {"keys": streams.keys, "still": streams.still, "light": lit.light} | own
+        if streams.shares is not None:
+            inputs["shares"] = streams.shares
         return self.recipe.exposed(self.run(
-            ("drawn", *some.statics), partial(_drawn_and_seen, some, self.one_by_one), inputs
+            ("drawn", streams.shares is None, *some.statics), partial(_drawn_and_seen, some, self.one_by_one), inputs
         ))  # fmt: skip
 
     def _keeps(self, medium: int, imaging: Imaging) -> bool:
@@ -324,9 +334,11 @@ class SpeckleGenerator:
         if lit.step is not None:
             return found
         for places, made, imaging in _grouped(ready):
-            within = self.drawn.put([made.at[ready[place][1]][1] for place in places])
-            at = self.drawn.put(places)
-            found[at] = imaging.contrast(lit.light[at], within)
+            # In chunks of one size on a device, where an operator is compiled anew for every number of samples.
+            for some in [places] if self.one_by_one else _chunks(places, CHUNK):
+                within = self.drawn.put([made.at[ready[place][1]][1] for place in some])
+                at = self.drawn.put(some)
+                found[at] = imaging.contrast(lit.light[at], within)
         return found
 
 
@@ -341,11 +353,11 @@ def _grouped(ready: list[tuple[ReadyMedia, int]]) -> Iterator[tuple[list[int], R
 
 
 def _drawn_and_seen(
-    imaging: Imaging, one_by_one: bool, keys: Any, still: Any, light: Any, **tensors: torch.Tensor
+    imaging: Imaging, one_by_one: bool, keys: Any, still: Any, light: Any, shares: Any = None, **tensors: torch.Tensor
 ) -> torch.Tensor:
     """Images of drawn media, over their expected value; not one by one of tensors alone, so that it can be replayed."""
     some = imaging.of(tensors)
-    return ImagedMedia(some, some.fields(keys, still), None, one_by_one).images(light)
+    return ImagedMedia(some, some.fields(keys, still, shares=shares), None, one_by_one).images(light)
 
 
 def _seen_through(

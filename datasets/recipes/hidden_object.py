@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -101,6 +102,7 @@ class HiddenObject(Recipe):
         off in the mean over pairs a quarter of the object apart, and up to 13 % for one of them.
     """
 
+    on_benches: ClassVar[bool] = True
     kind: Literal["hidden-object"] = "hidden-object"
     objects: AnyFamily
     field: ObjectField | None = None
@@ -185,6 +187,26 @@ class HiddenObject(Recipe):
         grains = pixels / self.camera.pixels_per_grain
         return self.seen_through(self.wavelength * grains / (pitch * max(self.objects.shape)))
 
+    def polarisation_shares(self, parameters: Mapping[str, Any]) -> "torch.Tensor | None":
+        """Shares float64[M, 2] of the light of media in either polarisation, of a bench that depolarises."""
+        if self.bench is None or not self.bench.polarises:
+            return None
+        degree = parameters["bench_polarisation"]
+        return torch.stack([1 + degree, 1 - degree], -1) / 2
+
+    def contrast_left(self, parameters: Mapping[str, Any]) -> Any:
+        """Share of the contrast that partly polarised light leaves."""
+        left = super().contrast_left(parameters)
+        if self.bench is None or not self.bench.polarises:
+            return left
+        return left * ((1 + parameters["bench_polarisation"] ** 2) / 2) ** 0.5
+
+    @property
+    def path_sum_obstacle(self) -> str | None:
+        """Light that a bench depolarises."""
+        depolarised = self.bench is not None and self.bench.polarises
+        return super().path_sum_obstacle or ("a bench that depolarises light" if depolarised else None)
+
     @property
     def _field_number(self) -> Draw:
         return (self.field.pitch or self.field.extent_over_range or 0.0) if self.field is not None else 0.0
@@ -196,7 +218,8 @@ class HiddenObject(Recipe):
     @property
     def media_alike(self) -> bool:
         """Whether neither the material nor the extent of objects is drawn."""
-        fixed = (low == high for low, high in map(ends, (self._field_number, self._pixels)))
+        aperture = 1.0 if self.bench is None else self.bench.aperture
+        fixed = (low == high for low, high in map(ends, (self._field_number, self._pixels, aperture)))
         return super().media_alike and all(fixed)
 
     @shielded()
@@ -210,10 +233,17 @@ class HiddenObject(Recipe):
             self.material, [self.material.known(slab) for slab in slabs], self.wavelength, torch.device("cpu")
         )  # fmt: skip
         pitches = self.pitches(known, torch.full_like(known.half_range, share)).tolist()
+        apertures = (1.0,) if self.bench is None else sorted(set(ends(self.bench.aperture)))
         return [
-            MediumView(slab, self.geometry_of(pitch, pixels), self.objects.shape, pitch, self.widest_tilts)
-            for pixels in across for slab, pitch in zip(slabs, pitches, strict=True)
-        ]  # fmt: skip
+            MediumView(slab, self._opened(self.geometry_of(pitch, pixels), wider), self.objects.shape, pitch,
+                       self.widest_tilts)
+            for wider in apertures for pixels in across for slab, pitch in zip(slabs, pitches, strict=True)
+        ]
+
+    @staticmethod
+    def _opened(seen: Viewing, wider: float) -> Viewing:
+        """Viewing behind a window so many times as wide as is said."""
+        return seen if wider == 1 else replace(seen, width=seen.width * wider)  # fmt: skip
 
     @property
     def widest_tilts(self) -> np.ndarray:
@@ -239,12 +269,18 @@ class HiddenObject(Recipe):
             assert self.camera is not None
             width = self.wavelength * (pixels / self.camera.pixels_per_grain) / (pitch * side)
         sight = self.sight(drawn, self.objects.shape, pitch, torch.sin(angles), width)
+        said, bench = sight.width, {}
+        if self.bench is not None:
+            aperture, degree = self.bench.of_media(drawn, numbers)
+            bench = {"bench_aperture": aperture, "bench_polarisation": degree}
+            sight = replace(sight, width=sight.width * aperture)
         parameters = materials.parameters | {
-            "width": sight.width,
+            "width": said,
             "camera_pitch": sight.camera_pitch,
             "object_pitch": pitch,
             "extent_over_range": pitch * side / materials.range_sine(self.wavelength),
             **tilted,
+            **bench,
         }
         media = DrawnMedia(
             materials, sight, self.wavenumber_bandwidth, angles, parameters, torch.ones_like(pitch)
@@ -254,8 +290,13 @@ class HiddenObject(Recipe):
     def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> Lit:
         """Objects, what is told of them, and where they lie."""
         light = self.objects.images(drawn, numbers)
+        found = {} if self.bench is None else self.bench.of_samples(drawn, numbers)
+        if self.bench is not None:
+            light = self.bench.moved(light, found)
         sources = [self.objects.source(drawn.seed, drawn.split, n) for n in numbers]
         labels = [self.objects.labels(source) for source in sources]
         put = lambda rows: torch.tensor(rows, dtype=torch.float64).to(drawn.device)  # noqa: E731
         told = {name: put([each[name] for each in labels]) for name in labels[0]}
+        if self.bench is not None:
+            told |= self.bench.told(found)
         return Lit(light, None, told | dict(zip(CENTRE, centres_of(light), strict=True)), {"object": light})

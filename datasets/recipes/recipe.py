@@ -158,6 +158,10 @@ class Recipe(Specification):
         """Share of the contrast of an instant that exposures leave, of numbers of media: float64[M], or 1."""
         return 1.0
 
+    def polarisation_shares(self, parameters: Mapping[str, Any]) -> "torch.Tensor | None":  # noqa: ARG002
+        """Shares float64[M, 2] of the light of media in either polarisation; None where they are alike."""
+        return None
+
     def host_work(self) -> list[str]:
         """What is made on the host, whatever the device, in words."""
         said = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]

@@ -20,6 +20,7 @@ from specklegen.datasets.recipes.written_units import rescaled
 
 LONGEST_CHAIN = 16
 """Recipes that inherit one another in a row, at most."""
+_MOST_READ = 256  # files: of lists within lists there are soon very many
 
 
 @lru_cache(1)
@@ -35,8 +36,18 @@ def recipe_names() -> tuple[str, ...]:
     return tuple(sorted(p.name.removesuffix(".toml") for p in _packaged().iterdir() if p.name.endswith(".toml")))
 
 
+@lru_cache(1)
+def table_names() -> tuple[str, ...]:
+    """Names of the packaged tables that change a recipe which inherits them beside another, and are none."""
+    return tuple(sorted(p.name.removesuffix(".toml") for p in _tables().iterdir() if p.name.endswith(".toml")))
+
+
 def _packaged() -> Traversable:
     return files("specklegen.datasets") / "recipes" / "packaged"
+
+
+def _tables() -> Traversable:
+    return files("specklegen.datasets") / "recipes" / "tables"
 
 
 def recipe_table(source: str | Path) -> dict[str, Any]:
@@ -47,29 +58,34 @@ def recipe_table(source: str | Path) -> dict[str, Any]:
     RuleError
         If there is no such recipe, the file is not TOML, or recipes inherit one another in a circle or too long a row.
     """
-    chain: list[str] = []
-    tables: list[dict[str, Any]] = []
-    parent: object = located(str(source), Path())
-    while parent is not None:
-        if not isinstance(parent, str):
-            reject("recipe.inherits", "the name of a recipe or the path of a TOML file", parent)
-        place = parent if not chain else located(parent, Path(chain[-1]).parent)
-        if place in chain:
-            reject("recipe.inherits", "free of circles", " -> ".join([*chain, place]))
-        if len(chain) == LONGEST_CHAIN:
-            reject("recipe.inherits", f"a row of at most {LONGEST_CHAIN} recipes", " -> ".join(chain[:3]) + " -> ...")
-        chain.append(place)
-        tables.append(_parsed(place))
-        parent = tables[-1].pop("inherits", None)
+    place = located(str(source), Path())
+    if place in table_names():
+        reject("recipe", "a recipe", place, f'It changes one: inherits = ["unknown-slab", "{place}"].')
+    return _inherited(place, (), [0])
+
+
+def _inherited(place: str, heirs: tuple[str, ...], read: list[int]) -> dict[str, Any]:
+    """Table of a recipe or of a part of one, and what it inherits; of several each changes those before it."""
+    chain = (*heirs, place)
+    if place in heirs:
+        reject("recipe.inherits", "free of circles", " -> ".join(chain))
+    read[0] += 1
+    if len(heirs) == LONGEST_CHAIN or read[0] > _MOST_READ:
+        reject("recipe.inherits", f"a row of at most {LONGEST_CHAIN} recipes", " -> ".join(chain[:3]) + " -> ...")
+    own = _parsed(place)
+    parents = own.pop("inherits", [])
+    named = parents if isinstance(parents, list) else [parents]
+    if not all(isinstance(each, str) for each in named):
+        reject("recipe.inherits", "the name of a recipe or the path of a TOML file, or a list of them", parents)
     table: dict[str, Any] = {}
-    for each in reversed(tables):
-        table = changed(table, each)
-    return table
+    for each in named:
+        table = changed(table, _inherited(located(each, Path(place).parent), chain, read))
+    return changed(table, own)
 
 
 def located(source: str, folder: Path) -> str:
     """Return a packaged name as it is, and a path as the one absolute path of that file, however it is spelt."""
-    if source in recipe_names():
+    if source in recipe_names() or source in table_names():
         return source
     try:
         return str((folder / Path(source).expanduser()).resolve())
@@ -80,6 +96,8 @@ def located(source: str, folder: Path) -> str:
 def _parsed(source: str) -> dict[str, Any]:
     if source in recipe_names():
         return toml_table((_packaged() / f"{source}.toml").read_text(encoding="utf-8"), source)
+    if source in table_names():
+        return toml_table((_tables() / f"{source}.toml").read_text(encoding="utf-8"), source)
     file = Path(source)
     if not _is_file(file):
         close = get_close_matches(file.name, recipe_names(), 1, 0.6)

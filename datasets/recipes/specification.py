@@ -1,7 +1,8 @@
 """What a recipe says: its fields, checked against each other; its geometry; its identity; the arrays of its samples.
 
 A recipe is a frozen value, read from a packaged preset or a TOML file. ``inherits`` names another recipe to
-start from; tables are merged, everything else is replaced. What is made of it: :mod:`recipe`.
+start from, or several, each of which changes those before it; tables are merged, all else is replaced.
+What is made of it: :mod:`recipe`.
 """
 
 import hashlib
@@ -21,6 +22,7 @@ from specklegen.core.errors import reject
 from specklegen.core.registered import Registered, own_classes
 from specklegen.core.values import WITH_CONTENT, PositiveInt, Value
 from specklegen.datasets.distributions import ends
+from specklegen.datasets.recipes.parts.bench import Bench
 from specklegen.datasets.recipes.parts.diffuser import Diffuser
 from specklegen.datasets.recipes.parts.layered_material import LayeredMaterial
 from specklegen.datasets.recipes.parts.light import MEDIUM_PURPOSES, Light
@@ -106,6 +108,8 @@ class Specification(Registered, Pictured):
         Bandwidth and polarisation.
     exposure
         Camera and its noises; where given, images are counts, and pixels average over their area.
+    bench
+        What differs from bench to bench and nobody is told, in recipes with hidden objects: domain randomisation.
     sampler
         "auto" renders with the sampler that the planner chooses: the stationary one where its error over all the
         recipe's media is within 0.02, path sums elsewhere, which are slower; that of thin screens behind such. Or the
@@ -125,6 +129,7 @@ class Specification(Registered, Pictured):
     lab: Lab | None = None
     light: Light = Light()
     exposure: AnyCamera | None = None
+    bench: Bench | None = None
     sampler: RecipeSampler = "auto"
     strict: bool = False
     kind: Any = None
@@ -132,6 +137,8 @@ class Specification(Registered, Pictured):
     """What takes the place of a lab."""
     polarises: ClassVar[bool] = False
     """Whether light may be polarised inside the medium."""
+    on_benches: ClassVar[bool] = False
+    """Whether a ``bench`` is modelled."""
     _device: str = PrivateAttr("cpu")  # not written down: a file says what is rendered, not where
 
     @model_validator(mode="after")
@@ -166,6 +173,8 @@ class Specification(Registered, Pictured):
         if self.window is not None and (self.window.width == "fitted") != self.fits_window:
             reject("Window.width", '"fitted" where field.pixels is given, a length elsewhere', self.window.width,
                    "Give one of window.width and field.pixels.")  # fmt: skip
+        if self.bench is not None:
+            self._check_bench(self.bench)
         if self.exposure is not None and self.exposure.oversampling != 1:
             reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
         if self.exposure is not None:
@@ -176,6 +185,23 @@ class Specification(Registered, Pictured):
                 reject(f"Recipe.{name}", "of a class of this library, whose fields the fingerprint knows", type(part),
                        "Classes of one's own may be objects, cameras and kinds of recipe.")  # fmt: skip
         return self
+
+    def _check_bench(self, bench: Bench) -> None:
+        """Refuse a bench that is not modelled, or whose cameras make counts of another kind."""
+        if not self.on_benches:
+            reject("Recipe.bench", "left out of recipes of this kind", self.kind,
+                   "It is known to recipes with hidden objects in scalar light.")  # fmt: skip
+        if bench.cameras and self.exposure is None:
+            reject("Bench.cameras", "left out where there is no exposure", len(bench.cameras),
+                   "Give a table exposure: it says what kind of counts samples hold.")  # fmt: skip
+        if self.exposure is not None and any(
+            (camera.bit_depth is None) != (self.exposure.bit_depth is None) for camera in bench.cameras
+        ):
+            reject("Bench.cameras", "all with bit_depth, or all without, as the exposure",
+                   [camera.bit_depth for camera in bench.cameras])  # fmt: skip
+        if bench.polarises and not self.light.polarised:
+            reject("Bench.polarisation", "1 where light.polarised = false", bench.polarisation,
+                   "Depolarised light has the polarisation 0: leave out light.polarised.")  # fmt: skip
 
     def _check_light(self, what: str) -> None:
         """Refuse what is not modelled behind thin screens and layers."""
@@ -331,6 +357,8 @@ class Specification(Registered, Pictured):
     def physics(self) -> dict[str, Any]:
         """Everything that decides a pixel."""
         decided = self.model_dump(mode="json", exclude=COSMETIC, context=WITH_CONTENT) | {"data_version": DATA_VERSION}
+        if self.bench is None:  # fingerprints are what they were before there could be one
+            decided.pop("bench", None)
         return decided | ({"atlas": atlas_digest(self.material.extremes())} if self.material.kernel == "atlas" else {})
 
     @cached_property
@@ -357,7 +385,8 @@ class Specification(Registered, Pictured):
     @property
     def medium_purposes(self) -> tuple[Purpose, ...]:
         """Substreams of a medium's fields, one for each polarisation."""
-        return MEDIUM_PURPOSES[: self.light.halves]
+        both = self.bench is not None and self.bench.polarises
+        return MEDIUM_PURPOSES[: 2 if both else self.light.halves]
 
     @property
     def shares_media(self) -> bool:

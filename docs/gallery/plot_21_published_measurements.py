@@ -1,6 +1,6 @@
 """
 Published measurements of speckle
-================================
+=================================
 
 Experiments of the time when diffusing waves were new, beside what this package says of them: a cell of variable
 thickness, light sent back by a deep suspension, and how bright it is straight back. The rows are those of

@@ -14,6 +14,7 @@ _LEAST = 4  # frequencies in a part of a ring
 _SHARES = (2.0, 10.0, 25.0, 50.0, 75.0, 90.0, 98.0, 99.5)
 _DEGREES = 2  # of the envelope, above those that were fitted
 _TINY = 1e-12
+_LEAST_SHORT = 1e-9  # of 1, by which a correlation falls short
 
 Groups = Mapping[str, np.ndarray]
 
@@ -136,20 +137,39 @@ def _steps(frames: int) -> list[int]:
 
 
 def _between(standard: np.ndarray, grain: float, moves: Mapping[int, tuple[int, int]]) -> dict[str, np.ndarray]:
-    """Correlation of frames against how many lie between, the movement taken off, and by how much more they move."""
-    found = [_moved(standard, step, *moves[step]) for step in _steps(standard.shape[1])]
+    """Correlation of frames against how many lie between, the movement taken off, and by how much more they move.
+
+    Of the correlation the logarithm of what it falls short of 1: where that is little, it differs from range to range
+    by as large a factor as elsewhere, and scatters no more.
+    """
+    found = [_short_of_one(standard, step, *moves[step]) for step in _steps(standard.shape[1])]
     lag = max(1, round(grain / 2))
     down, across = moves[1]
     beside = [
-        _moved(standard, 1, down, across + lag) - _moved(standard, 1, down, across - lag),
-        _moved(standard, 1, down + lag, across) - _moved(standard, 1, down - lag, across),
+        _alike(standard, 1, down, across + lag) - _alike(standard, 1, down, across - lag),
+        _alike(standard, 1, down + lag, across) - _alike(standard, 1, down - lag, across),
     ]
     return {"C_I": np.stack(found, axis=1), "displacement": np.stack(beside, axis=1)}
 
 
-def _moved(standard: np.ndarray, step: int, down: int, across: int) -> np.ndarray:
-    """Mean product of a frame and a later one, where the later one has moved so far."""
+def _short_of_one(standard: np.ndarray, step: int, down: int, across: int) -> np.ndarray:
+    """ln(1 - C), C the correlation at its peak between pixels: of a parabola through a pixel and those beside it."""
+    peak = middle = _alike(standard, step, down, across)
+    for sides in (((-1, 0), (1, 0)), ((0, -1), (0, 1))):
+        before, after = (_alike(standard, step, down + dy, across + dx) for dy, dx in sides)
+        bend = np.maximum(2 * middle - before - after, 4 * np.abs(after - before) + _TINY)  # within half a pixel
+        peak = peak + np.square(after - before) / (8 * bend)
+    return np.log(np.maximum(1 - peak, _LEAST_SHORT))
+
+
+def _alike(standard: np.ndarray, step: int, down: int, across: int) -> np.ndarray:
+    """Correlation of a frame with a later one that has moved so far, where both see the pattern; the mean of all pairs.
+
+    Of what is seen by both, since the contrast of a part differs from that of the whole by more than C_I from 1.
+    """
     height, width = standard.shape[2:]
     one = standard[:, :-step, max(0, -down) : height - max(0, down), max(0, -across) : width - max(0, across)]
     other = standard[:, step:, max(0, down) : height - max(0, -down), max(0, across) : width - max(0, -across)]
-    return (one * other).mean(axis=(1, 2, 3))
+    one, other = (each - each.mean(axis=(2, 3), keepdims=True) for each in (one, other))
+    norm = np.sqrt(np.square(one).sum(axis=(2, 3)) * np.square(other).sum(axis=(2, 3)))
+    return ((one * other).sum(axis=(2, 3)) / np.maximum(norm, _TINY)).mean(axis=1)

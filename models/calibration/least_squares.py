@@ -62,11 +62,18 @@ def settled(at: np.ndarray, held: Held) -> np.ndarray:
     return at
 
 
-def minimize(model: Model, start: np.ndarray, low: np.ndarray, high: np.ndarray, held: Held) -> Minimum:
-    """Minimise sums of squares from ``start`` float64[B, n], unknowns between ``low`` and ``high`` float64[n]."""
+def minimize(
+    model: Model, start: np.ndarray, low: np.ndarray, high: np.ndarray, held: Held, moved: np.ndarray | None = None
+) -> Minimum:  # fmt: skip
+    """Minimise sums of squares from ``start`` float64[B, n], unknowns between ``low`` and ``high`` float64[n].
+
+    ``moved`` float64[B, M] is taken off the residuals: data that differ from problem to problem.
+    """
     at = settled(np.clip(start, low, high), held)
     damping = np.full(len(at), 1e-3)
+    moved = np.zeros((len(at), 1)) if moved is None else moved
     residual, slope = model(at)
+    residual = residual - moved
     cost = np.where(_inside(at, low, high), np.square(residual).sum(-1), np.inf)
     going = np.isfinite(cost)
     for _ in range(STEPS):
@@ -78,6 +85,7 @@ def minimize(model: Model, start: np.ndarray, low: np.ndarray, high: np.ndarray,
         trial = settled(np.clip(trial, low, high), mine)
         inside = _inside(trial, low, high)
         found, turned = model(np.where(inside[:, None], trial, at[some]))
+        found = found - moved[some]
         new = np.where(inside, np.square(found).sum(-1), np.inf)
         better = new < cost[some]
         gain = cost[some] - new

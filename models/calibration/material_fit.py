@@ -48,6 +48,7 @@ _STARTS = 6
 _SCAN = 9  # values of a curve that are looked at
 _FAR = 0.2  # C_I at the first tilt below which tilts are beyond the memory effect
 _CLOSE = 0.01  # of the root of a rise of chi squared
+_SETS, _DRAWN = 99, 5  # of data, drawn at the fit, and their seed
 
 WORDS = {
     "thickness": "thickness", "mean_free_path": "mean free path", "optical_depth": "optical depth", "g": "1 - g",
@@ -201,10 +202,32 @@ class MaterialFit(Pictured):
         level = real_number("MaterialFit.interval level", level)
         if not 0 < level < 1:
             reject("MaterialFit.interval level", "between 0 and 1, both excluded", level)
-        rise = float(chi2.ppf(level, 1))
         with shielded():
-            found = _profile_intervals(self, rise)
-        return found
+            return _profile_intervals(self, self.critical(level))
+
+    @cached_property
+    def rises(self) -> np.ndarray:
+        """Sorted rises float64[names, n] of the least chi squared at the truth, of data drawn at the fitted slab.
+
+        The truth of each drawn set is the fitted slab: how far chi squared is above its least value where a number of
+        ``values`` is held there. Of one degree of freedom where the model is straight, more where it bends.
+        """
+        with shielded():
+            return _drawn_rises(self)
+
+    def critical(self, level: float) -> np.ndarray:
+        """Rise of chi squared at the ends of intervals, float64[names].
+
+        Of n drawn rises the k-th least is above a further one in k of n + 1; the quantile of chi squared where that is
+        larger. Beyond the largest of them, that quantile, as much larger as it is at 95 %.
+        """
+        count = self.rises.shape[1]
+        place = math.ceil(level * (count + 1) - 1e-9)
+        straight = float(chi2.ppf(level, 1))
+        if place <= count:
+            return np.maximum(self.rises[:, place - 1], straight)  # at an end of the tables rises are cut short
+        near = self.rises[:, math.ceil(0.95 * (count + 1)) - 1]
+        return straight * np.maximum(1.0, near / float(chi2.ppf(0.95, 1)))
 
     def profile(self, name: str, values: ArrayLike) -> np.ndarray:
         """Rise of the least chi squared where a number is held at given values, the others fitted, float64[V].
@@ -525,8 +548,34 @@ def _held(fit: MaterialFit, weights: np.ndarray, goals: np.ndarray, near: np.nda
     return minimize(problem.model, start, problem.unknowns.low, problem.unknowns.high, held)
 
 
-def _profile_intervals(fit: MaterialFit, rise: float) -> dict[str, Interval]:
-    """Where the profile of each combination has risen by ``rise``, sought on both sides of all at once."""
+def _drawn_rises(fit: MaterialFit) -> np.ndarray:
+    """Sorted rises float64[names, n] of sets of data that are drawn at the fit.
+
+    A set's residuals at the fit are independent normal numbers (those of data and tables together, made independent);
+    all sets are fitted at once, freely and with each combination held, from the fit.
+    """
+    problem, unknowns = fit.problem, fit.problem.unknowns
+    weights = np.array([unknowns.weights(name) for name in unknowns.names()])
+    drawn = np.random.default_rng(_DRAWN).normal(size=(_SETS, len(problem.values)))
+    there = problem.model(fit.at[None])[0][0]  # what the data lie off the fit: the sets lie as drawn
+
+    def model(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        residual, slope = problem.model(at)
+        return residual - there, slope
+
+    def least(held: Held, moved: np.ndarray) -> np.ndarray:
+        start = np.repeat(fit.at[None], len(moved), axis=0)
+        return minimize(model, start, unknowns.low, unknowns.high, held, moved).cost
+
+    free = least(nothing_held(_SETS, len(fit.at)), drawn)
+    each = np.repeat(weights, _SETS, axis=0)
+    held = Held(each, np.argmax(np.abs(each), axis=1), each @ fit.at)
+    rises = least(held, np.tile(drawn, (len(weights), 1))).reshape(len(weights), _SETS) - free
+    return np.sort(np.maximum(rises, 0.0), axis=1)
+
+
+def _profile_intervals(fit: MaterialFit, rises: np.ndarray) -> dict[str, Interval]:
+    """Where the profile of each combination has risen by ``rises``, sought on both sides of all at once."""
     unknowns, covariance = fit.problem.unknowns, fit.spread
     names = unknowns.names()
     weights = np.repeat([unknowns.weights(name) for name in names], 2, axis=0)  # type: ignore[arg-type]
@@ -535,11 +584,11 @@ def _profile_intervals(fit: MaterialFit, rise: float) -> dict[str, Interval]:
     low, high = _reach(weights, unknowns)
     end = np.where(side < 0, low, high)
     spread = np.sqrt(np.maximum(np.einsum("bn,np,bp->b", weights, covariance, weights), 1e-24))
-    goal = math.sqrt(rise)
+    goals = np.sqrt(np.repeat(rises, 2))
     inner, inner_rise = np.zeros(len(side)), np.zeros(len(side))
     outer = np.full(len(side), np.inf)
     outer_rise = np.full(len(side), np.inf)
-    step = goal * np.minimum(spread, 1.0 / goal)
+    step = goals * np.minimum(spread, 1.0 / goals)
     at = np.repeat(fit.at[None], len(side), axis=0)
     found = np.full(len(side), np.nan)
     most = np.abs(end - middle)
@@ -551,7 +600,7 @@ def _profile_intervals(fit: MaterialFit, rise: float) -> dict[str, Interval]:
         minimum = _held(fit, weights[some], middle[some] + side[some] * step[some], at[some])
         root = np.sqrt(np.maximum(minimum.cost - fit.chi_squared, 0.0))
         for n, b in enumerate(some):
-            s, r = step[b], root[n]
+            s, r, goal = step[b], root[n], goals[b]
             if r <= goal:
                 inner[b], inner_rise[b], at[b] = s, r, minimum.at[n]
             else:

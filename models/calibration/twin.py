@@ -71,7 +71,7 @@ class Compared(NamedTuple):
     p_value : float
         Chance that any group differs as much, if nothing does.
     measured, simulated : float
-        Its first number, averaged over the images; of the contrast the contrast itself.
+        Its first number, averaged over the images (of contrast and 1 - C_I the logarithm is).
     excess : float
         How many standard deviations of its chance values the distance is above their mean.
     cause : str
@@ -356,9 +356,11 @@ def _judged(
     found = []
     for name, own in zip(names, chances, strict=True):
         first, second = (each[name][:, 0].mean() for each in (measured, simulated))
-        cause = _CAUSES[name][int(first > second)]
         if name == "contrast":
             first, second = np.exp(first), np.exp(second)
+        if name == "C_I":
+            first, second = -np.expm1(first), -np.expm1(second)
+        cause = _CAUSES[name][int(first > second)]
         spread = distances[name][1:]
         excess = float((distances[name][0] - spread.mean()) / max(spread.std(), 1e-300))
         adjusted = float((least <= own[0] + 1e-12).mean())

@@ -15,14 +15,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from specklegen.core.arguments import whole_number
+from specklegen.core.arguments import instance, whole_number
 from specklegen.core.display.repr import short, summary
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.models.learning.feedback import EXTENT, LAGS
 from specklegen.models.learning.few_points import few_points
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks.range_net import RangeNet
 from specklegen.models.learning.networks.unrolled import BRIEFLY, Candidates, Seen, Unrolled, settled
+from specklegen.models.learning.posterior import Posterior, load_prior, posterior
 from specklegen.models.learning.reconstructor import centred
 from specklegen.models.likelihood.certificate import Certificate
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, expected_deviance
@@ -34,10 +36,6 @@ from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
 
 ANY_OBJECT = "any-object"
 """Solver that comes with the package; its card lies beside it, and in docs/networks.md."""
-LAGS = 64
-"""Side of the window of lags, in object pixels."""
-EXTENT = 28
-"""Longest side of an object, in object pixels."""
 RESTARTS = Retrieval(restarts=2, steps=4, error_reduction=20, extent=EXTENT)
 """Of phase retrieval, from each guess."""
 GUESSES: tuple[wiener.Division, ...] = ("dense", "empirical")
@@ -124,15 +122,28 @@ class Solver:
         RuleError
             If there is not one memory effect for each object.
         """
+        seen, likelihood, between, at_lags = self._measured("solve", seen, optics, memory)
+        shown = first_look(likelihood, at_lags, self.network.frame, seed)
+        return self._solved(seen, likelihood, between, at_lags, shown)
+
+    def _measured(
+        self, verb: str, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect]
+    ) -> tuple[Periodogram, SpeckleLikelihood, Tensor, Tensor]:
+        """Return periodogram, its likelihood, and C_I between the pixels of the frame and at every lag."""
         if len(memory) != len(seen.power):
-            reject("solve memory", f"one for each of {len(seen.power)} objects", len(memory))
+            reject(f"{verb} memory", f"one for each of {len(seen.power)} objects", len(memory))
         seen = seen._replace(power=seen.power.float(), noise=seen.noise.float())
         n = self.network.frame
         likelihood = SpeckleLikelihood(seen, (n, n), optics)
         steps = np.arange(1 - n, n)
         between = torch.stack([at_distances(c_i, np.hypot(steps[:, None], steps)).float() for c_i in memory])
         at_lags = torch.stack([at_distances(c_i, distances(LAGS)).float() for c_i in memory])
-        shown = first_look(likelihood, at_lags, n, seed)
+        return seen, likelihood, between, at_lags
+
+    def _solved(
+        self, seen: Periodogram, likelihood: SpeckleLikelihood, between: Tensor, at_lags: Tensor, shown: Seen
+    ) -> Solution:
+        """Refine what was seen at first."""
         self.network.eval()
 
         def deviance(objects: Tensor) -> Tensor:
@@ -151,6 +162,48 @@ class Solver:
         (near,), (found,) = (x.unbind(1) for x in settled(image[:, None], deviance))
         log = -seen.looks * likelihood.frequencies * found
         return Solution(centred(image), centred(near), found, log, probability, evidence, count)
+
+    def posterior(
+        self, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect], *, draws: int = 8, seed: Seed = 0,
+        solved: Solution | None = None,
+    ) -> Posterior:  # fmt: skip
+        """Draw pictures that explain what was measured, and weigh them; see :mod:`.posterior`.
+
+        Parameters
+        ----------
+        seen, optics, memory
+            As of :meth:`solve`.
+        draws
+            How many, 2 to 64; the first half begins at noise, the others at the solver's image and at phase
+            retrieval's.
+        seed
+            Of phase retrieval's starts and of the noise.
+        solved
+            What :meth:`solve` found of them; it is asked where it was not.
+
+        Raises
+        ------
+        RuleError
+            If there is not one memory effect, and one solution, for each object, or the number of draws is no such
+            number.
+
+        Examples
+        --------
+        >>> from specklegen.datasets import load_recipe
+        >>> from specklegen.models import load_solver
+        >>> from specklegen.models.learning.measurement import measured
+        >>> recipe = load_recipe("one-angular-size")
+        >>> batch = recipe.batch(0, "test", range(1))
+        >>> load_solver().posterior(*measured(batch, recipe), draws=2).draws.shape
+        torch.Size([1, 2, 36, 36])
+        """
+        count = whole_number("posterior draws", draws, 2, 64)
+        if solved is not None and len(instance("posterior solved", solved, Solution).image) != len(memory):
+            reject("posterior solved", f"one for each of {len(memory)} objects", len(solved.image))
+        seen, likelihood, between, at_lags = self._measured("posterior", seen, optics, memory)
+        shown = first_look(likelihood, at_lags, self.network.frame, seed)
+        solved = solved or self._solved(seen, likelihood, between, at_lags, shown)
+        return posterior(load_prior(), likelihood, between, at_lags, solved.image, shown.answers, count, seed)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the solver, its weights rounded to eight bits."""

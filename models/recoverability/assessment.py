@@ -13,7 +13,7 @@ import torch
 from scipy.special import polygamma
 from torch import Tensor
 
-from specklegen.core.arguments import flag, instance
+from specklegen.core.arguments import flag, instance, whole_number
 from specklegen.core.display.plot import SHOWN, Pictured, draw_images
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
@@ -25,10 +25,13 @@ from specklegen.datasets.recipes.parts.material import CharacterizedMaterial
 from specklegen.measured.curve import MeasuredCurve
 from specklegen.measured.measurement import Measurement
 from specklegen.models.learning.measurement import memory_effect_of, seen_by_camera
+from specklegen.models.learning.posterior import Posterior
 from specklegen.models.learning.range_fit import RangeFit, fit_range, scaled
 from specklegen.models.learning.solver import EXTENT, MemoryEffect, Solution, Solver, load_solver
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, expected_deviance
 from specklegen.models.likelihood.periodogram import Periodogram
+from specklegen.models.likelihood.third_order import CLAIMED, turn_of
+from specklegen.models.metrics import Alignment, alignment, move
 from specklegen.models.recoverability.autocorrelation_error import Conditions
 from specklegen.models.recoverability.speckle_test import SpeckleTest, speckle_test
 from specklegen.models.recoverability.verdict import Reason, conditions_of, judge
@@ -132,7 +135,14 @@ class Finding(Pictured):
     Attributes
     ----------
     image : float32[n, n]
-        Brightness 0 to 1, up to shift and 180-degree turn.
+        Brightness 0 to 1, up to a shift; up to a turn by 180 degrees too, where that is not told.
+    turn : float or None
+        Probability that the image is the right way up, from the third order of the camera image
+        (:func:`~specklegen.models.likelihood.third_order.turn_of`). None where it is not told: where it is below .9,
+        or the image itself is likelier wrong than right.
+    draws : Posterior or None
+        Pictures that explain the camera image, of one object, the right way up where that is told; where they were
+        asked for.
     deviance, expected : float
         Of the image, and what that of the true object is expected to be.
     probability : float or None
@@ -151,12 +161,16 @@ class Finding(Pictured):
     probability: float | None
     reasons: tuple[Reason, ...]
     speckle: SpeckleTest
+    turn: float | None = None
+    draws: Posterior | None = None
 
     __repr__ = short
 
     def _facts(self) -> Mapping[str, object]:
         told = {each.name: f"{each.numbers}. Remedy: {each.remedy}" for each in self.reasons}
-        stated = {} if self.probability is None else {"probability": self.probability}
+        stated: dict[str, object] = {} if self.probability is None else {"probability": self.probability}
+        stated |= {} if self.turn is None else {"probability of the turn": self.turn}
+        stated |= {} if self.draws is None else {"agreement of draws": float(self.draws.agreement[0])}
         return stated | {"deviance": self.deviance, "expected": self.expected} | told
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
@@ -202,7 +216,7 @@ class Findings(Pictured):
 def reconstruct_and_assess(
     images: Tensor | Measurement, setup: HiddenObject, *, frames: bool = False,
     memory_effect: MeasuredCurve | None = None, fit: bool | None = None, solver: Solver | None = None,
-    seed: Seed = 0,
+    draws: int = 0, seed: Seed = 0,
 ) -> Findings:  # fmt: skip
     """Reconstruct objects from camera images, with a certificate for each.
 
@@ -223,8 +237,11 @@ def reconstruct_and_assess(
         four images.
     solver
         By default the one that comes with the package.
+    draws
+        How many pictures to draw of each object (:meth:`~specklegen.models.learning.solver.Solver.posterior`); 0 for
+        none, else at least 2.
     seed
-        Of phase retrieval's starts.
+        Of phase retrieval's starts, and of the noise of draws.
 
     Raises
     ------
@@ -243,6 +260,8 @@ def reconstruct_and_assess(
     (36, 36)
     """
     flag("reconstruct_and_assess frames", frames)
+    if draws != 0:
+        whole_number("reconstruct_and_assess draws", draws, 2, 64)
     if isinstance(images, Measurement):
         stack = torch.from_numpy(images.images)
         images = stack[None] if frames else stack[:, None]
@@ -265,15 +284,50 @@ def reconstruct_and_assess(
     solution = solver.solve(seen, own.optics, memory, seed=seed)
     tests = _tested(images, solution, seen, own, memory)
     camera = float(np.sqrt(images.shape[-1] * images.shape[-2])) / float(own.optics.grain)
+    turned, told = _turns(images, solution, seen, own, tests)
+    drawn = solver.posterior(seen, own.optics, memory, draws=draws, seed=seed, solved=solution) if draws else None
     each = tuple(
         Finding(
-            solution.image[n].numpy(), float(solution.deviance[n]), expected_deviance(seen.looks),
+            _upright(solution.image[n], turned[n]).numpy(), float(solution.deviance[n]), expected_deviance(seen.looks),
             float(solution.probability[n]) if tests[n].passes else None,
-            _reasons(solution, n, seen, own, memory[n], camera, images.shape[1], tests[n]), tests[n],
+            _reasons(solution, n, seen, own, memory[n], camera, images.shape[1], tests[n]), tests[n], told[n],
+            None if drawn is None else _of_one(drawn, n, solution.image[n], turned[n]),
         )
         for n in range(len(images))
     )  # fmt: skip
     return Findings(each, own.range_sine * factor, found)
+
+
+def _turns(
+    images: Tensor, solution: Solution, seen: Periodogram, setup: Setup, tests: tuple[SpeckleTest, ...]
+) -> tuple[list[bool], list[float | None]]:
+    """Whether each image is upside down, and with what probability that is known; None where it is not told."""
+    turned: list[bool] = [False] * len(images)
+    told: list[float | None] = [None] * len(images)
+    for n, test in enumerate(tests):
+        if not test.passes or solution.probability[n] < 0.5:
+            continue
+        noise = float(seen.noise[n].clamp_min(0))
+        found = turn_of(images[n : n + 1], solution.image[n : n + 1].double(), setup.optics, noise)
+        if found.probability[0] >= CLAIMED:
+            turned[n], told[n] = bool(found.turned[0]), float(found.probability[0])
+    return turned, told
+
+
+def _upright(image: Tensor, turned: bool) -> Tensor:
+    """Images [..., n, n] turned by 180 degrees, or not."""
+    return image.flip((-2, -1)) if turned else image
+
+
+def _of_one(drawn: Posterior, n: int, image: Tensor, turned: bool) -> Posterior:
+    """Draws of one object, all pictures moved together as the best one is moved onto the solver's image."""
+    own = Posterior(*(each[n : n + 1] for each in drawn))
+    motion = alignment(own.best[0], image)
+    moved = {
+        name: _upright(move(picture, Alignment(*(x.expand(picture.shape[:-2] + x.shape) for x in motion))), turned)
+        for name in ("mean", "best", "draws", "certain") for picture in (getattr(own, name),)
+    }  # fmt: skip
+    return own._replace(**moved)
 
 
 def _tested(

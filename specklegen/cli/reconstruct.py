@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from specklegen.measured import Measurement
+    from specklegen.models.learning.posterior import Posterior
     from specklegen.models.recoverability.assessment import Findings
 
 
@@ -49,6 +50,9 @@ def reconstruct(
         bool | None,
         typer.Option("--fit-range/--no-fit-range", help="Fit the memory-effect range (default: of slabs in ranges)."),
     ] = None,
+    draws: Annotated[
+        int, typer.Option(help="Pictures to draw of each object that explain its image: 0 for none, else 2 to 64.")
+    ] = 0,
     seed: Seed = 0,
     changes: Set = None,
     as_json: AsJson = False,
@@ -75,7 +79,7 @@ def reconstruct(
     stack = torch.from_numpy(np.stack(pictures))
     curve = None if memory_effect is None else read_curve(memory_effect)
     given = stack[None] if frames else stack[:, None]
-    found = reconstruct_and_assess(given, recipe, memory_effect=curve, fit=fit, seed=seed)
+    found = reconstruct_and_assess(given, recipe, memory_effect=curve, fit=fit, draws=draws, seed=seed)
     names = [out.name] if frames else [path.stem for path in images]
     _write(found, names, notes, out)
     if as_json:
@@ -88,7 +92,11 @@ def reconstruct(
             "no certificate" if each.probability is None
             else f"right (correlation above 0.8) with probability {each.probability:.2f}"
         )  # fmt: skip
-        typer.echo(f"{name}: {certificate}; deviance {each.deviance:.3f}, of the true object {each.expected:.3f}")
+        turn = "turn by 180 degrees not told" if each.turn is None else f"right way up with probability {each.turn:.2f}"
+        deviance = f"deviance {each.deviance:.3f}, of the true object {each.expected:.3f}"
+        typer.echo(f"{name}: {certificate}; {turn}; {deviance}")
+        if each.draws is not None:
+            typer.echo(f"  {draws} draws agree by {float(each.draws.agreement[0]):.2f}: {out / f'{name}-draws.png'}")
         for reason in each.reasons:
             typer.echo(f"  {reason.name}: {reason.numbers}\n    remedy: {reason.remedy}")
     said = f"memory-effect range, direction sine: {found.range_sine:.4g}"
@@ -163,19 +171,35 @@ def _table(found: "Findings", names: list[str], notes: list[str]) -> dict:
         },
         "images": [
             {"name": name, "probability": each.probability, "deviance": each.deviance, "expected": each.expected,
+             "turn": each.turn, "draws": None if each.draws is None else _said(each.draws),
              "speckle": each.speckle._asdict(), "reasons": [reason._asdict() for reason in each.reasons]}
             for name, each in zip(names, found.each, strict=True)
         ],
     }  # fmt: skip
 
 
+def _said(drawn: "Posterior") -> dict:
+    return {"weights": drawn.weights[0].tolist(), "agreement": float(drawn.agreement[0]),
+            "excess": drawn.excess[0].tolist()}  # fmt: skip
+
+
 def _write(found: "Findings", names: list[str], notes: list[str], out: Path) -> None:
-    """Write report.json, one NPY an image, and all of them in one picture."""
+    """Write report.json, one NPY an image, and all of them in one picture; of draws a file and a picture an image.
+
+    The picture shows the mean of the draws, how certain each pixel is, and the draws, the best first.
+    """
     import numpy as np
     from PIL import Image
 
     (out / "report.json").write_text(json_text(_table(found, names, notes)))
     for name, each in zip(names, found.each, strict=True):
         np.save(out / f"{name}.npy", each.image)
+        if each.draws is not None:
+            own = each.draws
+            np.savez(out / f"{name}-draws.npz", draws=own.draws[0], weights=own.weights[0], mean=own.mean[0],
+                     certain=own.certain[0])  # fmt: skip
+            shown = np.hstack([own.mean[0].numpy(), own.certain[0].numpy(), *own.draws[0].numpy()])
+            picture = np.kron(np.clip(255 * shown, 0, 255).astype(np.uint8), np.ones((4, 4), np.uint8))
+            Image.fromarray(picture).save(out / f"{name}-draws.png")
     row = np.clip(255 * np.hstack([each.image for each in found.each]), 0, 255).astype(np.uint8)
     Image.fromarray(np.kron(row, np.ones((4, 4), np.uint8))).save(out / "reconstructions.png")

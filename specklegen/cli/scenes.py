@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import time
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -136,7 +137,9 @@ def memory_effect_command(
     scene: Annotated[
         Path | None, typer.Option(help="The medium of a scene, TOML or JSON, instead: layers, any lobe, screens.")
     ] = None,
-    largest: Annotated[float, typer.Option(help="Largest tilt, degrees.")] = 0.04,
+    largest: Annotated[
+        float | None, typer.Option(help="Largest tilt, degrees (default: where a tenth of C_I is left, by few paths).")
+    ] = None,
     points: Annotated[int, typer.Option(min=2, max=100_000, help="Tilts from 0 to the largest, both of them.")] = 33,
     lags: Annotated[float | None, typer.Option(help="Instead of tilts: largest lag of a slab that moves.")] = None,
     diffusion: Annotated[
@@ -160,7 +163,7 @@ def memory_effect_command(
         reject("--diffusion", "left out without --lags", diffusion)
     if lags is not None and not 0 < lags < np.inf:
         reject("--lags", "above 0 and finite", lags)
-    if not 0 < largest < 90:
+    if largest is not None and not 0 < largest < 90:
         reject("--largest", "above 0 and below 90 degrees", largest)
     media: dict[str, Any]
     if scene is not None:
@@ -196,6 +199,7 @@ def memory_effect_command(
         _tell_lags(moving, out, as_json)
         temporal_figure(moving, out / "memory-effect.png")
         return
+    largest = largest or _where_curves_end(media, wavelength, mode)
     tilts = np.deg2rad(np.linspace(0, largest, points))
     curves = {
         label: sg.memory_effect(medium, wavelength=wavelength, tilts=tilts, mode=mode, paths=paths, seed=seed)
@@ -222,11 +226,33 @@ def memory_effect_command(
             typer.echo(f"{label}: no light comes through")
             continue
         below = np.flatnonzero(curve.intensity < 0.5)
-        half = f"{np.rad2deg(curve.tilts[below[0]]):.4f} degrees" if len(below) else f"above {largest:g} degrees"
+        half = (f"falls below 1/2 at {np.rad2deg(curve.tilts[below[0]]):.4f} degrees" if len(below)
+                else f"stays above 1/2 up to {largest:g} degrees")  # fmt: skip
         errors = curve.standard_error[np.isfinite(curve.standard_error)]
         worst = f"{errors.max():.2g}" if len(errors) else "unknown from so few paths"
-        typer.echo(f"{label}: C_I falls below 1/2 at {half}; largest standard error {worst}")
+        typer.echo(f"{label}: C_I {half}; largest standard error {worst}")
     typer.echo(f"{out / 'memory-effect.csv'}, {out / 'memory-effect.png'}")
+
+
+def _where_curves_end(media: "dict[str, Any]", wavelength: float, mode: Any) -> float:
+    """Tilt in degrees, rounded, where little is left of every curve; .04 where that is nowhere up to 6 degrees."""
+    import numpy as np
+
+    import specklegen as sg
+
+    tilts = np.geomspace(1e-6, 0.1, 120)  # where small tilts are what they are taken for
+    ends = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", sg.DoubtWarning)  # the curve itself will say so
+        for medium in media.values():
+            curve = sg.memory_effect(medium, wavelength=wavelength, tilts=tilts, mode=mode, paths=2000, seed=0)
+            floor = curve.single_share**2
+            fallen = np.flatnonzero(curve.intensity < floor + 0.1 * (1 - floor))
+            ends += [np.rad2deg(tilts[fallen[0]])] if len(fallen) else []
+    if not ends:
+        return 0.04
+    size = 10.0 ** np.floor(np.log10(max(ends)))
+    return float(next(size * step for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if size * step >= max(ends)))
 
 
 def _tell_lags(curves: "dict[str, TemporalCorrelation]", out: Path, as_json: bool) -> None:

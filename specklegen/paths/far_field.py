@@ -29,7 +29,7 @@ from specklegen.scene.scene import Scene
 FAR = 100.0
 """k l theta^2 from which segments are in the far field of their scatterers, and K at its floor where lobes part."""
 SLANT = 0.01
-"""Tilt squared up to which keeping the angle to the lobe leaves slants and depths as they are."""
+"""Tilt squared, from the middle of all, up to which keeping the angle to the lobe leaves slants and depths as are."""
 NEGLIGIBLE = 2e-3
 """1 - |A|^4 up to which it does not matter which of the two is asked."""
 _ALONG, _AROUND = 512, 96  # nodes of the angle to the lobe, by its logarithm, and on the circle about it
@@ -122,9 +122,12 @@ def middle_light(scene: Scene) -> np.ndarray | None:
     (:mod:`specklegen.paths.kept_angles`), and near enough for slants and depths to stay. A film has that of its rest.
     """
     found = _apart(scene)
-    if found is None or not found[1].spurious or found[0] ** 2 > SLANT or scene.polarisers is not None:
+    if found is None or not found[1].spurious or scene.polarisers is not None:
         return None
-    return reference_direction(scene.at_rest.lights)
+    lights = scene.at_rest.lights
+    middle = reference_direction(lights)
+    aside = float(np.square(lights[:, :2] - middle[:2]).sum(axis=1).max())
+    return middle if aside <= SLANT * (1 + 1e-9) else None
 
 
 def far_field_decision(scene: Scene) -> Decision | None:
@@ -146,7 +149,7 @@ def far_field_decision(scene: Scene) -> Decision | None:
     return Decision(
         part, False,
         said + f"path sums lose up to {lost.loss:.2g} of the intensity correlation that light keeps, for beyond "
-        f"{SLANT**0.5:g} rad it keeps no angle to the lobe either", doubt=True, error=lost.loss,
+        f"{SLANT**0.5:g} rad from their middle it keeps no angle to the lobe either", doubt=True, error=lost.loss,
     )  # fmt: skip
 
 

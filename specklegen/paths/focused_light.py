@@ -5,18 +5,91 @@ light in focus is a fraction of it across: those that start there carry all of i
 """
 
 import numpy as np
+from scipy.special import j0
 
+from specklegen.core.decision import Decision
+from specklegen.core.errors import reject
 from specklegen.core.values import remembered
 from specklegen.instrument.lens import Lens
 from specklegen.paths.bank import PathBank
-from specklegen.paths.endpoint_factors import endpoint_factors, single_factors
+from specklegen.paths.endpoint_factors import contributions, endpoint_factors, single_factors
+from specklegen.paths.far_field import SLANT, far_field_decision, lobe_width, overlap
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.layout import Layout
-from specklegen.paths.lit_plane import pixel_moments
 from specklegen.paths.pilot import scene_pilot
+from specklegen.paths.pixel_light import PixelLight
 from specklegen.scene.scene import Scene
 
 _FEW, _BLOCK = 5, 2**22  # foci that stand for all; factors held at a time
+ALLOWED = 0.05
+"""Share of the light in focus that may be lost to lobes that every beam of a wide cone meets at an angle of its own."""
+_PAIRS = 33  # distances of two beams at which lobes are compared
+
+
+def focus_loss(scene: Scene, reverse: bool, part: float = 1.0) -> float:
+    """Share of the light in the middle of a focus that path sums lose at most beside narrow lobes.
+
+    A spot is the transform of pairs of beams: H(t) of them are t apart, and keep K(t) = E[w J0(k t |R|)] / E[w], R from
+    where light enters to where it leaves. Of what scatters more than once, K_m, lobes that each beam meets at an angle
+    of its own leave |A(t)|^2 (:mod:`specklegen.paths.far_field`): int H K_m (1 - |A|^2) / int H K. ``part`` narrows the
+    cone of light; ``scene`` is seen from afar.
+    """
+    light, wavelength = scene.illumination, scene.wavelength
+    side = light.side(wavelength)  # type: ignore[attr-defined]
+    one = light.of(np.zeros(1, int)).replace(width=side)  # type: ignore[attr-defined]
+    sines, own, step = one.modes(wavelength).directions[:, :2], np.abs(one.amplitudes(wavelength)[0]), wavelength / side
+    place = np.rint(sines / step).astype(int)
+    across = 4 * int(np.abs(place).max(initial=0)) + 2
+    lens = np.zeros((across, across))
+    lens[place[:, 1] % across, place[:, 0] % across] = own
+    pairs = np.fft.ifft2(np.square(np.abs(np.fft.fft2(lens)))).real
+    axis = np.fft.fftfreq(across, 1 / across) * step
+    apart = np.hypot(axis, axis[:, None]) * part
+    at = np.linspace(0, float(apart.max()), _PAIRS)
+    pilot = scene_pilot(scene.replace(illumination=scene.beams), reverse)
+    bank, views = pilot.bank, pilot.tracer.layout.views
+    seen = pilot.tracer.layout.at(np.array([0.0, 0.0, 1.0]), views.of(np.array([len(views) // 2])).vectors)
+    weights, often = contributions(seen, bank), bank.orders > 1
+    ways = np.hypot(*(bank.exit - bank.entry)[often, :2].T)
+    kept = np.array([weights[often] @ j0(scene.wavenumber * t * ways) for t in at])
+    parted = np.array([1 - overlap(scene.slab.scatterer, float(f"{min(t, 3.0):.9g}")) ** 2 for t in at])
+    lost = (pairs * np.interp(apart, at, np.maximum(kept, 0.0) * parted)).sum()
+    whole = (pairs * (np.interp(apart, at, kept) + weights[~often].sum())).sum()
+    return float(lost / whole) if lost < whole else 1.0
+
+
+def narrow_lobes(scene: Scene, reverse: bool) -> list[Decision]:
+    """What path sums make of a focus, seen from afar, beside narrow lobes; refuse cones whose focus they would widen.
+
+    Raises
+    ------
+    RuleError
+        With the aperture that would pass.
+    """
+    lit = scene.replace(illumination=scene.beams)
+    told = far_field_decision(lit)
+    if told is None or not told.doubt or not len(scene.illumination.vectors):
+        return [] if told is None else [told]
+    lost = focus_loss(scene, reverse)
+    if lost > ALLOWED:
+        sines = np.hypot(*lit.beams.directions[:, :2].T)
+        low, high = 0.0, 1.0
+        for _ in range(8):
+            part = (low + high) / 2
+            low, high = (part, high) if focus_loss(scene, reverse, part) <= ALLOWED else (low, part)
+        edge = lit.wavelength / lit.beams.width  # cells that the rim of the pupil cuts reach beyond it
+        passing = max(low * float(sines.max()), SLANT**0.5 - edge)
+        wide = scene.illumination.sine(scene.wavelength)  # type: ignore[attr-defined]
+        reject(
+            "FocusedBeams.aperture", f"at most {min(passing, 0.99 * wide):.3g} beside lobes this narrow", wide,
+            f"Scatterers lie within the near field of their lobes, {lobe_width(scene.slab.scatterer):.2g} wide: path "
+            f"sums would look each beam of the cone up at an angle of its own, and lose {lost:.2g} of the light in "
+            "focus. Use a smaller aperture or a wider waist.",
+        )  # fmt: skip
+    return [Decision(
+        told.part, False, f"not reached within a mean free path, and beams of the cone meet lobes at angles of their "
+        f"own: at most {lost:.2g} of the light in focus is lost beside it, allowed {ALLOWED:g}",
+    )]  # fmt: skip
 
 
 def entrance_factors(layout: Layout, bank: PathBank, amplitudes: np.ndarray) -> np.ndarray:
@@ -50,14 +123,13 @@ def focus_moments(scene: Scene, reverse: bool, lens: Lens | None = None) -> Path
         if axis is not None:
             power[once] *= np.square(np.abs(single_factors(axis, bank.select(once))[0, 0]))
     found = PathMoments(0.0, 0.0)
-    for each in power * np.square(np.abs(entrance_factors(layout, bank, amplitudes))):
-        if not each.any():
+    for entering in np.square(np.abs(entrance_factors(layout, bank, amplitudes))):
+        if not (power * entering).any():
             continue
         if lens is None:
-            own = PathMoments.of(each, bank.paths, bank.count).stated()
+            own = PathMoments.of(power * entering, bank.paths, bank.count).stated()
         else:
-            middle = each @ bank.entry[:, :2] / each.sum()
-            spread = each @ np.square(bank.exit[:, :2] - middle).sum(axis=-1) / each.sum()
-            own = pixel_moments(scene, lens, bank, each, np.pi * float(spread))
+            light = PixelLight(scene, lens, layout, bank, np.array([0.0, 0.0, 1.0]), bank.weight * entering)
+            own = light.pixel(bank.exit[:, :2])
         found = max(found, own, key=lambda m: m.relative_variance)
     return found

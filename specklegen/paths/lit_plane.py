@@ -2,8 +2,8 @@
 
 Pilot paths say both. A connection reaches as far from where it entered as it comes sideways inside, and on from its
 last particle along the steepest ray that the lens takes to the plane in focus: the plane is lit over X, the window and
-twice what 99 % of the light keep to. Its image there is a disc, of the area A that a point out of focus has; it adds
-nothing to pixels elsewhere, so that a pixel is made of far fewer paths than a view in the far field.
+twice what 99 % of the light keep to. What it adds there to pixels, and that it adds nothing to others, is in
+:mod:`specklegen.paths.pixel_light`.
 """
 
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ import numpy as np
 
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
-from specklegen.core.statistics import effective_count
 from specklegen.core.values import remembered
 from specklegen.instrument.lens import Lens
 from specklegen.paths.bank import PathBank
-from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.endpoint_factors import contributions, endpoint_factors
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import scene_pilot
+from specklegen.paths.pixel_light import PixelLight, depths, sideways
 from specklegen.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -88,28 +88,30 @@ def lit_plane(scene: Scene) -> LitPlane:
     layout, bank, window = pilot.tracer.layout, pilot.bank, scene.beams.window
     steep = _slopes(scene, camera.aperture)
     base = window.support(_FAINT)
-    extent, halo, moments = base, 0.0, PathMoments(0.0, 0.0)
+    extent, halo, worst = base, 0.0, None
     for light in -layout.lights.probed().vectors:
         ballistic = np.abs(steep_way(scene, light))
         extent = max(extent, base + 2 * ballistic)
         weights = contributions(layout.at(light, np.array([0.0, 0.0, scene.side])), bank)
         if not weights.any():
             continue
-        aside = _sideways(bank, light)
-        gap = _depth(scene, bank)
+        aside = sideways(bank, light)
+        gap = depths(scene, bank)
         reached = np.hypot(*aside.T) + np.abs(gap * steep[0] + camera.focus * steep[1])
         order = np.argsort(reached)
         share = np.cumsum(weights[order]) / weights.sum()
         outer, near = (float(reached[order][np.searchsorted(share, part)]) for part in (_INSIDE, _HALO))
         extent, halo = max(extent, base + 2 * outer), max(halo, near)
-        lit = window.area + np.pi * float(weights @ np.square(aside).sum(-1) / weights.sum())
-        moments = max(moments, pixel_moments(scene, lens, bank, weights, lit), key=lambda m: m.concentration)
+        once = float(np.square(weights).sum() / weights.sum() ** 2)
+        if worst is None or once > worst[0]:
+            worst = once, light, aside
+    moments = PathMoments(0.0, 0.0)
+    if worst is not None:
+        _, light, aside = worst
+        seen = layout.at(light, np.array([[0.0, 0.0, scene.side]]))
+        entering = bank.weight * np.square(np.abs(endpoint_factors(seen, bank, seen.lights, "entry")[0]))
+        moments = PixelLight(scene, lens, layout, bank, light, entering).pixel(aside, window)
     return LitPlane(extent, halo, moments, _turned(scene, layout, bank))
-
-
-def fine_lens(lens: Lens) -> Lens:
-    """The same lens over 65 x 65 directions, which tell what its points look like."""
-    return Lens(lens.scene, lens.camera, lens.camera.pupil_grid(65))
 
 
 def _slopes(scene: Scene, sine: float) -> tuple[float, float]:
@@ -124,25 +126,6 @@ def steep_way(scene: Scene, light: np.ndarray) -> float:
         return 0.0
     inside, outside = _slopes(scene, float(np.hypot(*light[:2])))
     return float(inside * scene.thickness + outside * scene.sensor.focus)  # type: ignore[attr-defined]
-
-
-def _depth(scene: Scene, bank: PathBank) -> np.ndarray:
-    """float64[M], from the last particles to the face that the lens looks at."""
-    return scene.thickness - bank.exit[:, 2] if scene.side > 0 else bank.exit[:, 2]
-
-
-def _sideways(bank: PathBank, light: np.ndarray) -> np.ndarray:
-    """float64[M, 2], from where light enters the face to the last particles."""
-    return bank.exit[:, :2] - bank.entry[:, :2] + bank.entry[:, 2:] * (light[:2] / light[2])
-
-
-def pixel_moments(scene: Scene, lens: Lens, bank: PathBank, weights: np.ndarray, lit: float) -> PathMoments:
-    """Moments of connections of ``weights`` float64[M] that each light the disc of their image, of a ``lit`` area."""
-    distance = _depth(scene, bank) + lens.camera.focus * scene.medium.faces.inside / scene.medium.faces.outside
-    relative = weights / (weights.sum() / bank.count)
-    each = relative * np.sqrt(np.maximum(lit / fine_lens(lens).image_area(distance), 1.0))
-    squares = float(np.square(each).sum() / bank.count)
-    return PathMoments(squares, squares, float(effective_count(each))).stated()
 
 
 def _turned(scene: Scene, layout: Layout, bank: PathBank) -> float:
@@ -163,6 +146,6 @@ def _turned(scene: Scene, layout: Layout, bank: PathBank) -> float:
         weights = contributions(layout.at(middle, view), bank)
         if not weights.any():
             return np.inf
-        way = _sideways(bank, middle) + _depth(scene, bank)[:, None] * (view[:2] / abs(view[2]))
+        way = sideways(bank, middle) + depths(scene, bank)[:, None] * (view[:2] / abs(view[2]))
         found.append(weights @ np.exp(-1j * scene.wavenumber * (way @ gap)) / weights.sum())
     return float(np.abs(np.array(found[1:]) - found[0]).max())

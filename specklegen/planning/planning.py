@@ -21,7 +21,7 @@ from specklegen.core.parallel import thread_count
 from specklegen.core.shielded import shielded
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
-from specklegen.paths.focused_light import focus_moments
+from specklegen.paths.focused_light import focus_moments, narrow_lobes
 from specklegen.paths.lit_plane import LitPlane, lens_of, lit_plane
 from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import scene_reversal
@@ -260,7 +260,7 @@ def _planned_focus(
 
     made = made_of(budget)
     afar = scene if made.lens is None else scene.replace(sensor=made.lens.grid)
-    moments = focus_moments(afar, made.reverse, made.lens)
+    moments, lobes = focus_moments(afar, made.reverse, made.lens), narrow_lobes(afar, made.reverse)
     if budget.rel_error is not None:
         paths = moments.paths_for(budget.rel_error, within_image=True)
         if paths > made.paths:
@@ -268,7 +268,7 @@ def _planned_focus(
     beams = len(lit.lights)
     judged = made.chosen.pilot.decisions  # type: ignore[attr-defined] # of each beam alone
     left = {"stationary sampler", "stationary image"}
-    told = [d for d in made.decisions if d not in judged and d.part not in left]
+    told = [d for d in made.decisions if d not in judged and d.part not in left | {each.part for each in lobes}]
     said = Decision(
         "focused light", True, f"{len(scene.illumination.vectors)} foci as sums of {beams} collimated beams through "
         f"a window {lit.beams.width:.4g} wide, by one bank of paths",
@@ -278,7 +278,8 @@ def _planned_focus(
     sums = 8.0 * len(scene.illumination.vectors) * beams * np.prod(lit.sensor.shape, dtype=float)
     operations["flop"] = operations.get("flop", 0.0) + sums
     return replace(
-        made, scene=scene, pixel=moments, decisions=(said, *((rare,) if rare else ()), *told), operations=operations,
+        made, scene=scene, pixel=moments, decisions=(said, *lobes, *((rare,) if rare else ()), *told),
+        operations=operations,
         seconds=seconds(operations, thread_count(budget.threads)),
     )  # fmt: skip
 

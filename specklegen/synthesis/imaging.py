@@ -149,7 +149,9 @@ class Imaging:
         """Memory of one medium's :meth:`spectra`."""
         return pair_bytes(self.lags, self.rank, self.object_rows.element_size())
 
-    def fields(self, keys: torch.Tensor, still: torch.Tensor, sample: int = 0) -> torch.Tensor:
+    def fields(
+        self, keys: torch.Tensor, still: torch.Tensor, sample: int = 0, shares: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """Draw media: the fields b G_r under the window, complex[B, F, N, R, rows, columns], 0 beyond it.
 
         Of one medium on the CPU on the cells of its window alone, else on the grid of the lags.
@@ -162,6 +164,8 @@ class Imaging:
             Correlation of the fields of one frame with the next; 0 where a ``film`` says it of all.
         sample
             Number of the realization under the keys.
+        shares : float64[B, halves] or None
+            Of the light in each polarisation; by default all have the same.
         """
         count, halves, frames, _ = keys.shape
         envelope = self.envelope if len(self.envelope) == 1 else self.envelope.repeat_interleave(halves, 0)
@@ -178,11 +182,15 @@ class Imaging:
             drawn = (mixing[:, None] @ drawn.flatten(4)).view_as(drawn)
         if halves == 1:
             return drawn
-        return drawn.unflatten(0, (count, halves)).swapaxes(1, 2).flatten(2, 3) * halves**-0.5
+        drawn = drawn.unflatten(0, (count, halves))
+        if shares is None:
+            return drawn.swapaxes(1, 2).flatten(2, 3) * halves**-0.5
+        root = shares.sqrt().reshape(count, halves, *[1] * (drawn.ndim - 2)).to(torch.view_as_real(drawn).dtype)
+        return (drawn * root).swapaxes(1, 2).flatten(2, 3)
 
     def media(self, streams: Streams, sample: int = 0) -> "ImagedMedia":
         """Draw media; see :meth:`fields`."""
-        return ImagedMedia(self, self.fields(streams.keys, streams.still, sample))
+        return ImagedMedia(self, self.fields(streams.keys, streams.still, sample, streams.shares))
 
     def spectra(self, drawn: torch.Tensor) -> torch.Tensor:
         """Lag spectra of the products of modes, complex[B, F, R(R+1)/2, n, m], which all objects behind a medium share.

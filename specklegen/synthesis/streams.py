@@ -19,12 +19,16 @@ class Streams(NamedTuple):
         Correlation of the fields of one frame with the next.
     words : int64[B, halves, n]
         The same as seeds, for whoever draws something else than fields.
+    shares : float64[B, halves] or None
+        Of the light in each polarisation; None where all have the same.
     """
 
     keys: torch.Tensor
     still: torch.Tensor
     words: torch.Tensor
+    shares: torch.Tensor | None = None
 
     def at(self, places: list[int]) -> Streams:
         """Return the streams of some of the media."""
-        return Streams(self.keys[places], self.still[places], self.words[places])
+        shares = None if self.shares is None else self.shares[places]
+        return Streams(self.keys[places], self.still[places], self.words[places], shares)

@@ -17,6 +17,7 @@ from specklegen.core.errors import reject
 from specklegen.core.quadrature import gauss_legendre
 from specklegen.wavetracing.aperture import aperture_transform
 from specklegen.wavetracing.light import Light, PlaneWave
+from specklegen.wavetracing.mask import Mask
 from specklegen.wavetracing.opening import Rim
 from specklegen.wavetracing.plane import Plane
 
@@ -27,7 +28,7 @@ ORDER = 16
 """Gauss-Legendre nodes along each side of a triangle of two wavelengths at most: errors of 1e-9."""
 
 
-def spectrum_field(rim: Rim, light: Light, plane: Plane, padding: float = 2.0) -> np.ndarray:
+def spectrum_field(rim: Rim | Mask, light: Light, plane: Plane, padding: float = 2.0) -> np.ndarray:
     """Return the field complex128[H * W] on a plane parallel to the screen.
 
     Raises
@@ -69,11 +70,11 @@ def spectrum_field(rim: Rim, light: Light, plane: Plane, padding: float = 2.0) -
     return field[:rows, :columns].ravel()
 
 
-def _transform(rim: Rim, corners: np.ndarray, light: Light, plane: Plane, along: np.ndarray) -> np.ndarray:
+def _transform(rim: Rim | Mask, corners: np.ndarray, light: Light, plane: Plane, along: np.ndarray) -> np.ndarray:
     """Psi complex128[y, x] in the frame of the plane, whose middle is its origin."""
     count = len(along)
     turn = plane.axes[:2, :2]
-    if isinstance(light, PlaneWave):
+    if isinstance(rim, Rim) and isinstance(light, PlaneWave):
         bounds = np.cumsum([len(loop) for loop in rim.loops])[:-1]
         tilt = light.wavenumber * turn @ light.direction[:2]
         origin = light.field(np.append(plane.center[:2], 0.0))
@@ -103,9 +104,10 @@ def _staying(
     return weights
 
 
-def light_strengths(rim: Rim, light: Light) -> tuple[np.ndarray, np.ndarray]:
+def light_strengths(rim: Rim | Mask, light: Light) -> tuple[np.ndarray, np.ndarray]:
     """Return nodes float64[P, 2] in the opening, and the light there times their weights, complex128[P]."""
-    nodes, weights = quadrature(rim.triangles, light.wavelength)
+    given = isinstance(rim, Mask)
+    nodes, weights = rim.quadrature(light.wavelength) if given else quadrature(rim.triangles, light.wavelength)
     field = np.asarray(light.field(np.column_stack([nodes, np.zeros(len(nodes))])), dtype=np.complex128)
     if field.shape != weights.shape or not np.isfinite(field).all():
         reject("field_on_plane light", "finite, one value a point", field)

@@ -22,9 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from specklegen.coherence.transmission import face_modes
-from specklegen.core.arguments import real_number, several
+from specklegen.core.arguments import complex_array, instance, positive_number, real_number, several
 from specklegen.core.errors import reject, warn_user
 from specklegen.scene.illumination import CollimatedBeams, directions_of_sines
+from specklegen.scene.sensors import FarFieldGrid
+from specklegen.wavetracing.light import WaveSum
 from specklegen.wavetracing.plane import PlaneField
 
 DOUBTFUL = 0.01
@@ -156,6 +158,51 @@ def illumination_of(
     kept = kept[share[kept] > 0]
     directions = directions_of_sines("illumination_of fields", sines[kept])
     return CollimatedBeams(directions=directions, width=first.pitch * len(stack[0])), amplitudes[kept]
+
+
+def light_behind(values: np.ndarray, sensor: FarFieldGrid, wavelength: float) -> WaveSum:
+    """Return the light behind a medium, from its far field: on the way to an aperture, a mask, a camera.
+
+    A far field f(s), |f|^2 power per solid angle, is that of u = (ik / 2 pi) sum_s ds^2 f(s) / cos(s) e^{ik s.r}
+    (Goodman, *Introduction to Fourier Optics*, section 3.10), z counted from the plane where the light leaves.
+
+    Parameters
+    ----------
+    values
+        complex128[h, w] or [h w], the field in each view: a column of `transmission_matrix`.
+    sensor
+        Views of one grid, fine enough for the light: it repeats sideways with the period wavelength / pitch, which must
+        hold the place where light leaves and what it moves aside on its way.
+    wavelength
+        Inside the medium.
+
+    Returns
+    -------
+    WaveSum
+        A light for `field_on_plane`.
+
+    Raises
+    ------
+    RuleError
+        For values that are not one a view, or views against z.
+
+    Examples
+    --------
+    >>> import numpy as np, specklegen as sg
+    >>> from specklegen.wavetracing import light_behind
+    >>> views = sg.FarField.grid((3, 3), 0.1)
+    >>> light_behind(np.ones((3, 3)), views, wavelength=0.5).amplitudes.shape
+    (9,)
+    """
+    wavelength = positive_number("light_behind wavelength", wavelength)
+    directions = instance("light_behind sensor", sensor, FarFieldGrid).directions.reshape(-1, 3)
+    values = complex_array("light_behind values", values).ravel()
+    if len(values) != len(directions):
+        reject("light_behind values", f"one for each of {len(directions)} views", len(values))
+    if not directions[:, 2].min() > 0:
+        reject("light_behind sensor", "views of transmitted light, towards +z", sensor.side)
+    amplitudes = 1j / wavelength * sensor.pitch**2 * values / directions[:, 2]
+    return WaveSum(directions=directions, amplitudes=amplitudes, wavelength=wavelength)
 
 
 def _window(fields: PlaneField | Sequence[PlaneField]) -> tuple[np.ndarray, PlaneField]:

@@ -7,7 +7,8 @@ from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, Positive, Value, unit_vectors
-from specklegen.wavetracing.kernels.beam_sources import COLLIMATED, POINT, SOURCE
+from specklegen.wavetracing.beams import GaussianBeam
+from specklegen.wavetracing.kernels.beam_sources import COLLIMATED, LASER, POINT, SOURCE
 
 
 class CollimatedEmitter(Value):
@@ -88,6 +89,13 @@ class CollimatedEmitter(Value):
         """Coherence width sigma_g = sqrt(2 Sigma): the degree of coherence is exp(-d^2 / 2 sigma_g^2)."""
         return float(np.sqrt(2 * self.sigma))
 
+    def lights(self, points: np.ndarray) -> np.ndarray:
+        """Whether points float64[P, 3] lie in the light, before anything stands in it: bool[P]."""
+        axis = int((self.upper - self.lower).argmin())
+        back = (points[:, axis] - self.lower[axis]) / self.direction[axis]
+        foot, across = points - back[:, None] * self.direction, np.arange(3) != axis
+        return (back >= 0) & ((foot >= self.lower) & (foot <= self.upper))[:, across].all(axis=1)
+
     def packed(self) -> np.ndarray:
         """Return what kernels know, float64[SOURCE]."""
         out = np.empty(SOURCE)
@@ -155,6 +163,10 @@ class PointEmitter(Value):
         """Infinite: the light of a point is coherent with itself anywhere."""
         return np.inf
 
+    def lights(self, points: np.ndarray) -> np.ndarray:
+        """Whether points float64[P, 3] lie in the light, before anything stands in it: all, bool[P]."""
+        return np.ones(len(points), bool)
+
     def packed(self) -> np.ndarray:
         """Return what kernels know, float64[SOURCE]."""
         out = np.zeros(SOURCE)
@@ -163,4 +175,87 @@ class PointEmitter(Value):
         return out
 
 
-Emitter = CollimatedEmitter | PointEmitter
+class GaussianLaser(Value):
+    """A laser: one coherent Gaussian beam, from its waist on.
+
+    Attributes
+    ----------
+    position : float64[3]
+        Middle of the waist.
+    direction : float64[3]
+        Unit vector of travel.
+    waist : float
+        Radius at which the intensity is e^-2 of that on the axis; Sigma = waist^2 / 2.
+    wavelength : float
+    power : float
+
+    Raises
+    ------
+    RuleError
+        For a direction that is no unit vector, or a waist below a wavelength / 2, which is not paraxial.
+
+    Examples
+    --------
+    >>> from specklegen.wavetracing import GaussianLaser
+    >>> laser = GaussianLaser(position=[0, 0, -10], direction=[0, 0, 1], waist=50.0, wavelength=0.5)
+    >>> round(abs(laser.field([[0.0, 0.0, -10.0]])[0]) ** 2 * 3.141592653589793 * 50**2 / 2, 6)  # of its power 1
+    1.0
+    """
+
+    position: Array
+    direction: Array
+    waist: Positive
+    wavelength: Positive
+    power: Positive = 1.0
+
+    def __init__(self, position, direction, waist, wavelength, power=1.0):
+        super().__init__(position=position, direction=direction, waist=waist, wavelength=wavelength, power=power)
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        for name in ("position", "direction"):
+            if getattr(self, name).shape != (3,):
+                reject(f"GaussianLaser.{name}", "float64[3]", getattr(self, name).shape)
+        object.__setattr__(self, "direction", unit_vectors("GaussianLaser.direction", self.direction))
+        if self.tangent >= 1:
+            reject("GaussianLaser.waist", "above 0.48 wavelengths", self.waist)
+        return self
+
+    @property
+    def beam_radius(self) -> float:
+        """Half-width a of its envelope at the waist, three standard deviations of the intensity."""
+        return 1.5 * self.waist
+
+    @property
+    def tangent(self) -> float:
+        """Tangent 9 / (2 k a) of the half opening angle of the envelope."""
+        return 9 * self.wavelength / (4 * np.pi * self.beam_radius)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """Its waist, float64[3]."""
+        return self.position
+
+    @property
+    def coherence(self) -> float:
+        """Infinite: one beam is coherent with itself."""
+        return np.inf
+
+    def lights(self, points: np.ndarray) -> np.ndarray:
+        """Whether points float64[P, 3] lie in even light: none, bool[P]."""
+        return np.zeros(len(points), bool)
+
+    def field(self, points: np.ndarray) -> np.ndarray:
+        """Field complex128[...] at float64[..., 3] in free space, near the axis; |u|^2 is power per area."""
+        beam = GaussianBeam(self.position, self.direction, self.waist**2 / 2 * np.eye(2), self.wavelength)
+        return np.sqrt(self.power) * beam.field(points)
+
+    def packed(self) -> np.ndarray:
+        """Return what kernels know, float64[SOURCE]."""
+        out = np.empty(SOURCE)
+        out[0], out[1:4], out[4:7], out[7:10] = LASER, self.position, self.position, self.direction
+        out[10], out[11] = self.beam_radius, self.tangent
+        return out
+
+
+Emitter = CollimatedEmitter | PointEmitter | GaussianLaser

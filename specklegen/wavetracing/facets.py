@@ -12,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from specklegen.wavetracing.emitters import Emitter, GaussianLaser
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.kernels.edge_waves import EdgeTable
 from specklegen.wavetracing.kernels.regions import Facets, Openings
@@ -120,8 +121,13 @@ def _sheets(normals: np.ndarray, origin: np.ndarray) -> np.ndarray:
     return connected_components(graph, directed=False)[1].astype(np.int32)
 
 
-def openings_of(facets: Facets, table: EdgeTable, reach: float) -> Openings:
-    """Group the holes of each facet that lie within ``reach``, over which light is coherent, of each other."""
+_COHERENT = 3.3
+"""Coherence widths sigma_g beyond which fringes are below .5 %: exp(-3.3^2 / 2)."""
+
+
+def openings_of(facets: Facets, table: EdgeTable, emitter: Emitter) -> Openings:
+    """Group the holes of each facet that lie as near to each other as the light is coherent."""
+    reach = _COHERENT * emitter.coherence
     holes, ends = len(facets.loops) - 1, facets.loop_ends
     number = np.diff(facets.loops)
     facet = np.repeat(np.arange(len(facets.normals)), np.diff(facets.holes))
@@ -149,7 +155,10 @@ def openings_of(facets: Facets, table: EdgeTable, reach: float) -> Openings:
     length = np.bincount(of, np.linalg.norm(b - a, axis=1), holes)
     breadth = np.zeros(count)
     np.maximum.at(breadth, label, 2 * area / length)
-    breadth[np.bincount(label, number, count) > MOST_EDGES] = np.inf
+    dark = np.bincount(label[of], ~emitter.lights(ends[:, :3]), count)
+    even = (dark == 0) | (emitter.beam_radius >= breadth)
+    even &= not isinstance(emitter, GaussianLaser)
+    even &= np.bincount(label, number, count) <= MOST_EDGES
     # An edge borders a hole if either of its faces does.
     bare = np.ones(len(table.edges), bool)
     bare[table.at[(table.at >= 0) & facets.beside]] = False
@@ -157,7 +166,7 @@ def openings_of(facets: Facets, table: EdgeTable, reach: float) -> Openings:
         of=label.astype(np.int32),
         starts=_starts(np.sort(label), count),
         members=np.argsort(label, kind="stable").astype(np.int64),
-        breadth=breadth,
+        even=even,
         balls=np.column_stack([centre, radius * (1 + 1e-9)]),
         screens=np.unique(facet).astype(np.int64),
         outer=np.flatnonzero(bare & (table.edges[:, 6] > 0)),

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import finite_numbers, positive_number, real_array
 from specklegen.core.display.repr import short
@@ -87,10 +88,16 @@ class Mesh:
         RuleError
             For a matrix that is not a proper rotation.
         """
-        turn = np.eye(3) if rotation is None else np.asarray(rotation, float)
-        if turn.shape != (3, 3) or np.abs(turn @ turn.T - np.eye(3)).max() > 1e-9 or np.linalg.det(turn) < 0:
-            reject("Mesh.placed rotation", "a proper rotation float64[3, 3]", turn)
+        turn = np.eye(3) if rotation is None else proper_rotation("Mesh.placed rotation", rotation)
         return Mesh(self.vertices @ turn.T + np.asarray(shift, float), self.faces, self.material)
+
+
+def proper_rotation(field: str, rotation: ArrayLike) -> np.ndarray:
+    """Return a rotation as float64[3, 3]; refuse what is none."""
+    turn = real_array(field, rotation)
+    if turn.shape != (3, 3) or not np.abs(turn @ turn.T - np.eye(3)).max() <= 1e-9 or np.linalg.det(turn) < 0:
+        reject(field, "a proper rotation float64[3, 3]", turn)
+    return turn
 
 
 def load_mesh(path: str | Path, scale: float = 1.0, material: Material | None = None) -> Mesh:

@@ -16,6 +16,7 @@ When to believe which: docs/wavetracing.md.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -29,7 +30,8 @@ from specklegen.wavetracing.aperture import aperture_transform
 from specklegen.wavetracing.edge_rays import Polarisation, edge_ray_field
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.kernels.apertures import rim_field
-from specklegen.wavetracing.light import Light, PlaneWave
+from specklegen.wavetracing.light import Light, PlaneWave, seen_from
+from specklegen.wavetracing.mask import Mask
 from specklegen.wavetracing.opening import Opening, Rim, doubt_narrow, rim_of
 from specklegen.wavetracing.plane import Plane, PlaneField
 
@@ -40,13 +42,15 @@ BLOCK = 1 << 12
 
 
 def field_on_plane(
-    opening: Opening | None,
+    opening: Opening | Mask | None,
     light: Light,
     plane: Plane,
     method: FieldMethod = "boundary",
     *,
     polarisation: Polarisation = "soft",
     padding: float = 2.0,
+    shift: Sequence[float] | None = None,
+    rotation: np.ndarray | None = None,
     threads: int | None = None,
 ) -> PlaneField:
     """Return the field of ``light`` behind an opening.
@@ -55,7 +59,7 @@ def field_on_plane(
     ----------
     opening
         Loops in the plane z = 0, outer ones counter-clockwise, holes clockwise; None: there is no screen. An opening
-        of no area lets nothing through.
+        of no area lets nothing through. Or a `Mask`, for "spectrum" and "fraunhofer".
     light
         A `PlaneWave`, a `PointEmitter`, a `GaussianBeam`, or anything with ``wavelength`` and ``field(points)``, from
         z < 0.
@@ -67,6 +71,9 @@ def field_on_plane(
         For "utd": "soft" (u = 0 on the screen) or "hard" (du/dn = 0).
     padding
         For "spectrum": the period over the size of the plane and the opening together, at least 1.
+    shift, rotation
+        The screen's place: turned by ``rotation`` float64[3, 3] (proper), then moved by ``shift``, as `Mesh.placed`.
+        Light and plane stay where they are. "spectrum" wants planes parallel to the screen.
     threads
         Of "boundary"; results do not depend on it.
 
@@ -98,12 +105,19 @@ def field_on_plane(
     if not callable(getattr(light, "field", None)):
         reject("field_on_plane light", "a PlaneWave, or another light with a wavelength and a field", light)
     wavelength = positive_number("field_on_plane light.wavelength", getattr(light, "wavelength", None))
+    if shift is not None or rotation is not None:
+        light, plane = seen_from("field_on_plane", light, plane, shift, rotation)
     points = plane.points.copy().reshape(-1, 3)  # kernels are compiled for arrays that may be written into
     lowest = float(points[:, 2].min())
     if lowest < 0 or (lowest == 0 and opening is not None and method != "spectrum"):
         reject("field_on_plane plane", "behind the screen, at z > 0", lowest)
     if opening is None:
         values = np.asarray(light.field(points), np.complex128)
+    elif isinstance(opening, Mask):
+        if method not in ("spectrum", "fraunhofer"):
+            reject("field_on_plane method", "'spectrum' or 'fraunhofer' for a Mask", method, "Its rim is no sharp one.")
+        far = method == "fraunhofer"
+        values = _far_field(opening, light, points) if far else spectrum_field(opening, light, plane, padding)
     else:
         rim = rim_of("field_on_plane opening", opening)
         doubt_narrow("field_on_plane opening", rim.breadth, wavelength)
@@ -145,20 +159,21 @@ def _rim_field(rim: Rim, light: Light, points: np.ndarray, threads: int | None) 
     return light.field(points) * values
 
 
-def _far_field(rim: Rim, light: Light, points: np.ndarray) -> np.ndarray:
+def _far_field(rim: Rim | Mask, light: Light, points: np.ndarray) -> np.ndarray:
     """Field by Psi about the middle of the opening, so that r is the distance from there."""
     k = 2 * np.pi / light.wavelength
-    middle = np.append(rim.centre, 0.0)
+    centre = rim.center if isinstance(rim, Mask) else rim.centre
+    middle = np.append(centre, 0.0)
     rays = points - middle
     r = np.linalg.norm(rays, axis=1)
     xi = k * rays[:, :2] / r[:, None]
-    if isinstance(light, PlaneWave):
-        loops = [loop - rim.centre for loop in rim.loops]
+    if isinstance(rim, Rim) and isinstance(light, PlaneWave):
+        loops = [loop - centre for loop in rim.loops]
         psi = aperture_transform(loops, xi - k * light.direction[:2]) * light.field(middle)
     else:
         from finufft import nufft2d3
 
         nodes, strengths = light_strengths(rim, light)
-        x, y = np.ascontiguousarray((nodes - rim.centre).T)
+        x, y = np.ascontiguousarray((nodes - centre).T)
         psi = np.asarray(nufft2d3(x, y, strengths, *np.ascontiguousarray(xi.T), isign=-1, eps=1e-10, nthreads=1))
     return k / (2j * np.pi) * np.exp(1j * k * r) / r * (points[:, 2] / r) * psi

@@ -21,7 +21,7 @@ from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, in_turn, thread_count
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.wavetracing.edge_table import edge_table
-from specklegen.wavetracing.emitters import CollimatedEmitter, Emitter, PointEmitter
+from specklegen.wavetracing.emitters import Emitter, GaussianLaser
 from specklegen.wavetracing.facets import facets_of, openings_of
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.kernels import beam_walk
@@ -40,7 +40,6 @@ _MODES: dict[str, int] = {"wave": beam_walk.WAVE, "ballistic": beam_walk.BALLIST
 _AMPLITUDES: dict[str, int] = {
     "auto": beam_walk.AUTO, "uniform": beam_walk.UNIFORM_LIGHT, "gaussian": beam_walk.GAUSSIAN_LIGHT,
 }  # fmt: skip
-_COHERENT = 3.3  # coherence widths sigma_g beyond which fringes are below .5 %: exp(-3.3^2 / 2)
 _ON_SURFACE = 1e-10  # of the scene's size, within which a receiver lies on a surface
 _BLOCK, _BLOCKS = 2048, 64  # beams of a block at least; blocks at most
 
@@ -68,7 +67,7 @@ def trace(
     geometry
         The scene.
     emitter
-        A `CollimatedEmitter` or a `PointEmitter`.
+        A `CollimatedEmitter`, a `PointEmitter` or a `GaussianLaser` (not with UTD).
     planes
         Receivers. Light passes them; a beam that crosses several, or one twice, counts in each. One that lies on a
         surface is taken a little off it, on the side of the source: there light counts as it comes and as it leaves.
@@ -86,7 +85,8 @@ def trace(
     amplitude
         Light in a hole, or on a plate. "uniform": u = 1 over all holes that the source sees as one, and the pattern's
         wavevector added to the ray's. "gaussian": the beam's own field, added to the mean. Both are right for even
-        light. "auto": uniform where a beam is at least as wide as the largest of the holes, else gaussian. Past other
+        light. "auto": one of both for all beams of an opening: uniform where the source lights all its corners, or its
+        beams are as wide as the largest hole; for a plate, where they are as wide as it is; else gaussian. Past other
         edges it is the beam's own field in any case.
     max_events
         Interactions after which a beam is stopped, and counted as such.
@@ -140,13 +140,15 @@ def _check(geometry, emitter, mode, diffraction, amplitude) -> None:
     """Refuse arguments of `trace` that are out of range."""
     if not isinstance(geometry, Geometry):
         reject("trace geometry", "a Geometry", geometry)
-    if not isinstance(emitter, CollimatedEmitter | PointEmitter):
-        reject("trace emitter", "a CollimatedEmitter or a PointEmitter", emitter)
+    if not isinstance(emitter, Emitter):
+        reject("trace emitter", "a CollimatedEmitter, a PointEmitter or a GaussianLaser", emitter)
     choice("trace mode", mode, _MODES)
     choice("trace diffraction", diffraction, ("fraunhofer", "utd"))
     choice("trace amplitude", amplitude, _AMPLITUDES)
     if diffraction == "utd" and mode != "wave":
         reject("trace diffraction", "'fraunhofer' in the modes 'ballistic' and 'ray'", diffraction)
+    if isinstance(emitter, GaussianLaser) and (diffraction == "utd" or amplitude == "uniform"):
+        reject("trace emitter", "even light, parallel or of a point, with UTD and for 'uniform'", emitter)
     if diffraction == "utd" and amplitude != "auto":
         reject("trace amplitude", "'auto' with UTD", amplitude, "Its light is each ray's: plane, or of a point.")
 
@@ -161,7 +163,7 @@ def _by_patterns(
     receivers = Receivers(_packed(planes), first_cell)
     source, cells, rules = emitter.packed(), int(first_cell[-1]), beam_walk.Rules(mode, amplitude, max_events)
     table = edge_table(geometry, facets)
-    openings = openings_of(facets, table, _COHERENT * emitter.coherence)
+    openings = openings_of(facets, table, emitter)
 
     def walk(first: int, count: int) -> _Counts:
         tally = beam_walk.Tally(np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells), *_ledger(), np.zeros(1))

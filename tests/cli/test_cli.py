@@ -132,7 +132,9 @@ def test_memory_effect_writes_table_and_figure(tmp_path):
     rows = list(csv.DictReader((tmp_path / "memory-effect.csv").open()))
     assert len(rows) == 10
     assert float(rows[0]["intensity_correlation"]) == 1
-    assert float(rows[4]["intensity_correlation"]) < 0.1 < float(rows[9]["intensity_correlation"])
+    ends = [float(rows[n]["intensity_correlation"]) for n in (4, 9)]
+    assert ends[0] < ends[1] < 0.15, "by default it goes on until a tenth of the slowest is left, and not much further"
+    assert float(rows[7]["intensity_correlation"]) > 0.15
     assert (tmp_path / "memory-effect.png").stat().st_size > 1000
 
 

@@ -68,6 +68,22 @@ def test_frames_of_one_object_are_one(setup, tmp_path):
     assert len(json.loads(result.output)["images"]) == 1
 
 
+def test_draws_are_written_with_their_weights(setup, tmp_path):
+    words = ("--setup", setup / "setup.toml", "--out", tmp_path, "--draws", 2)
+    result = run("reconstruct", setup / "two.png", *words)
+    assert result.exit_code == 0, result.output
+    assert "2 draws agree by" in result.output
+    (told,) = json.loads((tmp_path / "report.json").read_text())["images"]
+    assert sum(told["draws"]["weights"]) == pytest.approx(1.0, abs=1e-6)
+    with np.load(tmp_path / "two-draws.npz") as kept:
+        draws, mean = kept["draws"], kept["mean"]
+        assert draws.shape == (2, 36, 36)
+        assert kept["certain"].max() <= 1
+    assert np.allclose(mean, np.tensordot(told["draws"]["weights"], draws, 1), atol=1e-5)
+    assert Image.open(tmp_path / "two-draws.png").size == (4 * 36 * 4, 36 * 4)
+    assert run("reconstruct", setup / "two.png", *words[:-1], 1).exit_code != 0
+
+
 def test_pages_of_one_pattern_are_averaged_and_it_is_said(setup, tmp_path):
     one = np.stack([tifffile.imread(setup / "one.tiff")] * 3)
     shot = np.random.default_rng(0).poisson(one).astype(np.uint16)

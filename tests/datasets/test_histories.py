@@ -378,14 +378,18 @@ class Histories(RuleBasedStateMachine):
     @precondition(lambda self: self.recipes)
     @rule(which=st.integers(0))
     def send(self, which):
+        sent = None  # kept all the same: which rules come next must not depend on what other histories have left
         with contextlib.suppress(*REFUSED):
-            self.sent.append(pickle.dumps(self.recipes[which % len(self.recipes)]))
+            sent = pickle.dumps(self.recipes[which % len(self.recipes)])
+        self.sent.append(sent)
 
     @precondition(lambda self: self.sent)
     @rule(which=st.integers(0))
     def receive(self, which):
+        sent = self.sent[which % len(self.sent)]
         with contextlib.suppress(*REFUSED):
-            self.recipes.append(pickle.loads(self.sent[which % len(self.sent)]))
+            if sent is not None:
+                self.recipes.append(pickle.loads(sent))
 
     @rule()
     def exchange_folders(self):

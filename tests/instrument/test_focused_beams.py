@@ -4,10 +4,14 @@ import re
 
 import numpy as np
 import pytest
+from scipy.special import j0
 
 import specklegen as sg
 from specklegen.oracles.rayleigh_sommerfeld import propagated_field
-from specklegen.paths.focused_light import entrance_factors
+from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.far_field import overlap
+from specklegen.paths.focused_light import entrance_factors, focus_loss
+from specklegen.paths.pilot import scene_pilot
 from specklegen.paths.tracer import slab_tracer
 from specklegen.theory.focused_light import airy_focus, gaussian_focus
 from tests.zscore import assert_mean
@@ -280,6 +284,39 @@ def test_what_no_light_does_is_refused_with_what_would_pass(field, light, passin
     if passing:
         number = re.search(r"(?:at least|above) ([0-9.]+)", str(error.value))[1]
         scene(**light | passing(1.001 * float(number)))
+
+
+@pytest.mark.parametrize(("g", "wide"), [(0.98, 0.2), (0.95, 0.1), (0.9, 0.45)])
+def test_cones_too_wide_for_narrow_lobes_are_refused_with_one_that_passes(g, wide):
+    """Beside g .98 beams up to .1 keep their angles; beside g .9 wider ones have their own, and lose little by it."""
+    medium = FORWARD.replace(scatterer=sg.HenyeyGreenstein(g))
+    with pytest.raises(sg.RuleError, match=r"FocusedBeams\.aperture must be at most") as error:
+        sg.plan(scene(medium=medium, aperture=wide, sensor=sg.FarField.grid((3, 3), 5e-4)), paths=100)
+    passing = float(re.search(r"at most ([0-9.]+)", str(error.value))[1])
+    assert passing > 0.07
+    made = sg.plan(scene(medium=medium, aperture=passing, sensor=sg.FarField.grid((3, 3), 5e-4)), paths=100)
+    assert not any("lobe" in doubt for doubt in made.doubts)
+    assert (made.chosen.tracer.layout.middle is not None) == (passing < 0.1)
+
+
+def test_the_light_that_a_focus_loses_to_lobes_is_what_pairs_of_beams_lose():
+    """By the beams themselves, two by two, in place of transforms; all light of it lost is lost to any cone."""
+    seen = scene(aperture=0.06, sensor=sg.FarField.grid((1, 1), 5e-4))
+    lit = seen.replace(illumination=seen.beams)
+    pilot = scene_pilot(lit, False)
+    bank, (view,) = pilot.bank, pilot.tracer.layout.views.vectors
+    weights = contributions(pilot.tracer.layout.at(np.array([0.0, 0.0, 1.0]), view), bank)
+    sines = lit.beams.directions[:, :2]
+    own = np.abs(seen.illumination.amplitudes(1.0)[0])
+    apart = np.hypot(*np.moveaxis(sines[:, None] - sines, -1, 0))
+    ways, many = np.hypot(*(bank.exit - bank.entry)[:, :2].T), bank.orders > 1
+    distances, which = np.unique(np.round(apart, 9), return_inverse=True)
+    kept = np.array([weights[many] @ j0(K * t * ways[many]) for t in distances])
+    lost = np.maximum(kept, 0) * [1 - overlap(FORWARD.scatterer, t) ** 2 for t in distances]
+    pairs = np.bincount(which.ravel(), np.outer(own, own).ravel())
+    expected = (pairs @ lost) / (pairs @ (kept + weights[~many].sum()))
+    assert focus_loss(seen, False) == pytest.approx(expected, rel=0.03)  # lines between 33 distances
+    assert focus_loss(seen, False, 0.5) < 0.7 * expected
 
 
 def test_what_serves_no_focus_is_refused_by_name():

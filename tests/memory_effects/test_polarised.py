@@ -382,7 +382,7 @@ REFUSED = {
     "an azimuth of scalar light": (
         lambda: sg.memory_effect(slab(1, polarisation="scalar"), wavelength=0.5, tilts=[0], azimuth=1.0), "azimuth"),
     "an unknown analyser": (
-        lambda: sg.memory_effect(slab(1), wavelength=0.5, tilts=[0], channel="circular"), "channel"),
+        lambda: sg.memory_effect(slab(1), wavelength=0.5, tilts=[0], channel="elliptic"), "channel"),
     "the matrix of scalar light": (
         lambda: sg.mueller_matrix(slab(1, polarisation="scalar"), wavelength=0.5), "mueller_matrix medium"),
 }  # fmt: skip

@@ -10,7 +10,7 @@ import specklegen as sg
 from specklegen.core.statistics import jackknife
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.roulette import between_probes
-from specklegen.paths.tracer import probe_views, seen_views, slab_tracer
+from specklegen.paths.tracer import probe_views, seen_views, slab_tracer, volume_tracer
 from specklegen.theory.phase_screens import lobes
 
 PATHS = 6000
@@ -52,6 +52,32 @@ def test_every_view_is_made_of_as_many_paths_as_without_roulette(lobe):
     least = 0.5 * counts(0.0)
     assert (counts(1.0) > least).all()
     assert (counts(1 / share) < 0.3 * least).any()  # judged as if there were nothing between, which it was
+
+
+@pytest.mark.parametrize("scatterer", [sg.VonMisesFisher(800.0), sg.HenyeyGreenstein(0.985)], ids=["vMF", "HG"])
+@pytest.mark.parametrize("medium", ["box", "voxels"])
+def test_walks_through_volumes_keep_the_light_between_their_probes(scatterer, medium):
+    """They judge connections at five of the views; the share of the threshold keeps those that are bright elsewhere."""
+    box = sg.Box(lower=[-80.0, -80.0, 0.0], upper=[80.0, 80.0, 100.0], mean_free_path=8.0, scatterer=scatterer)
+    if medium == "voxels":
+        cells = np.full((2, 2, 2), 1 / 8)
+        box = sg.VoxelGrid(lower=box.lower, upper=box.upper, extinction=cells, scatterers=[scatterer])
+    tracer = volume_tracer(scene_of(scatterer, medium=box), False)
+    views = tracer.layout.views
+    share = between_probes([scatterer], 3, views.of(np.arange(0, len(views), 97)).vectors, views.probed().vectors)
+    angles = np.arange(8) * np.pi / 4
+    seen = [[0.0, 0.0], *(r * np.array([np.cos(a), np.sin(a)]) for r in (0.1, 0.2) for a in angles)]
+    seen = [np.append(each, np.sqrt(1 - each @ each)) for each in map(np.asarray, seen)]
+
+    def counts(times):
+        bank = replace(tracer, threshold=times * tracer.threshold).trace(1, 2000, threads=1)
+        found = np.array([contributions(tracer.layout.at(AXIS, view), bank) for view in seen])
+        return counted(found), len(bank)
+
+    (every, all_kept), (kept, some), (judged, _) = counts(0.0), counts(1.0), counts(1 / share)
+    assert some < 0.8 * all_kept  # roulette there is
+    assert (kept > 0.8 * every).all()
+    assert (judged < 0.3 * every).any()  # judged as if there were nothing between, which it was
 
 
 def test_views_between_probes_are_as_bright_as_a_screen_of_the_same_lobe():

@@ -155,7 +155,7 @@ def test_tilts_as_wide_as_the_half_space_have_a_plan(center):
 
 
 def test_path_sums_that_the_planner_must_take_are_doubted_without_advice_to_ask_it():
-    narrow = scene(slab(0.997, 20.0, 25), 0.2, width=600.0)
+    narrow = scene(slab(0.997, 20.0, 25), 0.22, width=600.0)
     narrow = narrow.replace(sensor=sg.FarField(directions=[[0, 0, 1], [0.1, 0, 0.99**0.5]]))
     with pytest.warns(sg.DoubtWarning, match="far field of the scatterers") as told:
         found = sg.render(narrow, paths=64)

@@ -117,6 +117,42 @@ def test_it_is_that_of_lateral_ways(case):
     assert_z(intensity, expected, error * 2**0.5, degrees=BATCHES - 1, slack=0.01)
 
 
+@pytest.mark.parametrize(("g", "depth"), [(0.95, 2.0), pytest.param(0.98, 4.0, marks=pytest.mark.slow)])
+def test_lights_on_either_side_of_their_middle_are_those_of_slices(g, depth):
+    """Each .1 from the middle, .2 apart: C_I about the axis of screens and of paths, .87 and .62 of some 10 ranges."""
+    medium = sg.Slab(thickness=10 * depth, mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(g))
+    y, x = np.mgrid[-4:5, -4:5]
+    kept = (x**2 + y**2 <= 16) & ((x != 0) | (y != 0))  # bins of .01, without what was not scattered
+    x, y = x[kept], y[kept]
+
+    def sums(one, other):
+        return [(one * other.conj()).sum(), np.square(np.abs(one)).sum(), np.square(np.abs(other)).sum()]
+
+    slices = slice_views(medium, wavelength=1.0, pitch=0.5, size=200, bins=[(-10, 0), (10, 0)], realizations=60)
+    waves = [sums(one[y, x - 10], other[y, x + 10]) for one, other in slices]
+    views = np.stack([np.concatenate([x - 10, x + 10]), np.concatenate([y, y])], -1) / 100
+    light = sg.CollimatedBeams.tilts(np.arcsin([-0.1, 0.1]), width=600.0)
+    sensor = sg.FarField(directions=directions(views))
+    scene = sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sensor)
+    tracer, paths = slab_tracer(scene, False), []
+    assert tracer.layout.middle is not None
+    for n in range(BATCHES):
+        bank = tracer.trace(1, 150, first=150 * n, threads=1)
+        often = multiple_amplitudes(tracer.layout, bank.multiple, bidirectional=False, reverse=False)
+        a = np.concatenate([single_amplitudes(tracer.layout, bank.single), often], axis=1)
+        a = a.reshape(2, 2, len(x), -1)
+        paths.append(sums(a[0, 0], a[1, 1]))
+
+    def joined(total):
+        return np.square(np.abs(total[0])) / (total[1] * total[2]).real
+
+    expected, spread = jackknife(np.array(waves).reshape(20, 3, 3).sum(axis=1), joined)
+    found, error = jackknife(np.array(paths), joined)
+    assert_z(found, expected, np.hypot(error, spread), degrees=min(BATCHES, 20) - 1, slack=0.01)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(0.8 * found, expected, np.hypot(error, spread), degrees=min(BATCHES, 20) - 1, slack=0.01)
+
+
 def test_what_a_tilt_adds_between_the_ends_matters(monkeypatch):
     """The power of the test above, where the middle of two lights is not that of all."""
     monkeypatch.setattr(kept_angles, "advance", lambda *_: 0.0)
@@ -279,7 +315,8 @@ def test_scenes_in_which_lobes_are_one_are_as_before(scene):
     assert middle_light(scene) is not None
     assert middle(angles=[0.0, 1e-5]) is None  # small beside the lobe
     assert middle(angles=[0.01]) is None
-    assert middle(angles=[-0.06, 0.06]) is None  # too large
+    assert middle(angles=[-0.1, 0.1]) is not None
+    assert middle(angles=[-0.11, 0.11]) is None  # too large
     for medium in (
         sg.Slab(thickness=400.0, mean_free_path=40.0, scatterer=sg.HenyeyGreenstein(0.3)),
         sg.Slab(thickness=4e6, mean_free_path=4e5, scatterer=sg.HenyeyGreenstein(0.99)),  # in the far field

@@ -15,7 +15,7 @@ HOLES = [slit(-APART / 2), slit(APART / 2)]
 BINS, DRAWS = 120, 600_000
 
 
-def source_before(corners, normal, direction, distance):
+def source_before(corners, normal, direction, distance, sigma):
     """Parallel light over a rectangle across the axis nearest to it, ``distance`` before the screen at least.
 
     Return also its area, seen along the light. Rays spread by up to 5.5 deviations on their way.
@@ -26,13 +26,13 @@ def source_before(corners, normal, direction, distance):
     for _ in range(50):
         way = (start - corners[:, axis]) / direction[axis]
         lit = corners + way[:, None] * direction
-        margin = 5.5 * np.abs(way).max() / (K * np.sqrt(2 * SIGMA)) / abs(direction[axis])
+        margin = 5.5 * np.abs(way).max() / (K * np.sqrt(2 * sigma)) / abs(direction[axis])
         low, high = lit.min(axis=0) - margin, lit.max(axis=0) + margin
         low[axis] = high[axis] = start
         ends = np.stack(np.meshgrid(*np.stack([low, high], axis=1)), axis=-1).reshape(-1, 3)
         nearest = (-(ends @ normal) / (direction @ normal)).min()
         if nearest >= distance * (1 - 1e-9):
-            light = CollimatedEmitter(low, high, direction, 3 * np.sqrt(SIGMA / 2), 1.0)
+            light = CollimatedEmitter(low, high, direction, 3 * np.sqrt(sigma / 2), 1.0)
             return light, np.prod((high - low)[others]) * abs(direction[axis])
         start -= direction[axis] * (distance - nearest)
     raise AssertionError("no rectangle before the screen")
@@ -60,13 +60,13 @@ def expected(angle, half, sigma=SIGMA):
     return np.histogram(aside[inside] / ahead[inside], BINS, (-half, half))[0] / real.sum()
 
 
-def passing(angle, distance, turn, beams, amplitude="auto", seed=1):
+def passing(angle, distance, turn, beams, amplitude="auto", seed=1, sigma=SIGMA):
     """Trace; counts in the columns, and what was found, the share of light that rays say passes, half the tangent."""
     incidence, half = np.deg2rad(angle), 0.3
     light = turn @ [np.sin(incidence), 0, np.cos(incidence)]
     screen = perforated_screen(OUTLINE, HOLES).placed(rotation=turn)
     corners = np.concatenate(HOLES)
-    source, area = source_before(np.c_[corners, 0 * corners[:, 0]] @ turn.T, turn[:, 2], light, distance)
+    source, area = source_before(np.c_[corners, 0 * corners[:, 0]] @ turn.T, turn[:, 2], light, distance, sigma)
     plane = Plane(center=1e6 * light, normal=light, up=turn[:, 1], shape=(BINS, BINS), pitch=2e6 * half / BINS)
     found = trace(Geometry(screen), source, plane, beams, seed, amplitude=amplitude)
     counts = found.irradiance[0].sum(axis=0) * plane.pitch**2 * beams
@@ -74,11 +74,18 @@ def passing(angle, distance, turn, beams, amplitude="auto", seed=1):
 
 
 def excess(counts, total, shares):
-    """Chi-square over columns of 20 expected counts and more, the reference's own noise included; and their number."""
-    mean = shares * total
-    use = mean > 20
-    variance = mean + mean**2 / (shares * DRAWS).clip(1)
-    return ((counts - mean)[use] ** 2 / variance[use]).sum(), use.sum()
+    """Chi-square over columns of 20 expected counts and more, the reference's own noise included; and their number.
+
+    Where few beams pass, columns are taken together until a third of them have so many.
+    """
+    for together in (1, 2, 4, 8, 24, BINS):
+        seen, share = (values.reshape(-1, together).sum(axis=1) for values in (counts, shares))
+        mean = share * total
+        use = mean > 20
+        if use.mean() > 0.3:
+            break
+    variance = mean + mean**2 / (share * DRAWS).clip(1)
+    return ((seen - mean)[use] ** 2 / variance[use]).sum(), use.sum()
 
 
 CASES = [(0, 1), (45, 1), (60, 10), (75, 1)]
@@ -106,13 +113,18 @@ def test_the_check_of_patterns_has_power():
         assert value > chi2.isf(FALSE_ALARM, degrees)
 
 
-def test_the_beams_own_field_agrees():
-    """The other rule, the field of each beam on a grid, in a screen aslant."""
-    counts, found, share, half = passing(30, 5, Rotation.random(random_state=2).as_matrix(), 30_000, "gaussian")
+@pytest.mark.parametrize(("angle", "sigma", "beams"), [(30, 98.0, 40_000), (45, 24.5, 20_000)])
+def test_the_beams_own_field_agrees(angle, sigma, beams):
+    """The other rule, the field of each beam on a grid: narrow beams in a screen aslant, 3 wavelengths off.
+
+    A grid of all that a beam lights, not of what is open, had a chi^2 of twice its degrees here.
+    """
+    turn = Rotation.random(random_state=2).as_matrix()
+    counts, found, share, half = passing(angle, 3, turn, beams, "gaussian", sigma=sigma)
     total = found.ledger.total
     assert found.statistics.gaussian == found.statistics.open
     assert_z(found.statistics.open / total, share, np.sqrt(share * (1 - share) / total))
-    value, degrees = excess(counts, found.statistics.open, expected(30, half))
+    value, degrees = excess(counts, found.statistics.open, expected(angle, half, sigma))
     assert value < chi2.isf(FALSE_ALARM, degrees)
 
 
@@ -127,4 +139,4 @@ def test_a_million_beams(angle, distance):
         assert found.statistics.open / 1e6 == pytest.approx(share, rel=0.01)
     assert found.statistics.open + found.ledger.absorbed == found.ledger.total
     value, degrees = excess(counts, found.statistics.open, expected(angle, half))
-    assert value < 1.5 * degrees
+    assert value < (1.5 * degrees if degrees > 40 else chi2.isf(1e-4, degrees))

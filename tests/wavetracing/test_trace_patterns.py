@@ -188,21 +188,31 @@ def test_power_of_a_square_within_circles():
 
 
 def raster_excess(mask, chirp, assumed, draws=6000):
-    """Chi^2 of drawn cells of wavevectors against |DFT|^2 of the masked beam, over cells of 10 counts and more."""
-    half, n = 30.0, GRID
-    step = 2 * np.pi / (2 * n * (2 * half / n))
-    counts = np.zeros((2 * n, 2 * n))
+    """Chi^2 of drawn cells of wavevectors against the masked beam's power over them, cells of 10 counts and more.
+
+    The grid stands aside, over a part of the beam; a cell's power is the mean of 8 x 8 places within.
+    """
+    middle, half, size, n, finer = np.array([4.0, -3.0]), 22.0, 30.0, GRID, 8
+    step, counts = np.pi / half, np.zeros((n, n))
     for path in range(draws):
-        x, y, _, good = draw_raster(*np.uint64([1, 2, path, 0]), mask, half, half, chirp, chirp)
+        words = np.uint64([1, 2, path, 0])
+        x, y, _, good = draw_raster(*words, mask, (*middle, half, half), (size, size), (chirp, chirp))
         assert good
         column, row = round(x / step), round(y / step)
-        if max(abs(column), abs(row)) < n:  # else beyond the grid, from the rims
+        if -n // 2 <= min(column, row) and max(column, row) < n // 2:  # else beyond the grid, from the rims
             counts[row, column] += 1
-    place = ((np.arange(n) + 0.5) / n * 2 - 1) * half
-    square = (place / half) ** 2
-    phase = 0.5j * assumed * (place[:, None] ** 2 + place**2)
-    field = mask * np.exp(-9 * (square[:, None] + square) + phase)
-    expected = np.abs(np.fft.fft2(field, (2 * n, 2 * n))) ** 2
+    place = (np.arange(n) + 0.5) / n * 2 - 1
+    x, y = middle[:, None] + half * place
+    sharp = mask
+    for axis in (0, 1):
+        edged = np.pad(sharp, 1, mode="edge")
+        beside = [np.roll(edged, shift, axis)[1:-1, 1:-1] for shift in (-1, 1)]
+        sharp = sharp + (2 * sharp - beside[0] - beside[1]) / 24
+    square = x**2 + y[:, None] ** 2
+    field = sharp * np.exp(-9 * square / size**2 + 0.5j * assumed * square)
+    fine = np.abs(np.fft.fft2(field, (finer * n, finer * n))) ** 2
+    fine = np.roll(fine, finer // 2, axis=(0, 1))
+    expected = fine.reshape(n, finer, n, finer).mean(axis=(1, 3))
     expected *= counts.sum() / expected.sum()
     many = expected > 10
     rest = [counts[~many].sum()], [expected[~many].sum()]

@@ -144,6 +144,43 @@ def test_point_source_and_knife_edge():
     assert_z(got, over_pixels(exact.mean(axis=0), 10), error, slack=0.02 * over_pixels(exact.mean(axis=0), 10))
 
 
+@pytest.mark.parametrize("place", [[-3.0, 0, -1.5], [2.0, 0, -2.0]])
+def test_a_point_nearer_to_an_edge_than_its_beams_are_wide(place):
+    """Half of the rays that pass an edge so near have their nearest point behind the source: no less light for that."""
+    source, scene = PointEmitter(place, 1.0, power=4 * np.pi, beam_angle=0.02), Geometry(half(Conductor()))
+    assert source.beam_radius > 10 * np.hypot(place[0], place[2])
+    shadow = Plane(center=[14.0, 0, 6.0], shape=(12, 4), pitch=3.0)
+    fine = shadow.replace(shape=(96, 32), pitch=3.0 / 8).points.copy()
+    exact = float(np.mean([np.abs(coherent_rays(scene, source, fine, 0, 1, b)) ** 2 for b in ("soft", "hard")]))
+    image, error = rows(trace(scene, source, shadow, 300_000, 9, diffraction="utd"))
+    got, error = image.mean(), np.sqrt((error**2).sum()) / 4
+    assert error < 0.04 * exact
+    assert_z(got, exact, error, slack=0.01 * exact)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(got, exact / 0.78, error, slack=0.01 * exact)  # what a whole strip, less the rays behind, would give
+
+
+@pytest.mark.parametrize("z", [-1.0, -12.0])
+def test_a_source_aslant_to_its_light_before_an_edge(z):
+    """Light at 60 degrees from a rectangle along the screen: part of it begins beyond the edge's point."""
+    sigma, angle = 2 * (15.0 / 3) ** 2, np.deg2rad(60)
+    direction = np.array([np.sin(angle), 0, np.cos(angle)])
+    x = z * np.tan(angle)
+    source = CollimatedEmitter([x - 60, -20, z], [x + 60, 20, z], direction, 15.0, 1.0, power=120 * 40 * direction[2])
+    behind = Plane(center=[12.0, 0, 3.0], shape=(6, 4), pitch=2.0)
+    got, error = rows(trace(Geometry(half(Conductor())), source, behind, 200_000, 2, diffraction="utd"))
+    x = (np.arange(32) + 0.5) / 4 + 8
+    nodes, weights = np.polynomial.hermite_e.hermegauss(21)
+    exact = 0
+    for node, weight in zip(nodes, weights / weights.sum(), strict=True):
+        incidence = np.pi / 2 + angle + np.arcsin(node / np.sqrt(2 * sigma) / K)
+        fields = [
+            half_plane(np.arctan2(-3.0, x) % (2 * np.pi), incidence, np.hypot(x, 3), K, b) for b in ("soft", "hard")
+        ]
+        exact += weight * power(fields, Conductor())
+    assert_z(got, over_pixels(exact, 4), error)
+
+
 def test_by_a_mirror():
     """Light that a mirror turned by 90 degrees meets an edge as light that came straight."""
     turn = np.array([[np.cos(np.pi / 4), 0, -np.sin(np.pi / 4)], [0, 1, 0], [np.sin(np.pi / 4), 0, np.cos(np.pi / 4)]])

@@ -12,7 +12,7 @@ from specklegen.wavetracing.kernels import beam_state as beam
 from specklegen.wavetracing.kernels.beam_state import axes_about, leave_region
 from specklegen.wavetracing.kernels.cone_bvh import collect_all, unpacked
 from specklegen.wavetracing.kernels.cones import CONE, triangle_in_cone
-from specklegen.wavetracing.kernels.masked_beams import cover, draw_raster, shares
+from specklegen.wavetracing.kernels.masked_beams import cover, draw_raster, fitted, shares
 from specklegen.wavetracing.kernels.region_patterns import draw_polygon
 from specklegen.wavetracing.kernels.regions import holds, project, recentre
 
@@ -132,7 +132,8 @@ def footprint(state, half, normal, point):
 def paint(state, half, z, event, normal, print_, tree, facets, room):
     """Fill the room's mask with what is open in a beam's footprint, or with the event's sheet, seen along the mean.
 
-    Return whether there is any, and the number of triangles about it.
+    Return whether there is any, the number of triangles about it, and the window of the mask: its middle from the
+    beam's, and its halves.
     """
     wide, fine, corners, open_event, marked = room.wide, room.fine, tree.corners, event.open, room.marked
     o, one, two, long, short = print_
@@ -144,15 +145,9 @@ def paint(state, half, z, event, normal, print_, tree, facets, room):
         near = event.low
     if event.high > far:
         far = event.high
-    places, count = collect_all(wide, near, far, tree, np.empty(256, np.int64))
-    fine[:, :] = _EVERYTHING if open_event else _NOTHING
-    m = (state[beam.MX], state[beam.MY], state[beam.MZ])
-    # r less what of it lies along the mean, until it is in the plane.
-    p, q = _dot(m, one) / _dot(m, normal), _dot(m, two) / _dot(m, normal)
-    u = (one[0] - p * normal[0], one[1] - p * normal[1], one[2] - p * normal[2])
-    v = (two[0] - q * normal[0], two[1] - q * normal[1], two[2] - q * normal[2])
-    flat = np.empty(6)
-    for n in range(count):
+    places, found = collect_all(wide, near, far, tree, np.empty(256, np.int64))
+    count = 0
+    for n in range(found):
         place = places[n]
         if not holds(marked, event.marks, facets.sheet[facets.facet[place]]):
             if facets.facet[place] == event.beyond:
@@ -160,11 +155,29 @@ def paint(state, half, z, event, normal, print_, tree, facets, room):
             low, _ = triangle_in_cone(unpacked(wide), event.low, event.high, corners, place)
             if low == math.inf:
                 continue
-        for c in range(3):
-            r = corners[place, 3 * c] - o[0], corners[place, 3 * c + 1] - o[1], corners[place, 3 * c + 2] - o[2]
-            flat[2 * c], flat[2 * c + 1] = _dot(r, u), _dot(r, v)
-        cover(fine, 0 if open_event else 1, long, short, flat[0], flat[1], flat[2], flat[3], flat[4], flat[5])
-    return shares(fine, room.mask), count
+        places[count] = place
+        count += 1
+    m = (state[beam.MX], state[beam.MY], state[beam.MZ])
+    # r less what of it lies along the mean, until it is in the plane.
+    p, q = _dot(m, one) / _dot(m, normal), _dot(m, two) / _dot(m, normal)
+    u = (one[0] - p * normal[0], one[1] - p * normal[1], one[2] - p * normal[2])
+    v = (two[0] - q * normal[0], two[1] - q * normal[1], two[2] - q * normal[2])
+    flat = np.empty(6)
+    x = y = 0.0
+    for finer in range(2):
+        fine[:, :] = _EVERYTHING if open_event else _NOTHING
+        for n in range(count):
+            place = places[n]
+            for c in range(3):
+                r = corners[place, 3 * c] - o[0], corners[place, 3 * c + 1] - o[1], corners[place, 3 * c + 2] - o[2]
+                flat[2 * c], flat[2 * c + 1] = _dot(r, u) - x, _dot(r, v) - y
+            cover(fine, 0 if open_event else 1, long, short, flat[0], flat[1], flat[2], flat[3], flat[4], flat[5])
+        if finer == 0:
+            right, up, across, along = fitted(fine)
+            if across >= 1.0 and along >= 1.0:
+                break
+            x, y, long, short = right * long, up * short, across * long, along * short
+    return shares(fine, room.mask), found, (x, y, long, short)
 
 
 @kernel
@@ -226,8 +239,8 @@ def diffract(key, path, counter, state, z, event, light, tree, facets, openings,
         if event.uniform or abs(n[0] * m[0] + n[1] * m[1] + n[2] * m[2]) > 1.0 / _STEEPEST:
             normal = (n[0], n[1], n[2])
     side = _dot(d, normal)
-    edges, area, chirp_x, chirp_y = 0, 0.0, 0.0, 0.0
-    long = short = 0.0
+    through = _dot(d, facets.normals[event.plane]) if event.plane >= 0 else 0.0
+    edges, area, sizes, chirps, window = 0, 0.0, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
     if event.uniform:
         edges, area, _, one, two = outline(event, facets, openings, room.flat)
         if not area > 0.0:
@@ -239,7 +252,8 @@ def diffract(key, path, counter, state, z, event, light, tree, facets, openings,
         grown = z * state[beam.SLOPE]
         half = 2.0 * math.sqrt(state[beam.WIDTH] ** 2 + grown * grown)
         print_ = footprint(state, half, normal, point)
-        middle, one, two, long, short = print_
+        _, one, two, long, short = print_
+        sizes = (long, short)
         x = (state[beam.XX], state[beam.XY], state[beam.XZ])
         e = state[beam.STRETCH]
         y = (state[beam.YX] / e, state[beam.YY] / e, state[beam.YZ] / e)
@@ -253,9 +267,10 @@ def diffract(key, path, counter, state, z, event, light, tree, facets, openings,
             u, v = chirp * _dot(x, r) / light.k, chirp * _dot(y, r) / light.k
             mean = (m[0] + u * x[0] + v * y[0], m[1] + u * x[1] + v * y[1], m[2] + u * x[2] + v * y[2])
         else:
-            chirp_x = chirp * (_dot(x, one) ** 2 + _dot(y, one) ** 2)
-            chirp_y = chirp * (_dot(x, two) ** 2 + _dot(y, two) ** 2)
-        some, count = paint(state, half, z, event, normal, print_, tree, facets, room)
+            chirps = (
+                chirp * (_dot(x, one) ** 2 + _dot(y, one) ** 2), chirp * (_dot(x, two) ** 2 + _dot(y, two) ** 2),
+            )  # fmt: skip
+        some, count, window = paint(state, half, z, event, normal, print_, tree, facets, room)
         statistics[_TRIANGLES] += count
         if not some:
             # Seen along the mean nothing is open, though the ray, a little aslant, did pass: it goes on unbent.
@@ -267,14 +282,13 @@ def diffract(key, path, counter, state, z, event, light, tree, facets, openings,
             x_, y_, counter, tries, good = draw_polygon(key0, key1, path, counter, room.flat[:edges], area)
             statistics[_TRIES] += tries
         else:
-            x_, y_, counter, good = draw_raster(
-                key0, key1, path, counter, room.mask, long, short, chirp_x, chirp_y
-            )
+            x_, y_, counter, good = draw_raster(key0, key1, path, counter, room.mask, window, sizes, chirps)
         if not good:
             return counter, False
         u, v = x_ / light.k, y_ / light.k
         dx, dy, dz, there = _leave(one, two, normal, _dot(mean, one) + u, _dot(mean, two) + v, side)
-        if there:
+        # Along a surface the pattern is taken across the beam: what goes to its other side is drawn again.
+        if there and (event.plane < 0 or _dot((dx, dy, dz), facets.normals[event.plane]) * through > 0.0):
             mx, my, mz = dx, dy, dz
             if event.uniform:
                 mx, my, mz, there = _leave(one, two, normal, _dot(m, one) + u, _dot(m, two) + v, side)

@@ -3,7 +3,7 @@
 The ray of a collimated source starts evenly over its rectangle, and the beam's centre lies about the *ray*: that is the
 ensemble of evenly spread centres, seen from the rays that start in the rectangle. Offsets beyond three deviations are
 drawn again, which changes nothing where centres are even; wavevectors are not cut, since their spread is the physics:
-a ray beyond the envelope widens its cone.
+a ray beyond the envelope widens its cone. A laser is one beam, whose centre stands still; its rays start about it.
 """
 
 import math
@@ -18,9 +18,9 @@ from specklegen.wavetracing.kernels.beam_state import axes_about, kicked
 
 # float64[SOURCE]: kind, lower and upper corner (a point: both its place), direction, half-width a, tangent.
 KIND, LOWER, UPPER, DIRECTION, RADIUS, TANGENT, SOURCE = 0, 1, 4, 7, 10, 11, 12
-COLLIMATED, POINT = 0, 1
+COLLIMATED, POINT, LASER = 0, 1, 2
 _ONE = np.uint64(1)
-_WAVE = 0
+_WAVE, _BALLISTIC = 0, 1
 
 
 @kernel
@@ -29,7 +29,8 @@ def emit(key0, key1, path, source, mode, k, state):
     counter = np.uint64(0)
     u, v, w, _ = uniforms(key0, key1, np.uint64(0), path, counter)
     counter += _ONE
-    if int(source[KIND]) == COLLIMATED:
+    kind = int(source[KIND])
+    if kind != POINT:
         mx, my, mz = source[DIRECTION], source[DIRECTION + 1], source[DIRECTION + 2]
     else:
         mz = 1.0 - 2.0 * u
@@ -44,7 +45,7 @@ def emit(key0, key1, path, source, mode, k, state):
     state[beam.SLOPE] = source[TANGENT]
     state[beam.PRODUCT] = source[TANGENT] * source[TANGENT]
     # A rectangle is flat along one axis, whose number is in w's place of no use: each corner differs in two.
-    if int(source[KIND]) == POINT:
+    if kind != COLLIMATED:
         px, py, pz = source[LOWER], source[LOWER + 1], source[LOWER + 2]
     else:
         px = source[LOWER] + u * (source[UPPER] - source[LOWER])
@@ -52,17 +53,24 @@ def emit(key0, key1, path, source, mode, k, state):
         pz = source[LOWER + 2] + w * (source[UPPER + 2] - source[LOWER + 2])
     state[beam.PX], state[beam.PY], state[beam.PZ] = px, py, pz
     state[beam.CX], state[beam.CY], state[beam.CZ] = px, py, pz
+    s = source[RADIUS] / 3.0
+    if kind == LASER and mode != _BALLISTIC:
+        u, v, _, _ = uniforms(key0, key1, np.uint64(0), path, counter)
+        counter += _ONE
+        gx, gy = normal_pair(u, v)
+        state[beam.PX] += s * (gx * x + gy * a)
+        state[beam.PY] += s * (gx * y + gy * b)
+        state[beam.PZ] += s * (gx * z + gy * c)
     if mode != _WAVE:
         return counter
     spread = 1.0 / (2.0 * source[RADIUS] / 3.0)  # root of 1 / (2 Sigma), Sigma = 2 (a / 3)^2
-    if int(source[KIND]) == COLLIMATED:
+    if kind == COLLIMATED:
         while True:
             u, v, _, _ = uniforms(key0, key1, np.uint64(0), path, counter)
             counter += _ONE
             gx, gy = normal_pair(u, v)
             if gx * gx + gy * gy <= 9.0:
                 break
-        s = source[RADIUS] / 3.0
         state[beam.CX] -= s * (gx * x + gy * a)
         state[beam.CY] -= s * (gx * y + gy * b)
         state[beam.CZ] -= s * (gx * z + gy * c)

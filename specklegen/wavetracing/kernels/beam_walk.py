@@ -7,8 +7,8 @@ past an edge that the cone holds, the beam is diffracted, once for each, by what
 ends exactly once, power closes in integers, and what passes an opening is what rays say, at any angle and distance.
 
 Uniform light: u = 1 over all holes that the source sees as one, added to the ray. Gaussian: the beam's own field, added
-to its mean. Both are exact for evenly spread centres, if all beams take the same; so a beam takes uniform light where
-its half-width is that of the largest hole at least, which does not ask where it is.
+to its mean. Both are exact for evenly spread centres, if all beams take the same; so each opening, and each plate, has
+one rule, which asks the source and no beam.
 
 Modes: WAVE as above. BALLISTIC: the mean ray alone decides; where it hits a facet with an edge in the cone, a point of
 the beam's cross-section decides between matter and opening, where it does not, nothing happens. RAY: plain rays.
@@ -25,7 +25,7 @@ from specklegen.kernels import inlined, kernel
 from specklegen.kernels.rng import normal_pair, uniforms
 from specklegen.wavetracing.kernels import beam_state as beam
 from specklegen.wavetracing.kernels.beam_events import Event, Light, Room, diffract, scatter_diffusely
-from specklegen.wavetracing.kernels.beam_sources import emit
+from specklegen.wavetracing.kernels.beam_sources import KIND, LASER, RADIUS, emit
 from specklegen.wavetracing.kernels.beam_state import leave_region, mirror
 from specklegen.wavetracing.kernels.cone_bvh import collect_all
 from specklegen.wavetracing.kernels.cones import CONE
@@ -280,10 +280,9 @@ def walk_beams(
             nx = ny = nz = 0.0
             if open_event:
                 statistics[OPEN_EVENTS] += 1
-                width = state[beam.WIDTH] + abs(z) * state[beam.SLOPE]
                 if hole >= 0:
                     opening = int(openings.of[hole])
-                    uniform = amplitude == UNIFORM_LIGHT or (amplitude == AUTO and width >= openings.breadth[opening])
+                    uniform = amplitude == UNIFORM_LIGHT or (amplitude == AUTO and openings.even[opening])
                     marks = 1
                     marked[0] = sheet[plane]
                 elif mode == BALLISTIC:
@@ -314,7 +313,7 @@ def walk_beams(
                     low, high = math.inf, -math.inf
                     uniform = facets.whole[own] and amplitude != GAUSSIAN_LIGHT and (
                         amplitude == UNIFORM_LIGHT
-                        or state[beam.WIDTH] + abs(z) * state[beam.SLOPE] >= facets.breadth[own]
+                        or (int(source[KIND]) != LASER and source[RADIUS] >= facets.breadth[own])
                     )  # fmt: skip
             if bordered:
                 statistics[REGIONS] += 1

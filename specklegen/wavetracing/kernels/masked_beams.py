@@ -1,16 +1,21 @@
 """Diffraction of a beam's own field by what is open in its cross-section: one wavevector of the pattern.
 
-The field stands on GRID x GRID cells over four half-widths, times the open share of each (of 4 x 4 points in it),
-and is transformed on twice as many; a cell of wavevectors is drawn by its power, and a place in it evenly. No transform
-of the whole is needed for one draw. By Parseval, the power at each x component is the sum over rows y of the power of
-the row's own transform; so a row is drawn by its power, an x component from the transform of that row, and a y
-component from the transform of the column of that x component. A column's entries are transforms of rows at one
-wavevector: sums over the few places at which the open share changes along a row, of the wave beyond each place.
+The field stands on GRID x GRID cells, over six deviations of the beam's intensity each way or, where less is open, over
+that: the wave times the open share of each cell (of 4 x 4 points in it). At wavevectors (m + v) 2 pi / width, v drawn
+once, the sum over cells is exact, and the powers of all m add to the same for any v: a draw among them is a draw from
+the pattern, without any blur. No transform of the whole is needed for it. By Parseval, the power at each x component is
+the sum over rows y of the power of the row's own transform; so a row is drawn by its power, an x component from the
+transform of that row, and a y component from the transform of the column of that x component. A column's entries are
+transforms of rows at one wavevector: sums over the few places at which the open share changes along a row, of the wave
+beyond each place.
+
+An open share is a mean over its cell: the power of an edge at angle theta = pi m / GRID comes out as
+theta^2 (1 - 2/3 sin^2 theta) / sin^2 theta of itself, folded frequencies included, .69 at worst. Shares sharpened by
+`_SHARPER` of their second differences bring it to .92 ... 1.11.
 
 Beyond the grid's last wavevector Q the pattern is that of its rims alone: a rim of normal n carries |u|^2 / (pi q^2) a
 length and dq along n, so the share |u|^2 / (pi Q) a length of rim is drawn there, q = Q / uniform. What this costs:
-structure below 1/16 of the half-width is smoothed, variances grow by 2 % of those of the beam, and corners send no more
-than their rims.
+structure below 1/16 of the half-width is smoothed where more is open, and corners send no more than their rims.
 """
 
 import math
@@ -22,7 +27,6 @@ from specklegen.kernels.rng import uniforms
 
 GRID = 64
 FINE = 4 * GRID
-_PADDED = 2 * GRID
 _MIDDLE = 0.5 * FINE - 0.5
 _BITS = 64  # of a word of the fine mask
 WORDS = FINE // _BITS
@@ -33,15 +37,14 @@ _BYTE = np.uint64(255)
 _FROM = np.packbits(np.triu(np.ones((FINE + 1, FINE), bool)), axis=1, bitorder="little").view("<u8")
 """Words of a row whose bits are set from a column on, uint64[FINE + 1, WORDS]."""
 _PLACE = (np.arange(GRID) + 0.5) * (2.0 / GRID) - 1.0
-_SIZE = np.exp(-9.0 * _PLACE**2)  # amplitude over half a side of six deviations of the intensity
-_POWER = _SIZE**2
-_POWER_BEYOND = np.cumsum(_POWER[::-1])[::-1].copy()
-_TWIDDLES = np.exp(-2j * np.pi * np.arange(GRID) / _PADDED)
+_SHARPER = 1.0 / 24.0  # (1 + 4 / 24 sin^2)^2 takes off what the mean over a cell does, to second order
+_FITS = 0.75  # of a side: what is open on less gets a grid of its own
+_TWIDDLES = np.exp(-2j * np.pi * np.arange(GRID // 2) / GRID)
 
 
 @kernel
 def fourier(values):
-    """Transform complex128[2 GRID] in place: sum_j values_j e^{-2 pi i j m / n}."""
+    """Transform complex128[GRID] in place: sum_j values_j e^{-2 pi i j m / n}."""
     n = values.shape[0]
     j = 0
     for i in range(1, n):
@@ -131,19 +134,46 @@ def shares(fine, mask):
     return some != _NONE
 
 
+@kernel
+def fitted(fine):
+    """Middle and half of what is open on a side, in halves of a side: (x, y, half_x, half_y), with a margin.
+
+    All of it, where more than `_FITS` of both sides is open.
+    """
+    low, high, left, right = FINE, -1, FINE, -1
+    for row in range(FINE):
+        for word in range(WORDS):
+            bits = fine[row, word]
+            if bits == _NONE:
+                continue
+            low, high = min(low, row), row
+            first, last = 0, _BITS - 1
+            while (bits >> np.uint64(first)) & _ONE == _NONE:
+                first += 1
+            while (bits >> np.uint64(last)) & _ONE == _NONE:
+                last -= 1
+            left, right = min(left, _BITS * word + first), max(right, _BITS * word + last)
+    across, along = (right - left + 3.0) / FINE, (high - low + 3.0) / FINE
+    if across > _FITS and along > _FITS:
+        return 0.0, 0.0, 1.0, 1.0
+    margin = GRID / (GRID - 2.0)  # a cell of shade on each side
+    x, y = (left + right + 1.0) / FINE - 1.0, (low + high + 1.0) / FINE - 1.0
+    return x, y, across * margin, along * margin
+
+
 @inlined
-def _rim(mask, half_x, half_y, row, column):
+def _rim(mask, power_x, power_y, half_x, half_y, row, column):
     """Power beyond the grid of the rim in a cell, over that of a cell of intensity 1, its normal and its least q."""
     nx = 0.5 * (mask[row, min(column + 1, GRID - 1)] - mask[row, max(column - 1, 0)]) * GRID / (2.0 * half_x)
     ny = 0.5 * (mask[min(row + 1, GRID - 1), column] - mask[max(row - 1, 0), column]) * GRID / (2.0 * half_y)
     steep = math.sqrt(nx * nx + ny * ny)
     nx, ny = nx / steep, ny / steep
     last = math.pi * GRID / (2.0 * max(abs(nx) * half_x, abs(ny) * half_y))
-    return _POWER[row] * _POWER[column] * steep / (math.pi * last), nx, ny, last
+    return power_y[row] * power_x[column] * steep / (math.pi * last), nx, ny, last
 
 
 @kernel
-def _rims(mask, half_x, half_y, target, flags):
+def _rims(mask, power_x, power_y, half_x, half_y, target, flags):
     """Running power of the rims up to where it passes ``target``: that, and the row and column of that cell.
 
     flags : uint8[GRID], workspace; a row of cells is looked at by eight, most of which have no rim
@@ -161,7 +191,7 @@ def _rims(mask, half_x, half_y, target, flags):
                 continue
             for column in range(8 * word, 8 * word + 8):
                 if flags[column]:
-                    total += _rim(mask, half_x, half_y, row, column)[0]
+                    total += _rim(mask, power_x, power_y, half_x, half_y, row, column)[0]
                     if total >= target:
                         return total, row, column
     return total, -1, -1
@@ -182,12 +212,27 @@ def _drawn(weights, u):
 
 @inlined
 def _power_of(line, power):
-    for m in range(_PADDED):
+    for m in range(GRID):
         power[m] = line[m].real * line[m].real + line[m].imag * line[m].imag
 
 
 @kernel
-def _steps(mask, at, by, count, row_power):
+def _sharpen(mask, sharp):
+    """Fill ``sharp`` float64[GRID, GRID] with the shares less `_SHARPER` of their second differences, on both axes."""
+    for row in range(GRID):
+        low, high = max(row - 1, 0), min(row + 1, GRID - 1)
+        for column in range(GRID):
+            here = mask[row, column]
+            sharp[row, column] = here + _SHARPER * (2.0 * here - mask[low, column] - mask[high, column])
+        before, here = sharp[row, 0], sharp[row, 0]
+        for column in range(GRID):
+            after = sharp[row, min(column + 1, GRID - 1)]
+            sharp[row, column] = here + _SHARPER * (2.0 * here - before - after)
+            before, here = here, after
+
+
+@kernel
+def _steps(mask, power_x, power_y, at, by, count, row_power):
     """List where the open share changes along each row, and the power of the rows.
 
     at, by    : int64, float64[GRID, GRID], out: columns of the ``count`` int64[GRID] changes of a row, and the changes
@@ -199,72 +244,82 @@ def _steps(mask, at, by, count, row_power):
             here = mask[row, column]
             if here != before:
                 at[row, found], by[row, found] = column, here - before
-                power += (here * here - before * before) * _POWER_BEYOND[column]
                 found += 1
                 before = here
-        count[row], row_power[row] = found, max(power, 0.0) * _POWER[row]
-
-
-@inlined
-def _curved(place, half, chirp):
-    """The wave at a place along one axis, in units of half a side."""
-    phase = 0.5 * chirp * (place * half) ** 2
-    return complex(math.cos(phase), math.sin(phase))
+            power += here * here * power_x[column]
+        count[row], row_power[row] = found, power * power_y[row]
 
 
 @kernel
-def draw_raster(key0, key1, path, counter, mask, half_x, half_y, chirp_x, chirp_y):
+def _wave_along(middle, half, size, chirp, turn, wave, power):
+    """Fill ``wave`` complex128[GRID] with a beam's field in the cells of one axis, and ``power`` with its square.
+
+    middle, half : of the grid, from the beam's mean; size : where its intensity is down to six deviations
+    chirp        : of the phase chirp x^2 / 2;  turn : shift of the wavevectors, in steps of them
+    """
+    for n in range(GRID):
+        x = middle + half * _PLACE[n]
+        amplitude = math.exp(-9.0 * (x / size) * (x / size))
+        phase = 0.5 * chirp * x * x - math.pi * turn * _PLACE[n]
+        wave[n] = complex(amplitude * math.cos(phase), amplitude * math.sin(phase))
+        power[n] = amplitude * amplitude
+
+
+@kernel
+def draw_raster(key0, key1, path, counter, mask, window, sizes, chirps):
     """One xi of the pattern of a Gaussian beam through a mask: (x, y, counter, found or not).
 
-    mask           : float64[GRID, GRID]    share of each cell that is open
-    half_x, half_y : float                  half sizes of the grid, six standard deviations of the beam's intensity
-    chirp_x, chirp_y : float                of the field exp(i (chirp_x x^2 + chirp_y y^2) / 2)
+    mask   : float64[GRID, GRID]   share of each cell that is open
+    window : (x, y, half_x, half_y) of the grid, from the beam's mean
+    sizes  : six standard deviations of the beam's intensity along both axes
+    chirps : of the field exp(i (chirp_x x^2 + chirp_y y^2) / 2)
     """
-    at, by = np.empty((GRID, GRID), np.int64), np.empty((GRID, GRID))
+    middle_x, middle_y, half_x, half_y = window
+    at, by, sharp = np.empty((GRID, GRID), np.int64), np.empty((GRID, GRID)), np.empty((GRID, GRID))
+    across, along, line = np.empty(GRID, np.complex128), np.empty(GRID, np.complex128), np.empty(GRID, np.complex128)
+    power_x, power_y, power = np.empty(GRID), np.empty(GRID), np.empty(GRID)
     count, row_power = np.empty(GRID, np.int64), np.empty(GRID)
-    _steps(mask, at, by, count, row_power)
     u, v, w, t = uniforms(key0, key1, np.uint64(0), path, counter)
     s, _, _, _ = uniforms(key0, key1, np.uint64(0), path, counter + _ONE)
     counter += _2
+    _wave_along(middle_x, half_x, sizes[0], chirps[0], v - 0.5, across, power_x)
+    _wave_along(middle_y, half_y, sizes[1], chirps[1], w - 0.5, along, power_y)
+    _sharpen(mask, sharp)
+    _steps(sharp, power_x, power_y, at, by, count, row_power)
     inner = row_power.sum()
     if not inner > 0.0:
         return 0.0, 0.0, counter, False
     flags = np.empty(GRID, np.uint8)
-    rims, _, _ = _rims(mask, half_x, half_y, math.inf, flags)
+    rims, _, _ = _rims(mask, power_x, power_y, half_x, half_y, math.inf, flags)
     if u * (rims + inner) >= inner:
         # Its share of the rims lies below all of them, so a cell is found.
-        _, row, column = _rims(mask, half_x, half_y, min(u * (rims + inner) - inner, rims), flags)
-        _, nx, ny, last = _rim(mask, half_x, half_y, row, column)
+        target = min(u * (rims + inner) - inner, rims)
+        _, row, column = _rims(mask, power_x, power_y, half_x, half_y, target, flags)
+        _, nx, ny, last = _rim(mask, power_x, power_y, half_x, half_y, row, column)
         q = last / v if w < 0.5 else -last / v
         return q * nx, q * ny, counter, True
     row = _drawn(row_power, u * (rims + inner) / inner)
-    across, line, power = np.empty(GRID, np.complex128), np.zeros(_PADDED, np.complex128), np.empty(_PADDED)
     for column in range(GRID):
-        across[column] = _SIZE[column] * _curved(_PLACE[column], half_x, chirp_x)
-        line[column] = mask[row, column] * across[column]
+        line[column] = sharp[row, column] * across[column]
     fourier(line)
     _power_of(line, power)
     chosen = _drawn(power, t)
     # What the wave, turned by this wavevector, adds up to beyond each column.
     total = complex(0.0, 0.0)
     for column in range(GRID - 1, -1, -1):
-        turn = (chosen * column) % _PADDED
-        wave = across[column] * _TWIDDLES[turn % GRID]
-        total += wave if turn < GRID else -wave
+        turn = (chosen * column) % GRID
+        wave = across[column] * _TWIDDLES[turn % (GRID // 2)]
+        total += wave if turn < GRID // 2 else -wave
         across[column] = total
     line[:] = 0.0
     for row in range(GRID):
         value = complex(0.0, 0.0)
         for n in range(count[row]):
             value += by[row, n] * across[at[row, n]]
-        if count[row] > 0:
-            line[row] = value * (_SIZE[row] * _curved(_PLACE[row], half_y, chirp_y))
+        line[row] = value * along[row]
     fourier(line)
     _power_of(line, power)
     row = _drawn(power, s)
-    m = chosen if chosen < GRID else chosen - _PADDED
-    n = row if row < GRID else row - _PADDED
-    pitch_x, pitch_y = 2.0 * half_x / GRID, 2.0 * half_y / GRID
-    x = (m + v - 0.5) * 2.0 * math.pi / (_PADDED * pitch_x)
-    y = (n + w - 0.5) * 2.0 * math.pi / (_PADDED * pitch_y)
-    return x, y, counter, True
+    m = chosen if chosen < GRID // 2 else chosen - GRID
+    n = row if row < GRID // 2 else row - GRID
+    return math.pi * (m + v - 0.5) / half_x, math.pi * (n + w - 0.5) / half_y, counter, True

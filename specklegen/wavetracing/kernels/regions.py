@@ -78,8 +78,8 @@ class Openings(NamedTuple):
         Opening of each hole.
     starts, members : int64[C + 1], int64[H]
         Where an opening's holes begin, among holes sorted by opening.
-    breadth : float64[C]
-        Mean width of the largest hole; inf where there are too many edges for the exact sampler.
+    even : bool[C]
+        Whether light in it is taken for even: all of it is lit, or beams are as wide as its largest hole.
     balls : float64[H, 4]
         A sphere about each hole, middle and radius.
     screens : int64[S]
@@ -91,7 +91,7 @@ class Openings(NamedTuple):
     of: np.ndarray
     starts: np.ndarray
     members: np.ndarray
-    breadth: np.ndarray
+    even: np.ndarray
     balls: np.ndarray
     screens: np.ndarray
     outer: np.ndarray

@@ -1,10 +1,12 @@
 """The contract of the generator: one program, whatever the device, the batch, the order and the program's switches."""
 
 import numpy as np
+import plain_forms
 import pytest
 import torch
 from plain_forms import as_on_devices
 from quick_recipes import quick_recipe
+from torch.utils._pytree import tree_flatten
 from zscore import assert_mean
 
 import specklegen.datasets.recipes.specification as specification
@@ -16,8 +18,8 @@ from specklegen.datasets.recipes import generator as generator_module
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.recipe_files import recipe_names
 from specklegen.samplers.screens import objects as screen_objects
+from specklegen.synthesis import fused, optics
 from specklegen.synthesis import imaging as imaging_module
-from specklegen.synthesis import optics
 from specklegen.synthesis.imaging import Imaging
 from specklegen.synthesis.surface import SurfaceFilm
 
@@ -131,6 +133,34 @@ def test_companions_do_not_matter_to_devices(name, monkeypatch):
         key, whole = next(iter(recipe.layout())), generator(range(12))
         for some in ([11, 3], [5], [*range(9, 0, -1)]):
             assert torch.equal(generator(some)[key], whole[key][some])
+
+
+def test_a_device_meets_no_new_shape_in_a_further_batch(monkeypatch):
+    """On CUDA every new one is compiled anew: as many samples of a rank as a batch happens to have would never end.
+
+    All operators of unknown-slab, whose ranks and counts of them differ from batch to batch; of ranks that were met.
+    """
+    met = {}
+
+    def watched(name, form):
+        def run(*arguments):
+            shapes = [tuple(a.shape) for a in tree_flatten(arguments)[0] if isinstance(a, torch.Tensor)]
+            met.setdefault(name, set()).add(str(shapes))
+            return form(*arguments)
+
+        return run
+
+    forms = {name: watched(name, form) for name, form in fused.FORMS.items()}
+    monkeypatch.setattr(plain_forms, "FORMS", forms)
+    with as_on_devices(monkeypatch):
+        generator = SpeckleGenerator(recipe_of("unknown-slab", camera={"shape": [64, 64]}), 4)
+        for first in range(0, 36, 12):
+            generator(range(first, first + 12))
+        counts = {name: len(shapes) for name, shapes in met.items()}
+    ranks = counts["pair_products"]
+    assert ranks > 1
+    assert counts["speckle_contrast"] == 1
+    assert max(counts.values()) <= 2 * ranks, counts  # of every rank, of a full and a small chunk
 
 
 @pytest.mark.parametrize("name", SMALL)

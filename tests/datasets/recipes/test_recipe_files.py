@@ -66,7 +66,7 @@ def test_a_file_may_bear_the_name_of_a_packaged_recipe(setup):
         ({"a": 'inherits = "a.toml"'}, "recipe.inherits must be free of circles"),
         ({"a": 'inherits = "../setup/./a.toml"'}, "recipe.inherits must be free of circles"),
         ({"a": 'inherits = "b.toml"', "b": 'inherits = "link.toml"'}, "recipe.inherits must be free of circles"),
-        ({"a": "inherits = 7"}, "recipe.inherits must be the name of a recipe or the path of a TOML file; got 7"),
+        ({"a": "inherits = 7"}, "recipe.inherits must be the name of a recipe or .*, or a list of them; got 7"),
         ({"a": "[inherits]\nx = 1"}, "recipe.inherits must be the name of a recipe or the path of a TOML file"),
         ({"a": 'inherits = "nothing"'}, "recipe must be .*nothing"),
         ({"a": 'inherits = "tilt-stak"'}, "Did you mean tilt-stack?"),

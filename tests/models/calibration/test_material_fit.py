@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 import specklegen as sg
@@ -57,10 +58,37 @@ def test_intervals_end_where_the_profile_has_risen():
     for level in (0.68, 0.95):
         bounds = one.interval(level)
         assert set(bounds) == set(one.values)
-        for name, (low, high) in bounds.items():
+        for (name, (low, high)), rise in zip(bounds.items(), one.critical(level), strict=True):
             assert low < one.values[name] < high
-            np.testing.assert_allclose(one.profile(name, [low, high]), chi2.ppf(level, 1), rtol=0.05)
-            assert (one.profile(name, [0.5 * low + 0.5 * one.values[name]]) < chi2.ppf(level, 1)).all()
+            np.testing.assert_allclose(one.profile(name, [low, high]), rise, rtol=0.05)
+            assert (one.profile(name, [0.5 * low + 0.5 * one.values[name]]) < rise).all()
+
+
+def test_intervals_end_at_drawn_rises_where_those_are_larger():
+    one = fit()
+    names = [*one.values]
+    assert one.rises.shape == (len(names), 99)
+    for level, place in ((0.68, 67), (0.95, 94)):
+        np.testing.assert_array_equal(one.critical(level), np.maximum(one.rises[:, place], chi2.ppf(level, 1)))
+    # One set by itself, by another program: fitted freely, and with one unknown held at the truth.
+    problem = one.problem
+    drawn = np.random.default_rng(5).normal(size=(99, len(problem.values)))[0]
+    there = problem.model(one.at[None])[0][0]
+
+    def off(at):
+        return problem.model(np.atleast_2d(at))[0][0] - there - drawn
+
+    free = least_squares(off, one.at, x_scale=0.1, xtol=1e-10, ftol=1e-10)
+    place = int(np.argmax(np.abs(problem.unknowns.weights("g"))))
+    other = 1 - place
+
+    def held(value):
+        at = one.at.copy()
+        at[other] = value[0]
+        return off(at)
+
+    rise = 2 * (least_squares(held, one.at[[other]], x_scale=0.1, xtol=1e-10, ftol=1e-10).cost - free.cost)
+    assert np.abs(one.rises[names.index("g")] - rise).min() < 1e-3
 
 
 def test_a_profile_is_the_minimum_over_the_others():

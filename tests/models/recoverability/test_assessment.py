@@ -8,6 +8,7 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.models.likelihood.likelihood import SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import periodogram
+from specklegen.models.metrics import alignment
 from specklegen.models.recoverability.assessment import reconstruct_and_assess, setup_of
 from specklegen.models.retrieval.autocorrelation import envelope
 
@@ -70,6 +71,29 @@ def test_images_that_no_object_explains():
     # A mean over so many pixels takes nothing of the object along: neither does the judgement.
     _, evened = excesses(recipe, frames / envelope(frames, 60.0))
     assert abs((evened - whole).mean()) < 5
+
+
+def test_an_image_that_is_turned_shows_the_object_turned():
+    """Lags are those of before, and so is what the solver makes of them: the third order alone can tell.
+
+    Characters within a third of the range; the true turn is that of the better correlation, and none told may be wrong.
+    """
+    recipe = load_recipe("one-angular-size", SLAB | {"field": {"pitch": None, "extent_over_range": 0.3}})
+    batch = recipe.batch(4, "test", range(5))
+    images = torch.from_numpy(batch["image"]).double()[:, None]
+    pairs = [reconstruct_and_assess(each, recipe).each for each in (images, images.flip((-2, -1)))]
+    objects = torch.nn.functional.pad(torch.from_numpy(batch["object"]).float(), (4, 4, 4, 4))
+    told = 0
+    for one, other, shown in zip(*pairs, objects, strict=True):
+        assert (one.turn is None) == (other.turn is None)
+        if one.turn is None:
+            assert np.allclose(one.image, other.image, atol=1e-3)
+            continue
+        told += 1
+        assert one.turn >= 0.9
+        assert np.allclose(one.image, other.image[::-1, ::-1], atol=1e-3)
+        assert not alignment(torch.from_numpy(one.image.copy()), shown).flipped
+    assert told >= 2
 
 
 def test_shapes_are_checked():

@@ -1,0 +1,134 @@
+"""Verdicts on photographs of unknown benches, and what became of their objects: drawn, retrieved, judged.
+
+    python scripts/photograph_verdicts.py truth --out photographs.csv [--count 330] [--workers 16] [--seconds 140]
+    python scripts/photograph_verdicts.py judge photographs.csv
+
+A photograph is a clean bench or one of ten perturbed ones (``perturbed_benches.py``), its camera of 96 to 288 pixels and
+2.2 to 6 a grain, its objects characters, bars, points, polygons or blobs of 6 to 24 grains, with 2 to 3000 electrons a
+pixel, 8 to 16 bits and now and then pixels that saturate: a pure function of its number. What became of it: the Pearson correlation of
+phase retrieval of four restarts, over the fitted envelope, which is told the grain, the object's side and pitch, with the diffraction-limited object.
+"""  # noqa: E501
+
+import argparse
+import csv
+import multiprocessing
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from perturbed_benches import BENCHES, bench
+
+from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.measured import read_measurement
+from specklegen.models.judging.baselines import katz
+from specklegen.models.judging.evaluation import aligned_to, targets_of
+from specklegen.models.metrics import pearson
+from specklegen.models.retrieval.phase_retrieval import Retrieval
+
+SEED = 11
+FAMILIES = (
+    {"type": "Glyphs", "disjoint": "character", "test": "569BFMTVWt", "validation": "2KPbq"}, {"type": "Bars"},
+    {"type": "Polygons"}, {"type": "Blobs"}, *({"type": "Points", "count": n} for n in (3, 4, 6, 9, 14)),
+)  # fmt: skip
+HEAD = ("number", "bench", "family", "camera", "pixels_per_grain", "photons", "saturated", "side", "r")
+
+
+class Scene(NamedTuple):
+    """One photograph: its bench and what else was drawn."""
+
+    name: str
+    family: dict[str, Any]
+    camera: int
+    pixels_per_grain: float
+    photons: float
+    saturated: bool
+    side: float
+
+    def recipe(self, *, noise: bool = True) -> HiddenObject:
+        """Recipe of the photograph; without noise, of its light alone."""
+        limit = (1.2 if self.saturated else 20.0) * self.photons
+        bits = 8 if limit < 2000 else 12 if limit < 20_000 else 16
+        camera = {"photons": self.photons, "gain": limit / 2**bits, "read_noise": 2.0, "bit_depth": bits}
+        more = {
+            "objects": {**self.family, "shape": [28, 28]},
+            "camera": {"shape": [self.camera, self.camera], "pixels_per_grain": self.pixels_per_grain},
+            "field": {"pixels": self.side * self.pixels_per_grain},
+            "exposure": camera if noise else {"photons": 1e6, "bit_depth": None},
+        }
+        return bench(self.name, more)
+
+
+def drawn(number: int) -> Scene:
+    """Scene of a photograph."""
+    rng = np.random.default_rng([SEED, number])
+    names = [*BENCHES]
+    grain = float(np.exp(rng.uniform(np.log(2.2), np.log(6.0))))
+    camera = 2 * int(rng.uniform(48, 144))
+    side = min(float(np.exp(rng.uniform(np.log(6.0), np.log(24.0)))), 0.8 * camera / grain)
+    return Scene(
+        names[number % len(names)], FAMILIES[rng.integers(len(FAMILIES))], camera, round(grain, 3),
+        float(np.exp(rng.uniform(np.log(2.0), np.log(3000.0)))), bool(rng.random() < 0.12), round(side, 2),
+    )  # fmt: skip
+
+
+def photograph(number: int, *, noise: bool = True) -> dict[str, Any]:
+    """A sample: counts, object and parameters."""
+    return drawn(number).recipe(noise=noise).batch(SEED, "test", [number])
+
+
+def became(number: int) -> list[Any]:
+    """A line of the table."""
+    torch.set_num_threads(1)
+    scene = drawn(number)
+    batch = tensors(photograph(number))
+    seen = read_measurement(batch["image"][0].numpy().astype(np.float64), envelope="fit", hot_pixels=False)
+    batch["image"] = torch.from_numpy(seen.images).float()
+    target = targets_of(batch)["diffraction-limited"]
+    try:
+        made = katz(Retrieval(restarts=4), apodise=True)(batch)
+        r = float(pearson(aligned_to(made, target, (28, 28)), target[..., :28, :28])[0])
+    except ValueError:  # no frequency has power above the noise
+        r = 0.0
+    family = scene.family["type"] + (f" {scene.family['count']}" if "count" in scene.family else "")
+    return [number, scene.name, family, scene.camera, scene.pixels_per_grain, f"{scene.photons:.4g}",
+            int(scene.saturated), scene.side, f"{r:.4f}"]  # fmt: skip
+
+
+def truth(out: Path, count: int, workers: int, seconds: float) -> None:
+    """Write the table, a line as soon as it is there, until the time is over."""
+    begun = time.time()
+    torch.set_num_threads(1)
+    for number in range(len(BENCHES)):  # compiled, and memory effects found, before there are several of us
+        photograph(number)
+    became(0)
+    print(f"ready after {time.time() - begun:.0f} s", flush=True)
+    with multiprocessing.get_context("fork").Pool(workers) as pool, out.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(HEAD)
+        for row in pool.imap(became, range(count)):
+            writer.writerow(row)
+            file.flush()
+            if time.time() - begun > seconds:
+                break
+        pool.terminate()
+    print(f"{row[0] + 1} photographs after {time.time() - begun:.0f} s", flush=True)
+
+
+def main() -> None:
+    """Read the command line."""
+    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    tasks = asked.add_subparsers(dest="task", required=True)
+    making = tasks.add_parser("truth")
+    making.add_argument("--out", type=Path, default=Path("photographs.csv"))
+    making.add_argument("--count", type=int, default=330)
+    making.add_argument("--workers", type=int, default=16)
+    making.add_argument("--seconds", type=float, default=1e9)
+    given = asked.parse_args()
+    truth(given.out, given.count, given.workers, given.seconds)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,172 @@
+"""What differs from bench to bench: every effect against a literal form of it, on the same random numbers."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from specklegen.core.errors import RuleError
+from specklegen.datasets import load_recipe, recipe_names
+from specklegen.datasets.recipes.recipe_files import recipe_table, table_names
+from tests.zscore import assert_z
+
+SMALL = {
+    "media": 4, "material": {"kernel_paths": 2000}, "camera": {"shape": [48, 40]}, "objects": {"shape": [16, 16]},
+}  # fmt: skip
+
+
+def sample(index=3, **changes):
+    bench = changes.pop("bench", None)
+    more = {**SMALL, **changes} | ({"bench": bench} if bench is not None else {})
+    return load_recipe("through-slab", more).sample(0, "test", index)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return sample()["image"].astype(np.float64)
+
+
+def test_even_light_is_added(plain):
+    found = sample(bench={"stray": 0.25})["image"]
+    np.testing.assert_allclose(found, 0.75 * plain + 0.25, rtol=1e-5)
+
+
+def test_a_gradient_falls_across_the_frame(plain):
+    made = sample(bench={"gradient": 0.4})
+    ratio = made["image"] / plain
+    angle = made["parameters"]["bench_gradient_angle"]
+    y, x = np.linspace(-1, 1, 48)[:, None], np.linspace(-1, 1, 40)
+    slope = (np.cos(angle) * x + np.sin(angle) * y) / (abs(np.cos(angle)) + abs(np.sin(angle)))
+    np.testing.assert_allclose(ratio, 1 + 0.4 * slope, rtol=1e-4)
+    assert ratio.min() == pytest.approx(0.6, abs=1e-4)
+
+
+def test_pixels_differ_by_what_is_said(plain):
+    ratios = np.concatenate([
+        (sample(n, bench={"unevenness": 0.05})["image"] / sample(n)["image"]).ravel() for n in range(4)
+    ])  # fmt: skip
+    assert_z(ratios.var() / 0.05**2, 1, np.sqrt(2 / len(ratios)))
+    assert_z(ratios.mean(), 1, 0.05 / np.sqrt(len(ratios)))
+    first, second = (sample(n, bench={"unevenness": 0.05})["image"] / sample(n)["image"] - 1 for n in (0, 1))
+    assert_z((first * second).mean(), 0, 0.05**2 / np.sqrt(first.size))  # a pattern of its own
+
+
+def test_blur_is_a_gaussian(plain):
+    found = sample(bench={"blur": 1.5})["image"]
+    np.testing.assert_allclose(found, gaussian_filter(plain, 1.5, mode="mirror", truncate=8), atol=2e-3)
+
+
+def test_drift_is_the_mean_along_its_way(plain):
+    made = sample(bench={"drift": 5.0})
+    angle = made["parameters"]["bench_drift_angle"]
+    rows, columns = np.mgrid[:48, :40].astype(float)
+    way = (np.arange(200) + 0.5) / 200 * 5.0 - 2.5
+    moved = [map_coordinates(plain, [rows + s * np.sin(angle), columns + s * np.cos(angle)], order=5, mode="mirror")
+             for s in way]  # fmt: skip
+    apart = np.abs(np.mean(moved, axis=0) - made["image"])
+    assert apart.max() < 0.01 * plain.std() + 0.01
+    assert np.abs(plain - made["image"]).max() > 0.1  # and it does something
+
+
+@pytest.mark.parametrize("degree", [0.0, 0.4, 1.0])
+def test_light_is_as_polarised_as_is_said(plain, degree):
+    both = sample(light={"polarised": False})
+    other = 2 * both["image"].astype(np.float64) - plain  # the second polarisation alone
+    found = sample(bench={"polarisation": degree})
+    np.testing.assert_allclose(found["image"], (1 + degree) / 2 * plain + (1 - degree) / 2 * other, atol=2e-5)
+    whole = sample()["parameters"]["expected_contrast"]
+    assert found["parameters"]["expected_contrast"] == pytest.approx(whole * np.sqrt((1 + degree**2) / 2))
+
+
+def test_the_aperture_is_wider_than_is_said():
+    width = load_recipe("through-slab").window.width
+    found = sample(bench={"aperture": 1.25})
+    wider = sample(window={"width": 1.25 * width}, camera={"shape": [48, 40], "pixels_per_grain": 3 / 1.25})
+    np.testing.assert_allclose(found["image"], wider["image"], rtol=1e-4, atol=1e-5)
+    assert found["parameters"]["width"] == width
+    assert found["parameters"]["camera_pitch"] == pytest.approx(wider["parameters"]["camera_pitch"])
+
+
+def test_the_object_is_shown_as_it_appears():
+    before = sample()["object"]
+    turned = sample(bench={"rotation": 90.0})
+    np.testing.assert_allclose(turned["object"], np.rot90(before, -1), atol=1e-5)
+    given = load_recipe("through-slab", SMALL).prepare(0, "test", 3)
+    np.testing.assert_allclose(turned["image"], given.images(turned["object"])[0], rtol=1e-4, atol=1e-5)
+    for size in (0.8, 1.25):
+        rows, columns = (np.mgrid[:16, :16] - 7.5) / size + 7.5
+        wanted = map_coordinates(before, [rows, columns], order=1, mode="grid-constant")
+        found = sample(bench={"magnification": size})["object"]
+        np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+def test_cameras_are_drawn_and_count():
+    camera = {"photons": 1.0, "full_well": 8000.0, "gain": 4.0, "read_noise": 3.0, "bit_depth": 12, "offset": 20.0}
+    full = 8000.0
+    found = sample(bench={"cameras": [camera], "brightness": 0.1}, exposure={"photons": 50.0, "bit_depth": 8})
+    same = sample(exposure={**camera, "photons": 0.1 * full})
+    np.testing.assert_array_equal(found["image"], same["image"])
+    several = load_recipe("through-slab", {
+        **SMALL, "exposure": {"photons": 50.0}, "bench": {"cameras": [camera, {**camera, "offset": 3000.0}]},
+    }).batch(0, "test", range(24))  # fmt: skip
+    chosen = several["parameters"]["bench_camera"]
+    assert set(chosen) == {0.0, 1.0}
+    np.testing.assert_array_equal(several["image"].min((1, 2)) > 1000, chosen == 1)
+
+
+@pytest.mark.parametrize("name", table_names())
+def test_a_table_changes_a_recipe_beside_which_it_is_inherited(tmp_path, name):
+    file = tmp_path / "mine.toml"
+    file.write_text(f'inherits = ["through-slab", "{name}"]\nname = "mine"\nmedia = 4\n'
+                    "[material]\nkernel_paths = 2000\n[camera]\nshape = [48, 40]\n"
+                    "[objects]\nshape = [16, 16]\n")
+    recipe = load_recipe(file)
+    batch = recipe.batch(3, "train", range(6))
+    alone = recipe.sample(3, "train", 5)
+    np.testing.assert_array_equal(batch["image"][5], alone["image"])
+    np.testing.assert_array_equal(batch["object"][5], alone["object"])
+    names = [each for each in alone["parameters"] if each.startswith("bench_")]
+    assert len(names) == 13
+    for each in ("rotation", "blur", "stray", "aperture"):
+        assert len(np.unique(batch["parameters"][f"bench_{each}"])) > 3
+    assert len(recipe.bench.cameras) == 10
+    assert name not in recipe_names()
+    with pytest.raises(RuleError, match="recipe must be a recipe; got 'lab-.*inherits = "):
+        load_recipe(name)
+
+
+def test_later_parents_change_earlier_ones(tmp_path):
+    parts = {"a": "media = 3\nname = 'a'", "b": "media = 5\n[material]\ng = 0.5", "c": "[material]\ng = 0.7"}
+    for name, lines in parts.items():
+        (tmp_path / f"{name}.toml").write_text(lines)
+    (tmp_path / "heir.toml").write_text('inherits = ["through-slab", "a.toml", "b.toml", "c.toml"]\n')
+    table = recipe_table(tmp_path / "heir.toml")
+    assert (table["media"], table["material"]["g"], table["name"]) == (5, 0.7, "a")
+    assert table["material"]["optical_depth"] == recipe_table("through-slab")["material"]["optical_depth"]
+    (tmp_path / "one.toml").write_text('inherits = ["through-slab"]\n')
+    assert recipe_table(tmp_path / "one.toml") == recipe_table("through-slab")
+    (tmp_path / "round.toml").write_text('inherits = ["through-slab", "round.toml"]\n')
+    with pytest.raises(RuleError, match="free of circles"):
+        recipe_table(tmp_path / "round.toml")
+
+
+def test_a_bench_leaves_fingerprints_of_recipes_without_one():
+    recipe = load_recipe("through-slab")
+    assert "bench" not in recipe.physics()
+    assert recipe.replace(bench={"blur": 1.0}).fingerprint() != recipe.fingerprint()
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "message"),
+    [
+        ("tilt-stack", {"bench": {"blur": 1.0}}, "bench must be left out of recipes of this kind"),
+        ("polarised-tissue", {"bench": {"blur": 1.0}}, "bench must be left out of recipes of this kind"),
+        ("through-slab", {"bench": {"blur": -1.0}}, "blur must be from 0 to 8"),
+        ("through-slab", {"bench": {"magnification": {"uniform": [0.0, 1.0]}}}, "magnification must be from 0.5 to 2"),
+        ("through-slab", {"bench": {"cameras": [{"photons": 1.0}]}}, "cameras must be left out where there is no"),
+        ("through-slab", {"bench": {"polarisation": 0.5}, "light": {"polarised": False}}, "polarisation must be 1"),
+        ("through-slab", {"bench": {"shadow": 0.5}}, "there is no such field"),
+    ],
+)  # fmt: skip
+def test_what_is_not_modelled_is_refused(name, changes, message):
+    with pytest.raises(RuleError, match=message):
+        load_recipe(name, changes)

@@ -1,0 +1,147 @@
+"""The posterior: its net against simpler estimators, draws against their measurement, weights by hand."""
+
+import numpy as np
+import pytest
+import torch
+
+from specklegen.core.errors import RuleError
+from specklegen.datasets.objects import Glyphs
+from specklegen.models.learning.feedback import Measured
+from specklegen.models.learning.networks.flow import Flow
+from specklegen.models.learning.posterior import (
+    drawn,
+    generator_of,
+    load_prior,
+    posterior,
+    read_prior,
+    surprise,
+    weighed,
+)
+from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
+from specklegen.models.likelihood.periodogram import Periodogram
+from specklegen.models.metrics import align, pearson
+
+FRAME, PAD = 36, (4, 4, 4, 4)
+HELD_OUT = {"disjoint": "character", "test": "569BFMTVWt", "validation": "2KPbq"}
+
+
+def letters(count):
+    """Characters that no training saw, float[count, 36, 36]."""
+    family = Glyphs(shape=(28, 28), **HELD_OUT)
+    return torch.nn.functional.pad(
+        torch.from_numpy(np.stack([family.image(3, "test", n) for n in range(count)])).float(), PAD
+    )
+
+
+def measured_of(objects, looks=12.0, seed=0):
+    """Measurements drawn from their law, of objects within the memory effect."""
+    blank = Periodogram(torch.ones(len(objects), 96, 49), torch.zeros(len(objects)), looks, (96, 96))
+    layout = SpeckleLikelihood(blank, (FRAME, FRAME), Optics(1.5, 3.0))
+    spectrum = layout.object_spectrum(objects)
+    gamma = np.random.default_rng(seed).standard_gamma(looks, tuple(spectrum.shape[1:])) / looks
+    seen = layout.seeing(spectrum * torch.from_numpy(gamma).float(), torch.zeros(len(objects)), looks)
+    ones = [torch.ones(len(objects), side, side) for side in (2 * FRAME - 1, 64)]
+    return Measured.of(seen, *ones)
+
+
+@pytest.fixture(scope="module")
+def net():
+    return load_prior()
+
+
+def test_a_picture_without_noise_is_left_as_it_is(net):
+    pictures = 2 * letters(2) - 1
+    assert torch.allclose(net(pictures, torch.ones(2)), pictures, atol=1e-5)
+
+
+@pytest.mark.parametrize(("level", "share"), [(0.3, 0.75), (0.5, 0.5), (0.7, 0.5)])
+def test_characters_that_it_never_saw_lose_their_noise_better_than_by_wiener(net, level, share):
+    """The best linear filter knows these very pictures' mean and spectrum; the net has to leave half of its error.
+
+    Where nearly all is noise there is little to know, and three quarters are enough.
+    """
+    pictures = 2 * letters(24) - 1
+    noisy = level * pictures + (1 - level) * torch.randn(pictures.shape, generator=torch.Generator().manual_seed(1))
+    found = (net(noisy, torch.full((24,), level)) - pictures).square().mean()
+    mean = pictures.mean(0)
+    power = torch.fft.rfft2(pictures - mean).abs().square().mean(0) / FRAME**2
+    gain = level * power / (level**2 * power + (1 - level) ** 2)
+    linear = mean + torch.fft.irfft2(torch.fft.rfft2(noisy - level * mean) * gain, s=(FRAME, FRAME))
+    assert found < share * (linear - pictures).square().mean()
+
+
+def test_pictures_are_more_probable_than_their_pixels_in_another_order(net):
+    pictures = letters(6)
+    order = torch.randperm(FRAME**2, generator=torch.Generator().manual_seed(0))
+    both = torch.stack([pictures, pictures.flatten(1)[:, order].reshape(pictures.shape)], dim=1)
+    nats = surprise(net, both, generator_of(0))
+    assert (nats[:, 1] > 2 * nats[:, 0]).all()
+
+
+def test_draws_from_noise_explain_what_was_measured_and_nothing_else(net):
+    """Without any first answer. Of seven objects all draws must explain their own measurement better than others do.
+
+    That happens by chance in one case of 2^7.
+    """
+    objects = letters(7)
+    hints = measured_of(objects)
+    draws = drawn(net, hints, torch.zeros(7, 1, FRAME, FRAME), torch.zeros(1), generator_of(1), steps=10)
+    own, other = (
+        (hints.likelihood.excess(each.clamp_min(1e-3), hints.between[:, None])[:, 0] / hints.likelihood.spread)
+        for each in (draws, draws.roll(1, 0))
+    )
+    assert (own < other).all()
+    right, wrong = (pearson(align(draws[:, 0], each), each).mean() for each in (objects, objects.roll(1, 0)))
+    assert right > wrong
+
+
+def test_weights_are_those_of_the_nats():
+    pictures = torch.rand(1, 2, FRAME, FRAME, generator=torch.Generator().manual_seed(2))
+    pictures[:, 1] = pictures[:, 0].flip((-2, -1)).roll((2, 3), (-2, -1))  # one picture, moved
+    nats = torch.tensor([[np.log(3.0), 0.0]], dtype=torch.float32)
+    found = weighed(pictures, nats, torch.zeros(1, 2), factors=(1.0, 1.0))
+    assert found.weights[0].tolist() == pytest.approx([0.75, 0.25])
+    assert torch.equal(found.best, pictures[:, 1])
+    assert torch.allclose(found.mean, found.best, atol=1e-6)
+    assert torch.allclose(found.certain, torch.ones_like(found.certain), atol=1e-5)
+    assert float(found.agreement) == pytest.approx(1.0, abs=1e-5)
+    assert found.excess[0].tolist() == pytest.approx([0.0, np.log(3.0)])
+
+
+def test_what_half_of_the_draws_call_dark_is_not_certain():
+    dark, bright = torch.zeros(1, FRAME, FRAME), torch.zeros(1, FRAME, FRAME)
+    dark[:, 10:20, 10:13], bright[:, 10:20, 10:13] = 1, 1
+    bright[:, 10:13, 13:20] = 1
+    found = weighed(torch.stack([dark, bright], 1), torch.zeros(1, 2), torch.zeros(1, 2))
+    assert float(found.certain.min()) == pytest.approx(0.0, abs=1e-6)
+    assert found.agreement < 1
+
+
+def test_draws_are_a_function_of_the_seed_whatever_their_companions(net):
+    objects = letters(2)
+    likelihood, between = measured_of(objects)[:2]
+    at_lags = torch.ones(2, 64, 64)
+
+    def found(count, seed):
+        first = slice(count)
+        one = likelihood.select(first), between[first], at_lags[first], objects[first]
+        return posterior(net, *one, objects[first, None].expand(-1, 2, -1, -1), 2, seed)
+
+    one, other, again = found(2, 5), found(1, 5), found(1, 6)
+    assert torch.equal(one.draws[:1], other.draws)
+    assert not torch.allclose(again.draws, other.draws, atol=2e-2)
+
+
+def test_a_file_of_something_else_is_refused(tmp_path):
+    from specklegen.models.learning.model_file import write_model
+
+    write_model(tmp_path / "other.pt", {"name": "flow", "frame": 36}, {})
+    with pytest.raises(RuleError, match="prior must be a file that train_prior.py wrote"):
+        read_prior(tmp_path / "other.pt")
+
+
+def test_the_net_takes_any_frame_and_needs_no_feedback():
+    small = Flow(frame=16, width=16, inner=32)
+    noisy, time = torch.randn(3, 16, 16), torch.rand(3)
+    shown, told = torch.zeros(3, small.pictures, 16, 16), torch.zeros(3, small.numbers)
+    assert torch.equal(small(noisy, time), small(noisy, time, shown, told))
