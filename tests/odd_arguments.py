@@ -276,6 +276,7 @@ def verbs() -> Iterator[Call]:
             "field_tolerance": 1e-3,
             "streamed": False,
             "envelope": True,
+            "realizations": 3,
             "threads": 1,
         },
     )
