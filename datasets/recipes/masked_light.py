@@ -1,4 +1,4 @@
-"""Recipe kind "masked-light": speckle of coherent light through a mask of slits in front of a slab.
+"""Recipe kind "masked-light": speckle of coherent light through a mask, of slits or a star, in front of a slab.
 
 Light that passes an opening of the square window of side W is a Fourier series of beams,
 
@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
@@ -77,6 +77,65 @@ class Slits(Value):
         names = ("count", "width", "gap", "length", "turn")
         return {f"slit_{name}": float(drawn(getattr(self, name), rng)) for name in names}
 
+    def loops(self, numbers: Mapping[str, float]) -> list[np.ndarray]:
+        """Corners of every slit, see :func:`slit_loops`."""
+        return slit_loops(numbers)
+
+    def area(self, numbers: Mapping[str, float]) -> float:
+        """Open share of the window."""
+        return numbers["slit_count"] * numbers["slit_width"] * numbers["slit_length"]
+
+
+class Star(Value):
+    """One star about the middle of the window; all numbers may vary from sample to sample.
+
+    Parameters
+    ----------
+    points
+        Whole numbers of at least 3.
+    radius
+        Of the points, in sides of the window.
+    inner
+        Radius of the corners between them, over that of the points: below 1.
+    turn
+        Angle from the x axis to the first point, radians.
+    """
+
+    points: Draw
+    radius: Draw
+    inner: Draw
+    turn: Draw = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        numbers = self.points.choice if isinstance(self.points, Choice) else ends(self.points)
+        if any(number != int(number) or number < 3 for number in numbers) or (
+            not isinstance(self.points, Choice) and numbers[0] != numbers[1]
+        ):
+            reject("Star.points", "a whole number of at least 3, or a choice of such", self.points)
+        for name, most in (("radius", 0.5), ("inner", 1.0)):
+            require_above(f"Star.{name}", getattr(self, name), 0)
+            if not ends(getattr(self, name))[1] < most:
+                reject(f"Star.{name}", f"below {most:g}", getattr(self, name))
+        return self
+
+    def drawn(self, rng: np.random.Generator) -> dict[str, float]:
+        """One mask's numbers."""
+        names = ("points", "radius", "inner", "turn")
+        return {f"star_{name}": float(drawn(getattr(self, name), rng)) for name in names}
+
+    def loops(self, numbers: Mapping[str, float]) -> list[np.ndarray]:
+        """Corners float64[2 points, 2], counter-clockwise, in sides of the window about its middle."""
+        count = 2 * int(numbers["star_points"])
+        angle = numbers["star_turn"] + 2 * np.pi * np.arange(count) / count
+        radius = numbers["star_radius"] * np.where(np.arange(count) % 2, numbers["star_inner"], 1.0)
+        return [radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)]
+
+    def area(self, numbers: Mapping[str, float]) -> float:
+        """Open share of the window."""
+        points = numbers["star_points"]
+        return points * numbers["star_radius"] ** 2 * numbers["star_inner"] * float(np.sin(np.pi / points))
+
 
 def slit_loops(numbers: Mapping[str, float]) -> list[np.ndarray]:
     """Corners float64[4, 2] of every slit, counter-clockwise, in sides of the window about its middle."""
@@ -85,6 +144,11 @@ def slit_loops(numbers: Mapping[str, float]) -> list[np.ndarray]:
     corner = np.array([[-width, -length], [width, -length], [width, length], [-width, length]]) / 2
     turned = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     return [(corner + [x, 0]) @ turned for x in middles]
+
+
+def _kind_of_mask(given: Any) -> str:
+    """Which mask a table stands for: a star has points."""
+    return "star" if isinstance(given, Star) or (isinstance(given, Mapping) and "points" in given) else "slits"
 
 
 class MaskedLight(Recipe):
@@ -96,7 +160,7 @@ class MaskedLight(Recipe):
     Parameters
     ----------
     mask
-        The slits.
+        `Slits`, or a `Star`.
     distance
         From the mask to the slab, in its medium.
     beams
@@ -106,7 +170,9 @@ class MaskedLight(Recipe):
     """
 
     kind: Literal["masked-light"] = "masked-light"
-    mask: Slits
+    mask: Annotated[
+        Annotated[Slits, Tag("slits")] | Annotated[Star, Tag("star")], Discriminator(_kind_of_mask)
+    ]  # fmt: skip
     distance: NonNegative = 0.0
     beams: Annotated[int, Field(ge=1, le=101)] = 15
     pixels: PositiveInt = 64
@@ -166,7 +232,7 @@ class MaskedLight(Recipe):
     def amplitudes(self, loops: list[np.ndarray]) -> np.ndarray:
         """Amplitudes complex128[beams, beams] on the slab, rows y, of light of amplitude 1 through a mask.
 
-        ``loops`` as of :func:`slit_loops`.
+        ``loops`` in sides of the window, as of :func:`slit_loops`.
         """
         order = np.arange(self.beams) - (self.beams - 1) // 2
         xi = 2 * np.pi * np.stack(np.meshgrid(order, order), axis=-1)  # over the window's side
@@ -182,10 +248,10 @@ class MaskedLight(Recipe):
         """Waves through masks, their pictures, and what was drawn of them."""
         streams = (generator(substream(drawn.seed, drawn.split, Purpose.OBJECT, n)) for n in numbers)
         masks = [self.mask.drawn(rng) for rng in streams]
-        loops = [slit_loops(numbers) for numbers in masks]
+        loops = [self.mask.loops(numbers) for numbers in masks]
         waves = np.stack([self.amplitudes(each) for each in loops])
         put = lambda rows: torch.from_numpy(np.asarray(rows)).to(drawn.device)  # noqa: E731
-        area = np.array([each["slit_count"] * each["slit_width"] * each["slit_length"] for each in masks])
+        area = np.array([self.mask.area(each) for each in masks])
         told = {name: put([each[name] for each in masks]) for name in masks[0]}
         carried = np.array([float(np.square(np.abs(own)).sum()) for own in waves]) / area
         told |= {"open_share": put(area), "carried_share": put(carried)}

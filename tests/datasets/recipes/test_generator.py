@@ -35,6 +35,7 @@ CHANGES = {
     "moving-diffuser": {"camera": {"shape": [48, 40]}, "dynamics": {"frames": 3}, "field": {"pixels": 12.0}},
     "partially-coherent-slab": {"camera": {"shape": [48, 40]}, "coherence_length": {"log_uniform": [10_000.0, 1e5]}},
     "masked-light-slab": {"camera": {"shape": [48, 40]}},
+    "star-behind-slab": {"camera": {"shape": [48, 40]}},
     "refocus-stack": {"lens": {"planes": 2}},
 }  # fmt: skip
 SMALL = ("unknown-slab", "tilt-stack", "through-slab", "dynamic-slab", "brownian-slab", "partially-coherent-slab",

@@ -107,6 +107,35 @@ def test_speckle_has_the_fringes_of_the_slits():
         assert_mean(found, expected[1], slack=0.02)
 
 
+def test_waves_of_a_star():
+    """Inside the star the series is 1, outside 0; its picture has its area; the wave along the axis is that area."""
+    numbers = {"points": 5, "radius": 0.4, "inner": 0.5, "turn": 0.3}
+    made = load_recipe("star-behind-slab", {**SMALL, "beams": 61, "mask": numbers})
+    sample = made.sample(0, "train", 0)
+    area = 5 * 0.4**2 * 0.5 * np.sin(np.pi / 5)
+    assert sample["parameters"]["open_share"] == pytest.approx(area)
+    assert sample["mask"].mean() == pytest.approx(area, abs=1e-6)
+    waves = made.amplitudes(made.mask.loops({f"star_{name}": value for name, value in numbers.items()}))
+    assert waves[30, 30] == pytest.approx(area)
+    field, x = light_on_window(waves, 64)
+    radius, angle = np.hypot(*np.meshgrid(x, x)), np.arctan2(*np.meshgrid(x, x)[::-1]) - 0.3
+    assert np.abs(field[radius < 0.15] - 1).max() < 0.2
+    between = np.abs(np.mod(angle, 2 * np.pi / 5) - np.pi / 5) < 0.1
+    assert np.abs(field[between & (radius > 0.27) & (radius < 0.45)]).max() < 0.2
+    assert np.abs(field[~between & (radius > 0.25) & (np.abs(np.mod(angle + 0.05, 2 * np.pi / 5)) < 0.1)
+                        & (radius < 0.33)]).min() > 0.7  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"points": 2}, "at least 3"), ({"points": 4.5}, "whole number"), ({"radius": 0.6}, "below 0.5"),
+     ({"inner": 1.2}, "below 1"), ({"inner": 0.0}, "greater than 0")],
+)  # fmt: skip
+def test_stars_refused(change, message):
+    with pytest.raises(RuleError, match=message):
+        load_recipe("star-behind-slab", {"mask": change})
+
+
 def test_it_streams():
     batch = next(iter(SpeckleStream(recipe(), batch_size=4)))
     assert batch["image"].shape == (4, 48, 48)
