@@ -474,6 +474,10 @@ def _by_two(
         if np.abs(p - before_p).max() <= _STILL * one.length:
             break
     good = first & second & (np.linalg.norm(mirrors.images(p, between)[-1] - q, axis=1) * k > NEAREST)
+    if between:  # along a face it meets a mirror at the rim of both: rounding decides, and an edge is there, no mirror
+        for edge, image, at in ((one, mirrors.images(q, between[::-1]), p), (two, mirrors.images(p, between), q)):
+            phi = edge.angle(image[-1] - at)
+            good = good & (phi > _ON_FACE) & (phi < edge.n * np.pi - _ON_FACE)
     u = np.zeros(len(end), complex)
     # Light along a face is there on its every side in the air, half of it what the face reflects.
     faces: list[tuple[float | None, float | None, np.ndarray]] = [(None, None, np.zeros(3))]

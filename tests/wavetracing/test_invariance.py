@@ -8,6 +8,7 @@ from wavetracing.solids import box
 from specklegen.wavetracing import (
     Building,
     Conductor,
+    Cone,
     Geometry,
     Mesh,
     Plane,
@@ -89,6 +90,52 @@ def test_source_and_receiver_change_places(expected):
     for n, point in enumerate(POINTS):
         back = fields(BLOCK, point, SOURCE[None])[:, 0]
         assert np.abs(back - expected[:, n]).max() < 1e-9
+
+
+TURN, SHIFT = Rotation.random(random_state=8).as_matrix(), np.array([30.0, -7.0, 11.0])
+
+
+def test_what_cones_reach_does_not_know_the_axes():
+    """Depths and triangles that cones of one block meet, turned, moved, and twice as large."""
+    scene, rng = Geometry(BLOCK), np.random.default_rng(4)
+    moved, large = (
+        Geometry(Mesh(vertices, BLOCK.faces, BLOCK.material))
+        for vertices in (BLOCK.vertices @ TURN.T + SHIFT, 2 * BLOCK.vertices)
+    )
+    hits = 0
+    for _ in range(120):
+        frame, origin = Rotation.random(random_state=rng.integers(1 << 30)).as_matrix(), rng.normal(0, 25, 3)
+        a, b, tangent = *rng.uniform(0.5, 4, 2), rng.uniform(0, 0.4)
+        a, b = max(a, b), min(a, b)
+        shape = (tangent, tangent * b / a)
+        cones = (Cone(origin, frame, a, b, *shape), Cone(TURN @ origin + SHIFT, frame @ TURN.T, a, b, *shape),
+                 Cone(2 * origin, frame, 2 * a, 2 * b, *shape))  # fmt: skip
+        depth, turned, twice = (g.closest(c)[0] for g, c in zip((scene, moved, large), cones, strict=True))
+        if np.isinf(depth):
+            assert np.isinf(turned)
+            assert np.isinf(twice)
+        else:
+            hits += 1
+            assert (turned, twice) == pytest.approx((depth, 2 * depth), abs=1e-9)
+        met = [g.collect(c).tolist() for g, c in zip((scene, moved, large), cones, strict=True)]
+        assert met[0] == met[1] == met[2]
+    assert hits > 20
+
+
+def test_maps_by_phases_do_not_know_the_axes():
+    """Around a block: to 1e-6 dB turned and moved, and the same at twice the size and half the frequency."""
+    maps = []
+    for turn, shift, size in ((np.eye(3), np.zeros(3), 1.0), (TURN, SHIFT, 1.0), (np.eye(3), np.zeros(3), 2.0)):
+        scene = Geometry(Mesh(size * BLOCK.vertices @ turn.T + shift, BLOCK.faces, BLOCK.material))
+        plane = Plane(
+            center=turn @ (size * np.array([15.0, 2.0, 3.0])) + shift, normal=turn[:, 0], up=turn[:, 2],
+            shape=(4, 4), pitch=7.0 * size,
+        )  # fmt: skip
+        found = coverage(scene, Transmitter(turn @ (size * SOURCE) + shift), plane, 1e9 / size, "phase").rss_dBm
+        maps.append(found.filled(-999))
+    assert maps[0].min() > -300
+    assert maps[1] == pytest.approx(maps[0], abs=1e-6)
+    assert maps[2] == pytest.approx(maps[0], abs=1e-6)  # lambda^2 / r^2 is the same
 
 
 @pytest.mark.parametrize("method", ["ray", "wave", "phase"])
