@@ -12,6 +12,8 @@ Speckle of any object is a sum of exponential numbers: its skewness is at least 
 the frame; no frequency stands out of its power. What breaks these is no speckle.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
