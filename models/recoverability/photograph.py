@@ -59,7 +59,7 @@ _SURE = 3.5  # standard deviations by which a ring of lags is above those far of
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhotographVerdict(Pictured):
-    """What photographs hold, and what will become of their object.
+    """Findings of photographs, and the fate of their object.
 
     Attributes
     ----------
