@@ -12,6 +12,8 @@ Speckle of any object is a sum of exponential numbers: its skewness is at least 
 the frame; no frequency stands out of its power. What breaks these is no speckle.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -57,7 +59,7 @@ _SURE = 3.5  # standard deviations by which a ring of lags is above those far of
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhotographVerdict(Pictured):
-    """What photographs hold, and what will become of their object.
+    """Findings of photographs, and the fate of their object.
 
     Attributes
     ----------
