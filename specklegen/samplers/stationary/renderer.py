@@ -24,8 +24,8 @@ from specklegen.memory_effects.kept import (
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.flows import drift_phases, drifted
 from specklegen.samplers.sampler import Realization, Where, image_of
-from specklegen.samplers.stationary.sampler import Stationary, polarised_seed
-from specklegen.scene.illumination import IncoherentObject, directions_of_sines, reference_direction
+from specklegen.samplers.stationary.sampler import Stationary, object_of, polarised_seed
+from specklegen.scene.illumination import directions_of_sines, reference_direction
 from specklegen.scene.media import as_slab
 from specklegen.scene.motion import law_of
 from specklegen.scene.scene import Scene
@@ -135,8 +135,7 @@ class Prepared:
         from specklegen.synthesis.objects import object_imaging
 
         scene = self.sampler.scene
-        beams, grid = scene.illumination, scene.grid
-        assert isinstance(beams, IncoherentObject)
+        beams, grid = object_of(scene), scene.grid
         # modes need a real K, which that of the axis is
         assert isinstance(self.correlation, MemoryEffectCorrelation | PolarisedCorrelation)
         found = object_imaging(

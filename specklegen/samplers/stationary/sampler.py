@@ -248,6 +248,12 @@ def polarised_seed(seed: Seed, scene: Scene) -> Seed:
     return (*seed_words(seed), *np.frombuffer(hashlib.sha256(fields.tobytes()).digest()[:8], np.uint32).tolist())
 
 
+def object_of(scene: Scene) -> IncoherentObject:
+    """The object of a scene that hides one."""
+    assert isinstance(scene.illumination, IncoherentObject)
+    return scene.illumination
+
+
 @remembered(16)
 def _expected_image(scene: Scene) -> _ImageWork:
     """What the image of a scene's object takes: its modes are counted with the K of a pilot's paths."""
@@ -255,8 +261,7 @@ def _expected_image(scene: Scene) -> _ImageWork:
     from specklegen.memory_effects.polarised_fields import estimate_polarised_correlation
     from specklegen.synthesis.objects import expected_image
 
-    light = scene.illumination
-    assert isinstance(light, IncoherentObject)
+    light = object_of(scene)
     seed, lit = pilot_seed(scene.unitless_fingerprint()), int(np.count_nonzero(light.brightness))
     correlation = (
         estimate_correlation(scene.slab, PILOT_PATHS, seed, threads=1)
@@ -274,7 +279,6 @@ def _sight(scene: Scene) -> "Sight":
     """How a scene's object is seen."""
     from specklegen.synthesis.objects import object_sight
 
-    light = scene.illumination
-    assert isinstance(light, IncoherentObject)
+    light = object_of(scene)
     shape, profile = light.brightness.shape, light.profile
     return object_sight(scene.wavelength, shape, light.pitch, light.width, profile, scene.grid)  # type: ignore[arg-type]
