@@ -18,6 +18,8 @@ from .metrics import align as align
 from .metrics import bootstrap as bootstrap
 from .metrics import scores as scores
 from .recoverability.assessment import reconstruct_and_assess as reconstruct_and_assess
+from .recoverability.photograph import PhotographVerdict as PhotographVerdict
+from .recoverability.photograph import judge_photograph as judge_photograph
 from .recoverability.verdict import Verdict as Verdict
 from .recoverability.verdict import recoverable as recoverable
 from .retrieval.measured_memory_effect import measured_memory_effect as measured_memory_effect

@@ -208,15 +208,32 @@ def render(
 
     Parameters
     ----------
-    scene, rel_error, sampler, field_tolerance
-        See :func:`specklegen.plan`.
-    paths, seconds, seed, reverse, threads
-        See :class:`specklegen.core.budgets.Budget`; above for what a seed fixes. ``seconds`` are those of all
-        realizations, planning left out.
+    scene
+        Medium, light and sensor, in one unit of length.
+    paths
+        Random paths a realization; 100 000 by default. The error of an image falls with their root.
+    rel_error
+        Instead of ``paths``: the root of the excess correlation of intensities that too few paths leave in an image
+        (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02 otherwise.
+    seconds
+        Instead, or as a limit to ``rel_error``: as many paths as this time allows for all realizations on this machine,
+        planning left out.
+    seed
+        A whole number, or a sequence of them; above for what it fixes.
     realizations
         Number of media; None renders one and drops the axis.
+    sampler
+        "auto" takes the cheapest that is right within the tolerance; "paths", "stationary", "covariance", "screens"
+        or one of your own, where you know better (:func:`specklegen.plan` says what each serves).
+    reverse
+        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
+        the tolerance.
     mean
-        Add the mean field m.
+        Add the mean field m: what is not scattered, and the mean of what is.
+    field_tolerance
+        Relative error of the NUFFT against the direct sum, between 0 and 1: smaller is slower.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
 
     Returns
     -------
@@ -226,7 +243,8 @@ def render(
     Raises
     ------
     RuleError
-        See :func:`specklegen.plan`.
+        For an argument out of range, a grid that undersamples the speckle, a sampler that cannot serve the scene, a
+        render that would not fit into memory, or fewer paths than carry light through an absorbing slab.
 
     Examples
     --------

@@ -47,10 +47,26 @@ def render_tiles(
     ----------
     scene
         Beams through a slab, seen on a regular far-field grid.
-    paths, rel_error, sampler, reverse, mean, field_tolerance, threads
-        See :func:`specklegen.render`; ``plan(..., streamed=True)`` states the memory.
+    paths
+        Random paths; 100 000 by default.
+    rel_error
+        Instead of ``paths``: the root of the excess correlation of intensities that too few paths leave in an image
+        (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02 otherwise.
     seed, realization
         Medium (seed, realization); None is that of :func:`specklegen.render` with ``realizations=None``, number 0.
+    sampler
+        "auto" takes the cheapest that is right within the tolerance; "paths", "stationary", "covariance", "screens"
+        or one of your own, where you know better (:func:`specklegen.plan` says what each serves).
+    reverse
+        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
+        the tolerance.
+    mean
+        Add the mean field.
+    field_tolerance
+        Relative error of the NUFFT against the direct sum, between 0 and 1: smaller is slower.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
+        ``plan(..., streamed=True)`` states the memory.
 
     Returns
     -------

@@ -276,6 +276,7 @@ def verbs() -> Iterator[Call]:
             "field_tolerance": 1e-3,
             "streamed": False,
             "envelope": True,
+            "realizations": 3,
             "threads": 1,
         },
     )
@@ -564,6 +565,11 @@ def others() -> Iterator[Call]:
         "models.recoverable",
         models.recoverable,
         {"recipe": "through-slab", "compensation": True, "beam": np.inf, "removal": 0.0, "media": 1, "seed": 0},
+    )
+    yield Call(
+        "models.judge_photograph",
+        models.judge_photograph,
+        {"photographs": IMAGES[0], "dark": 0.0, "camera": instrument.Camera(photons=10.0)},
     )
     yield Call(
         "models.evaluate",

@@ -119,7 +119,7 @@ def test_the_promised_excess_correlation_is_kept(medium, rel_error):
     made = sg.plan(sparse_scene(medium), rel_error=rel_error)
     assert made.expected_error < made.image_error <= rel_error * 1.0001
     paths = int(np.ceil(made.paths * (made.expected_error / rel_error) ** 2))  # that leave it between far-apart views
-    stack = sg.render(sparse_scene(medium), paths=paths, seed=3, realizations=realizations)
+    stack = sg.render(sparse_scene(medium), paths=paths, seed=3, realizations=realizations, sampler="paths")
     assert stack.report.sampler == "paths"
     assert stack.report.expected_error <= rel_error * 1.0001
     power = stack.intensity[:, 0].astype(float)

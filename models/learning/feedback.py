@@ -46,7 +46,7 @@ class Measured(NamedTuple):
 
     @classmethod
     def of(cls, likelihood: SpeckleLikelihood, between: Tensor, at_lags: Tensor) -> Self:
-        """Of a likelihood and C_I, between the pixels of a frame and at every lag float[B, LAGS, LAGS]."""
+        """Make it of a likelihood and C_I, between the pixels of a frame and at every lag float[B, LAGS, LAGS]."""
         lags = likelihood.lags(LAGS)
         peak = lags[:, 0, 0].clamp_min(1e-9)
         lags, variance = lags / peak[:, None, None], likelihood.lag_variance() / peak.square()
@@ -64,7 +64,7 @@ class Measured(NamedTuple):
         return cls(likelihood, between, amplitudes.float(), torch.stack(numbers, dim=1).float())
 
     def deviance(self, images: Tensor) -> Tensor:
-        """Of images float[B, K, n, n], float[B, K]."""
+        """Deviance of images float[B, K, n, n], float[B, K]."""
         return self.likelihood(images, self.between[:, None])
 
     def __call__(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -40,9 +40,11 @@ KEPT = 0.5
 """Share of a first answer, beside noise, that a draw from it begins with."""
 FACTORS = (0.01, 0.02)
 """What a nat of the likelihood, and one of the prior, counts in a weight."""
+SOLVED = 0.3
+"""Share of the solver's image in the mean: it errs in other ways than draws do."""
 _LEVELS = (0.3, 0.45, 0.6, 0.7, 0.8)  # t at which the prior is asked
 _MOVES, _RATE = 5, 0.08  # steps towards the likelihood, and their length where all is noise, brightness
-_REACH, _CLOSE = 0.3, 0.03  # how far an estimate is believed: where all is noise, and at the end, brightness
+_REACH, _CLOSE = 0.12, 0.01  # how far an estimate is believed: where all is noise, and at the end, brightness
 _FRESH = 0.5  # share of the noise that is drawn anew at each step
 
 
@@ -52,7 +54,7 @@ class Posterior(NamedTuple):
     Attributes
     ----------
     mean : float32[B, n, n]
-        Of the draws, by their weights.
+        Of the draws, by their weights, and of the solver's image, moved onto the best and counted :data:`SOLVED`.
     best : float32[B, n, n]
         The draw of the largest weight.
     draws : float32[B, K, n, n]
@@ -133,7 +135,9 @@ def posterior(
         draws = centred(drawn(net, measured, starts, kept, generator))
         with torch.no_grad():
             nats = measured.likelihood.excess(draws.clamp_min(1e-3), measured.between[:, None])
-        made.append(weighed(draws, nats, surprise(net, draws, generator)))
+        found = weighed(draws, nats, surprise(net, draws, generator))
+        both = (1 - SOLVED) * found.mean + SOLVED * align(centred(solved[own]), found.best)
+        made.append(found._replace(mean=both))
     return Posterior(*(torch.cat(each) for each in zip(*made, strict=True)))
 
 
@@ -208,7 +212,7 @@ def explained(pictures: Tensor, measured: Measured, noise: Tensor) -> Tensor:
     reach = (_REACH * noise).clamp_min(_CLOSE)
     moved = pictures.clone().requires_grad_()
     optimizer = torch.optim.Adam([moved], lr=1.0, betas=(0.8, 0.95))
-    rate = (_RATE * noise).clamp_min(_RATE / 8)
+    rate = (_RATE * noise).clamp_min(_RATE / 50)
     for _ in range(_MOVES):
         with torch.enable_grad():
             nats = looks * count * measured.deviance(moved.clamp_min(2e-3))

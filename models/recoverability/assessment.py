@@ -48,6 +48,11 @@ _OWN = 0.01
 """Of the deviance, spread by which the solver's search ends elsewhere for another rounding; see docs/versioning.md."""
 _NO_SPECKLE = "no speckle of this setup"
 _TAKE_OFF = "take off background and envelope; check window, slab, object pitch, polarisation, bandwidth of the setup"
+_TURN_SLOPE = 0.5
+"""Logarithm of the odds that a spread of third order is worth, of the solver's images; see docs/likelihood.md."""
+_WITHIN = 0.5
+"""Memory effect across an object, from which on its turn is told at all."""
+_LIT = 0.2  # of the brightest pixel: what counts as the object
 _MISFIT = Reason(
     "the setup is not what it is said to be", "no object that was found explains the image",
     "check window width, pixel pitch, object pitch, camera noise, and the envelope of the light",
@@ -139,7 +144,7 @@ class Finding(Pictured):
     turn : float or None
         Probability that the image is the right way up, from the third order of the camera image
         (:func:`~specklegen.models.likelihood.third_order.turn_of`). None where it is not told: where it is below .9,
-        or the image itself is likelier wrong than right.
+        the image itself is likelier wrong than right, or the object is wider than the memory-effect range.
     draws : Posterior or None
         Pictures that explain the camera image, of one object, the right way up where that is told; where they were
         asked for.
@@ -284,7 +289,7 @@ def reconstruct_and_assess(
     solution = solver.solve(seen, own.optics, memory, seed=seed)
     tests = _tested(images, solution, seen, own, memory)
     camera = float(np.sqrt(images.shape[-1] * images.shape[-2])) / float(own.optics.grain)
-    turned, told = _turns(images, solution, seen, own, tests)
+    turned, told = _turns(images, solution, seen, own, memory, tests)
     drawn = solver.posterior(seen, own.optics, memory, draws=draws, seed=seed, solved=solution) if draws else None
     each = tuple(
         Finding(
@@ -299,18 +304,22 @@ def reconstruct_and_assess(
 
 
 def _turns(
-    images: Tensor, solution: Solution, seen: Periodogram, setup: Setup, tests: tuple[SpeckleTest, ...]
-) -> tuple[list[bool], list[float | None]]:
+    images: Tensor, solution: Solution, seen: Periodogram, setup: Setup, memory: list[MemoryEffect],
+    tests: tuple[SpeckleTest, ...],
+) -> tuple[list[bool], list[float | None]]:  # fmt: skip
     """Whether each image is upside down, and with what probability that is known; None where it is not told."""
     turned: list[bool] = [False] * len(images)
     told: list[float | None] = [None] * len(images)
     for n, test in enumerate(tests):
-        if not test.passes or solution.probability[n] < 0.5:
+        lit = torch.nonzero(solution.image[n] > _LIT * solution.image[n].max())
+        side = float((lit.amax(0) - lit.amin(0)).max())
+        if not test.passes or solution.probability[n] < 0.5 or memory[n](np.array([side]))[0] < _WITHIN:
             continue
         noise = float(seen.noise[n].clamp_min(0))
         found = turn_of(images[n : n + 1], solution.image[n : n + 1].double(), setup.optics, noise)
-        if found.probability[0] >= CLAIMED:
-            turned[n], told[n] = bool(found.turned[0]), float(found.probability[0])
+        probability = float((_TURN_SLOPE * found.spreads[0].abs()).sigmoid())
+        if probability >= CLAIMED:
+            turned[n], told[n] = bool(found.turned[0]), probability
     return turned, told
 
 

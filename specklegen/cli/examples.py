@@ -27,7 +27,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "train through-slab --out runs/first --seconds 300",
         "train data/train.zarr --validation data/validation.zarr --out runs/second --network residual",
     ),
-    "recoverable": ("recoverable through-slab", "recoverable setup.toml --images my-images"),
+    "recoverable": (
+        "recoverable through-slab", "recoverable setup.toml --images my-images",
+        "recoverable photo.tif --dark 20 --camera camera.toml",
+    ),
     "reconstruct": ("reconstruct frame.tif --setup setup.toml --out seen",),
     "fit-camera": ("fit-camera --pairs bright_1.tif bright_2.tif --dark dark_1.tif dark_2.tif --out camera.toml",),
     "fit-material": ("fit-material --wavelength 0.5 --tilt tilts.csv --transmittance .79+-.02 --out my-bench.toml",),

@@ -1,16 +1,27 @@
-"""The command ``specklegen recoverable``: whether phase retrieval works on a scene, and why not."""
+"""The command ``specklegen recoverable``: whether phase retrieval works on a scene or on photographs, and why not."""
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from specklegen.cli.fit_setup import black_level
 from specklegen.cli.output import AsJson, echo_json
-from specklegen.cli.recipe_options import Images, RecipeName, Seed, Set, load_hidden
+from specklegen.cli.recipe_options import Images, Seed, Set, load_hidden, names_starting_with
 from specklegen.core.errors import reject
+
+if TYPE_CHECKING:
+    from specklegen.instrument import Camera
 
 
 def recoverable(
-    recipe: RecipeName,
+    what: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RECIPE | PHOTOGRAPHS...", autocompletion=names_starting_with,
+            help="A packaged recipe or a TOML file; or photographs: files, folders or patterns of frames.",
+        ),
+    ],
     compensation: Annotated[bool, typer.Option(help="Divide the autocorrelation by the material's C_I.")] = True,
     beam: Annotated[
         float | None, typer.Option(help="Sigma of a Gaussian envelope on the camera, in camera sides (default: even).")
@@ -22,16 +33,34 @@ def recoverable(
     seed: Seed = 0,
     changes: Set = None,
     images: Images = None,
+    dark: Annotated[
+        str | None, typer.Option(help="Of photographs: frames without light, or the black level in counts.")
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="Of photographs: TOML with a table [exposure], as fit-camera writes.")
+    ] = None,
     as_json: AsJson = False,
-) -> None:
-    """Predict whether phase retrieval recovers a recipe's objects, with the reasons and remedies if it fails."""
+) -> None:  # fmt: skip
+    """Predict whether phase retrieval recovers a recipe's objects, or those of photographs, with reasons and remedies.
+
+    Photographs need no setup: what they hold is measured, and nothing is simulated.
+    """
     from specklegen.models.recoverability.verdict import recoverable as predict
 
+    if _are_photographs(what):
+        for option, given in (("--beam", beam), ("--set", changes), ("--images", images)):
+            if given is not None:
+                reject(f"recoverable {option}", "left out with photographs", given)
+        _photographs(what, dark, camera, as_json)
+        return
+    for option, given in (("--dark", dark), ("--camera", camera)):
+        if given is not None:
+            reject(f"recoverable {option}", "left out with a recipe, which has its camera", str(given))
     if beam is not None and not beam > 0:
         reject("--beam", "greater than 0", beam)
     if not 0 <= removal < float("inf"):
         reject("--removal", "at least 0 and finite", removal)
-    loaded = load_hidden(recipe, changes, images)
+    loaded = load_hidden(what[0], changes, images)
     verdict = predict(
         loaded, compensation=compensation, beam=float("inf") if beam is None else beam, removal=removal, media=media,
         seed=seed,
@@ -44,3 +73,42 @@ def recoverable(
         })  # fmt: skip
     else:
         typer.echo(verdict.explain())
+
+
+def _are_photographs(what: list[str]) -> bool:
+    """Whether the words are files of frames, and no recipe."""
+    from specklegen.datasets import recipe_names
+    from specklegen.measured.files import FRAME_FILES
+
+    first = Path(what[0])
+    frames = (*FRAME_FILES, ".jpg", ".jpeg")  # the last are refused by who reads them, with the reason
+    return len(what) > 1 or (what[0] not in recipe_names() and (
+        first.suffix.lower() in frames or any(sign in what[0] for sign in "*?[") or first.is_dir()
+    ))  # fmt: skip
+
+
+def _photographs(what: list[str], dark: str | None, camera: Path | None, as_json: bool) -> None:
+    from specklegen.models.recoverability.photograph import judge_photograph
+
+    found = judge_photograph(what, dark=black_level(dark), camera=None if camera is None else _camera(camera))
+    if as_json:
+        told: dict[str, Any] = {
+            "answer": found.answer, "probability": found.probability, "interval": found.interval,
+            "frames_needed": found.frames_needed, "numbers": found.numbers, "evidence": found.evidence,
+            "reasons": [reason._asdict() for reason in found.reasons], "assumed": found.assumed,
+            "doubts": found.measured.doubts,
+        }  # fmt: skip
+        echo_json(told)
+    else:
+        typer.echo(found.explain())
+
+
+def _camera(file: Path) -> "Camera":
+    from specklegen.core.tables import read_text, toml_table
+    from specklegen.instrument import Camera
+
+    table = toml_table(read_text(file, "recoverable --camera"), f"camera {file}")
+    fields = table.get("exposure", table)
+    if not isinstance(fields, dict):
+        reject("recoverable --camera", "a file with a table [exposure]", str(file))
+    return Camera(**{"photons": 1.0} | fields)

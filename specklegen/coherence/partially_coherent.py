@@ -229,9 +229,28 @@ def render_partially_coherent(
         irradiance.
     coherence_length
         As in `gaussian_schell_object`.
-    paths, rel_error, seconds, seed, realizations, sampler, reverse, field_tolerance, threads
-        As in `specklegen.render`. A finite number of paths raises contrast^2 by `finite_path_excess`, however
-        small the contrast is.
+    paths
+        Random paths a realization; 100 000 by default. A finite number raises contrast^2 by `finite_path_excess`,
+        however small the contrast is.
+    rel_error
+        Instead of ``paths``: the root of the excess correlation of intensities that too few paths leave in an image
+        (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02 otherwise.
+    seconds
+        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
+    seed
+        A whole number, or a sequence of them, which names the media.
+    realizations
+        Number of media; None renders one and drops the axis.
+    sampler
+        "auto" takes the cheapest that is right within the tolerance; "paths", "stationary", "covariance", "screens"
+        or one of your own, where you know better (:func:`specklegen.plan` says what each serves).
+    reverse
+        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
+        the tolerance.
+    field_tolerance
+        Relative error of the NUFFT against the direct sum, between 0 and 1: smaller is slower.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
 
     Returns
     -------

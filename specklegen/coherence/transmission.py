@@ -52,9 +52,26 @@ def transmission_matrix(
         `Imaging`, the rows are pixels on the plane in focus.
     modes : complex128[beams, K], optional
         Amplitudes over the beams; then the columns are these superpositions.
-    paths, rel_error, seconds, seed, sampler, reverse, mean, threads
-        As in `specklegen.render`. Two calls with the same seed see the same medium where the scenes are the
-        same; otherwise only about, since each scene has its own pilot.
+    paths
+        Random paths; 100 000 by default.
+    rel_error
+        Instead of ``paths``: the root of the excess correlation of intensities that too few paths leave in an image
+        (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02 otherwise.
+    seconds
+        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
+    seed
+        A whole number, or a sequence of them. Two calls with the same seed see the same medium where the scenes are
+        the same; otherwise only about, since each scene has its own pilot.
+    sampler
+        "auto" takes the cheapest that is right within the tolerance; "paths", "stationary", "covariance", "screens"
+        or one of your own, where you know better (:func:`specklegen.plan` says what each serves).
+    reverse
+        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
+        the tolerance.
+    mean
+        Add the mean field: what is not scattered, and the mean of what is.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
 
     Returns
     -------

@@ -145,8 +145,14 @@ def reflectance_transmittance(
     angles
         float64[n + 1], rising from 0 to pi/2: bounds of the steps over which densities are taken. By default 30
         steps of three degrees; narrower ones show a forward lobe.
-    paths, seconds, seed, threads
-        See :class:`specklegen.core.budgets.Budget`.
+    paths
+        Random paths to trace; 100 000 by default. Errors fall with the root of their number.
+    seconds
+        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
+    seed
+        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
     rel_error
         Instead of ``paths``: the largest standard error of the totals, as a share of the incident light.
 

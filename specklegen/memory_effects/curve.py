@@ -300,8 +300,19 @@ def memory_effect(
     azimuth
         Of the tilts from that polarisation, radians: 0 along it, pi/2 across it. The curves differ
         (docs/polarisation.md).
-    paths, seconds, seed, reverse, tolerance, threads
-        See :class:`specklegen.core.budgets.Budget`.
+    paths
+        Random paths to trace; 100 000 by default. Errors fall with the root of their number.
+    seconds
+        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
+    seed
+        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
+    reverse
+        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
+        ``tolerance`` of the intensity.
+    tolerance
+        Share of the intensity below which "auto" leaves a part out; smaller is slower.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
     rel_error
         Instead of ``paths``: the largest standard error of ``intensity``.
     view

@@ -146,8 +146,14 @@ def joint_correlation(
         float[T] differences of direction sines, float[S] lengths on the exit plane, both along x.
     lags
         Time between, or float[L] times, which add an axis to the result: of a slab with a ``motion``.
-    paths, seconds, seed, threads
-        See :class:`specklegen.core.budgets.Budget`: walked through a slab, in 64 batches; screens need none.
+    paths
+        Random paths through a slab, at least one a batch of 64; 100 000 by default. Screens need none.
+    seconds
+        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
+    seed
+        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
     rel_error
         Instead of ``paths``: the largest standard error of ``magnitude``.
 

@@ -207,8 +207,19 @@ def temporal_correlation(
     mode, view
         As for :func:`memory_effect`: behind the medium on the axis, or 5 degrees off exact backscattering, or a unit
         vector float64[3], in flatland float64[2].
-    paths, seconds, seed, reverse, tolerance, threads
-        See :class:`specklegen.core.budgets.Budget`.
+    paths
+        Random paths to trace; 100 000 by default. Errors fall with the root of their number.
+    seconds
+        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
+    seed
+        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
+    reverse
+        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
+        ``tolerance`` of the intensity.
+    tolerance
+        Share of the intensity below which "auto" leaves a part out; smaller is slower.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
     rel_error
         Instead of ``paths``: the largest standard error of ``intensity``.
 

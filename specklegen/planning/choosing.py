@@ -36,13 +36,14 @@ Others = dict[str, Mapping[str, float]]
 
 
 def cheapest(scene: Scene, request: Request) -> tuple[Sampler, list[Decision], Others]:
-    """The sampler of a volume, what is said of all that were asked, and what others would take."""
-    if lock_step_obstacle(scene) is None and refracting_layers(scene.slab):  # whose paths are not aimed, and not summed
+    """The sampler of a volume, what is said of all that were asked, and the operations of others."""
+    refracts = lock_step_obstacle(scene) is None and refracting_layers(scene.slab)  # whose paths are not summed
+    if refracts or not request.envelope:  # a recipe's probe stands for many samples, which the stationary sampler draws
         return *served(scene, request, (Stationary, PathSums)), {}
     pilot = scene_pilot(scene, request.reverse)
     least = times(least_of_sums(scene, pilot, _paths(pilot, request)), request.realizations)
     longer = MOST_PATHS * pilot.connections_per_path * _JUDGED
-    request = replace(request, thorough=not request.envelope or seconds(least, 1) > longer)
+    request = replace(request, thorough=seconds(least, 1) > longer)
     stationary, said = Stationary.propose(scene, request)
     if stationary is not None and _seconds(stationary, request) <= seconds(least, 1):
         return stationary, said, {"path sums, their least,": least}

@@ -101,8 +101,11 @@ def plan(
     ----------
     scene
         What to simulate.
-    paths, reverse
-        A realization's; see :class:`specklegen.core.budgets.Budget`.
+    paths
+        Random paths a realization; 100 000 by default. The error of an image falls with the root of their number.
+    reverse
+        Whether paths count backwards too (coherent backscattering), which a view close to exact backscattering asks
+        for; "auto" leaves that out where it adds less than the tolerance below.
     rel_error
         Instead of ``paths``: the square root of the excess correlation between intensities that a finite number of
         paths leaves within an image, at the worst view: of (2 E w^2 - (E w)^2 - E sum_B w_B^2) / (N (E w)^2), w the

@@ -281,7 +281,7 @@ class Sampler(ABC):
         return {}
 
     def setup(self) -> Mapping[str, float]:
-        """Those of them that are done once, however many realizations follow; by default none."""
+        """Operations among them that are done once, however many realizations follow; by default none."""
         return {}
 
     def seconds(self, realizations: int, threads: int = 1) -> float:

@@ -119,7 +119,8 @@ LAYERED = {
 }
 
 
-@pytest.mark.parametrize("name", LAYERED)
+# One kind of particle has a walk of its own, which takes a minute to compile.
+@pytest.mark.parametrize("name", [pytest.param("of one kind", marks=pytest.mark.slow), "of two kinds"])
 def test_layers_are_those_of_adding_and_doubling(name):
     parts, matrices, model = LAYERED[name]
     found = sg.mueller_matrix(layers(parts, model), wavelength=WAVELENGTH, paths=15_000, seed=1)
@@ -133,6 +134,7 @@ def test_layers_are_those_of_adding_and_doubling(name):
             assert_z(found.linear, turned[1, 1] / turned[0, 0], found.linear_error, degrees=DEGREES)
 
 
+@pytest.mark.slow
 def test_layers_have_the_memory_of_the_slab_that_they_are():
     """The curve of two halves of a slab, whose walks draw particles otherwise, behind both analysers."""
     half = sg.Layer(thickness=THICKNESS / 2, mean_free_path=THICKNESS / 2, scatterer=AIR)

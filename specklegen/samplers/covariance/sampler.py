@@ -92,7 +92,7 @@ class Eigenfields(Sampler, name="covariance"):
         return found
 
     def setup(self) -> Mapping[str, float]:
-        """Those of the covariance and its eigenvectors."""
+        """Operations of the covariance and its eigenvectors."""
         return covariance_operations(self.scene, self.pilot, self.paths) | eigen_operations(self._pairs)
 
     @property

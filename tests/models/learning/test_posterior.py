@@ -9,6 +9,7 @@ from specklegen.datasets.objects import Glyphs
 from specklegen.models.learning.feedback import Measured
 from specklegen.models.learning.networks.flow import Flow
 from specklegen.models.learning.posterior import (
+    SOLVED,
     drawn,
     generator_of,
     load_prior,
@@ -129,6 +130,8 @@ def test_draws_are_a_function_of_the_seed_whatever_their_companions(net):
 
     one, other, again = found(2, 5), found(1, 5), found(1, 6)
     assert torch.equal(one.draws[:1], other.draws)
+    drawn_alone = (other.weights[..., None, None] * other.draws).sum(1)
+    assert torch.allclose(other.mean, (1 - SOLVED) * drawn_alone + SOLVED * align(objects[:1], other.best), atol=1e-5)
     assert not torch.allclose(again.draws, other.draws, atol=2e-2)
 
 

@@ -76,23 +76,22 @@ def test_images_that_no_object_explains():
 def test_an_image_that_is_turned_shows_the_object_turned():
     """Lags are those of before, and so is what the solver makes of them: the third order alone can tell.
 
-    Characters within a third of the range; the true turn is that of the better correlation, and none told may be wrong.
+    Characters within a third of the range, 85 grains a side; the true turn is that of the better correlation, and none
+    that is told may be wrong.
     """
-    recipe = load_recipe("one-angular-size", SLAB | {"field": {"pitch": None, "extent_over_range": 0.3}})
-    batch = recipe.batch(4, "test", range(5))
+    within = {"field": {"pitch": None, "extent_over_range": 0.3}, "camera": {"shape": [256, 256]}}
+    recipe = load_recipe("one-angular-size", SLAB | within)
+    batch = recipe.batch(4, "test", range(4))
     images = torch.from_numpy(batch["image"]).double()[:, None]
     pairs = [reconstruct_and_assess(each, recipe).each for each in (images, images.flip((-2, -1)))]
     objects = torch.nn.functional.pad(torch.from_numpy(batch["object"]).float(), (4, 4, 4, 4))
     told = 0
-    for one, other, shown in zip(*pairs, objects, strict=True):
-        assert (one.turn is None) == (other.turn is None)
-        if one.turn is None:
-            assert np.allclose(one.image, other.image, atol=1e-3)
-            continue
-        told += 1
-        assert one.turn >= 0.9
-        assert np.allclose(one.image, other.image[::-1, ::-1], atol=1e-3)
-        assert not alignment(torch.from_numpy(one.image.copy()), shown).flipped
+    for both, placed in zip(pairs, (objects, objects.flip((-2, -1))), strict=True):
+        for found, shown in zip(both, placed, strict=True):
+            assert found.turn is None or found.turn >= 0.9
+            if found.turn is not None:
+                told += 1
+                assert not alignment(torch.from_numpy(found.image.copy()), shown).flipped
     assert told >= 2
 
 

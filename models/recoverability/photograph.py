@@ -1,0 +1,484 @@
+"""A verdict on photographs of a bench that nobody described: what they hold, and whether phase retrieval will work.
+
+Everything is read off the frames: grain and camera noise from their frequencies
+(:mod:`~specklegen.models.recoverability.band`), contrast, the object's extent from where the autocorrelation falls to
+its own noise (Bartlett, *J. R. Stat. Soc. Suppl.* 8, 27 (1946)), saturation and bits from the counts, vibration from
+frames. The probability is that of :mod:`~specklegen.models.recoverability.verdict`, of the residual of the measured
+power under the lags that the object needs. Two of its numbers, complexity and bright area, belong to an image that is
+not there yet: their part is foretold from the contrast and from how much of the band the light fills, and its scatter
+over 168 objects of twelve families widens the interval.
+
+Speckle of any object is a sum of exponential numbers: its skewness is at least twice its contrast; it is alike all over
+the frame; no frequency stands out of its power. What breaks these is no speckle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from scipy.fft import next_fast_len
+from scipy.ndimage import convolve
+from scipy.stats import gamma
+
+from specklegen.core.arguments import instance
+from specklegen.core.display.plot import Pictured, draw_images
+from specklegen.core.errors import RuleError, reject
+from specklegen.core.shielded import shielded
+from specklegen.instrument.camera import Camera
+from specklegen.measured.files import Source
+from specklegen.measured.measurement import Measurement, read_measurement
+from specklegen.models.recoverability.autocorrelation_error import REACH
+from specklegen.models.recoverability.band import Band, fit_band, transfer
+from specklegen.models.recoverability.speckle_test import smoothed_moments
+from specklegen.models.recoverability.verdict import COEFFICIENTS, Reason, share
+from specklegen.models.retrieval.autocorrelation import taper
+
+Answer = Literal["works", "needs frames", "cannot", "no speckle"]
+
+_SEEN = 1024  # pixels along a side that are looked at, at most
+_EVEN = 1e-9  # of the mean
+_ALIKE = 0.5  # correlation of frames from which on they are of one pattern
+_OBJECT, _OBJECT_SCATTER = (-1.231, -2.069, -2.0), 1.067
+"""c ln complexity + d ln area = k0 + k1 ln(1 / contrast^2) + k2 ln(share of the band); its scatter, of 168 objects."""
+_NINETIETH = 1.6449
+_MOST_FRAMES = 4096
+_EDGE = 12.0  # 2 ln of likelihoods from which on the band's edge is seen
+_BIAS = 0.02  # of ln grain: Hann's window widens the edge
+_RESOLVED = 2.05  # pixels in a grain
+_SIGNAL = 0.02  # of the mean: contrast below which an image is even
+_ALONE = 6.0  # standard deviations of the background, from which on neighbouring pixels are alike
+_REFUSED = 20.0  # sum of squares of the evidence against speckle
+_BLOCKS = 4  # along each side
+_AT_LEAST = 2.0  # grains across an object of one bright grain, and in proportion to the root of their number
+_SURE = 3.5  # standard deviations by which a ring of lags is above those far off
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PhotographVerdict(Pictured):
+    """Findings of photographs, and the fate of their object.
+
+    Attributes
+    ----------
+    answer : str
+        "works", "needs frames", "cannot" or "no speckle".
+    probability : float
+        That phase retrieval comes to a Pearson correlation above .8, of these frames; 0 of what is no speckle.
+    interval : (float, float)
+        Where that share lies for nine scenes of ten that look alike.
+    frames_needed : int or None
+        Frames through other states of the medium with which success is as likely as not; None where none suffice.
+    grain : (float, float)
+        Camera pixels in a grain, down and across, with ``grain_error``, relative; infinite where no edge is seen.
+    contrast, contrast_error : float
+        Of the light, envelope and camera noise taken off.
+    electrons : float
+        A pixel, of equal noise: 1 over its relative variance; infinite where no noise is seen.
+    photons : float or None
+        A pixel, of the camera's own numbers; None without a camera.
+    extent : float
+        Of the object, grains.
+    grains : float
+        Along a side of the camera, of a square of its area.
+    peak : float
+        Of the autocorrelation above its background, over the background's standard deviation.
+    envelope : float
+        Brightest over darkest light of the fitted envelope; 1 where it is even or was left in.
+    vibration : float or None
+        Standard deviation of the movement between frames of one pattern, pixels; None of one frame, or of several
+        patterns.
+    evidence : dict[str, float]
+        Against speckle, in standard deviations.
+    reasons : tuple of Reason
+    assumed : tuple of str
+    measured : Measurement
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.models import judge_photograph
+    >>> rng = np.random.default_rng(0)
+    >>> iris = np.maximum(*np.abs(np.meshgrid(*[np.fft.fftfreq(256)] * 2))) < 0.5 / 3
+    >>> light = np.abs(np.fft.ifft2(iris * (rng.normal(size=(256, 256)) + 1j * rng.normal(size=(256, 256))))) ** 2
+    >>> object = np.zeros((256, 256))
+    >>> object[[0, 9, 17, 20], [0, 11, 4, 22]] = 1
+    >>> image = np.fft.ifft2(np.fft.fft2(light) * np.fft.fft2(object)).real[:192, :192]
+    >>> found = judge_photograph(np.rint(image / image.mean() * 500))
+    >>> found.answer, bool(abs(found.grain[0] - 3) < 0.15), bool(abs(found.contrast - 0.5) < 0.06)
+    ('works', True, True)
+    """
+
+    answer: Answer
+    probability: float
+    interval: tuple[float, float]
+    frames_needed: int | None
+    grain: tuple[float, float]
+    grain_error: float
+    contrast: float
+    contrast_error: float
+    electrons: float
+    photons: float | None
+    extent: float
+    grains: float
+    peak: float
+    envelope: float
+    vibration: float | None
+    evidence: dict[str, float]
+    reasons: tuple[Reason, ...]
+    assumed: tuple[str, ...]
+    measured: Measurement
+
+    def __repr__(self) -> str:
+        return f"PhotographVerdict({self.headline})"
+
+    @property
+    def headline(self) -> str:
+        """The verdict in one line."""
+        low, high = self.interval
+        sure = f"success probability {self.probability:.2f} ({low:.2f} to {high:.2f})"
+        if self.answer == "no speckle":
+            return "no speckle: " + "; ".join(each.numbers for each in self.reasons)
+        if self.answer == "works":
+            return f"works: {sure}"
+        if self.answer == "needs frames":
+            return f"needs about {self.frames_needed} frames through other states of the medium: {sure}"
+        return f"cannot, because {'; '.join(each.numbers for each in self.reasons)}: {sure}"
+
+    @property
+    def numbers(self) -> dict[str, float | None]:
+        """What was measured, by name."""
+        seen = self.measured
+        return {
+            "grain_down": self.grain[0], "grain_across": self.grain[1], "grain_error": self.grain_error,
+            "contrast": self.contrast, "contrast_error": self.contrast_error, "envelope": self.envelope,
+            "saturated": seen.saturated, "at_zero": seen.at_zero,
+            "bits": None if seen.bit_depth is None else float(seen.bit_depth), "bits_used": self.bits_used,
+            "electrons": self.electrons, "photons": self.photons, "vibration": self.vibration, "peak": self.peak,
+            "extent_grains": self.extent, "camera_grains": self.grains,
+        }  # fmt: skip
+
+    @property
+    def bits_used(self) -> float:
+        """Bits between the black level and the brightest pixel but for one in a thousand."""
+        return float(np.log2(max(np.quantile(self.measured.light, 0.999), 1.0)))
+
+    def explain(self) -> str:
+        """Verdict, numbers, reasons and what was assumed, as text."""
+        lines = [self.headline]
+        for name, value in self.numbers.items():
+            if value is not None:
+                lines.append(f"  {name.replace('_', ' '):16s} {value:.4g}")
+        lines += [f"{each.name}: {each.numbers}\n  remedy: {each.remedy}" for each in self.reasons]
+        lines += [f"assumed: {each}" for each in self.assumed]
+        lines += [f"doubt: {each}" for each in self.measured.doubts]
+        return "\n".join(lines)
+
+    def _facts(self) -> Mapping[str, object]:
+        told = {name: f"{value:.4g}" for name, value in self.numbers.items() if value is not None}
+        return {"verdict": self.headline} | told
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """Draw the first frame, with the verdict above."""
+        frame = self.measured.images[0]
+        draw_images(axes, frame[None], high=float(np.quantile(frame, 0.999)))
+        axes.set_title(label or self.headline, fontsize="small")
+
+
+@shielded()
+def judge_photograph(
+    photographs: Source | Measurement, *, dark: Source | float | None = None, camera: Camera | None = None
+) -> PhotographVerdict:
+    """Judge photographs of a hidden object, of a bench that is not described: in seconds, nothing is simulated.
+
+    Parameters
+    ----------
+    photographs
+        What :func:`specklegen.measured.read_measurement` reads, or what it returned. Frames that correlate by .5 or
+        more are of one pattern, whose vibration and noise they tell; others are of independent patterns.
+    dark
+        Frames without light, or the black level in counts.
+    camera
+        That took them: its gain says how many photons there are.
+
+    Raises
+    ------
+    RuleError
+        For files that hold no grey frames of 32 x 32 pixels or more.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.models import judge_photograph
+    >>> judge_photograph(np.random.default_rng(0).poisson(200.0, (128, 128))).answer
+    'no speckle'
+    """
+    if camera is not None:
+        instance("judge_photograph camera", camera, Camera)
+    seen = photographs if isinstance(photographs, Measurement) else _read(photographs, dark)
+    if min(seen.light.shape[1:]) < 32:
+        reject("judge_photograph photographs", "of at least 32 x 32 pixels", seen.light.shape[1:])
+    images = _middle(seen.images)
+    images = images / images.mean((1, 2), keepdims=True)
+    if images.std() < _EVEN:
+        return _even(seen)
+    frames, pairs, vibration = _frames(images)
+    band = fit_band(frames, len(frames))
+    noise = band.noise if pairs is None else pairs
+    variance = max(float(frames.var((1, 2)).mean()) - noise, 0.0)
+    lags = _lags(frames, noise)
+    extent, peak, error, beside = _extent(lags, variance, band, frames)
+    evidence = _evidence(frames, band, noise, variance, seen.saturated)
+    photons = None
+    if camera is not None:
+        offset = camera.offset if dark is None and not isinstance(photographs, Measurement) else 0.0
+        photons = float((seen.light.mean() - offset) * camera.gain)
+    pixels = float(np.prod(frames.shape[1:]))
+    grains = float(np.sqrt(pixels / (band.grain[0] * band.grain[1])))
+    value, needed, reasons = _foretold(frames, band, noise, variance, extent, grains, seen)
+    scatter = float(np.hypot(COEFFICIENTS["scatter"], _OBJECT_SCATTER))
+    low, high = (float(1 / (1 + np.exp(-value - side * _NINETIETH * scatter))) for side in (-1, 1))
+    probability = float(share(np.array(value), scatter))
+    against = _against(evidence, variance, beside)
+    answer: Answer = "works" if value >= 0 else "needs frames" if needed is not None else "cannot"
+    if against:
+        answer, probability, (low, high), needed, reasons = "no speckle", 0.0, (0.0, 0.0), None, against
+    elif min(band.grain) < _RESOLVED or (band.edge < _EDGE and min(band.grain) < 1.2 * _RESOLVED):
+        small = Reason("grains finer than pixels tell", f"grains of about {min(band.grain):.2g} pixels",
+                       "a smaller iris, a longer distance to the camera, or smaller pixels")  # fmt: skip
+        reasons = (small, *reasons)
+        answer, needed = ("cannot", None) if answer != "works" else (answer, needed)
+    assumed = list(seen.assumed)
+    assumed.append("one wavelength and one polarisation, and an object within the memory effect: else contrast is lost")
+    envelope = 1.0 if seen.envelope is None else float(seen.envelope.max() / seen.envelope.min())
+    return PhotographVerdict(
+        answer, probability, (low, high), needed, band.grain,
+        float(np.hypot(band.error, _BIAS)) if band.edge >= _EDGE else float("inf"), float(np.sqrt(variance)),
+        float(error / (2 * max(np.sqrt(variance), 1e-9))), 1 / noise if noise > 1e-9 else float("inf"), photons, extent,
+        grains, peak, envelope, vibration, evidence, reasons, tuple(assumed), seen,
+    )  # fmt: skip
+
+
+def _even(seen: Measurement) -> PhotographVerdict:
+    """Verdict on frames that hold nothing at all."""
+    reason = Reason("an even image", "all pixels are alike", "more light, or a longer exposure")
+    none = float("inf")
+    return PhotographVerdict(
+        "no speckle", 0.0, (0.0, 0.0), None, (none, none), none, 0.0, 0.0, none, None, 0.0, 0.0, 0.0, 1.0, None, {},
+        (reason,), tuple(seen.assumed), seen,
+    )  # fmt: skip
+
+
+def _read(photographs: Source, dark: Source | float | None) -> Measurement:
+    """Frames over their envelope; without where none can be fitted."""
+    try:
+        return read_measurement(photographs, dark=dark, envelope="fit")
+    except RuleError as error:
+        if "envelope" not in str(error):
+            raise
+    return read_measurement(photographs, dark=dark)
+
+
+def _middle(images: np.ndarray) -> np.ndarray:
+    """The middle of frames float64[n, h, w] that are large."""
+    rows, columns = (min(side, _SEEN) for side in images.shape[1:])
+    top, left = (images.shape[1] - rows) // 2, (images.shape[2] - columns) // 2
+    return images[:, top : top + rows, left : left + columns]
+
+
+def _frames(images: np.ndarray) -> tuple[np.ndarray, float | None, float | None]:
+    """Independent frames; noise of a frame and movement, pixels, where they are of one pattern and are averaged."""
+    if len(images) == 1:
+        return images, None, None
+    flat = images - 1
+    one, other = flat[:-1], flat[1:]
+    found = [_movement(flat[0], each) for each in flat[1:]]
+    if np.mean([alike for _, alike in found]) < _ALIKE:
+        return images, None, None
+    moved = [way for way, _ in found]
+    still = max(abs(part) for pair in moved for part in pair) < 0.5
+    apart = np.square(one - other).mean() / 2
+    mean = images.mean(0, keepdims=True) if still else images[:1]
+    noise = float(apart / len(images)) if still else None  # of one frame that moved it is read off its band
+    return mean, noise, float(np.std([(0.0, 0.0), *moved], axis=0).max())
+
+
+def _movement(first: np.ndarray, later: np.ndarray) -> tuple[tuple[float, float], float]:
+    """Pixels, down and across, by which a pattern has moved, between pixels, and the correlation that it has there."""
+    peak = np.fft.irfft2(np.conj(np.fft.rfft2(first)) * np.fft.rfft2(later), s=first.shape)
+    at = np.unravel_index(int(np.argmax(peak)), peak.shape)
+    found = []
+    for axis, place in enumerate(at):
+        line = np.take(peak, at[1 - axis], axis=1 - axis)
+        before, middle, after = (line[(place + d) % len(line)] for d in (-1, 0, 1))
+        bend = 2 * middle - before - after
+        shift = 0.5 * (after - before) / bend if bend > 0 else 0.0
+        found.append(float((place + shift + len(line) / 2) % len(line) - len(line) / 2))
+    norm = np.sqrt(np.square(first).sum() * np.square(later).sum())
+    return (found[0], found[1]), float(peak.max() / max(norm, 1e-300))
+
+
+def _lags(frames: np.ndarray, noise: float) -> np.ndarray:
+    """Autocovariance float64[h, w] of frames by the pairs that each lag has, noise taken off; lag 0 first."""
+    rows, columns = frames.shape[1:]
+    grid = [next_fast_len(2 * side, real=True) or 0 for side in (rows, columns)]
+    light = frames - frames.mean((1, 2), keepdims=True)
+    power = np.square(np.abs(np.fft.rfft2(light, s=grid))).mean(0)
+    along = [side - np.abs(np.fft.fftfreq(n) * n) for side, n in zip((rows, columns), grid, strict=True)]
+    found = np.fft.irfft2(power, s=grid) / np.maximum(np.outer(*along), 1)
+    found[0, 0] -= noise
+    return found
+
+
+def _extent(lags: np.ndarray, variance: float, band: Band, frames: np.ndarray) -> tuple[float, float, float, float]:
+    """Extent of the object in grains; peak of the autocorrelation over the background's standard deviation; error of
+    the variance; and the autocorrelation one pixel off, over the same.
+    """
+    count, rows, columns = frames.shape
+    reach = min(rows, columns) // 2
+    fy, fx = (np.rint(np.fft.fftfreq(n) * n) for n in lags.shape)
+    radius = np.hypot(fy[:, None] / band.grain[0], fx / band.grain[1])
+    inside = (np.abs(fy)[:, None] < reach) & (np.abs(fx) < reach)
+    ring = np.where(inside, np.minimum(radius.astype(int), reach), reach + 1)
+    number = np.bincount(ring.ravel(), minlength=reach + 2)
+    square = np.bincount(ring.ravel(), np.square(lags).ravel(), minlength=reach + 2) / np.maximum(number, 1)
+    far = max(2, int(reach / max(band.grain)))
+    cells = np.maximum(number / (2 * band.grain[0] * band.grain[1]), 1.0)[:far]  # lags come in pairs
+    level = float(np.median(square[far // 2 : far]))
+    above = np.flatnonzero(square[:far] > level * (1 + _SURE * np.sqrt(2 / cells)))
+    last = int(above[-1]) if len(above) else 0
+    background = float(np.sqrt(max(level, 1e-30)))
+    total = np.square(lags[inside & (radius < last + 2)]).sum()  # Bartlett: of speckle and its noise
+    error = float(np.sqrt(2 * total / (count * rows * columns)))
+    return float(last + 1), float(variance / background), error, float((lags[0, 1] + lags[1, 0]) / 2 / background)
+
+
+def _foretold(
+    frames: np.ndarray, band: Band, noise: float, variance: float, extent: float, grains: float, seen: Measurement
+) -> tuple[float, int | None, tuple[Reason, ...]]:
+    """Logarithm of the odds; frames that would do, None where none would; what stands in the way."""
+    fy, fx = band.frequencies
+    v, u = np.meshgrid(fy * band.grain[0], fx * band.grain[1], indexing="ij")
+    passed = transfer(band.profile, v, u)
+    weight = np.where((fx == 0) | (fx == 0.5), 1.0, 2.0) * np.ones_like(v)
+    weight = np.where(np.hypot(fy[:, None] * frames.shape[1], fx * frames.shape[2]) < 2, 0.0, weight)
+    light = band.light
+    # What is hidden in noise is no smaller than its bright grains allow.
+    share_kept = _kept(max(extent, _AT_LEAST / max(np.sqrt(variance), 1e-3)))
+    power = np.square(light * passed) * weight
+    rough = np.sqrt((np.square((light + noise) * passed) * weight).sum() / max(power.sum(), 1e-300))
+    error = rough * share_kept / grains / 2
+    pixel = np.square(np.sinc(fy))[:, None] * np.square(np.sinc(fx))
+    point = float((weight * passed * pixel).sum() / max((weight * passed).sum(), 1e-300))
+    contrast2 = max(variance, 1e-12) / max(point, 1e-3)
+    # Of exponential numbers of mean S the mean square is 2 S^2.
+    signal = max(float((weight * (band.power - noise)).sum()), 1e-300)
+    square = float((weight * (np.square(band.power) / 2 - 2 * noise * np.maximum(light, 0) - noise**2)).sum())
+    filled = signal**2 / max(square, 1e-3 * float((weight * np.square(band.power)).sum()))
+    filled /= float(max((weight * passed).sum() ** 2 / max((weight * np.square(passed)).sum(), 1e-300), 1e-300))
+    k0, k1, k2 = _OBJECT
+    about = k0 + k1 * np.log(1 / min(contrast2, 1.0)) + k2 * np.log(float(np.clip(filled, 1e-3, 1.0)))
+    lost = _clipped(variance, seen.saturated)
+    bent = COEFFICIENTS["distortion_weight"] * lost
+    constant, slope = COEFFICIENTS["constant"] + about, COEFFICIENTS["residual"]
+    per_frame = error / np.sqrt(len(frames))
+    value = float(constant + slope * np.log(np.hypot(per_frame, bent)))
+    allowed = float(np.exp(-constant / slope))
+    needed = None
+    if allowed > bent:
+        frames_needed = (error / np.sqrt(allowed**2 - bent**2)) ** 2
+        needed = int(np.ceil(frames_needed)) if frames_needed <= _MOST_FRAMES else None
+    if value >= 0:
+        return value, needed, ()
+    reasons = []
+    clean = share_kept / grains / 2
+    if bent > 0.5 * allowed:
+        reasons.append(Reason("saturation", f"{100 * seen.saturated:.2g} % of the pixels are full",
+                              "a shorter exposure"))  # fmt: skip
+    if error > 1.4 * clean:
+        reasons.append(Reason("too few photons", f"{1 / max(noise, 1e-12):.3g} electrons a pixel of equal noise",
+                              "a longer exposure, or more frames of the same pattern"))  # fmt: skip
+    if clean > 0.5 * allowed or not reasons:
+        few = f"{grains:.0f} grains a side for an object of about {extent:.0f}"
+        remedy = "a larger camera, finer grains, or frames through other states of the medium"
+        reasons.append(Reason("too few grains", few, remedy))
+    return value, needed, tuple(reasons)
+
+
+def _kept(extent: float) -> float:
+    """Root of the sum of squares of the lags' weights that an object of so many grains needs, in grains."""
+    fine = 4
+    side = extent * fine
+    window = 2 * int(np.ceil(REACH * side)) + 8
+    kept = taper(window, 0.85 * REACH * side, 1.2 * REACH * side).numpy()
+    return float(np.sqrt(np.square(kept).sum())) / fine
+
+
+def _clipped(variance: float, saturated: float) -> float:
+    """Distortion of the modulus where a share of the pixels is full: gamma numbers of that contrast, cut off."""
+    if saturated <= 1e-5:
+        return 0.0
+    shape = 1 / max(variance, 1e-4)
+    x = gamma(shape, scale=1 / shape).ppf((np.arange(1000) + 0.5) / 1000)
+    cut = np.minimum(x, np.quantile(x, 1 - min(saturated, 0.999)))
+    if cut.std() < 1e-12:
+        return 1.0
+    return float(np.sqrt(max(0.0, 1 - np.corrcoef(x, cut)[0, 1] ** 2)))
+
+
+def _evidence(
+    frames: np.ndarray, band: Band, noise: float, variance: float, saturated: float
+) -> dict[str, float]:  # fmt: skip
+    """Against speckle, in standard deviations: law of intensities, places that differ, frequencies that stand out."""
+    grain = float(np.sqrt(band.grain[0] * band.grain[1]))
+    light = torch.from_numpy(np.ascontiguousarray(frames))
+    smooth, skewness = smoothed_moments(light, grain, noise)
+    least = 2 * np.sqrt(smooth)
+    cells = float(np.square(band.light.sum()) / max(np.square(band.light).sum(), 1e-300)) * len(frames)
+    spread = float(np.hypot(0.3, 0.5 * np.sqrt(6 / max(cells, 1.0)) / max(least, 1e-6)))
+    rows, columns = (side // _BLOCKS for side in frames.shape[1:])
+    cut = frames[:, : rows * _BLOCKS, : columns * _BLOCKS] - 1
+    parts = np.square(cut.reshape(len(frames), _BLOCKS, rows, _BLOCKS, columns)).mean((0, 2, 4)).ravel()
+    each = max(cells / _BLOCKS**2, 0.5)
+    whole = variance + noise + 1e-12
+    # Of gamma numbers, kurtosis 6 contrast^2, and of noise, pixel by pixel.
+    expected = (2 + 6 * variance) * variance**2 / each + 2 * noise * (noise + 2 * variance) / (rows * columns)
+    expected = max(expected / whole**2, 1e-12)
+    y, x = np.indices((_BLOCKS, _BLOCKS)).reshape(2, -1) - (_BLOCKS - 1) / 2
+    terms = np.stack([np.ones_like(x), x, y], 1)  # stray light makes contrast fall smoothly across a frame
+    logs = np.log(np.maximum(parts / whole, 1e-9))
+    left = logs - terms @ np.linalg.lstsq(terms, logs, rcond=None)[0]
+    apart = float(np.square(left).sum() / (len(logs) - 3) / expected)
+    ring = np.ones((9, 9))
+    ring[3:6, 3:6] = 0
+    near = convolve(np.concatenate([band.power, band.power[:, -2:0:-1]], 1), ring / ring.sum(), mode="wrap")
+    ratio = band.power / (near[:, : band.power.shape[1]] + 1e-3 * band.power.mean() + 1e-30)
+    fy, fx = band.frequencies
+    away = np.hypot(fy[:, None] * frames.shape[1], fx * frames.shape[2]) > 4
+    tall = float((ratio[away].max() * len(frames) ** 0.5 - np.log(away.sum())) / 4) if away.any() else 0.0
+    return {
+        "law": float(max(0.0, 1 - skewness / least) / spread) if least > 0 and saturated < 1e-3 else 0.0,
+        "places": float(max(0.0, np.log(max(apart, 1e-9))) / np.hypot(np.sqrt(2 / 13), 0.5)),
+        "frequencies": float(np.log1p(max(0.0, tall - 1)) / 0.5),
+    }
+
+
+def _against(evidence: dict[str, float], variance: float, beside: float) -> tuple[Reason, ...]:
+    """Why it is no speckle; empty where it may be."""
+    if variance < _SIGNAL**2 or beside < _ALONE:
+        return (Reason("nothing but noise", f"contrast {np.sqrt(variance):.2g} beyond the camera's noise",
+                       "more light; check that the object shines, and the black level"),)  # fmt: skip
+    if float(np.square(list(evidence.values())).sum()) < _REFUSED:
+        return ()
+    words = {
+        "law": "intensities are less skewed than those of speckle",
+        "places": "parts of the frame differ by more than speckle does",
+        "frequencies": "single frequencies stand out, as of a pattern or a picture",
+    }
+    worst = sorted(evidence, key=lambda name: -evidence[name])
+    return tuple(
+        Reason("no speckle", words[name], "photograph the speckle alone: no lens image of the scene, no stray picture")
+        for name in worst if evidence[name] >= 2 or name == worst[0]
+    )  # fmt: skip
