@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from specklegen.coherence.transmission import face_modes
-from specklegen.core.arguments import complex_array, instance, positive_number, real_number, several
+from specklegen.core.arguments import complex_array, positive_number, real_number, several
 from specklegen.core.errors import reject, warn_user
 from specklegen.scene.illumination import CollimatedBeams, directions_of_sines
 from specklegen.scene.sensors import FarFieldGrid
@@ -195,13 +195,16 @@ def light_behind(values: np.ndarray, sensor: FarFieldGrid, wavelength: float) ->
     (9,)
     """
     wavelength = positive_number("light_behind wavelength", wavelength)
-    directions = instance("light_behind sensor", sensor, FarFieldGrid).directions.reshape(-1, 3)
+    grid = getattr(sensor, "regular_grid", None)
+    if grid is None:
+        reject("light_behind sensor", "views on a grid, as sg.FarField.grid makes", sensor)
+    directions = grid.directions.reshape(-1, 3)
     values = complex_array("light_behind values", values).ravel()
     if len(values) != len(directions):
         reject("light_behind values", f"one for each of {len(directions)} views", len(values))
     if not directions[:, 2].min() > 0:
         reject("light_behind sensor", "views of transmitted light, towards +z", sensor.side)
-    amplitudes = 1j / wavelength * sensor.pitch**2 * values / directions[:, 2]
+    amplitudes = 1j / wavelength * grid.pitch**2 * values / directions[:, 2]
     return WaveSum(directions=directions, amplitudes=amplitudes, wavelength=wavelength)
 
 
