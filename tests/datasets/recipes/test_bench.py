@@ -10,7 +10,8 @@ from specklegen.datasets.recipes.recipe_files import recipe_table, table_names
 from tests.zscore import assert_z
 
 SMALL = {
-    "media": 4, "material": {"kernel_paths": 2000}, "camera": {"shape": [48, 40]}, "objects": {"shape": [16, 16]},
+    "media": 4, "sampler": "stationary", "material": {"kernel_paths": 2000},
+    "camera": {"shape": [48, 40]}, "objects": {"shape": [16, 16]},
 }  # fmt: skip
 
 
@@ -116,7 +117,7 @@ def test_cameras_are_drawn_and_count():
 @pytest.mark.parametrize("name", table_names())
 def test_a_table_changes_a_recipe_beside_which_it_is_inherited(tmp_path, name):
     file = tmp_path / "mine.toml"
-    file.write_text(f'inherits = ["through-slab", "{name}"]\nname = "mine"\nmedia = 4\n'
+    file.write_text(f'inherits = ["through-slab", "{name}"]\nname = "mine"\nmedia = 4\nsampler = "stationary"\n'
                     "[material]\nkernel_paths = 2000\n[camera]\nshape = [48, 40]\n"
                     "[objects]\nshape = [16, 16]\n")
     recipe = load_recipe(file)
