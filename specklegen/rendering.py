@@ -198,8 +198,9 @@ def render(
 ) -> SpeckleStack:
     """Render correlated speckle of one medium (or of several) at every tilt and view of a scene.
 
-    A pure function of its arguments but ``threads``: the same call gives the same bits, and realization r does not
-    depend on how many there are. ``field`` is u - m unless ``mean``.
+    A pure function of its arguments but ``threads``: the same call gives the same bits, and realization r of a sampler
+    does not depend on how many there are. "auto" may take another sampler for more of them. ``field`` is u - m unless
+    ``mean``.
 
     A seed names a medium only within one scene and plan: tilts and views that shall see the same medium belong into
     one call. Under another set of tilts or views the same seed draws nearly the same medium by path sums (0.985
