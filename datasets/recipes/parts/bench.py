@@ -26,7 +26,6 @@ from specklegen.core.lazy import LazyModule
 from specklegen.core.random_streams import Stream
 from specklegen.core.values import Value
 from specklegen.datasets.distributions import Draw, Uniform, ends
-from specklegen.datasets.recipes.parts import exposure
 from specklegen.datasets.split import Purpose
 from specklegen.instrument.camera import AnyCamera, Camera
 from specklegen.kernels.quantiles import add_normal
@@ -35,8 +34,10 @@ if TYPE_CHECKING:
     import torch
 
     from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes.parts import exposure
 else:
     torch = LazyModule("torch")
+    exposure = LazyModule("specklegen.datasets.recipes.parts.exposure")
 
 _RULES = {
     "rotation": (-180.0, 180.0), "magnification": (0.5, 2.0), "aperture": (0.5, 2.0), "polarisation": (0.0, 1.0),
