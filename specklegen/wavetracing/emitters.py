@@ -198,7 +198,7 @@ class GaussianLaser(Value):
     --------
     >>> from specklegen.wavetracing import GaussianLaser
     >>> laser = GaussianLaser(position=[0, 0, -10], direction=[0, 0, 1], waist=50.0, wavelength=0.5)
-    >>> round(abs(laser.field([[0.0, 0.0, -10.0]])[0]) ** 2 * 3.141592653589793 * 50**2 / 2, 6)  # of its power 1
+    >>> round(float(abs(laser.field([[0.0, 0.0, -10.0]])[0]) ** 2 * 3.141592653589793 * 50**2 / 2), 6)  # of its power 1
     1.0
     """
 
