@@ -161,3 +161,16 @@ def test_path_sums_are_proposed_only_where_they_may_win(monkeypatch):
     assert made.sampler == "stationary"
     assert not asked
     assert made.alternatives["path sums, their least,"] > made.total_seconds
+
+
+def test_a_film_asks_for_paths_of_its_own():
+    """The atlas knows no momentum transfers: what serves the slab at rest must not serve it in motion."""
+    fluid = sg.Brownian(diffusion=1.0)
+    slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9), motion=fluid)
+    light = {"directions": [[0.0, 0.0, 1.0]] * 2, "width": 2e4}
+    scenes = [sg.Scene(wavelength=0.4, medium=slab, illumination=sg.CollimatedBeams(**light, **times),
+                       sensor=sg.FarField.grid((16, 16), 1e-5)) for times in ({}, {"times": [0.0, 1e-3]})]  # fmt: skip
+    still, moving = (sg.plan(scene, sampler="stationary") for scene in scenes)
+    assert still.paths == 0
+    assert moving.paths > 0
+    assert np.isfinite(sg.render(scenes[1], sampler="stationary").field).all()

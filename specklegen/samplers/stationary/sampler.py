@@ -110,7 +110,7 @@ class Stationary(Sampler, name="stationary"):
         pilot = axial_pilot(rest) if refracting_layers(rest.slab) else scene_pilot(rest, False)
         paths, tabulated = request.paths, None
         if paths is None:
-            tabulated = _tabulated(rest, model.form, request.tolerance)
+            tabulated = _tabulated(scene, model.form, request.tolerance)
             wanted = DEFAULT_PATHS if request.rel_error is None else pilot.moments.paths_for(request.rel_error)
             paths = wanted if tabulated is None else 0
         hidden = envelope is not None and not scene.illumination.images
