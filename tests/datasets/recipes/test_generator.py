@@ -272,7 +272,8 @@ def test_frames_are_correlated_as_the_recipe_says(monkeypatch):
     plain = Imaging.fields
     for share in (0.0, 1.0):
         with monkeypatch.context() as patch:
-            patch.setattr(Imaging, "fields", lambda own, k, s, n=0, _share=share: plain(own, k, 0 * s + _share, n))
+            patch.setattr(Imaging, "fields", lambda own, k, s, *more, _share=share, **named:
+                          plain(own, k, 0 * s + _share, *more, **named))  # fmt: skip
             wrong = SpeckleGenerator(recipe, 0)(range(2))["frames"]
         assert torch.equal(wrong[:, 0], right[:, 0])
         assert (wrong[:, 1:] - right[:, 1:]).abs().amax() > 0.1
