@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from own_objects import Dim
 
 import specklegen as sg
 from specklegen.datasets import load_recipe
-from specklegen.datasets.objects import Glyphs
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.parts.light import Light
 from specklegen.datasets.recipes.parts.material import Material
@@ -31,15 +31,6 @@ class Layered(Material):
     """Has something in front."""
 
     skin: float = 1.0
-
-
-class Dim(Glyphs):
-    """Characters whose upper half is dark."""
-
-    def picture(self, source, rng):
-        half = super().picture(source, rng)
-        half[: half.shape[0] // 2] = 0
-        return half
 
 
 class OwnStack(TiltStack):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import zarr
 from fake_recipe import assert_same
+from own_objects import Dim
 from quick_recipes import quick_recipe
 from small_stores import contents
 
 from specklegen.datasets import load_recipe, recipe_names
 from specklegen.datasets.loading.cache import SpeckleCache
-from specklegen.datasets.objects import Glyphs
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.shards import MissingSample
 from specklegen.datasets.store.verify import verify
@@ -41,20 +41,10 @@ QUICK = ("screens", "dynamic-slab", "partially-coherent", "masked-light", OWN)  
 SAMPLES, SHARD = 5, 2
 
 
-class Halved(Glyphs):
-    """Characters whose upper half is dark, of a user's own."""
-
-    def picture(self, source, rng):
-        """As the parent's, half of it."""
-        found = super().picture(source, rng)
-        found[: found.shape[0] // 2] = 0
-        return found
-
-
 def recipe_of(kind):
     name, changes = KINDS.get(kind, KINDS["hidden-object"])
     recipe = quick_recipe(name, **changes)
-    return recipe.replace(objects=Halved(shape=recipe.objects.shape)) if kind == OWN else recipe
+    return recipe.replace(objects=Dim(shape=recipe.objects.shape)) if kind == OWN else recipe
 
 
 @pytest.mark.parametrize(
