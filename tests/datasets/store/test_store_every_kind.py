@@ -24,6 +24,7 @@ KINDS = {
     "screens": ("double-diffuser", {}),
     "laboratory": ("through-slab-lab", {"media": 1}),
     "atlas": ("unknown-slab", {}),
+    "bench": ("unknown-slab", {"bench": {"rotation": {"uniform": [-180.0, 180.0]}, "blur": 1.0, "unevenness": 0.05}}),
     "tilt-stack": ("tilt-stack", SMALL),
     "material-regression": ("material-regression", SMALL),
     "two-tilts": ("two-tilts", SMALL | {"media": 2}),
