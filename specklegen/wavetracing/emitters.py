@@ -8,7 +8,33 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, Positive, Value, unit_vectors
 from specklegen.wavetracing.beams import GaussianBeam
-from specklegen.wavetracing.kernels.beam_sources import COLLIMATED, LASER, POINT, SOURCE
+from specklegen.wavetracing.kernels.beam_sources import COLLIMATED, LASER, POINT
+
+
+def _across(wavelength: float, size: float) -> float:
+    """9 / (2 k size): the tangent of a beam of this half-width, or the half-width of one of this tangent."""
+    return 9 * wavelength / (4 * np.pi * size)
+
+
+def _packed(emitter: "Emitter", kind: int, lower: np.ndarray, upper: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """What kernels know of an emitter, float64[SOURCE]."""
+    return np.concatenate([[kind], lower, upper, direction, [emitter.beam_radius, emitter.tangent]])
+
+
+class _AtOnePlace(Value):
+    """What emitters have in common whose light comes from one place."""
+
+    position: Array
+
+    @property
+    def origin(self) -> np.ndarray:
+        """Its place, float64[3]; of a laser, the middle of its waist."""
+        return self.position
+
+    @property
+    def coherence(self) -> float:
+        """Infinite: such light is coherent with itself anywhere."""
+        return np.inf
 
 
 class CollimatedEmitter(Value):
@@ -77,7 +103,7 @@ class CollimatedEmitter(Value):
     @property
     def tangent(self) -> float:
         """Tangent 9 / (2 k a) of the half opening angle of each beam."""
-        return 9 * self.wavelength / (4 * np.pi * self.beam_radius)
+        return _across(self.wavelength, self.beam_radius)
 
     @property
     def origin(self) -> np.ndarray:
@@ -98,13 +124,10 @@ class CollimatedEmitter(Value):
 
     def packed(self) -> np.ndarray:
         """Return what kernels know, float64[SOURCE]."""
-        out = np.empty(SOURCE)
-        out[0], out[1:4], out[4:7], out[7:10] = COLLIMATED, self.lower, self.upper, self.direction
-        out[10], out[11] = self.beam_radius, self.tangent
-        return out
+        return _packed(self, COLLIMATED, self.lower, self.upper, self.direction)
 
 
-class PointEmitter(Value):
+class PointEmitter(_AtOnePlace):
     """A point that radiates evenly in all directions, as beams of mean directions spread evenly.
 
     Attributes
@@ -124,7 +147,6 @@ class PointEmitter(Value):
     35.8
     """
 
-    position: Array
     wavelength: Positive
     power: Positive = 1.0
     beam_angle: float = Field(0.02, gt=0, lt=np.pi / 4, allow_inf_nan=False)
@@ -151,17 +173,7 @@ class PointEmitter(Value):
     @property
     def beam_radius(self) -> float:
         """Half-width a of a beam at the source."""
-        return 9 * self.wavelength / (4 * np.pi * self.tangent)
-
-    @property
-    def origin(self) -> np.ndarray:
-        """Its place, float64[3]."""
-        return self.position
-
-    @property
-    def coherence(self) -> float:
-        """Infinite: the light of a point is coherent with itself anywhere."""
-        return np.inf
+        return _across(self.wavelength, self.tangent)
 
     def lights(self, points: np.ndarray) -> np.ndarray:
         """Whether points float64[P, 3] lie in the light, before anything stands in it: all, bool[P]."""
@@ -169,13 +181,10 @@ class PointEmitter(Value):
 
     def packed(self) -> np.ndarray:
         """Return what kernels know, float64[SOURCE]."""
-        out = np.zeros(SOURCE)
-        out[0], out[1:4], out[4:7] = POINT, self.position, self.position
-        out[10], out[11] = self.beam_radius, self.tangent
-        return out
+        return _packed(self, POINT, self.position, self.position, np.zeros(3))
 
 
-class GaussianLaser(Value):
+class GaussianLaser(_AtOnePlace):
     """A laser: one coherent Gaussian beam, from its waist on.
 
     Attributes
@@ -192,7 +201,7 @@ class GaussianLaser(Value):
     Raises
     ------
     RuleError
-        For a direction that is no unit vector, or a waist below a wavelength / 2, which is not paraxial.
+        For a direction that is no unit vector, or a waist of 0.48 wavelengths and less, which is not paraxial.
 
     Examples
     --------
@@ -202,7 +211,6 @@ class GaussianLaser(Value):
     1.0
     """
 
-    position: Array
     direction: Array
     waist: Positive
     wavelength: Positive
@@ -229,17 +237,7 @@ class GaussianLaser(Value):
     @property
     def tangent(self) -> float:
         """Tangent 9 / (2 k a) of the half opening angle of the envelope."""
-        return 9 * self.wavelength / (4 * np.pi * self.beam_radius)
-
-    @property
-    def origin(self) -> np.ndarray:
-        """Its waist, float64[3]."""
-        return self.position
-
-    @property
-    def coherence(self) -> float:
-        """Infinite: one beam is coherent with itself."""
-        return np.inf
+        return _across(self.wavelength, self.beam_radius)
 
     def lights(self, points: np.ndarray) -> np.ndarray:
         """Whether points float64[P, 3] lie in even light: none, bool[P]."""
@@ -252,10 +250,7 @@ class GaussianLaser(Value):
 
     def packed(self) -> np.ndarray:
         """Return what kernels know, float64[SOURCE]."""
-        out = np.empty(SOURCE)
-        out[0], out[1:4], out[4:7], out[7:10] = LASER, self.position, self.position, self.direction
-        out[10], out[11] = self.beam_radius, self.tangent
-        return out
+        return _packed(self, LASER, self.position, self.position, self.direction)
 
 
 Emitter = CollimatedEmitter | PointEmitter | GaussianLaser

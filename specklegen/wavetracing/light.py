@@ -10,7 +10,8 @@ from pydantic import model_validator
 from specklegen.core.arguments import finite_numbers
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, ComplexArray, ComplexNumber, Positive, Value, unit_vectors
-from specklegen.wavetracing.emitters import PointEmitter
+from specklegen.wavetracing.beams import GaussianBeam
+from specklegen.wavetracing.emitters import GaussianLaser, PointEmitter
 from specklegen.wavetracing.meshes import proper_rotation
 from specklegen.wavetracing.plane import Plane
 
@@ -116,8 +117,10 @@ class WaveSum(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         directions = unit_vectors("WaveSum.directions", self.directions)
-        if directions.ndim != 2 or directions.shape[1] != 3 or self.amplitudes.shape != directions.shape[:1]:
-            reject("WaveSum.amplitudes", "one for each of float64[m, 3] directions", self.amplitudes.shape)
+        if directions.ndim != 2 or directions.shape[1] != 3 or not len(directions):
+            reject("WaveSum.directions", "float64[m, 3], one at least", directions.shape)
+        if self.amplitudes.shape != directions.shape[:1]:
+            reject("WaveSum.amplitudes", f"one for each of {len(directions)} directions", self.amplitudes.shape)
         object.__setattr__(self, "directions", directions)
         return self
 
@@ -158,11 +161,12 @@ def seen_from(
         reject(f"{name} shift", "float64[3]", shift)
     turn = proper_rotation(f"{name} rotation", np.eye(3) if rotation is None else rotation)
     plane = plane.replace(center=(plane.center - move) @ turn, normal=plane.normal @ turn, up=plane.up @ turn)
-    if isinstance(light, PlaneWave):
+    if isinstance(light, PlaneWave | GaussianBeam | GaussianLaser):
         direction = light.direction @ turn
         if not direction[2] > 0:
             reject(f"{name} rotation", "a screen that the light meets from behind, at z < 0 of its frame", direction)
-        return light.replace(direction=direction, amplitude=complex(light.field(move))), plane
+        if isinstance(light, PlaneWave):
+            return light.replace(direction=direction, amplitude=complex(light.field(move))), plane
     if isinstance(light, PointEmitter):
         return light.replace(position=(light.position - move) @ turn), plane
     return _Turned(light, move, turn), plane

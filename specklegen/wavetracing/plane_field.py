@@ -111,6 +111,8 @@ def field_on_plane(
     lowest = float(points[:, 2].min())
     if lowest < 0 or (lowest == 0 and opening is not None and method != "spectrum"):
         reject("field_on_plane plane", "behind the screen, at z > 0", lowest)
+    if opening is not None and isinstance(light, PointEmitter) and not light.position[2] < 0:
+        reject("field_on_plane light", "a point before the screen, at z < 0", light.position)
     if opening is None:
         values = np.asarray(light.field(points), np.complex128)
     elif isinstance(opening, Mask):
@@ -141,8 +143,6 @@ def _rim_field(rim: Rim, light: Light, points: np.ndarray, threads: int | None) 
         source = np.append(light.direction, 0.0)
     elif isinstance(light, PointEmitter):
         source = np.append(light.position, 1.0)
-        if not light.position[2] < 0:
-            reject("field_on_plane light", "a point before the screen, at z < 0", light.position)
     else:
         reject(
             "field_on_plane light", "a PlaneWave or a PointEmitter for method 'boundary'", type(light).__name__,

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import erf
 from scipy.stats import chi2
-from wavetracing.screens import screen, slit
+from wavetracing.screens import OUTLINE, screen, slit
 from zscore import FALSE_ALARM, assert_z
 
 import specklegen as sg
@@ -13,6 +13,7 @@ from specklegen.core.errors import RuleError
 from specklegen.wavetracing import (
     GaussianBeam,
     GaussianLaser,
+    Geometry,
     Mask,
     Plane,
     PlaneWave,
@@ -21,6 +22,7 @@ from specklegen.wavetracing import (
     aperture_transform,
     field_on_plane,
     light_behind,
+    perforated_screen,
     trace,
 )
 
@@ -31,6 +33,7 @@ LIGHTS = [
     PointEmitter([1.0, -2, -30], 1.0),
     GaussianLaser([0.5, 0, -40], AHEAD, 6.0, 1.0, power=2.0),
 ]
+WAVES = WaveSum(directions=[[0.6, 0, 0.8], [-0.28, 0, 0.96], AHEAD], amplitudes=[1.0, 0.5j, -2.0], wavelength=1.0)
 
 
 def pixels(mask):
@@ -54,7 +57,7 @@ class TestMask:
     @pytest.mark.parametrize("light", LIGHTS[:2])
     def test_is_the_sum_of_its_pixels(self, light):
         """Each pixel an opening by its rim, exactly; a mask of other values is noticed."""
-        plane = Plane(center=[0.3, 0.2, 20.0], shape=(24, 20), pitch=1.0)
+        plane = Plane(center=[0.3, 0.2, 20.0], shape=(24, 20), pitch=1.0, up=[0.6, 0.8, 0.0])
         exact = sum(value * field_on_plane(loop, light, plane).values for loop, value in pixels(self.MASK))
         found = field_on_plane(self.MASK, light, plane, "spectrum", padding=4.0).values
         assert relative(found, exact) < 1e-3
@@ -84,19 +87,23 @@ class TestMask:
 class TestTilt:
     HOLE = np.array([[-4, -3], [5, -3], [5, 4], [-2, 6.0]])
 
-    @pytest.mark.parametrize("light", LIGHTS)
+    @pytest.mark.parametrize("light", [*LIGHTS, WAVES])
     def test_a_scene_turned_as_a_whole_has_the_same_field(self, light):
         """Screen, light and plane turned and moved together; the screen alone is another one."""
         turn, shift = Rotation.from_euler("xyz", [0.4, 0.5, 1.0]).as_matrix(), np.array([2.0, -1.0, 3.0])
         plane = Plane(center=[1.0, 2.0, 25.0], shape=(5, 4), pitch=2.0)
         moved = plane.replace(center=turn @ plane.center + shift, normal=turn @ plane.normal, up=turn @ plane.up)
-        method = "fraunhofer" if isinstance(light, GaussianLaser) else "boundary"
+        method = "fraunhofer" if isinstance(light, GaussianLaser | WaveSum) else "boundary"
         if isinstance(light, PlaneWave):
             direction = turn @ light.direction
             amplitude = np.exp(-1j * K * (direction @ shift))
             other = light.replace(direction=direction, amplitude=complex(amplitude))
         elif isinstance(light, PointEmitter):
             other = light.replace(position=turn @ light.position + shift)
+        elif isinstance(light, WaveSum):
+            directions = light.directions @ turn.T
+            amplitudes = light.amplitudes * np.exp(-1j * K * (directions @ shift))
+            other = light.replace(directions=directions, amplitudes=amplitudes)
         else:
             other = light.replace(position=turn @ light.position + shift, direction=turn @ light.direction)
         exact = field_on_plane(self.HOLE, light, plane, method).values
@@ -111,6 +118,10 @@ class TestTilt:
             field_on_plane(self.HOLE, LIGHTS[0], plane, rotation=2 * np.eye(3))
         with pytest.raises(RuleError, match="from behind"):
             field_on_plane(self.HOLE, LIGHTS[0], plane, rotation=np.diag([1.0, -1, -1]))
+        with pytest.raises(RuleError, match="from behind"):
+            field_on_plane(self.HOLE, LIGHTS[2], plane, "fraunhofer", rotation=np.diag([1.0, -1, -1]))
+        with pytest.raises(RuleError, match="before the screen"):
+            field_on_plane(self.HOLE, LIGHTS[1], plane, "fraunhofer", shift=[0, 0, -40.0])
         with pytest.raises(RuleError, match="parallel to the screen"):
             field_on_plane(self.HOLE, LIGHTS[0], plane, "spectrum", rotation=Rotation.from_euler("x", 0.1).as_matrix())
 
@@ -121,24 +132,33 @@ class TestLaser:
         plane = Plane(center=[0, 0, 50.0], shape=(80, 80), pitch=1.0)
         assert field_on_plane(None, laser, plane).power == pytest.approx(3, rel=1e-4)
 
-    def test_through_a_slit(self):
-        """A waist of 8 before a slit of 10: power by the error function, pattern by the transform of its own field."""
+    @pytest.mark.parametrize(("angle", "turn"), [(0.0, np.eye(3)), (0.8, Rotation.random(random_state=2).as_matrix())])
+    def test_through_a_slit(self, angle, turn):
+        """A waist of 8 before a slit of 10: power by the error function, pattern by the transform of its own field.
+
+        Along the axis, and at 46 degrees to a screen aslant.
+        """
         waist, width, beams = 8.0, 10.0, 40_000
         z, half = 1e6, 0.2
-        plane = Plane(center=[0, 0, z], shape=(1, 80), pitch=2 * half * z / 80).replace(shape=(80, 80))
-        laser = GaussianLaser([2.0, 0, -10], AHEAD, waist, 1.0)
-        found = trace(screen(slit(0, width, 400.0)), laser, plane, beams, 1)
-        low, high = (np.sqrt(2) / waist * (side - 2.0) for side in (-width / 2, width / 2))
+        local = np.array([np.sin(angle), 0, np.cos(angle)])
+        light = turn @ local
+        plane = Plane(center=z * light, normal=light, up=turn[:, 1], shape=(80, 80), pitch=2 * half * z / 80)
+        laser = GaussianLaser(turn @ ([2.0, 0, 0] - 10 * local), light, waist, 1.0)
+        hole = perforated_screen(OUTLINE, [slit(0, width, 400.0)]).placed(rotation=turn)
+        found = trace(Geometry(hole), laser, plane, beams, 1)
+        low, high = (np.sqrt(2) / waist * np.cos(angle) * (side - 2.0) for side in (-width / 2, width / 2))
         share = (erf(high) - erf(low)) / 2
         passed = found.statistics.open / beams
         assert_z(passed, share, np.sqrt(share * (1 - share) / beams))
         assert found.statistics.gaussian == found.statistics.open
         counts = found.irradiance[0].sum(axis=0) * plane.pitch**2 * beams
         x = (np.arange(400) + 0.5) / 400 * width - width / 2
-        sines = np.sin(np.arctan((np.arange(80 * 8) + 0.5) / (80 * 8) * 2 * half - half))
+        aside = np.arctan((np.arange(80 * 8) + 0.5) / (80 * 8) * 2 * half - half)
+        sines = np.sin(angle + aside)
+        per_pixel = np.cos(angle + aside) * np.cos(aside) ** 2  # wavevectors in it
         for assumed, seen in ((waist, False), (0.7 * waist, True)):
-            field = np.exp(-((x - 2.0) ** 2) / assumed**2)
-            power = np.abs(np.exp(-1j * K * np.outer(sines, x)) @ field) ** 2
+            field = np.exp(-((x - 2.0) ** 2) * np.cos(angle) ** 2 / assumed**2 + 1j * K * np.sin(angle) * x)
+            power = np.abs(np.exp(-1j * K * np.outer(sines, x)) @ field) ** 2 * per_pixel
             expected = power.reshape(80, 8).sum(axis=1)
             expected *= counts.sum() / expected.sum()
             use = expected > 20
@@ -212,3 +232,5 @@ class TestBehind:
             light_behind(np.ones(9), sg.FarField.grid((3, 3), 0.1, side="reflection"), 1.0)
         with pytest.raises(RuleError, match="one for each of"):
             WaveSum(directions=views.directions.reshape(-1, 3), amplitudes=np.ones(8), wavelength=1.0)
+        with pytest.raises(RuleError, match="one at least"):
+            WaveSum(directions=np.empty((0, 3)), amplitudes=np.empty(0), wavelength=1.0)

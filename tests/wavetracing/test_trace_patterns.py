@@ -7,7 +7,7 @@ from wavetracing.screens import FAR, HEXAGRAM, HEXAGRAM_AREA, rim_intensity, scr
 from zscore import FALSE_ALARM, assert_z
 
 from specklegen.wavetracing import CollimatedEmitter, Geometry, Mesh, Plane, trace
-from specklegen.wavetracing.kernels.masked_beams import GRID, draw_raster
+from specklegen.wavetracing.kernels.masked_beams import FINE, GRID, WORDS, draw_raster, fitted
 from specklegen.wavetracing.kernels.region_patterns import draw_polygons
 
 K = 2 * np.pi
@@ -185,6 +185,23 @@ def test_power_of_a_square_within_circles():
     mass = np.pi * (c * 100) ** 2 + 4 * 4 * np.pi * 40 / c
     expected = mass / (4 * np.pi**2 * 100)
     assert_z(tries / count, expected, np.sqrt(expected * (expected - 1) / count))
+
+
+@pytest.mark.parametrize("rows", [(100, 131), (0, FINE - 1)])
+def test_a_grid_holds_what_is_open_and_a_cell_of_shade(rows):
+    """Of a part that lies aside, or reaches over one side; all of it, where most is open or nothing."""
+    bits = np.zeros((FINE, FINE), bool)
+    bits[rows[0] : rows[1] + 1, 200:230] = True
+    fine = np.packbits(bits, axis=1, bitorder="little").view("<u8")
+    assert fine.shape == (FINE, WORDS)
+    x, y, half_x, half_y = fitted(fine)
+    for middle, half, low, high in ((x, half_x, 200, 229), (y, half_y, *rows)):
+        edges = 2 * np.array([low, high + 1]) / FINE - 1
+        shade = half - np.abs(edges - middle)
+        assert (shade >= 2 * half / GRID).all()
+        assert (shade <= 2 * half / GRID + 3 / FINE).all()
+    for value in (0, 2**64 - 1):
+        assert fitted(np.full((FINE, WORDS), value, np.uint64)) == (0.0, 0.0, 1.0, 1.0)
 
 
 def raster_excess(mask, chirp, assumed, draws=6000):

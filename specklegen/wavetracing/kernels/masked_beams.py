@@ -138,7 +138,7 @@ def shares(fine, mask):
 def fitted(fine):
     """Middle and half of what is open on a side, in halves of a side: (x, y, half_x, half_y), with a margin.
 
-    All of it, where more than `_FITS` of both sides is open.
+    All of it, where more than `_FITS` of both sides is open, or nothing.
     """
     low, high, left, right = FINE, -1, FINE, -1
     for row in range(FINE):
@@ -154,7 +154,7 @@ def fitted(fine):
                 last -= 1
             left, right = min(left, _BITS * word + first), max(right, _BITS * word + last)
     across, along = (right - left + 3.0) / FINE, (high - low + 3.0) / FINE
-    if across > _FITS and along > _FITS:
+    if high < 0 or (across > _FITS and along > _FITS):
         return 0.0, 0.0, 1.0, 1.0
     margin = GRID / (GRID - 2.0)  # a cell of shade on each side
     x, y = (left + right + 1.0) / FINE - 1.0, (low + high + 1.0) / FINE - 1.0
