@@ -98,14 +98,3 @@ class Lens:
         side = 2 * self.grid.shape[0]
         spread = np.square(np.abs(np.fft.fft2(self.pupil, (side, side))))
         return float(power**2 / np.square(spread).mean()) * self.period**2
-
-    def image_area(self, distance: np.ndarray) -> np.ndarray:
-        """Area float64[...] of the images of points so far from focus: what geometry makes it beside that in focus."""
-        return self.grain_area + 2 * np.pi * np.square(self.spread * distance)
-
-    @cached_property
-    def spread(self) -> float:
-        """Root mean square sine over the pupil, weighed by what it lets through: NA / sqrt 2 of a disc."""
-        x, y = self.grid.sines
-        power = np.square(np.abs(self.pupil))
-        return float(np.sqrt(((np.square(x) + np.square(y)[:, None]) * power).sum() / power.sum()))

@@ -127,7 +127,7 @@ def middle_light(scene: Scene) -> np.ndarray | None:
     lights = scene.at_rest.lights
     middle = reference_direction(lights)
     aside = float(np.square(lights[:, :2] - middle[:2]).sum(axis=1).max())
-    return middle if aside <= SLANT * (1 + 1e-9) else None
+    return middle if aside <= SLANT * (1 + 1e-9) else None  # sines of the limit itself, rounded
 
 
 def far_field_decision(scene: Scene) -> Decision | None:

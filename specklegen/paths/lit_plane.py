@@ -20,7 +20,7 @@ from specklegen.paths.endpoint_factors import contributions, endpoint_factors
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import scene_pilot
-from specklegen.paths.pixel_light import PixelLight, depths, sideways
+from specklegen.paths.pixel_light import PixelLight, depths, sideways, tangents
 from specklegen.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def lit_plane(scene: Scene) -> LitPlane:
     lens = Lens(scene, camera, camera.pupil_grid(3))
     pilot = scene_pilot(lens.pupil_scene.at_rest, False)
     layout, bank, window = pilot.tracer.layout, pilot.bank, scene.beams.window
-    steep = _slopes(scene, camera.aperture)
+    steep = tangents(scene, camera.aperture)
     base = window.support(_FAINT)
     extent, halo, worst = base, 0.0, None
     for light in -layout.lights.probed().vectors:
@@ -114,17 +114,11 @@ def lit_plane(scene: Scene) -> LitPlane:
     return LitPlane(extent, halo, moments, _turned(scene, layout, bank))
 
 
-def _slopes(scene: Scene, sine: float) -> tuple[float, float]:
-    """Tangents of the steepest ray inside and outside."""
-    outside = scene.medium.faces.inside / scene.medium.faces.outside * sine
-    return sine / np.sqrt(1 - sine**2), outside / np.sqrt(1 - outside**2)
-
-
 def steep_way(scene: Scene, light: np.ndarray) -> float:
     """How far the unscattered light of a beam lies from its window on the plane in focus."""
     if scene.side < 0:
         return 0.0
-    inside, outside = _slopes(scene, float(np.hypot(*light[:2])))
+    inside, outside = tangents(scene, float(np.hypot(*light[:2])))
     return float(inside * scene.thickness + outside * scene.sensor.focus)  # type: ignore[attr-defined]
 
 

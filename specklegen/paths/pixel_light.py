@@ -82,6 +82,12 @@ def sideways(bank: PathBank, light: np.ndarray) -> np.ndarray:
     return bank.exit[:, :2] - bank.entry[:, :2] + bank.entry[:, 2:] * (light[:2] / light[2])
 
 
+def tangents(scene: Scene, sine: float) -> tuple[float, float]:
+    """Tangents of a ray inside and outside."""
+    outside = scene.medium.faces.inside / scene.medium.faces.outside * sine
+    return sine / np.sqrt(1 - sine**2), outside / np.sqrt(1 - outside**2)
+
+
 @dataclass(frozen=True)
 class PixelLight:
     """Connections as a lens sees them, under one light.
@@ -173,8 +179,8 @@ class PixelLight:
         By the transform of what each sends through the pupil; ``middles`` float64[M, 2] from their last particles.
         """
         camera, index = self.lens.camera, self.scene.medium.faces.inside / self.scene.medium.faces.outside
-        gap, rim = depths(self.scene, self.bank.select(part)), Rays.of(self.scene, self.lens, self._rim())
-        widest = 2 * float(np.abs(rim.reach(gap)).max())
+        gap, steep = depths(self.scene, self.bank.select(part)), tangents(self.scene, camera.aperture)
+        widest = 2 * float(np.abs(gap * steep[0] + camera.focus * steep[1]).max())
         side = int(np.clip(3 * camera.aperture * widest / self.scene.wavelength, _COARSEST, _FINEST))
         own = Lens(self.scene, camera, camera.pupil_grid(side))
         kept = np.abs(own.pupil) > 0
@@ -194,10 +200,6 @@ class PixelLight:
             image = np.square(np.abs(np.asarray(fft2(field))))
             out[n] = image.sum() ** 2 / np.square(image).sum() * (own.period / (2 * side)) ** 2
         return out
-
-    def _rim(self) -> PupilViews:
-        aperture, sign = self.lens.camera.aperture, self.lens.camera.sign
-        return PupilViews(directions_of_sines("view", np.array([[aperture, 0.0]]), sign), np.ones(1), 1.0)
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ from specklegen.paths.tracer import slab_tracer
 AXIS, BATCHES = np.array([0.0, 0.0, 1.0]), 20
 
 
-def scene(scatterer, aperture, focus, free=20.0, faces=None, pupil=None):
+def scene(scatterer, aperture, focus, free=20.0, faces=None, pupil=None, tilt=0.0, side="transmission"):
     faces = faces or sg.Faces()
     medium = sg.Slab(thickness=40.0, mean_free_path=free, scatterer=scatterer, faces=faces)
     camera = sg.Imaging(shape=(3, 3), pitch=1 / (4 * aperture), aperture=aperture, focus=focus,
-                        pupil=pupil or sg.Pupil())  # fmt: skip
+                        pupil=pupil or sg.Pupil(), side=side)  # fmt: skip
     return sg.Scene(
-        wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0], width=20.0), sensor=camera
+        wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([tilt], width=20.0), sensor=camera
     )
 
 
@@ -59,16 +59,20 @@ def moments(total):
 
 
 WIDE = {
-    "beside the lobe": (sg.HenyeyGreenstein(0.97), 0.5, -10.0, 10.0),
-    "far out of focus": (sg.HenyeyGreenstein(0.9), 0.6, 20.0),
-    "narrow": (sg.HenyeyGreenstein(0.9), 0.2, -10.0),
-}
+    "beside the lobe": {"scatterer": sg.HenyeyGreenstein(0.97), "aperture": 0.5, "focus": -10.0, "free": 10.0},
+    "far out of focus": {"scatterer": sg.HenyeyGreenstein(0.9), "aperture": 0.6, "focus": 20.0},
+    "narrow": {"scatterer": sg.HenyeyGreenstein(0.9), "aperture": 0.2, "focus": -10.0},
+    "aslant": {"scatterer": sg.HenyeyGreenstein(0.9), "aperture": 0.2, "focus": -10.0, "tilt": 0.3},
+    "reflected": {
+        "scatterer": sg.Isotropic(), "aperture": 0.4, "focus": -10.0, "free": 8.0, "tilt": 0.3, "side": "reflection",
+    },
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", WIDE)
 def test_the_variance_that_is_stated_is_that_of_a_pixel(case):
-    seen = scene(*WIDE[case])
-    found, error = jackknife(sums(seen, 1000), moments)
+    seen = scene(**WIDE[case])
+    found, error = jackknife(sums(seen, 5000 if "tilt" in WIDE[case] else 1000), moments)
     stated = lit_plane(seen).moments
     stated = np.array([stated.relative_variance, stated.concentration])
     assert_z(found, stated, error, degrees=BATCHES - 1, slack=0.15 * stated)
@@ -77,7 +81,7 @@ def test_the_variance_that_is_stated_is_that_of_a_pixel(case):
 
 
 def test_a_plan_states_the_error_of_an_image_by_its_pixels():
-    seen = scene(*WIDE["narrow"])
+    seen = scene(**WIDE["narrow"])
     made = sg.plan(seen, paths=500)
     assert made.image_error == pytest.approx((made.pixel.image_variance / 500) ** 0.5)
     assert made.pixel == lit_plane(seen).moments
