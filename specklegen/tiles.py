@@ -55,8 +55,8 @@ def render_tiles(
     seed, realization
         Medium (seed, realization); None is that of :func:`specklegen.render` with ``realizations=None``, number 0.
     sampler
-        "auto" takes the cheapest that is right within the tolerance; "paths", "stationary", "covariance", "screens"
-        or one of your own, where you know better (:func:`specklegen.plan` says what each serves).
+        "auto" takes the cheapest that is right within the tolerance; "paths", "stationary" or one of your own, where
+        you know better (:func:`specklegen.plan` says what each serves).
     reverse
         Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
         the tolerance.

@@ -257,10 +257,8 @@ def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLE
     correlation = atlas_correlation(slab, tolerance)
     if correlation is not None:
         return correlation
-    file = cache.path_of(slab, paths, MemoryEffectCorrelation.__name__)
-    correlation = cache.load(file, MemoryEffectCorrelation)
-    if correlation is not None:
-        return replace(correlation, source="cache")
-    correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
-    cache.store(correlation, file)
-    return correlation
+    seed = pilot_seed(slab.unitless_fingerprint())
+    correlation, there = cache.found(
+        MemoryEffectCorrelation, slab, paths, (), lambda: estimate_correlation(slab, paths, seed)
+    )
+    return replace(correlation, source="cache") if there else correlation

@@ -11,6 +11,7 @@ import hashlib
 import io
 import os
 import platform
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
@@ -31,7 +32,8 @@ _SUFFIX = ".kernel"
 _DIGEST = 32  # bytes of SHA-256
 _SOURCES = (
     "kernels/*.py", "paths/*.py", "scene/*.py", "scene/scatterers/*.py", "core/random_streams.py", "core/quadrature.py",
-    "memory_effects/correlation.py", "memory_effects/oblique.py", "memory_effects/polarised_fields.py",
+    "core/statistics.py", "memory_effects/correlation.py", "memory_effects/oblique.py",
+    "memory_effects/polarised_fields.py",
 )  # fmt: skip
 
 Correlation = TypeVar("Correlation")
@@ -49,6 +51,22 @@ def path_of(medium: PlaneMedium, paths: int, *about: object) -> Path:
     for each in about:
         key.update(f" {each!r}".encode())
     return folder() / (key.hexdigest() + _SUFFIX)
+
+
+def found(
+    kind: type[Correlation], medium: PlaneMedium, paths: int, about: tuple, estimate: Callable[[], Correlation]
+) -> tuple[Correlation, bool]:
+    """What is on disk, or estimated now and kept there, and whether it was there; nobody can write into its arrays."""
+    file = path_of(medium, paths, kind.__name__, *about)
+    read = load(file, kind)
+    if read is not None:
+        return read, True
+    made = estimate()
+    for value in vars(made).values():
+        if isinstance(value, np.ndarray):
+            read_only(value)
+    store(made, file)
+    return made, False
 
 
 def load(file: Path, kind: type[Correlation]) -> Correlation | None:

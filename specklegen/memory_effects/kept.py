@@ -8,14 +8,12 @@ comes from. So all seeds of a render share one estimate, and its error: more pat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
 
 from specklegen.core.most_recent import MostRecent
 from specklegen.core.random_streams import Seed, pilot_seed
-from specklegen.core.values import read_only
 from specklegen.memory_effects import cache
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.memory_effects.oblique import ObliqueCorrelation, estimate_oblique_correlation
@@ -108,25 +106,11 @@ def _kept(
     kind: type[Estimate], medium: PlaneMedium, paths: int, about: tuple, estimate: Callable[[Seed], Estimate]
 ) -> Estimate:
     """What is in the process, on disk, or estimated now."""
-
-    def found() -> Estimate:
-        file = cache.path_of(medium, paths, kind.__name__, *about)
-        read = cache.load(file, kind)
-        if read is None:
-            read = _frozen(estimate(medium_seed(medium)))
-            cache.store(read, file)
-        return read
-
     anew = estimated_under()
     if anew is not None:
         return estimate(anew)
+
+    def found() -> Estimate:
+        return cache.found(kind, medium, paths, about, lambda: estimate(medium_seed(medium)))[0]
+
     return _KEPT.found((kind, medium, paths, about), found)
-
-
-def _frozen(estimate: Estimate) -> Estimate:
-    """The same, whose arrays nobody can write into."""
-    for each in fields(estimate):  # type: ignore[arg-type]
-        value = getattr(estimate, each.name)
-        if isinstance(value, np.ndarray):
-            read_only(value)
-    return estimate

@@ -5,6 +5,7 @@ import pytest
 from zscore import assert_mean
 
 import specklegen as sg
+from specklegen.core.decision import Decision
 from specklegen.core.nanoseconds import seconds
 from specklegen.paths.pilot import scene_pilot
 from specklegen.planning import choosing
@@ -124,11 +125,12 @@ def test_rare_paths_leave_no_covariance_behind(monkeypatch):
 
     def doubtful(kind, scene, request):
         drawn, told = plain(kind, scene, request)
-        doubt = sg.plan(scene, paths=100).decisions[0].__class__("rare paths", True, "one carries all", doubt=True)
+        doubt = Decision("rare paths", True, "one carries all", doubt=True)
         object.__setattr__(drawn.pilot, "decisions", (doubt,))
         return drawn, told
 
     scene = box(11)
+    assert sg.plan(scene, paths=5000, realizations=40).sampler == "covariance"
     monkeypatch.setattr(choosing.Eigenfields, "propose", classmethod(doubtful))
     assert sg.plan(scene, paths=5000, realizations=40).sampler == "paths"
 

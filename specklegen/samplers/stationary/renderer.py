@@ -175,7 +175,7 @@ class Prepared:
 
 _Key = tuple[Scene, int, str, bool, bool, bool]
 PREPARED: MostRecent[_Key, Prepared] = MostRecent(
-    2**28, held=lambda kept: [each for name, each in vars(kept).items() if name != "sampler"]
+    2**28, held=lambda kept: {name: each for name, each in vars(kept).copy().items() if name != "sampler"}
 )
 """Scenes that were drawn last, by all that decides what is kept of them."""
 
@@ -211,6 +211,8 @@ class StationaryRenderer:
                 found = found * shared.gain(t)
             if shared.moved is not None:
                 found = found * shared.turned(slice(t, t + 1))
+            if t == len(shared.sampler.scene.beams.directions) - 1:
+                PREPARED.trim()
             yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), found
 
     def _image(self, number: int) -> "torch.Tensor":
