@@ -10,6 +10,7 @@ to the sharp object, as it appears on the camera. Media of the test are new; of 
 
 import argparse
 import multiprocessing
+import tempfile
 import time
 from pathlib import Path
 
@@ -46,17 +47,15 @@ def changed_by(name: str) -> dict:
 
 def recipe_table_of(parents: list[str]) -> dict:
     """Table of a file that inherits several."""
-    import tempfile
-
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "heir.toml"
         file.write_text(f"inherits = {parents}\n".replace("'", '"'))
         return recipe_table(file)
 
 
-def piece(task: tuple[str, str, int, int, str]) -> tuple[np.ndarray, ...]:
+def piece(task: tuple[str, str, int, int]) -> tuple[np.ndarray, ...]:
     """Inputs, targets and media of some samples of a kind, of a seed and a split."""
-    kind, split, seed, first, _ = task
+    kind, split, seed, first = task
     recipe = sharing_media(recipe_of(kind)) if split == "train" else recipe_of(kind)
     batch = {name: _tensor(value) for name, value in recipe.batch(seed, split, range(first, first + _PIECE)).items()}
     made = network_input(batch, "autocorrelation").half()
@@ -158,7 +157,7 @@ def main() -> None:
     torch.set_num_threads(1)
     begun = time.time()
     for kind in KINDS:
-        piece((kind, "train", 0, 0, ""))  # compiles what the workers then have
+        piece((kind, "train", 0, 0))  # compiles what the workers then have
     for name in BENCHES:
         bench(name).batch(0, "test", range(1))  # and finds the memory effects that they share
     print(f"ready after {time.time() - begun:.0f} s", flush=True)
@@ -166,7 +165,7 @@ def main() -> None:
     with fork.Pool(given.workers) as pool:
         for kind in KINDS:
             for split, count in (("train", given.samples), ("validation", 384)):
-                tasks = [(kind, split, 0, first, "") for first in range(0, count, _PIECE)]
+                tasks = [(kind, split, 0, first) for first in range(0, count, _PIECE)]
                 torch.save(tuple(gathered(pool.map(piece, tasks, chunksize=1))), work / f"{kind}-{split}.pt")
         tests = {}
         for name in BENCHES:

@@ -5,6 +5,8 @@ tilts to 3 half ranges, +- .01, and the transmittance, +- 2 %. A profile interva
 with the truth held, has risen by less than its quantile. Wilson's limits are those of 99 %.
 
     python scripts/material_coverage.py sphere --benches 30
+    python scripts/material_coverage.py exact --benches 100 --workers 16     # truths of the tables themselves
+    python scripts/material_coverage.py told --out coverage.csv              # what a table of those says
 
 does it. Truths of six million paths gave for thickness, mean free path and g, where 68 % intervals should hold .68, and
 95 % ones .95 (100 benches of the first, 40 of the others):

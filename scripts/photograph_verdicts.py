@@ -7,6 +7,7 @@ A photograph is a clean bench or one of ten perturbed ones (``perturbed_benches.
 2.2 to 6 a grain, its objects characters, bars, points, polygons or blobs of 6 to 24 grains, with 2 to 3000 electrons a
 pixel, 8 to 16 bits and now and then pixels that saturate: a pure function of its number. What became of it: the Pearson correlation of
 phase retrieval of four restarts, over the fitted envelope, which is told the grain, the object's side and pitch, with the diffraction-limited object.
+``judge`` draws the photographs of a table again, and says how often their verdicts were right.
 """  # noqa: E501
 
 import argparse
@@ -23,6 +24,7 @@ from perturbed_benches import BENCHES, bench
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.measured import read_measurement
+from specklegen.models import judge_photograph
 from specklegen.models.judging.baselines import katz
 from specklegen.models.judging.evaluation import aligned_to, targets_of
 from specklegen.models.metrics import pearson
@@ -34,6 +36,7 @@ FAMILIES = (
     {"type": "Polygons"}, {"type": "Blobs"}, *({"type": "Points", "count": n} for n in (3, 4, 6, 9, 14)),
 )  # fmt: skip
 HEAD = ("number", "bench", "family", "camera", "pixels_per_grain", "photons", "saturated", "side", "r")
+WORKED = 0.8
 
 
 class Scene(NamedTuple):
@@ -117,6 +120,32 @@ def truth(out: Path, count: int, workers: int, seconds: float) -> None:
     print(f"{row[0] + 1} photographs after {time.time() - begun:.0f} s", flush=True)
 
 
+def judged(number: int) -> tuple[str, float]:
+    """Answer to a photograph, and the probability that is stated."""
+    torch.set_num_threads(1)
+    found = judge_photograph(photograph(number)["image"][0])
+    return found.answer, found.probability
+
+
+def judge(file: Path, count: int, workers: int) -> str:
+    """How often verdicts on the first photographs of a table were right, in Markdown."""
+    with file.open(newline="") as read:
+        rows = [*csv.DictReader(read)][:count]
+    worked = np.array([float(row["r"]) > WORKED for row in rows])
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        answers, stated = zip(*pool.map(judged, [int(row["number"]) for row in rows], chunksize=1), strict=True)
+    told, stated = np.array(answers), np.array(stated)
+    parts = {name: told == name for name in dict.fromkeys(answers)}
+    for name, part in (("above .9", stated > 0.9), (".1 to .9", (stated >= 0.1) & (stated <= 0.9)),
+                       ("below .1", stated < 0.1)):  # fmt: skip
+        parts[f"probability {name}"] = part & (told != "no speckle")
+    lines = ["| verdict | photographs | phase retrieval above .8 | mean probability |", "|---|---|---|---|"]
+    for name, part in parts.items():
+        mean = f"{stated[part].mean():.2f}" if part.any() else ""
+        lines.append(f"| {name} | {part.sum()} | {worked[part].sum()} | {mean} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Read the command line."""
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -126,7 +155,14 @@ def main() -> None:
     making.add_argument("--count", type=int, default=330)
     making.add_argument("--workers", type=int, default=16)
     making.add_argument("--seconds", type=float, default=1e9)
+    judging = tasks.add_parser("judge")
+    judging.add_argument("file", type=Path)
+    judging.add_argument("--count", type=int, default=330)
+    judging.add_argument("--workers", type=int, default=16)
     given = asked.parse_args()
+    if given.task == "judge":
+        print(judge(given.file, given.count, given.workers))
+        return
     truth(given.out, given.count, given.workers, given.seconds)
 
 

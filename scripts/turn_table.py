@@ -1,9 +1,9 @@
 """How often the turn is told, and how often rightly: ``python scripts/turn_table.py --out runs/turns --images 24``.
 
-Images are rendered as in ``posterior_table.py``, and reconstructed by the packaged solver; the turn of its image is
-told by the third order of the camera image. The truth is the turn that moves the image onto the object best. Objects
-that are nearly their own turn (r above .9) have none, and are left out. What was found is kept in a file a batch;
-``--seed`` odd: validation splits, to which the slope was fitted, even: test splits.
+Images are rendered as in ``posterior_table.py``, of thinner slabs and never of few photons, and reconstructed by the
+packaged solver; the turn of its image is told by the third order of the camera image. The truth is the turn that moves
+the image onto the object best. Objects that are nearly their own turn (r above .9) have none, and are left out. What
+was found is kept in a file a batch; ``--seed`` odd: validation splits, to which the slope was fitted, even: test ones.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models import load_solver, turn_of
 from specklegen.models.learning.measurement import measured
-from specklegen.models.metrics import alignment, pearson
+from specklegen.models.metrics import align, alignment, pearson
 
 KINDS = ("held-out characters", "own shapes", "handwritten digits", "points between pixels", "grey pictures", "bars")
 EXTENTS = (0.0, 0.5, 1.0, 4.0)
@@ -59,16 +59,10 @@ def found(job: tuple[str, int, int, Path]) -> Path:
     half = objects.flip((-2, -1))
     np.savez(
         file, spreads=spreads.numpy(), true=true.numpy(), flipped=best.flipped.numpy(),
-        even=_unturned(objects, half).numpy(), r=pearson(_moved(solved.image, objects), objects).numpy(),
+        even=_unturned(objects, half).numpy(), r=pearson(align(solved.image, objects), objects).numpy(),
         probability=solved.probability.numpy(), extent=np.asarray(batch["parameters"]["extent_over_range"]),
     )  # fmt: skip
     return file
-
-
-def _moved(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    from specklegen.models.metrics import align
-
-    return align(image, target)
 
 
 def _unturned(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
@@ -80,11 +74,12 @@ def _unturned(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
 
 def report(out: Path, seed: int, slope: float | None) -> str:
     """Table of what was found."""
-    parts = [np.load(file) for file in sorted(out.glob(f"turns-*-{seed}-*.npz"))]
+    files = sorted(out.glob(f"turns-*-{seed}-*.npz"))
+    parts = [np.load(file) for file in files]
     names = np.concatenate([
-        np.full(len(np.load(file)["r"]), file.name[6:].rsplit(f"-{seed}-", 1)[0]) for file in
-        sorted(out.glob(f"turns-*-{seed}-*.npz"))
-    ])  # fmt: skip
+        np.full(len(part["r"]), file.name[6:].rsplit(f"-{seed}-", 1)[0])
+        for part, file in zip(parts, files, strict=True)
+    ])
     data = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     turns = data["even"] < 0.9
     right = (data["spreads"] < 0) == data["flipped"]

@@ -159,7 +159,7 @@ class HiddenObject(Recipe):
     def host_work(self) -> list[str]:
         """What is made on the host, pictures of objects among it where the family draws them one by one."""
         pictures = [] if self.objects.drawn_together else [f"pictures of {self.objects.class_name()}"]
-        return [*super().host_work(), *pictures]
+        return [*super().host_work(), *pictures, *([] if self.bench is None else self.bench.host_work)]
 
     def pitches(self, materials: "Materials", share: "torch.Tensor") -> "torch.Tensor":
         """Direction sines float64[M] between object pixels in front of materials; ``share`` the field's drawn numbers.

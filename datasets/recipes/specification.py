@@ -190,7 +190,7 @@ class Specification(Registered, Pictured):
         """Refuse a bench that is not modelled, or whose cameras make counts of another kind."""
         if not self.on_benches:
             reject("Recipe.bench", "left out of recipes of this kind", self.kind,
-                   "It is known to recipes with hidden objects in scalar light.")  # fmt: skip
+                   "It is known to recipes with hidden objects behind slabs and screens, in scalar light.")  # fmt: skip
         if bench.cameras and self.exposure is None:
             reject("Bench.cameras", "left out where there is no exposure", len(bench.cameras),
                    "Give a table exposure: it says what kind of counts samples hold.")  # fmt: skip

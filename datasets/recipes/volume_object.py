@@ -1,7 +1,7 @@
 """Recipe kind "volume-object": an incoherent object seen through a box, through voxels, or by a camera near a slab."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -62,6 +62,7 @@ class VolumeObject(VolumeRecipe, HiddenObject):
     """
 
     kind: Literal["volume-object"] = "volume-object"  # type: ignore[assignment]
+    on_benches: ClassVar[bool] = False
 
     @model_validator(mode="after")
     def _check_pitch(self) -> Self:

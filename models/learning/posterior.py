@@ -60,9 +60,10 @@ class Posterior(NamedTuple):
     draws : float32[B, K, n, n]
         Brightness 0 to 1, moved onto the best; the best first.
     weights : float32[B, K]
-        Of the draws; their sum is 1.
+        Of the draws; their sum is 1. They order draws, and are no probabilities.
     certain : float32[B, n, n]
-        Per pixel: 1 less twice the spread of the draws, 1 where all agree, 0 where half say dark and half bright.
+        Per pixel, no probability either: 1 less twice the spread of the draws, 1 where all agree, 0 where half say dark
+        and half bright.
     agreement : float32[B]
         Mean correlation of two draws, by their weights: how far the picture is determined.
     excess : float32[B, K]

@@ -311,9 +311,11 @@ def _turns(
     turned: list[bool] = [False] * len(images)
     told: list[float | None] = [None] * len(images)
     for n, test in enumerate(tests):
+        if not test.passes or solution.probability[n] < 0.5:
+            continue
         lit = torch.nonzero(solution.image[n] > _LIT * solution.image[n].max())
         side = float((lit.amax(0) - lit.amin(0)).max())
-        if not test.passes or solution.probability[n] < 0.5 or memory[n](np.array([side]))[0] < _WITHIN:
+        if memory[n](np.array([side]))[0] < _WITHIN:
             continue
         noise = float(seen.noise[n].clamp_min(0))
         found = turn_of(images[n : n + 1], solution.image[n : n + 1].double(), setup.optics, noise)

@@ -66,7 +66,8 @@ class PhotographVerdict(Pictured):
     answer : str
         "works", "needs frames", "cannot" or "no speckle".
     probability : float
-        That phase retrieval comes to a Pearson correlation above .8, of these frames; 0 of what is no speckle.
+        That phase retrieval comes to a Pearson correlation above .8, of these frames; 0 of what is no speckle. How
+        often it was right: docs/measured.md, of few photographs.
     interval : (float, float)
         Where that share lies for nine scenes of ten that look alike.
     frames_needed : int or None
@@ -235,7 +236,7 @@ def judge_photograph(
     if camera is not None:
         offset = camera.offset if dark is None and not isinstance(photographs, Measurement) else 0.0
         photons = float((seen.light.mean() - offset) * camera.gain)
-    pixels = float(np.prod(frames.shape[1:]))
+    pixels = float(np.prod(seen.images.shape[1:]))  # all of the camera, be it larger than what was looked at
     grains = float(np.sqrt(pixels / (band.grain[0] * band.grain[1])))
     value, needed, reasons = _foretold(frames, band, noise, variance, extent, grains, seen)
     scatter = float(np.hypot(COEFFICIENTS["scatter"], _OBJECT_SCATTER))

@@ -110,12 +110,20 @@ class Bench(Value):
                 reject(f"Bench.{name}", f"from {low:g} to {high:g}", getattr(self, name))
         if any(type(camera) is not Camera or camera.oversampling != 1 for camera in self.cameras):
             reject("Bench.cameras", "plain cameras without oversampling", [type(each) for each in self.cameras])
+        if any(math.isinf(camera.saturation) for camera in self.cameras):
+            reject("Bench.cameras", "cameras that saturate", "neither full_well nor bit_depth",
+                   "brightness is a share of what saturates them.")  # fmt: skip
         return self
 
     @property
     def polarises(self) -> bool:
         """Whether some light is depolarised."""
         return ends(self.polarisation)[0] < 1
+
+    @property
+    def host_work(self) -> list[str]:
+        """What is made on the host, whatever the device, in words."""
+        return ["the sensitivity of pixels"] if _moves(self.unevenness, 0.0) else []
 
     def of_media(self, drawn: Addresses, numbers: Sequence[int]) -> tuple[torch.Tensor, torch.Tensor]:
         """Aperture and degree of polarisation float64[M] of media."""
@@ -160,9 +168,10 @@ class Bench(Value):
 
     def seen(self, images: torch.Tensor, found: Mapping[str, torch.Tensor], keys: torch.Tensor) -> torch.Tensor:
         """Light on the pixels, real[B, n, H, W] over its mean; ``keys`` int64[B, 2] of the pixels' sensitivity."""
+        numbers = {name: value.tolist() for name, value in found.items()}  # from a device once, not sample by sample
         return torch.stack([
-            self._one(image, {name: float(value[n]) for name, value in found.items()}, keys[n].tolist())
-            for n, image in enumerate(images)
+            self._one(image, {name: values[n] for name, values in numbers.items()}, key)
+            for n, (image, key) in enumerate(zip(images, keys.tolist(), strict=True))
         ])  # fmt: skip
 
     def _one(self, image: torch.Tensor, found: dict[str, float], key: list[int]) -> torch.Tensor:
@@ -187,11 +196,11 @@ class Bench(Value):
         """Counts of images real[B, n, H, W] by the camera of each; by ``camera`` where none is drawn."""
         if not self.cameras:
             return exposure.expose(camera, images, keys)
-        made = []
-        for n, image in enumerate(images):
-            own = self.cameras[int(found["camera"][n])]
-            photons = max(float(found["brightness"][n]) * own.saturation, 1.0)
-            made.append(exposure.expose(own.replace(photons=photons), image[None], keys[n : n + 1])[0])
+        made, chosen, brightness = [], found["camera"].tolist(), found["brightness"].tolist()
+        for n in range(len(images)):
+            own = self.cameras[int(chosen[n])]
+            photons = max(brightness[n] * own.saturation, 1.0)
+            made.append(exposure.expose(own.replace(photons=photons), images[n : n + 1], keys[n : n + 1])[0])
         return torch.stack(made)
 
     @staticmethod

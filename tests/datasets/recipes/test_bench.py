@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+import torch
+from plain_forms import as_on_devices
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe, recipe_names
+from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.recipe_files import recipe_table, table_names
+from specklegen.models import recoverable
 from tests.zscore import assert_z
 
 SMALL = {
@@ -150,6 +154,27 @@ def test_later_parents_change_earlier_ones(tmp_path):
         recipe_table(tmp_path / "round.toml")
 
 
+def test_devices_see_what_the_cpu_sees_in_any_batch(monkeypatch):
+    """Every effect but a camera's, which rounds to other counts; of two media, each of its own aperture and degree."""
+    varied = {
+        "rotation": [-20.0, 20.0], "magnification": [0.9, 1.2], "aperture": [0.9, 1.1], "polarisation": [0.2, 0.9],
+        "blur": [0.2, 1.5], "drift": [0.0, 3.0], "gradient": [0.0, 0.5], "stray": [0.0, 0.3], "unevenness": [0.01, 0.1],
+    }  # fmt: skip
+    recipe = load_recipe("through-slab", {**SMALL, "bench": {name: {"uniform": each} for name, each in varied.items()}})
+    expected = SpeckleGenerator(recipe, 4)(range(4))
+    with as_on_devices(monkeypatch):
+        generator = SpeckleGenerator(recipe, 4)
+        whole = generator(range(4))
+        for some in ([3, 1], [2]):
+            for key in ("image", "object"):
+                assert torch.equal(generator(some)[key], whole[key][some])
+        assert "the sensitivity of pixels" in generator.report()["host"]
+    for key, reach in (("image", 2e-6), ("object", 1e-6)):
+        one, two = whole[key].double(), expected[key].double()
+        assert (one - two).norm() < reach * two.norm()
+        assert (one.roll(1, -1) - two).norm() > 1e-3 * two.norm()
+
+
 def test_a_bench_leaves_fingerprints_of_recipes_without_one():
     recipe = load_recipe("through-slab")
     assert "bench" not in recipe.physics()
@@ -161,6 +186,8 @@ def test_a_bench_leaves_fingerprints_of_recipes_without_one():
     [
         ("tilt-stack", {"bench": {"blur": 1.0}}, "bench must be left out of recipes of this kind"),
         ("polarised-tissue", {"bench": {"blur": 1.0}}, "bench must be left out of recipes of this kind"),
+        ("through-slab", {"exposure": {"photons": 9.0, "bit_depth": None}, "bench": {
+            "cameras": [{"photons": 1.0, "bit_depth": None}]}}, "cameras must be cameras that saturate"),
         ("through-slab", {"bench": {"blur": -1.0}}, "blur must be from 0 to 8"),
         ("through-slab", {"bench": {"magnification": {"uniform": [0.0, 1.0]}}}, "magnification must be from 0.5 to 2"),
         ("through-slab", {"bench": {"cameras": [{"photons": 1.0}]}}, "cameras must be left out where there is no"),
@@ -171,3 +198,9 @@ def test_a_bench_leaves_fingerprints_of_recipes_without_one():
 def test_what_is_not_modelled_is_refused(name, changes, message):
     with pytest.raises(RuleError, match=message):
         load_recipe(name, changes)
+
+
+def test_no_verdict_is_given_on_benches_that_differ():
+    recipe = load_recipe("through-slab", SMALL | {"bench": {"blur": {"uniform": [0.0, 2.0]}}})
+    with pytest.raises(RuleError, match="recoverable recipe must be without a bench"):
+        recoverable(recipe)

@@ -111,6 +111,7 @@ def test_a_stack_behind_a_slab_is_seen_from_near_by():
         ({"outline": None}, r"Recipe\.outline must be given where the kind is volume-object"),
         ({"exposure": {"photons": 1e3}}, r"Recipe\.exposure must be left out"),
         ({"mode_tolerance": 0.02}, r"Recipe\.mode_tolerance must be left out"),
+        ({"bench": {"aperture": 1.2}}, r"Recipe\.bench must be left out"),
         ({"material": {"wavelength": 0.5, "screens": [{"type": "GroundGlass", "angle": 0.1}]}}, "by optical_depth"),
     ],
 )

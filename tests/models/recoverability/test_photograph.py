@@ -12,6 +12,7 @@ from specklegen.cli.commands import app
 from specklegen.core.errors import RuleError
 from specklegen.instrument import Camera
 from specklegen.models import judge_photograph
+from specklegen.models.recoverability import photograph
 from specklegen.models.recoverability.band import fit_band
 
 SIDE = 144
@@ -48,6 +49,16 @@ def test_what_a_photograph_holds(grain, profile):
     assert found.photons is None
     told = judge_photograph(counts // 2 + 10, dark=10.0, camera=Camera(photons=1.0, gain=2.0))
     assert told.photons == pytest.approx(counts.mean(), rel=0.02)
+
+
+def test_grains_are_those_of_all_the_camera(monkeypatch):
+    """Of a large one the middle alone is looked at."""
+    counts = np.random.default_rng(2).poisson(100 * speckle(1)[0])
+    whole = judge_photograph(counts)
+    monkeypatch.setattr(photograph, "_SEEN", 112)
+    middle = judge_photograph(counts)
+    assert middle.contrast != whole.contrast
+    assert middle.grains == pytest.approx(SIDE / 3.0, rel=0.06)
 
 
 def test_fewer_grains_and_photons_are_worse():
