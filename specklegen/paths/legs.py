@@ -124,7 +124,8 @@ class LegsOf:
         optic = _Optic(known, inside, flat)
         turning = optic if turns is None else _Optic(known, inside, wavelength * np.hypot(*turns.T))
         along, thick = turning.along / wavelength, np.diff(known.edges)
-        amount, phase, aside = (np.zeros((len(legs), len(vectors))) for _ in range(3))
+        amount, phase = (np.zeros((len(legs), len(vectors))) for _ in range(2))
+        aside = self._asides(optic)
         for number, leg in enumerate(legs):
             step = optic.back(leg.face) if leg.turned else optic.through(leg.face)
             if leg.parent < 0:
@@ -133,7 +134,6 @@ class LegsOf:
             layer = legs[leg.parent].layer
             amount[number] = amount[leg.parent] * np.sqrt(step * optic.passed(layer))
             phase[number] = phase[leg.parent] + thick[layer] * along[layer]
-            aside[number] = aside[leg.parent] + thick[layer] * optic.slope[layer]
         if self.far:  # beside light that has crossed the medium straight, as of views of a medium without steps
             phase -= (thick[:, None] * along).sum(axis=0)
         rows = np.zeros((len(vectors), len(legs), COLUMNS))
@@ -153,6 +153,23 @@ class LegsOf:
         found = self.layers
         faces = np.array([known.edges[legs[n].layer + (0 if legs[n].down else 1)] for n in order])
         return Legs(faces, np.searchsorted(found, np.arange(len(known.indices) + 1)), rows)
+
+    def _asides(self, optic: "_Optic") -> np.ndarray:
+        """Lateral ways, over the sine, to where legs enter their layers, float64[L, D], parents first."""
+        legs, thick = self._found[0], np.diff(self._known.edges)
+        out = np.zeros((len(legs), optic.slope.shape[1]))
+        for number, leg in enumerate(legs[1:], 1):
+            layer = legs[leg.parent].layer
+            out[number] = out[leg.parent] + thick[layer] * optic.slope[layer]
+        return out
+
+    def lateral_ways(self, direction: np.ndarray, numbers: np.ndarray, depths: np.ndarray) -> np.ndarray:
+        """How far to one side a direction float64[3] leads along legs int[M] from depths float64[M], over its sine."""
+        legs, order = self._found
+        optic = _Optic(self._known, self.medium.faces.inside, np.hypot(*direction[:2])[None])
+        faces = np.array([self._known.edges[legs[n].layer + (0 if legs[n].down else 1)] for n in order])
+        aside, slope = self._asides(optic)[order, 0], optic.slope[self.layers, 0]
+        return aside[numbers] + slope[numbers] * np.abs(depths - faces[numbers])
 
     def farthest_apart(self, directions: np.ndarray, reference: np.ndarray) -> float:
         """How far lights float64[T, 3] drift from a reference float64[3] along any leg, at most, along x or y."""

@@ -84,10 +84,6 @@ def test_layers_in_air_are_those_of_mcml():
     found = sg.reflectance_transmittance(medium, paths=50_000)
     assert_z(found.reflectance, 0.237544 + 0.0243729, found.reflectance_error, slack=4e-4)
     assert_z(found.transmittance, 0.0964896, found.transmittance_error, slack=4e-4)
-    with pytest.raises(sg.RuleError, match=r"Layers.faces must be of one index"):
-        sg.plan(scene(medium), sampler="paths")
-    with pytest.raises(sg.RuleError, match=r"Layers.faces must be of one index"):
-        plane_tracer(medium, 1.0, AXIS[None], -AXIS[None], False).trace(1, 64)
 
 
 def test_adding_equal_layers_is_doubling():

@@ -29,6 +29,7 @@ from specklegen.samplers.path_sums.view_factor import (
     factor_values,
     multiple_factor,
     sagitta,
+    seen_exits,
     single_factor,
 )
 from specklegen.scene.sensors import FarFieldGrid
@@ -106,10 +107,13 @@ def build_nufft_plan(
     """Decompose a scene's view factors on a pilot bank; None where the tiles (by default, the grid) are too wide."""
     tiling = tiling or Tiling(grid, grid.shape)
     multiple = multiple_factor(layout, bank.multiple, tiling, _FACTOR_SHARE * tolerance)
+    share = float(np.mean(bank.orders == 1)) if len(bank) else 0.0
+    if multiple is not None and layout.ways is not None:  # connections differ in s(i . v) by their legs
+        error = error_of_single(layout, multiple, tiling, bank.single) if share else 0.0
+        return NufftPlan(tiling, multiple, None, share, tolerance) if error <= _FACTOR_SHARE * tolerance else None
     single = None if multiple is None else single_factor(layout, tiling, _FACTOR_SHARE * tolerance)
     if multiple is None or single is None:
         return None
-    share = float(np.mean(bank.orders == 1)) if len(bank) else 0.0
     found = NufftPlan(tiling, multiple, single, share, tolerance)
     # Of several types each has an s(i . v) of its own, which no common factor at the end holds.
     return found if len(layout.table.kinds) == 1 else together(layout, found)
@@ -121,7 +125,7 @@ def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:
     Nor where faces reflect. It saves the transforms of single scattering, but spreads it at the rank of multiple
     scattering.
     """
-    if not layout.faces.matched:
+    if summation.single is None or not layout.faces.matched:
         return None  # connections differ in s(i . v) by their reflections
     error = error_of_single(layout, summation.multiple, summation.tiling)
     return replace(summation, single=None) if error <= _FACTOR_SHARE * summation.tolerance else None
@@ -268,8 +272,9 @@ def _load(layout: Layout, light: _Light, tile: Tile, summation: NufftPlan, threa
     def fill(part: slice) -> None:
         some, common = bank.select(part), np.empty(part.stop - part.start, np.complex128)
         sums.grid_points(
-            some.records, pitch / layout.wavelength, slope_x, slope_y, offset, points[0, part], points[1, part], common
-        )
+            seen_exits(layout, some, tile.middle), pitch / layout.wavelength, slope_x, slope_y, offset,
+            points[0, part], points[1, part], common,
+        )  # fmt: skip
         sensor[:, part] = factor_values(layout, some, tile, steps)
         sensor[:, part] *= common
 

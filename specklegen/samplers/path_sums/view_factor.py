@@ -20,9 +20,10 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from specklegen.kernels import walk
+from specklegen.kernels.walk import EXIT
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors, single_factors
-from specklegen.paths.endpoints import AXIS
+from specklegen.paths.endpoints import AXIS, offsets
 from specklegen.paths.kept_angles import spread_exits
 from specklegen.paths.layout import Layout
 from specklegen.samplers.path_sums.tiling import Tile, Tiling
@@ -81,11 +82,39 @@ def sagitta(steps: np.ndarray, middle: np.ndarray) -> np.ndarray:
 def factor_values(layout: Layout, bank: PathBank, tile: Tile, steps: np.ndarray) -> np.ndarray:
     """F of the connections of a bank at views given relative to a tile's middle, complex128[R, M]."""
     views, middle = tile.views(steps), tile.middle
+    if layout.ways is not None:
+        return _refracted_values(layout, bank, views, steps, middle)
     turns = np.zeros_like(views)
     turns[:, 2] = -sagitta(steps, middle) / layout.wavelength
     values = endpoint_factors(layout, bank, layout.views.at(views), "exit", turns=turns)
     values *= np.exp(2j * np.pi * turns[:, 2:] * layout.exit_face)
     return values
+
+
+def _refracted_values(
+    layout: Layout, bank: PathBank, views: np.ndarray, steps: np.ndarray, middle: np.ndarray
+) -> np.ndarray:
+    """The same of layers that refract: all that the grid's own phases leave of the sensor's end."""
+    values = endpoint_factors(layout, bank, layout.views.at(views), "exit")
+    exits, slope = seen_exits(layout, bank, middle)[:, EXIT : EXIT + 3], middle[:2] / middle[2]
+    turns = (steps / layout.wavelength) @ (exits[:, :2] - exits[:, 2:] * slope).T
+    turns += exits @ offsets(middle.copy(), layout.views.reference, layout.wavelength)
+    turns -= layout.exit_face * sagitta(steps, middle)[:, None] / layout.wavelength
+    values *= np.exp(2j * np.pi * (turns - np.rint(turns)))
+    return values
+
+
+def seen_exits(layout: Layout, bank: PathBank, middle: np.ndarray) -> np.ndarray:
+    """Records of a bank whose exits lie where straight light puts them that leaves towards the middle of a tile.
+
+    Behind layers that refract, light comes from the depth at which it would have to start without a step.
+    """
+    if layout.ways is None:
+        return bank.records
+    way = layout.ways.views.lateral_ways(middle, bank.bounces[:, 1], bank.exit[:, 2])
+    records = bank.records.copy()
+    records[:, EXIT + 2] = layout.exit_face - way * middle[2]
+    return records
 
 
 def multiple_factor(layout: Layout, bank: PathBank, tiling: Tiling, tolerance: float) -> ViewFactor | None:
@@ -117,26 +146,31 @@ def single_factor(layout: Layout, tiling: Tiling, tolerance: float) -> ViewFacto
     return _decompose(layout, _depths(layout), tiling, tolerance, np.ones(_DEPTHS))
 
 
-def error_of_single(layout: Layout, factor: ViewFactor, tiling: Tiling) -> float:
+def error_of_single(layout: Layout, factor: ViewFactor, tiling: Tiling, bank: PathBank | None = None) -> float:
     """Relative root mean square error of single scattering, s(i . v) included, by the view factor of another light.
 
-    Of the worst of a few tiles and of the types of particle, over depths and at most 16 tilts.
+    Of the worst of a few tiles and of the types of particle, over depths and at most 16 tilts; or of the connections
+    of a ``bank``.
     """
-    bank, spots = _depths(layout), _held_out_steps(tiling)
+    spots = _held_out_steps(tiling)
+    if bank is None:
+        bank = _depths(layout)
+        seen = [replace(bank, types=np.full_like(bank.types, kind)) for kind in range(len(layout.table.kinds))]
+    else:
+        seen = [bank.select(_FEW)]
     count = len(layout.lights)
     some = np.unique(np.linspace(0, count - 1, min(count, _TILTS)).round().astype(int))
     layout = layout.of_lights(some)
     nodes = factor.mix.shape[-1]
     patterns = _Lattice(tiling, nodes).at(factor.mix.reshape(factor.rank, nodes**2), spots)
 
-    def values(tile: Tile, steps: np.ndarray, kind: int) -> np.ndarray:
-        own = replace(bank, types=np.full_like(bank.types, kind))
-        s = single_factors(layout.of_views(tile.views(steps)), own.select(slice(0, 1)))[..., 0]
-        return np.einsum("tv,vm->tmv", s, factor_values(layout, own, tile, steps))
+    def values(tile: Tile, steps: np.ndarray, own: PathBank) -> np.ndarray:
+        s = single_factors(layout.of_views(tile.views(steps)), own if layout.ways else own.select(slice(0, 1)))
+        return np.swapaxes(s * factor_values(layout, own, tile, steps), 1, 2)
 
-    cases = [(tiling.tiles[n], kind) for n in _outline(tiling) for kind in range(len(layout.table.kinds))]
-    found = [values(tile, factor.steps, kind) for tile, kind in cases]
-    return _worst(found, patterns, [values(tile, spots, kind) for tile, kind in cases])
+    cases = [(tiling.tiles[n], own) for n in _outline(tiling) for own in seen]
+    found = [values(tile, factor.steps, own) for tile, own in cases]
+    return _worst(found, patterns, [values(tile, spots, own) for tile, own in cases])
 
 
 def _depths(layout: Layout) -> PathBank:

@@ -13,7 +13,12 @@ from specklegen.mean.field import straight_through
 from specklegen.memory_effects import correlation as correlation_module
 from specklegen.memory_effects.kept import estimated_anew
 from specklegen.oracles.layered_walk import BATCHES, walk_layers
+from specklegen.paths.phases import random_phases
 from specklegen.paths.steps import optics, straight_light, unscattered
+from specklegen.paths.tracer import slab_tracer
+from specklegen.samplers.path_sums import view_factor
+from specklegen.samplers.path_sums.direct import direct_field
+from specklegen.samplers.path_sums.nufft import build_nufft_plan, nufft_field
 
 SLAB = sg.Slab(
     thickness=100.0, mean_free_path=20.0, albedo=0.98, scatterer=sg.HenyeyGreenstein(0.6), faces=sg.Faces(inside=1.5)
@@ -194,6 +199,23 @@ def test_what_is_beyond_the_axis_is_summed_by_paths(sensor):
     made = sg.plan(scene, paths=1000)
     assert made.sampler == "paths"
     assert sg.render(scene, paths=1000).field.shape == (3, 8, 8)
+
+
+@pytest.mark.parametrize("side", ["transmission", "reflection"])
+def test_transforms_are_the_direct_sum(side, monkeypatch):
+    """Of the same connections: views aside, whose light is refracted, and light that comes back."""
+    scene = scene_of(TWO, width=300.0, sensor=sg.FarField.grid((24, 24), 4e-4, center=(0.3, 0.1), side=side))
+    tracer = slab_tracer(scene, False)
+    layout, bank = tracer.layout, tracer.trace(1, 1500, threads=1)
+    summation = build_nufft_plan(layout, tracer.trace(2, 1500, threads=1), scene.grid, 1e-4)
+    phases = random_phases(bank, 3)
+    exact = direct_field(layout, bank, (phases, None), threads=1).reshape(3, *scene.grid.shape)
+    found = nufft_field(layout, bank, phases, summation, threads=1)
+    error = np.linalg.norm(found - exact) / np.linalg.norm(exact)
+    assert error < 2e-4
+    monkeypatch.setattr(view_factor, "seen_exits", lambda layout, bank, middle: bank.records)
+    wrong = nufft_field(layout, bank, phases, summation, threads=1)
+    assert np.linalg.norm(wrong - exact) > 0.01 * np.linalg.norm(exact)  # exits where they are, for the factor alone
 
 
 def covariances(medium, paths, seed, index=1.0, **options):
