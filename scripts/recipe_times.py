@@ -69,7 +69,7 @@ class Way:
         threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         process = subprocess.Popen(
             [sys.executable, "-c", WORKER, recipe, way], cwd=tree, text=True, stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             env={**os.environ, **threads, "PYTHONPATH": str(tree)},
         )  # fmt: skip
         assert process.stdout is not None, "a pipe"
