@@ -1,7 +1,8 @@
 """The claims of [Steinberg] (*Wave Tracing*) as figures and tables, each beside an exact solution where there is one.
 
 Writes steinberg-slit.png, steinberg-two-stages.png, steinberg-energy.png, steinberg-coverage.png,
-steinberg-streets.png, steinberg-convergence.png and steinberg-cost.png; prints the tables of docs/wavetracing.md. Wavelength 1 unless said.
+steinberg-streets.png, steinberg-convergence.png and steinberg-cost.png; prints the tables of docs/wavetracing.md.
+Wavelength 1 unless said.
 Times are processor seconds of one thread: quote ratios. ``--quick`` takes fewer beams.
 
 Run it by itself: python scripts/figures/steinberg.py --out docs/wavetracing [--quick]
@@ -406,7 +407,7 @@ def past_edges(place, wavelength):
 
 def streets(out, quick):
     """Forty blocks at two frequencies: what waves bring to streets that no ray reaches, and the error of each cell."""
-    place, rows, beams = forty_blocks(), [], 10_000 if quick else 200_000
+    place, rows, beams = forty_blocks(), [], 10_000 if quick else 40_000
     figure, panels = plt.subplots(2, 2, figsize=(11, 6.5))
     height, width = place.plane.shape
     extent = np.array([-width, width, -height, height]) * place.plane.pitch / 2

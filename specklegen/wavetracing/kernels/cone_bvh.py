@@ -345,23 +345,3 @@ def collect_all(packed, near, far, tree, places):
         places = np.empty(2 * count, np.int64)
         count, _ = collect(packed, near, far, tree, places)
     return places, count
-
-
-@kernel
-def triangles_in_cones(cones, near, far, corners, low, high):
-    """Depths of triangle n in cone n, for all n; (inf, -inf) for a miss.
-
-    cones : float64[n, CONE];  near, far : float64[n];  corners : float64[n, 9];  low, high : float64[n], out
-    """
-    for n in range(cones.shape[0]):
-        low[n], high[n] = triangle_in_cone(unpacked(cones[n]), near[n], far[n], corners, n)
-
-
-@kernel
-def boxes_in_cones(cones, near, far, boxes, low):
-    """Depth of box n in cone n, for all n; inf for a miss."""
-    for n in range(cones.shape[0]):
-        cone, box = unpacked(cones[n]), boxes[n : n + 1]
-        slack = rounding(cones[n], box)
-        slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near[n], far[n], slack)
-        low[n] = _box(cone, span, slack, slack_y, near[n], far[n], box, 0)
