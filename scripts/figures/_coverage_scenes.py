@@ -1,4 +1,4 @@
-"""Three places of a city for maps of coverage, by rule: lengths in metres."""
+"""Places of a city for maps of coverage, by rule: lengths in metres."""
 
 from typing import NamedTuple
 
@@ -62,6 +62,19 @@ def street_canyon() -> Place:
     plane = Plane(center=[0, 0, 1.5], shape=(25, 30), pitch=3.3)
     return Place(scene, Transmitter([-38, 0, 4.0], beam_angle=0.05), plane, [outline(a, b) for a, b in blocks], blocks,
                  "utd")  # fmt: skip
+
+
+def forty_blocks(seed: int = 1) -> Place:
+    """Eight by five blocks of houses, 12 to 30 m high by ``seed``, streets of 12 m between; an antenna in a street."""
+    heights = np.random.default_rng(seed).uniform(12, 30, (8, 5))
+    blocks = [((52 * i - 202, 42 * j - 105, 0), (52 * i - 162, 42 * j - 75, heights[i, j])) for i in range(8)
+              for j in range(5)]  # fmt: skip
+    ground = Mesh([[-260, -160, 0], [260, -160, 0], [260, 160, 0], [-260, 160, 0.0]], np.array([[0, 1, 2], [0, 2, 3]]),
+                  CONCRETE)  # fmt: skip
+    scene = Geometry([ground, *(box(a, b) for a, b in blocks)])
+    plane = Plane(center=[0, 0, 1.5], shape=(36, 68), pitch=6.0)
+    antenna = Transmitter([-40, -27, 8.0], beam_angle=0.05)
+    return Place(scene, antenna, plane, [outline(a, b) for a, b in blocks], blocks, "utd")
 
 
 def stairwell() -> Place:

@@ -1,13 +1,13 @@
-"""Slits in an infinite thin perfect screen, lit by a plane wave at right angles: the exact field in flatland.
+"""Slits in an infinite thin perfect screen, lit by a plane wave at any angle: the exact field in flatland.
 
-The screen lies on y = 0, the light e^{iky} comes from y < 0, time e^{-i omega t}. By the symmetry of the screen, in a
-slit of a *hard* screen (du/dy = 0 on metal) u = 1 and v = du/dy is unknown; in that of a *soft* screen (u = 0) du/dy
-= ik and w = u is unknown:
+The screen lies on y = 0, the light e^{ik(x sin a + y cos a)} comes from y < 0, time e^{-i omega t}; g = e^{ikx sin a}.
+By the symmetry of the screen, in a slit of a *hard* screen (du/dy = 0 on metal) u = g and v = du/dy is unknown; in that
+of a *soft* screen (u = 0) du/dy = ik cos(a) g and w = u is unknown:
 
-    hard:  (i/2) int H_0(k|x - x'|) v(x') dx' = -1,              u(x, y) = -(i/2) int H_0(kR) v dx'
-    soft:  f.p. int (ik/2) (H_1(k|x - x'|) / |x - x'|) w dx' = ik,   u(x, y) = int (ik/2) H_1(kR) (y/R) w dx'
+    hard:  (i/2) int H_0(k|x - x'|) v(x') dx' = -g,              u(x, y) = -(i/2) int H_0(kR) v dx'
+    soft:  f.p. int (ik/2) (H_1(k|x - x'|) / |x - x'|) w dx' = ik cos(a) g,   u(x, y) = int (ik/2) H_1(kR) (y/R) w dx'
 
-The transmitted power for unit irradiance is Im(int v) / k (hard) and Re(int w) (soft), a length.
+The transmitted power for unit irradiance is Im(int v g*) / k (hard) and cos(a) Re(int w g*) (soft), a length.
 Source: Born and Wolf, *Principles of Optics*, section 11.3 (Babinet's principle, dual integral equations).
 """
 
@@ -35,12 +35,15 @@ class SlitScreen:
     slits : tuple of Segment
     unknowns : complex128[n]
         v h sin(t) (hard) or w (soft).
+    angle : float
+        Of the light, from the y axis towards +x.
     """
 
     wavelength: float
     boundary: Boundary
     slits: tuple[Segment, ...]
     unknowns: np.ndarray
+    angle: float = 0.0
 
     @property
     def _weighted(self) -> np.ndarray:
@@ -51,9 +54,10 @@ class SlitScreen:
 
     @property
     def transmitted(self) -> float:
-        """Power behind the screen for unit irradiance, divided by that of ray optics (the width of all slits)."""
-        k, total = 2 * np.pi / self.wavelength, self._weighted.sum()
-        power = total.imag / k if self.boundary == "hard" else total.real
+        """Power behind the screen for unit irradiance, divided by that of ray optics (the width of all slits seen)."""
+        k, x = 2 * np.pi / self.wavelength, np.concatenate([s.points[:, 0] for s in self.slits])
+        total = self._weighted @ np.exp(-1j * k * np.sin(self.angle) * x)
+        power = total.imag / (k * np.cos(self.angle)) if self.boundary == "hard" else total.real
         return float(power / sum(2 * s.half for s in self.slits))
 
     def field(self, points: np.ndarray) -> np.ndarray:
@@ -80,9 +84,13 @@ class SlitScreen:
 
 
 def slit_screen(
-    slits: Sequence[tuple[float, float]], wavelength: float = 1.0, boundary: Boundary = "hard", nodes: float = 16
+    slits: Sequence[tuple[float, float]],
+    wavelength: float = 1.0,
+    boundary: Boundary = "hard",
+    nodes: float = 16,
+    angle: float = 0.0,
 ) -> SlitScreen:
-    """Solve slits [x0, x1] that do not touch, with ``nodes`` nodes a wavelength.
+    """Solve slits [x0, x1] that do not touch, with ``nodes`` nodes a wavelength, lit at ``angle`` radians.
 
     16 nodes a wavelength give 1e-13 (24 at least in each slit); slits nearer to each other than a node distance need
     more.
@@ -90,7 +98,7 @@ def slit_screen(
     Raises
     ------
     RuleError
-        If the wavelength is not positive, or the slits are empty, touch or overlap.
+        If the wavelength is not positive, the light runs along the screen, or the slits are empty, touch or overlap.
     """
     if not (np.isfinite(wavelength) and wavelength > 0):
         reject("slit_screen wavelength", "finite and greater than 0", wavelength)
@@ -102,12 +110,15 @@ def slit_screen(
         reject("slit_screen slits", "intervals x0 < x1 that neither touch nor overlap", slits)
     if boundary not in ("soft", "hard"):
         reject("slit_screen boundary", "'soft' or 'hard'", boundary)
+    if not abs(angle) < np.pi / 2:
+        reject("slit_screen angle", "within (-pi/2, pi/2)", angle)
     soft = boundary == "soft"
     parts = tuple(segment("slit_screen slits", (a, 0.0), (b, 0.0), wavelength, nodes, soft) for a, b in edges)
     k = 2 * np.pi / wavelength
     rows = [np.hstack([_block(a, b, k, soft) for b in parts]) for a in parts]
-    light = [np.sin(a.nodes) * 1j * k if soft else np.full(a.count, -1.0 + 0j) for a in parts]
-    return SlitScreen(wavelength, boundary, parts, np.linalg.solve(np.vstack(rows), np.concatenate(light)))
+    light = [np.exp(1j * k * np.sin(angle) * a.points[:, 0]) for a in parts]
+    light = [1j * k * np.cos(angle) * np.sin(a.nodes) * g if soft else -g for a, g in zip(parts, light, strict=True)]
+    return SlitScreen(wavelength, boundary, parts, np.linalg.solve(np.vstack(rows), np.concatenate(light)), angle)
 
 
 def _block(at: Segment, of: Segment, k: float, soft: bool) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from specklegen.wavetracing.kernels.cones import CONE
+from specklegen.kernels import kernel
+from specklegen.wavetracing.kernels.cone_bvh import _box, _span, unpacked
+from specklegen.wavetracing.kernels.cones import CONE, rounding, triangle_in_cone
 
 KINDS = ("any", "across", "through the axis", "collinear", "at the apex", "cylinder", "slab", "thin")
 
@@ -38,3 +40,23 @@ def pairs(rng: np.random.Generator, count: int, decades: float = 0.0):
     cones[:, 3] = cones[:, 7] = cones[:, 11] = 1
     cones[:, 12], cones[:, 13] = a * scale, t
     return cones, near * scale, far * scale, (corners * scale[:, None, None]).reshape(count, 9), scale
+
+
+@kernel
+def triangles_in_cones(cones, near, far, corners, low, high):
+    """Depths of triangle n in cone n, for all n; (inf, -inf) for a miss.
+
+    cones : float64[n, CONE];  near, far : float64[n];  corners : float64[n, 9];  low, high : float64[n], out
+    """
+    for n in range(cones.shape[0]):
+        low[n], high[n] = triangle_in_cone(unpacked(cones[n]), near[n], far[n], corners, n)
+
+
+@kernel
+def boxes_in_cones(cones, near, far, boxes, low):
+    """Depth of box n in cone n, for all n; inf for a miss."""
+    for n in range(cones.shape[0]):
+        cone, box = unpacked(cones[n]), boxes[n : n + 1]
+        slack = rounding(cones[n], box)
+        slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near[n], far[n], slack)
+        low[n] = _box(cone, span, slack, slack_y, near[n], far[n], box, 0)

@@ -4,12 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
-from wavetracing.cone_pairs import KINDS, pairs
+from wavetracing.cone_pairs import KINDS, boxes_in_cones, pairs, triangles_in_cones
 
 from specklegen.core.errors import DoubtWarning
 from specklegen.oracles.cone_triangle import first_depth
 from specklegen.wavetracing import Cone, Geometry, Mesh
-from specklegen.wavetracing.kernels.cone_bvh import boxes_in_cones, triangles_in_cones
 from specklegen.wavetracing.kernels.cones import CONE
 
 WIDE = 1e4

@@ -4,12 +4,12 @@ import warnings
 
 import numpy as np
 import pytest
+from wavetracing.cone_pairs import triangles_in_cones
 from wavetracing.solids import box, soup, sphere
 
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.wavetracing import Cone, Geometry, Mesh, perforated_screen
 from specklegen.wavetracing.cones import transverse_frame
-from specklegen.wavetracing.kernels.cone_bvh import triangles_in_cones
 
 
 def random_cone(rng):

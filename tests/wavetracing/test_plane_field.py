@@ -182,6 +182,16 @@ class TestEdgeRays:
         error = distance(found, np.abs(exact) ** 2)
         assert figure / 1.5 < error < figure * 1.5
 
+    @pytest.mark.parametrize(("polarisation", "figure"), [("hard", 6.3e-4), ("soft", 7.2e-5)])
+    def test_a_long_slit_lit_aslant(self, polarisation, figure):
+        """At 50 degrees, l2 of u against the exact slit: light along the screen no longer cancels if it is hard."""
+        angle, z = np.deg2rad(50), 50.0
+        light = PlaneWave(wavelength=1.0, direction=[np.sin(angle), 0, np.cos(angle)])
+        plane = Plane(center=[z * np.tan(angle), 0, z], shape=(1, 121), pitch=0.6)
+        exact = slit_screen([(-5, 5)], boundary=polarisation, angle=angle).field(plane.points[0][:, [0, 2]])
+        error = distance(field_on_plane(box(10, 8e13), light, plane, "utd", polarisation=polarisation).values[0], exact)
+        assert figure / 1.5 < error < figure * 1.5
+
     @pytest.mark.parametrize(("width", "single", "all_orders"), [(10.0, 5.3e-3, 5.3e-6), (1.0, 9.2e-2, 2.7e-3)])
     def test_light_from_edge_to_edge(self, monkeypatch, width, single, all_orders):
         """A soft slit without the waves across it, and with them: the claim of the theory, and what it lacks alone."""

@@ -106,6 +106,27 @@ def test_slit_near_and_far():
         assert np.linalg.norm(rows(far, n)[0] - exact) > 3 * np.linalg.norm(got - exact)
 
 
+def test_slit_lit_aslant():
+    """The same slit lit at 40 degrees, 50 behind it: beams against the exact mean of soft and hard."""
+    angle, z = np.deg2rad(40), 50.0
+    light, before, behind = np.array([np.sin(angle), 0, np.cos(angle)]), -10 * np.tan(angle), z * np.tan(angle)
+    source = CollimatedEmitter(
+        [before - 12, -8, -10], [before + 12, 8, -10], light, 1e4, 1.0, power=24 * 16 * np.cos(angle)
+    )
+    plane = Plane(center=np.array([behind, 0, z]), shape=(4, 24), pitch=1.0)
+    scene = Geometry(perforated_screen(OUTLINE, [slit(0, 10.0, 2000.0)], material=Conductor()))
+    got, error = rows(trace(scene, source, plane, 60_000, 3, diffraction="utd"))
+    points = np.stack([behind + (np.arange(96) + 0.5) / 4 - 12, np.full(96, z)], axis=1)
+    for lit, right in ((angle, True), (-angle, False)):
+        fields = [slit_screen([(-5, 5)], 1.0, b, angle=lit).field(points) for b in ("soft", "hard")]
+        exact = over_pixels(power(fields, None), 24)
+        if right:
+            assert_z(got, exact, error, slack=0.03 * exact)
+        else:
+            with pytest.raises(AssertionError, match="z ="):
+                assert_z(got, exact, error, slack=0.03 * exact)
+
+
 @pytest.mark.parametrize("material", [Absorber(), Conductor()])
 def test_corner_of_a_block(material):
     """A wedge, n = 3/2, lit at 60 degrees: direct, reflected, and bent around the corner, 20 from the edge."""

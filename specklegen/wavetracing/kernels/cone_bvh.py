@@ -1,8 +1,9 @@
 """Bounding-volume hierarchy over triangles, and its cone queries.
 
-Median split along the longest side of the centroids' box, leaves of LEAF triangles, nodes in depth-first order: the
-left child of node i is i + 1. ``link[i]`` is the right child, or -1 - (first triangle) of a leaf; triangles stand in
-the order of the leaves. Sizes of the left parts are multiples of LEAF, so that all leaves but the last are full.
+Nodes are split where the areas of both parts' boxes, each times its leaves, add up to least [J. Goldsmith, J. Salmon,
+IEEE Comput. Graph. Appl. 7 (5), 14 (1987)], and far down in the middle. Nodes stand in depth-first order: the left
+child of node i is i + 1. ``link[i]`` is the right child, or -1 - (first triangle) of a leaf; triangles stand in the
+order of the leaves. Sizes of the left parts are multiples of LEAF, so that all leaves but the last are full.
 
 `closest` visits the nearer child first and shrinks its far depth; `collect` counts first and fills when asked again
 with a list large enough, so that nothing is cut off silently.
@@ -18,7 +19,9 @@ from specklegen.wavetracing.kernels.cones import box_depth, rounding, triangle_i
 
 LEAF = 4
 DEPTH = 64
-"""Nodes that wait at most: the depth of a median split of 2^31 triangles, twice over."""
+"""Nodes that wait at most: `_MIDDLE_FROM` levels, and the depth of a median split of 2^31 triangles."""
+_MIDDLE_FROM = 32
+_BINS = 8
 
 
 class Tree(NamedTuple):
@@ -63,6 +66,47 @@ def _select(rows, first, last, middle, axis):
 
 
 @kernel
+def _split(rows, sides, first, last, best_area, bins, beyond):
+    """Axis along which to split the rows [first, last), and where: by least area, or in the middle of the longest.
+
+    sides  : float64[n, 6], least and greatest coordinates of each triangle, by its number
+    bins   : float64[_BINS, 7], beyond : float64[_BINS], workspace: count and box of each bin, cost of those from it on
+    """
+    count, least = last - first, math.inf
+    axis, left, longest = 0, count // 2, -1.0
+    for c in range(3):
+        lower, upper = math.inf, -math.inf
+        for r in range(first, last):
+            lower, upper = min(lower, rows[r, c]), max(upper, rows[r, c])
+        if not best_area and upper - lower > longest:
+            axis, longest = c, upper - lower
+        if not best_area or not upper > lower:
+            continue
+        for b in range(_BINS):
+            bins[b, 0] = 0.0
+            bins[b, 1:4], bins[b, 4:7] = math.inf, -math.inf
+        for r in range(first, last):
+            b, f = min(int(_BINS * ((rows[r, c] - lower) / (upper - lower))), _BINS - 1), int(rows[r, 3])
+            bins[b, 0] += 1.0
+            for d in range(3):
+                bins[b, 1 + d], bins[b, 4 + d] = min(bins[b, 1 + d], sides[f, d]), max(bins[b, 4 + d], sides[f, 3 + d])
+        for forwards in range(2):
+            held, x, y, z, u, v, w = 0.0, math.inf, math.inf, math.inf, -math.inf, -math.inf, -math.inf
+            for n in range(_BINS - 1):
+                b = n if forwards else _BINS - 1 - n
+                held += bins[b, 0]
+                x, y, z = min(x, bins[b, 1]), min(y, bins[b, 2]), min(z, bins[b, 3])
+                u, v, w = max(u, bins[b, 4]), max(v, bins[b, 5]), max(w, bins[b, 6])
+                area = (u - x) * (v - y) + (v - y) * (w - z) + (w - z) * (u - x)
+                cost = area * math.ceil(held / LEAF) if held > 0.0 else 0.0
+                if not forwards:
+                    beyond[b] = cost
+                elif cost + beyond[b + 1] < least:  # the first bin and the last hold a triangle each
+                    axis, left, least = c, int(held), cost + beyond[b + 1]
+    return axis, first + LEAF * max(1, min((left + LEAF // 2) // LEAF, (count - 1) // LEAF))
+
+
+@kernel
 def node_count(triangles):
     """Nodes of a tree over so many triangles."""
     leaves = (triangles + LEAF - 1) // LEAF
@@ -81,38 +125,35 @@ def build(vertices, faces, boxes, link, order):
     """
     n = faces.shape[0]
     rows = np.empty((n, 4))  # centroid and number, side by side, so that selecting reads memory in order
+    sides, bins, beyond = np.empty((n, 6)), np.empty((_BINS, 7)), np.empty(_BINS)
     for f in range(n):
         for c in range(3):
             rows[f, c] = (vertices[faces[f, 0], c] + vertices[faces[f, 1], c] + vertices[faces[f, 2], c]) / 3.0
         rows[f, 3] = f
-    waiting = np.empty((DEPTH, 3), np.int64)  # first, last, the node whose right child this is
+        for c in range(3):
+            x, y, z = vertices[faces[f, 0], c], vertices[faces[f, 1], c], vertices[faces[f, 2], c]
+            sides[f, c], sides[f, 3 + c] = min(x, y, z), max(x, y, z)
+    waiting = np.empty((DEPTH, 4), np.int64)  # first, last, the node whose right child this is, its level
     depth, nodes = 0, 0
     if n > 0:
-        waiting[0, 0], waiting[0, 1], waiting[0, 2] = 0, n, -1
+        waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, n, -1, 0
         depth = 1
     while depth > 0:
         depth -= 1
-        first, last, parent = waiting[depth, 0], waiting[depth, 1], waiting[depth, 2]
+        first, last, parent, level = waiting[depth, 0], waiting[depth, 1], waiting[depth, 2], waiting[depth, 3]
         node = nodes
         nodes += 1
         if parent >= 0:
             link[parent] = node
-        count = last - first
-        if count <= LEAF:
+        if last - first <= LEAF:
             link[node] = -1 - first
             continue
-        axis, longest = 0, -1.0
-        for c in range(3):
-            lower, upper = math.inf, -math.inf
-            for r in range(first, last):
-                lower, upper = min(lower, rows[r, c]), max(upper, rows[r, c])
-            if upper - lower > longest:
-                axis, longest = c, upper - lower
-        middle = first + LEAF * ((count // 2 + LEAF - 1) // LEAF)
+        axis, middle = _split(rows, sides, first, last, level < _MIDDLE_FROM, bins, beyond)
         _select(rows, first, last, middle, axis)
-        waiting[depth, 0], waiting[depth, 1], waiting[depth, 2] = middle, last, node
-        waiting[depth + 1, 0], waiting[depth + 1, 1], waiting[depth + 1, 2] = first, middle, -1
-        depth += 2
+        waiting[depth, 0], waiting[depth, 1], waiting[depth, 2], waiting[depth, 3] = middle, last, node, level + 1
+        depth += 1
+        waiting[depth, 0], waiting[depth, 1], waiting[depth, 2], waiting[depth, 3] = first, middle, -1, level + 1
+        depth += 1
     for place in range(n):
         order[place] = np.int32(rows[place, 3])
     _bound(vertices, faces, boxes, link, order)
@@ -304,23 +345,3 @@ def collect_all(packed, near, far, tree, places):
         places = np.empty(2 * count, np.int64)
         count, _ = collect(packed, near, far, tree, places)
     return places, count
-
-
-@kernel
-def triangles_in_cones(cones, near, far, corners, low, high):
-    """Depths of triangle n in cone n, for all n; (inf, -inf) for a miss.
-
-    cones : float64[n, CONE];  near, far : float64[n];  corners : float64[n, 9];  low, high : float64[n], out
-    """
-    for n in range(cones.shape[0]):
-        low[n], high[n] = triangle_in_cone(unpacked(cones[n]), near[n], far[n], corners, n)
-
-
-@kernel
-def boxes_in_cones(cones, near, far, boxes, low):
-    """Depth of box n in cone n, for all n; inf for a miss."""
-    for n in range(cones.shape[0]):
-        cone, box = unpacked(cones[n]), boxes[n : n + 1]
-        slack = rounding(cones[n], box)
-        slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near[n], far[n], slack)
-        low[n] = _box(cone, span, slack, slack_y, near[n], far[n], box, 0)
