@@ -9,7 +9,9 @@ from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(DOCS)]
+
+import gallery_notebooks  # noqa: E402
 
 import specklegen  # noqa: E402
 
@@ -26,6 +28,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
+    "gallery_notebooks",
 ]
 root_doc = "index"
 exclude_patterns = ["_build", "gallery/*"]
@@ -67,7 +70,7 @@ bibtex_default_style = "alpha"
 sphinx_gallery_conf = {
     "examples_dirs": str(DOCS / "gallery"),
     "gallery_dirs": "auto_gallery",
-    "filename_pattern": r"plot_",
+    "filename_pattern": gallery_notebooks.run_pattern(),
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "remove_config_comments": True,

@@ -10,15 +10,15 @@ def _():
     import marimo as mo  # pyright: ignore[reportMissingImports]
 
     from specklegen.explorer import page
-    from specklegen.explorer.controls import CONTROLS, State, address_of, state_of
+    from specklegen.explorer.controls import CONTROLS, State, address_of, read, shown
 
-    return CONTROLS, State, address_of, mo, page, state_of
+    return CONTROLS, State, address_of, mo, page, read, shown
 
 
 @app.cell
-def _(CONTROLS, mo, state_of):
+def _(CONTROLS, mo, read):
     address = mo.query_params()
-    begun = state_of({name: str(address[name]) for name in CONTROLS if name in address})
+    begun, said = read({name: str(address[name]) for name in address})
     controls = mo.ui.dictionary({
         name: mo.ui.dropdown(control.steps, value=getattr(begun, name), label=control.label)
         if isinstance(control.steps[0], str)
@@ -27,7 +27,7 @@ def _(CONTROLS, mo, state_of):
         for name, control in CONTROLS.items()
     })  # fmt: skip
     draw_sixteen = mo.ui.run_button(label="Sixteen samples")
-    return address, controls, draw_sixteen
+    return address, begun, controls, draw_sixteen, said
 
 
 @app.cell
@@ -42,10 +42,10 @@ def _(State, address, address_of, controls):
 
 
 @app.cell
-def _(controls, draw_sixteen, mo, page, state):
+def _(begun, controls, draw_sixteen, mo, page, said, shown, state):
     mo.Html(
-        page.head()
-        + page.sliders(element.text for element in controls.elements.values())
+        page.head(said if state == begun else ())
+        + page.sliders(controls.elements[name].text for name in shown(state))
         + page.buttons(
             mo.download(page.toml(state).encode(), filename="explored.toml", label="Recipe as TOML").text,
             mo.download(page.python(state).encode(), filename="explored.py", label="The same as Python").text,

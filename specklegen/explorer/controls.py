@@ -4,24 +4,42 @@ A state is a frozen tuple. Its fields are the sliders, its defaults where they b
 stand. A new slider is a field, a line of :data:`CONTROLS`, and its place in :mod:`specklegen.explorer.recipe`.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from specklegen.datasets.objects import Bars, Blobs, Glyphs, Points, Polygons, Silhouettes, Strokes
+from specklegen.scene.screens import GRITS
 
 
 class State(NamedTuple):
-    """Where the sliders stand; lengths in micrometres, angles in milliradians inside the slab, the lag in ms."""
+    """Where the sliders stand.
 
+    Lengths are in micrometres, those of a laboratory in millimetres but for its pixels, angles in milliradians inside
+    the medium, the lag in milliseconds.
+    """
+
+    medium: str = "slab"
     thickness: float = 1000.0
     mean_free_path: float = 100.0
     lobe: str = "HenyeyGreenstein"
     g: float = 0.9
     refractive_index: float = 1.0
+    second_thickness: float = 500.0
+    second_mean_free_path: float = 50.0
+    second_g: float = 0.8
+    grit: str = "220"
+    gap: float = 0.0
     wavelength: float = 0.5
+    setup: str = "angles"
     aperture: float = 50_000.0
     object: str = "Glyphs"
     extent: float = 0.1
+    iris: float = 5.0
+    object_distance: float = 200.0
+    object_width: float = 0.3
+    camera_distance: float = 100.0
+    pixel: float = 5.0
     camera: int = 192
     photons: float = 0.0
     tilt: float = 0.1
@@ -48,23 +66,39 @@ class Control(NamedTuple):
     steps: tuple
 
 
+_THICKNESSES = (200.0, 300.0, 500.0, 700.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0)
+_PATHS = (50.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0)
+_COSINES = (0.1, 0.3, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98)
+
 CONTROLS: dict[str, Control] = {
-    "thickness": Control("thickness, µm", (200.0, 300.0, 500.0, 700.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0)),
-    "mean_free_path": Control("mean free path, µm", (50.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0)),
+    "medium": Control("medium", ("slab", "two layers", "ground glass")),
+    "thickness": Control("thickness, µm", _THICKNESSES),
+    "mean_free_path": Control("mean free path, µm", _PATHS),
     "lobe": Control("lobe", ("HenyeyGreenstein", "VonMisesFisher")),
-    "g": Control("anisotropy g", (0.1, 0.3, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98)),
+    "g": Control("anisotropy g", _COSINES),
     "refractive_index": Control("refractive index, in air (1: no faces)", (1.0, 1.2, 1.33, 1.4, 1.5, 1.6)),
-    "wavelength": Control("wavelength in the slab, µm", (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2)),
+    "second_thickness": Control("thickness of the second layer, µm", _THICKNESSES),
+    "second_mean_free_path": Control("its mean free path, µm", _PATHS),
+    "second_g": Control("its anisotropy g", _COSINES),
+    "grit": Control("grit of the glass", tuple(str(grit) for grit in GRITS)),
+    "gap": Control("gap to a second glass, µm (0: one alone)", (0.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)),
+    "wavelength": Control("wavelength in the medium, µm", (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2)),
+    "setup": Control("setup in", ("angles", "laboratory lengths")),
     "aperture": Control("aperture, µm", (5e3, 7e3, 1e4, 1.5e4, 2e4, 3e4, 5e4, 7e4, 1e5)),
     "object": Control(
         "object", tuple(each.__name__ for each in (Glyphs, Points, Bars, Strokes, Polygons, Blobs, Silhouettes))
     ),
     "extent": Control("width of the object, mrad", (0.02, 0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3)),
+    "iris": Control("iris on the medium, mm", (0.5, 0.7, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0)),
+    "object_distance": Control("object to medium, mm", (50.0, 100.0, 200.0, 300.0, 500.0, 1000.0)),
+    "object_width": Control("width of the object, mm", (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 2.0)),
+    "camera_distance": Control("medium to camera, mm", (20.0, 50.0, 100.0, 150.0, 200.0, 300.0, 500.0)),
+    "pixel": Control("pixel of the camera, µm", (2.0, 3.45, 5.0, 6.5, 11.0)),
     "camera": Control("camera, pixels a side", (64, 96, 128, 160, 192, 256)),
     "photons": Control("photons a pixel (0: no noise)", (0.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)),
     "tilt": Control("tilt, mrad", (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)),
     "lag": Control(
-        "lag, ms, of spheres of 0.5 µm in water",
+        "lag, ms",
         (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0),
     ),
     "focus": Control(
@@ -79,25 +113,69 @@ CONTROLS: dict[str, Control] = {
 """Field of a state to its control."""
 
 
+_ONLY = {
+    "thickness": ("medium", ("slab", "two layers")), "mean_free_path": ("medium", ("slab", "two layers")),
+    "lobe": ("medium", ("slab", "two layers")), "g": ("medium", ("slab", "two layers")),
+    "refractive_index": ("medium", ("slab",)), "second_thickness": ("medium", ("two layers",)),
+    "second_mean_free_path": ("medium", ("two layers",)), "second_g": ("medium", ("two layers",)),
+    "grit": ("medium", ("ground glass",)), "gap": ("medium", ("ground glass",)),
+    "focus": ("medium", ("slab", "two layers")), "lens": ("medium", ("slab", "two layers")),
+    "magnification": ("medium", ("slab", "two layers")), "analysers": ("medium", ("slab",)),
+    "aperture": ("setup", ("angles",)), "extent": ("setup", ("angles",)),
+    **dict.fromkeys(("iris", "object_distance", "object_width", "camera_distance", "pixel"),
+                    ("setup", ("laboratory lengths",))),
+}  # fmt: skip
+"""Controls that say something of some media or setups alone: of which."""
+
+
+def shown(state: State) -> list[str]:
+    """Names of the controls that say something of a state."""
+    return [name for name in CONTROLS if name not in _ONLY or getattr(state, _ONLY[name][0]) in _ONLY[name][1]]
+
+
 def state_of(address: Mapping[str, str]) -> State:
     """State that an address holds: numbers go to the nearest step, what it does not hold or say well to the default."""
-    read = {name: _read(address[name], control.steps) for name, control in CONTROLS.items() if name in address}
-    return State()._replace(**{name: value for name, value in read.items() if value is not None})
+    return read(address)[0]
 
 
-def _read(text: str, steps: tuple) -> Any:
-    """Step that a text means; None where it means none."""
+def read(address: Mapping[str, str]) -> tuple[State, tuple[str, ...]]:
+    """State that an address holds, and a sentence for each word of it that is not shown as it was asked for."""
+    found, said, begins = {}, [], State()._asdict()
+    for name, text in address.items():
+        if name not in CONTROLS:
+            said.append(f"{name}: no control has that name; it is left out. Names are {', '.join(CONTROLS)}.")
+            continue
+        control = CONTROLS[name]
+        step, rule = _read(text, control.steps)
+        if rule is not None:
+            instead = _written(begins[name] if step is None else step)
+            said.append(f"{name} must be {rule}; got {text}. Shown is {instead}.")
+        if step is not None:
+            found[name] = step
+    return State()._replace(**found), tuple(said)
+
+
+def _read(text: str, steps: tuple) -> tuple[Any, str | None]:
+    """Step that a text means, None where it means none; and the rule that it breaks, if any."""
     if isinstance(steps[0], str):
-        return text if text in steps else None
+        return (text, None) if text in steps else (None, f"one of {', '.join(steps)}")
+    rule = f"a number from {steps[0]:g} to {steps[-1]:g}"
     try:
         number = float(text)
     except ValueError:
-        return None
-    return min(steps, key=lambda step: abs(step - number)) if abs(number) < float("inf") else None
+        return None, rule
+    if not steps[0] <= number <= steps[-1]:
+        return None, rule
+    nearest = min(steps, key=lambda step: abs(step - number))
+    near = math.isclose(nearest, number, rel_tol=1e-5)  # as many digits as an address has
+    return nearest, None if near else f"one of {', '.join(_written(step) for step in steps)}"
+
+
+def _written(step: Any) -> str:
+    return f"{step:g}" if isinstance(step, float) else str(step)
 
 
 def address_of(state: State) -> dict[str, str]:
     """What the address holds of a state: all that is not where it begins."""
     begins = State()
-    return {name: f"{value:g}" if isinstance(value, float) else str(value)
-            for name, value in state._asdict().items() if value != getattr(begins, name)}  # fmt: skip
+    return {name: _written(value) for name, value in state._asdict().items() if value != getattr(begins, name)}

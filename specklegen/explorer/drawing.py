@@ -73,7 +73,7 @@ def ticks(last: float) -> np.ndarray:
 
 def curve_svg(curve: Curve) -> str:
     """C_I over the angle as SVG, the object as a band, the range as a dashed line."""
-    said = "memory effect", "angle inside the slab, mrad"
+    said = "memory effect", "angle inside the medium, mrad"
     return _svg(curve.angles, curve.c_i, said, dashed=curve.range, band=curve.extent)
 
 
@@ -83,7 +83,7 @@ def forgetting_svg(curve: Moved, lag: float) -> str:
 
 
 def _svg(x: np.ndarray, y: np.ndarray, said: tuple[str, str], dashed: float, band: float | None = None) -> str:
-    """A curve from 0 to 1 over x from 0 as SVG: what it is and its axis, a dashed line at x, a band from 0 to x."""
+    """A curve from 0 to 1 over x from 0 as SVG: what it is and its axis, a line at an x within, a band from 0."""
     width, height, left, bottom = 320.0, 200.0, 36.0, 34.0
     last = float(x[-1])
 
@@ -94,13 +94,13 @@ def _svg(x: np.ndarray, y: np.ndarray, said: tuple[str, str], dashed: float, ban
         return 8 + (height - bottom - 8) * (1 - value)
 
     points = " ".join(f"{across(a):.1f},{up(c):.1f}" for a, c in zip(x, y, strict=True))
-    levels = "".join(
-        f'<text x="{left - 5}" y="{up(v) + 4:.1f}" text-anchor="end">{v:g}</text>' for v in (0, 0.5, 1)
-    )
+    levels = "".join(f'<text x="{left - 5}" y="{up(v) + 4:.1f}" text-anchor="end">{v:g}</text>' for v in (0, 0.5, 1))
     marks = "".join(
-        f'<text x="{across(a):.1f}" y="{height - bottom + 14}" text-anchor="middle">{a:.4g}</text>'
-        for a in ticks(last)
+        f'<text x="{across(a):.1f}" y="{height - bottom + 14}" text-anchor="middle">{a:.4g}</text>' for a in ticks(last)
     )
+    line = "" if not dashed <= last else (
+        f'<path d="M{across(dashed):.1f} {up(1):.1f}V{up(0):.1f}" stroke="currentColor" stroke-dasharray="4 3"/>'
+    )  # fmt: skip
     shaded = "" if band is None else (
         f'<rect class="sg-object" x="{across(0):.1f}" y="{up(1):.1f}" width="{across(band) - across(0):.1f}" '
         f'height="{up(0) - up(1):.1f}" fill="#e8a33d" opacity=".3"/>'
@@ -109,8 +109,7 @@ def _svg(x: np.ndarray, y: np.ndarray, said: tuple[str, str], dashed: float, ban
         f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{said[0]}" font-size="11" '
         f'fill="currentColor" font-family="sans-serif">{shaded}'
         f'<path d="M{left} 8V{up(0):.1f}H{width - 8}" fill="none" stroke="currentColor"/>'
-        f'<path d="M{across(dashed):.1f} {up(1):.1f}V{up(0):.1f}" stroke="currentColor" stroke-dasharray="4 3"/>'
-        f'<polyline points="{points}" fill="none" stroke="#2b6cb0" stroke-width="2"/>{levels}{marks}'
+        f'{line}<polyline points="{points}" fill="none" stroke="#2b6cb0" stroke-width="2"/>{levels}{marks}'
         f'<text x="{width / 2}" y="{height - 4}" text-anchor="middle">{said[1]}</text></svg>'
     )
 

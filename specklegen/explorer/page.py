@@ -14,9 +14,10 @@ from specklegen.explorer.controls import State
 toml, python = recipe.toml, recipe.python
 
 
-def head() -> str:
-    """Style and title."""
-    return drawing.STYLE + '<div class="sg-head">specklegen explorer</div>'
+def head(said: Iterable[str] = ()) -> str:
+    """Style, title, and what the address asked for in vain."""
+    lines = "".join(f'<p class="sg-refused" role="alert">{html.escape(line)}</p>' for line in said)
+    return f'{drawing.STYLE}<div class="sg-head">specklegen explorer</div>{lines}'
 
 
 def sliders(elements: Iterable[str]) -> str:
@@ -42,7 +43,7 @@ def sixteen(state: State) -> tuple[str, bytes]:
     np.savez_compressed(out, image=found.images, object=found.objects)
     sheets = {"sixteen camera images": found.images, "their objects": found.objects}
     pictures = (drawing.picture(drawing.png(drawing.sheet(each)), name) for name, each in sheets.items())
-    body = f"<p>{found.rate:.0f} samples a second, on this machine as busy as it was.</p>" + "".join(pictures)
+    body = f"<p>{found.rate:.3g} samples a second, on this machine as busy as it was.</p>" + "".join(pictures)
     return f'<div class="sg-panels">{drawing.panel("Sixteen samples", body, True)}</div>', out.getvalue()
 
 
@@ -88,9 +89,16 @@ def _moved(state: State) -> str:
         + drawing.forgetting_svg(found, state.lag)
         + (
             f"<p>|g<sub>1</sub>|² of one beam's speckle, {half}; the lag is the dashed line, where it is "
-            f"{found.correlation:.2f}. Brownian spheres of 0.5 µm in water.</p>"
+            f"{found.correlation:.2f}. {_moving(state)}</p>"
         )
     )
+
+
+def _moving(state: State) -> str:
+    if not recipe.of_glass(state):
+        return "Brownian spheres of 0.5 µm in water."
+    alone = "The first glass is" if state.gap else "A lone glass keeps its pattern until it leaves the light; it is"
+    return f"{alone} drawn across the light, {recipe.GLIDE:g} µm a millisecond."
 
 
 def _analysed(state: State) -> str:
@@ -138,7 +146,7 @@ def _curve(state: State) -> str:
     found = shown.memory_curve(state)
     half = f"half way to its floor at {found.range:.3g} mrad" if np.isfinite(found.range) else "without a range"
     return drawing.curve_svg(found) + (
-        f"<p>C<sub>I</sub>, {half}; the object (band) is {found.extent:g} mrad wide, and between its ends "
+        f"<p>C<sub>I</sub>, {half}; the object (band) is {found.extent:.4g} mrad wide, and between its ends "
         f"C<sub>I</sub> = {found.across:.2f}.</p>"
     )
 
@@ -160,7 +168,7 @@ def _verdict(state: State) -> str:
 
 
 def _rate(state: State) -> str:
-    return f"<p>{shown.sixteen(state).rate:.0f} samples a second, on this machine as busy as it was.</p>"
+    return f"<p>{shown.sixteen(state).rate:.3g} samples a second, on this machine as busy as it was.</p>"
 
 
 def _text(write: Callable[[State], str]) -> Callable[[State], str]:

@@ -2,10 +2,12 @@
 
 import time
 import warnings
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import optimize
 
 from specklegen.core.errors import DoubtWarning
 from specklegen.core.statistics import autocorrelation
@@ -13,14 +15,17 @@ from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.recipes.brownian import moving
 from specklegen.explorer.controls import State
 from specklegen.explorer.recipe import (
+    GLIDE,
     PIXEL,
     SEED,
     SIDE,
     SPHERES,
     SPLIT,
     analysed_of,
+    extent_of,
     lens_of,
     motion_of,
+    of_glass,
     recipe_of,
     tilts_of,
 )
@@ -30,6 +35,8 @@ from specklegen.models.metrics import pearson
 from specklegen.models.recoverability.verdict import Verdict, recoverable
 from specklegen.models.retrieval.phase_retrieval import Retrieval
 from specklegen.pictures import autocorrelation_of_object
+from specklegen.samplers.screens.film import frame_correlation
+from specklegen.scene.window import Window
 
 _RETRIEVAL = Retrieval(restarts=4)
 _POINTS = 121  # of a curve
@@ -103,20 +110,48 @@ class Moved(NamedTuple):
     correlation: float
 
 
+Forgetting = tuple[Callable[[np.ndarray], np.ndarray], float]
+"""|g1|^2 at lags float64[n] in milliseconds, and the lag at which it is half way to its floor."""
+
+
 @lru_cache(maxsize=4)
 def moved(state: State) -> Moved:
-    """A film of two frames, of spheres in water (:data:`specklegen.explorer.recipe.SPHERES`)."""
+    """A film of two frames, of spheres in water (:data:`specklegen.explorer.recipe.SPHERES`), or of a glass that glides
+    (:data:`specklegen.explorer.recipe.GLIDE`).
+    """
     recipe = motion_of(state)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)
         frames = recipe.sample(SEED, SPLIT, state.sample)["frames"]
+    forgets, half = (_glided if of_glass(state) else _wandered)(state)
+    lags = np.linspace(0, max(3 * half, 1.2 * state.lag), _POINTS)
+    at = float(forgets(np.array([state.lag]))[0])
+    return Moved(np.asarray(frames), lags, forgets(lags), half, at)
+
+
+def _wandered(state: State) -> Forgetting:
+    """Of spheres that wander: |g1|^2 at lags in milliseconds, and where it is half way to its floor."""
+    recipe = motion_of(state)
     known = moving(recipe.material, recipe.material.extremes()[0])
     rate = 1e-3 * SPHERES.diffusion * (2 * np.pi / state.wavelength) ** 2  # x of a millisecond
-    floor = known.static_share**2
-    half = known.decay(np.sqrt((1 + floor) / 2)) / rate
-    lags = np.linspace(0, max(3 * half, 1.2 * state.lag), _POINTS)
-    at = float(known.field(np.array(rate * state.lag)) ** 2)
-    return Moved(np.asarray(frames), lags, np.square(known.field(rate * lags)), float(half), at)
+    half = float(known.decay(np.sqrt((1 + known.static_share**2) / 2)) / rate)
+    return lambda lags: np.square(known.field(rate * lags)), half
+
+
+def _glided(state: State) -> Forgetting:
+    """Of a ground glass that is drawn across the light, likewise; a lone one forgets as it leaves the window."""
+    recipe = motion_of(state)
+    glass: Any = recipe.material.extremes()[0]
+    window = Window(recipe.geometry.profile, recipe.geometry.width)
+
+    def forgets(lags: np.ndarray) -> np.ndarray:
+        moved = np.zeros((len(lags), len(glass.screens), 2))
+        moved[:, 0, 0] = GLIDE * lags
+        return np.square(np.abs(frame_correlation(glass, state.wavelength, moved, window)))
+
+    end = recipe.geometry.width / GLIDE
+    half: Any = optimize.brentq(lambda lag: forgets(np.array([lag]))[0] - 0.5, 0.0, end)
+    return forgets, half
 
 
 class Analysed(NamedTuple):
@@ -202,11 +237,13 @@ class Curve(NamedTuple):
 
 
 def memory_curve(state: State) -> Curve:
-    """C_I over the angle, up to three ranges or past the object."""
-    half = recipe_of(state).material_of(SEED, SPLIT, state.sample).range_sine(state.wavelength)
-    sines = np.linspace(0, max(3 * half, 1.2e-3 * state.extent), _POINTS)
-    across = float(c_i(state, np.array([np.sin(1e-3 * state.extent)]))[0])
-    return Curve(1e3 * np.arcsin(sines.clip(0, 1)), c_i(state, sines), state.extent, 1e3 * float(half), across)
+    """C_I over the angle, up to three ranges or past the object; of what remembers without end, past the object."""
+    half = float(recipe_of(state).material_of(SEED, SPLIT, state.sample).range_sine(state.wavelength))
+    extent = extent_of(state)
+    sines = np.linspace(0, max(3 * half if np.isfinite(half) else 0.0, 1.2e-3 * extent), _POINTS)
+    across = float(c_i(state, np.array([np.sin(1e-3 * extent)]))[0])
+    reach = 1e3 * float(np.arcsin(half)) if half < 1 else np.inf
+    return Curve(1e3 * np.arcsin(sines.clip(0, 1)), c_i(state, sines), extent, reach, across)
 
 
 class Lags(NamedTuple):

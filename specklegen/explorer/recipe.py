@@ -8,6 +8,7 @@ import numpy as np
 import tomli_w
 from scipy.optimize import brentq
 
+from specklegen.core.errors import reject
 from specklegen.datasets.recipes.analysed_object import AnalysedObject
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.lens_stack import LensStack
@@ -29,6 +30,8 @@ SPOT = 100.0
 """Side of the lit window that the lens looks at, micrometres."""
 PIXEL = 6.5
 """Micrometres between pixels of the camera behind the lens."""
+GLIDE = 1.0
+"""How fast the first of the ground glasses is drawn across the light, micrometres a millisecond."""
 ANALYSERS = {"linear": ("parallel", "crossed"), "circular": ("circular", "flipped")}
 """What stands before the camera in light of each kind."""
 _PATHS = 20_000  # a kernel that no table holds, in a third of a second
@@ -39,12 +42,35 @@ def recipe_table(state: State) -> dict[str, Any]:
     """Table of the hidden-object recipe, as a TOML file holds it."""
     table = {
         "name": "explored",
-        "description": "As set in the explorer. Lengths in micrometres, angles in direction sines inside the slab.",
+        "description": "As set in the explorer. Lengths in micrometres, angles in direction sines inside the medium.",
         "kind": "hidden-object", "media": "new", **_scene(state),
         "objects": {"type": state.object, "shape": [SIDE, SIDE]},
-        "field": {"pitch": float(f"{np.sin(1e-3 * state.extent) / SIDE:.6g}")},
     }  # fmt: skip
+    if not in_laboratory(state):
+        table["field"] = {"pitch": float(f"{np.sin(1e-3 * state.extent) / SIDE:.6g}")}
     return table | ({"exposure": {"photons": state.photons}} if state.photons else {})
+
+
+def in_laboratory(state: State) -> bool:
+    """Whether the setup is given by a laboratory's lengths."""
+    return state.setup != "angles"
+
+
+def of_glass(state: State) -> bool:
+    """Whether the medium is ground glass."""
+    return state.medium == "ground glass"
+
+
+def index_of(state: State) -> float:
+    """Refractive index of the medium over the air around it: of slabs alone."""
+    return state.refractive_index if state.medium == "slab" else 1.0
+
+
+def extent_of(state: State) -> float:
+    """Width of the object, milliradians inside the medium."""
+    if not in_laboratory(state):
+        return state.extent
+    return 1e3 * float(np.arcsin(state.object_width / (index_of(state) * state.object_distance)))
 
 
 def tilts_table(state: State) -> dict[str, Any]:
@@ -55,8 +81,13 @@ def tilts_table(state: State) -> dict[str, Any]:
 
 
 def motion_table(state: State) -> dict[str, Any]:
-    """Table of the recipe of two frames of the same hidden object, while spheres move."""
+    """Table of the recipe of two frames of the same hidden object, while spheres move, or the first glass does."""
     still = recipe_table(state)
+    if of_glass(state):
+        velocities = [[GLIDE * state.lag, 0.0], [0.0, 0.0]][: len(still["material"]["screens"])]
+        return still | {
+            "name": "explored-motion", "kind": "dynamic-slab", "dynamics": {"frames": 2, "velocities": velocities},
+        }  # fmt: skip
     return still | {
         "name": "explored-motion", "kind": "dynamic-slab", "material": still["material"] | {"kernel": "estimate"},
         "dynamics": {
@@ -77,7 +108,7 @@ def analysed_table(state: State) -> dict[str, Any]:
 def lens_table(state: State) -> dict[str, Any]:
     """Table of the recipe of a lit spot through a lens, focused on the slab's exit face and on a plane beside it."""
     grain = state.wavelength / (2 * state.lens)
-    material = _scene(state)["material"] | {"kernel_paths": _SUMMED}
+    material = _material(state) | {"kernel_paths": _SUMMED}
     planes = {"planes": 2, "step": state.focus} if state.focus else {}
     return {
         "name": "explored-lens", "kind": "lens-stack", "media": "new",
@@ -89,25 +120,52 @@ def lens_table(state: State) -> dict[str, Any]:
 
 
 def _scene(state: State) -> dict[str, Any]:
-    # No table holds slabs with faces. The stationary sampler answers at once; where it is unfit, it warns.
-    faced = state.refractive_index != 1.0
-    material = {
-        "wavelength": state.wavelength, "thickness": state.thickness, "albedo": 1.0, "kernel_paths": _PATHS,
-        "optical_depth": state.thickness / state.mean_free_path, "scatterer": _scatterer(state),
-        "kernel": "estimate" if faced else "atlas",
-    }  # fmt: skip
-    return {
-        "material": material | ({"faces": {"inside": state.refractive_index, "outside": 1.0}} if faced else {}),
-        "window": {"width": state.aperture, "profile": "square"},
-        "camera": {"shape": [state.camera, state.camera], "pixels_per_grain": PIXELS},
-        "sampler": "stationary",
+    # The stationary sampler answers at once; where it is unfit, it warns. Screens have a sampler of their own.
+    table = {"material": _material(state), "sampler": "screens" if of_glass(state) else "stationary"}
+    if not in_laboratory(state):
+        return table | {
+            "window": {"width": state.aperture, "profile": "square"},
+            "camera": {"shape": [state.camera, state.camera], "pixels_per_grain": PIXELS},
+        }  # fmt: skip
+    own = ("wavelength", "faces")  # which a laboratory says
+    return table | {
+        "material": {name: value for name, value in table["material"].items() if name not in own},
+        "lab": {
+            "wavelength": f"{state.wavelength * index_of(state):.6g} um", "refractive_index": index_of(state),
+            "object_distance": f"{state.object_distance:g} mm", "object_extent": f"{state.object_width:g} mm",
+            "aperture": f"{state.iris:g} mm", "profile": "disc", "camera_distance": f"{state.camera_distance:g} mm",
+            "pixel_pitch": f"{state.pixel:g} um", "pixels": [state.camera, state.camera],
+        },
     }  # fmt: skip
 
 
-def _scatterer(state: State) -> dict[str, Any]:
-    if state.lobe == "HenyeyGreenstein":
-        return {"type": state.lobe, "g": state.g}
-    return {"type": state.lobe, "concentration": concentration_of(state.g)}
+def _material(state: State) -> dict[str, Any]:
+    if of_glass(state):
+        gaps = [state.gap] if state.gap else []
+        screens = [{"type": "GroundGlass", "grit": int(state.grit)} for _ in range(1 + len(gaps))]
+        return {"wavelength": state.wavelength, "screens": screens} | ({"gaps": gaps} if gaps else {})
+    known = {"wavelength": state.wavelength, "kernel_paths": _PATHS}
+    if state.medium == "two layers":
+        layers = (
+            (state.thickness, state.mean_free_path, state.g),
+            (state.second_thickness, state.second_mean_free_path, state.second_g),
+        )
+        return known | {
+            "layers": [{"thickness": thickness, "mean_free_path": path, "scatterer": _scatterer(state.lobe, g)}
+                       for thickness, path, g in layers],
+        }  # fmt: skip
+    faced = state.refractive_index != 1.0  # which no table of the atlas holds
+    material = known | {
+        "thickness": state.thickness, "albedo": 1.0, "optical_depth": state.thickness / state.mean_free_path,
+        "scatterer": _scatterer(state.lobe, state.g), "kernel": "estimate" if faced else "atlas",
+    }  # fmt: skip
+    return material | ({"faces": {"inside": state.refractive_index, "outside": 1.0}} if faced else {})
+
+
+def _scatterer(lobe: str, g: float) -> dict[str, Any]:
+    if lobe == "HenyeyGreenstein":
+        return {"type": lobe, "g": g}
+    return {"type": lobe, "concentration": concentration_of(g)}
 
 
 @lru_cache
@@ -143,12 +201,17 @@ def motion_of(state: State) -> DynamicSlab:
 
 
 def lens_of(state: State) -> LensStack:
-    """Recipe of the spot through a lens."""
+    """Recipe of the spot through a lens; a ToldError for a ground glass."""
+    if of_glass(state):
+        reject("medium", "a slab or layers, before a lens", state.medium, "A lens before a screen is not simulated.")
     return _lens(_begun(state, "aperture", "object", "extent", "photons", "tilt", "lag", "analysers"))
 
 
 def analysed_of(state: State) -> AnalysedObject:
-    """Recipe of the hidden object behind two analysers."""
+    """Recipe of the hidden object behind two analysers; a ToldError for what is no slab."""
+    if state.medium != "slab":
+        reject("medium", "a slab, in polarised light", state.medium, "Thin screens keep polarisation as it is."
+               if of_glass(state) else "Polarised layers are not simulated by recipes.")  # fmt: skip
     return _analysed(_begun(state, "tilt", "lag", *_LENS))
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from specklegen.explorer.controls import CONTROLS, State, address_of, state_of
+from specklegen.explorer.controls import CONTROLS, State, address_of, read, shown, state_of
 
 
 def test_every_field_has_a_control_that_begins_on_a_step():
@@ -26,18 +26,44 @@ def test_the_address_holds_what_was_moved_alone():
     assert address_of(State(g=0.5, lobe="VonMisesFisher")) == {"g": "0.5", "lobe": "VonMisesFisher"}
 
 
-@pytest.mark.parametrize(
-    ("address", "state"),
-    [
-        ({"g": "0.91"}, State()),  # the nearest step is where it begins
-        ({"g": "0.92"}, State(g=0.93)),
-        ({"thickness": "1e9"}, State(thickness=4000.0)),
-        ({"g": "nan"}, State()),
-        ({"g": "inf"}, State()),
-        ({"g": "<b>"}, State()),
-        ({"lobe": "Mie"}, State()),
-        ({"unknown": "1"}, State()),
-    ],
-)
-def test_what_no_slider_can_show_is_not_taken(address, state):
-    assert state_of(address) == state
+SAID = [
+    ({"g": "0.91"}, State(), "g must be one of 0.1, "),  # the nearest step is where it begins
+    ({"g": "0.92"}, State(g=0.93), "got 0.92. Shown is 0.93."),
+    ({"thickness": "1e99"}, State(), "thickness must be a number from 200 to 4000; got 1e99. Shown is 1000."),
+    ({"thickness": "199.9"}, State(), "thickness must be a number from 200 to 4000"),
+    ({"sample": "-1"}, State(), "sample must be a number from 0 to 15; got -1. Shown is 0."),
+    ({"g": "nan"}, State(), "g must be a number"),
+    ({"g": "inf"}, State(), "g must be a number"),
+    ({"g": "<b>"}, State(), "g must be a number"),
+    ({"lobe": "Mie"}, State(), "lobe must be one of HenyeyGreenstein, VonMisesFisher; got Mie."),
+    ({"unknown": "1"}, State(), "unknown: no control has that name"),
+]
+
+
+@pytest.mark.parametrize(("address", "state", "sentence"), SAID)
+def test_what_no_slider_can_show_is_said(address, state, sentence):
+    found, said = read(address)
+    assert found == state_of(address) == state
+    assert len(said) == 1
+    assert sentence in said[0]
+
+
+def test_an_address_that_is_shown_as_it_was_asked_for_says_nothing():
+    """Its own, with as many digits as it writes; and each wrong word of an address has its own sentence."""
+    for name, control in CONTROLS.items():
+        for step in control.steps:
+            assert read(address_of(State()._replace(**{name: step})))[1] == ()
+    assert len(read({"thickness": "x", "g": "0.9", "lobe": "Mie", "no": "1"})[1]) == 3
+
+
+def test_controls_stand_where_they_say_something():
+    slab, layers, glass = (shown(State(medium=medium)) for medium in CONTROLS["medium"].steps)
+    assert {"thickness", "refractive_index", "analysers"} < set(slab)
+    assert not {"grit", "gap", "second_g", "iris"} & set(slab)
+    assert {"second_thickness", "second_g", "thickness"} < set(layers)
+    assert not {"grit", "refractive_index"} & set(layers)
+    assert {"grit", "gap"} < set(glass)
+    assert not {"thickness", "g", "lens"} & set(glass)
+    lengths = {"iris", "object_distance", "object_width", "camera_distance", "pixel"}
+    assert set(shown(State(setup="laboratory lengths"))) - set(slab) == lengths
+    assert set(slab) - set(shown(State(setup="laboratory lengths"))) == {"aperture", "extent"}

@@ -18,7 +18,7 @@ from specklegen.cli import commands, explore
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.explorer import drawing, page, panels, recipe, server
-from specklegen.explorer.controls import CONTROLS, State
+from specklegen.explorer.controls import CONTROLS, State, shown
 
 FALSE_ALARM = 1e-6
 BEGIN = State()
@@ -27,32 +27,67 @@ UNMADE = ("tilt", "lag", "focus", "lens", "magnification", "analysers", "sample"
 UNFIT = State(thickness=4000.0, aperture=5e3, camera=64)
 
 
-def states():
-    """Each control at another step than where it begins, and both ends of some."""
-    for name, control in CONTROLS.items():
-        for step in {control.steps[0], control.steps[-1]} - {getattr(BEGIN, name)}:
-            yield BEGIN._replace(**{name: step})
+LAB = State(setup="laboratory lengths")
+LAYERS = State(medium="two layers")
+GLASS = State(medium="ground glass")
+BEGINS = (BEGIN, LAB, LAYERS, GLASS)
 
 
-def test_the_recipe_as_toml_and_python_is_the_recipe(tmp_path):
-    for n, state in enumerate(states()):
+def states(begin=BEGIN, names=None):
+    """Each control that is shown, or of some names, at another step than where it begins, and both ends of some."""
+    for name in shown(begin) if names is None else names:
+        for step in {CONTROLS[name].steps[0], CONTROLS[name].steps[-1]} - {getattr(begin, name)}:
+            if name not in ("medium", "setup"):
+                yield begin._replace(**{name: step})
+
+
+def possible(state):
+    """Whether there is such a recipe; a laboratory alone refuses steps of its sliders."""
+    try:
+        return bool(recipe.recipe_of(state))
+    except RuleError:
+        if state.setup == "angles":
+            raise
+        return False
+
+
+@pytest.mark.parametrize("begin", BEGINS, ids=("slab", "laboratory", "layers", "glass"))
+def test_the_recipe_as_toml_and_python_is_the_recipe(begin, tmp_path):
+    own = None if begin == BEGIN else set(shown(begin)) - set(shown(BEGIN))  # the others are those of the slab
+    for n, state in enumerate(state for state in (begin, *states(begin, own)) if possible(state)):
         file = tmp_path / f"{n}.toml"
         file.write_text(recipe.toml(state))
-        loaded, made = load_recipe(file), {}
-        exec(recipe.python(state).rpartition("sample =")[0], made)  # noqa: S102 - our own text
-        assert loaded == made["recipe"] == recipe.recipe_of(state)
+        loaded, namespace = load_recipe(file), {}
+        exec(recipe.python(state).rpartition("sample =")[0], namespace)  # noqa: S102 - our own text
+        assert loaded == namespace["recipe"] == recipe.recipe_of(state)
         assert loaded.fingerprint() == recipe.recipe_of(state).fingerprint()
-        assert tomllib.loads(file.read_text())["camera"]["shape"] == [state.camera] * 2
+        written = tomllib.loads(file.read_text())
+        side = written["lab"]["pixels"] if recipe.in_laboratory(state) else written["camera"]["shape"]
+        assert side == [state.camera] * 2
 
 
-def test_every_physical_control_changes_the_recipe():
+@pytest.mark.parametrize("begin", BEGINS, ids=("slab", "laboratory", "layers", "glass"))
+def test_every_physical_control_that_is_shown_changes_the_recipe(begin):
     """But the tilt, the lag, the lens, analysers and the number of the sample, which it is not made of."""
-    prints = {recipe.recipe_of(state).fingerprint() for state in states()}
-    unmade = sum(len({CONTROLS[n].steps[0], CONTROLS[n].steps[-1]} - {getattr(BEGIN, n)}) for n in UNMADE)
-    assert len(prints) == len(list(states())) - unmade + 1
+    tables = [repr(recipe.recipe_table(state)) for state in (begin, *states(begin))]
+    unmade = sum(len({CONTROLS[n].steps[0], CONTROLS[n].steps[-1]} - {getattr(begin, n)})
+                 for n in set(UNMADE) & set(shown(begin)))  # fmt: skip
+    assert len(set(tables)) == len(tables) - unmade
+    hidden = set(CONTROLS) - set(shown(begin))
+    for name in hidden:  # and one that is not shown changes nothing
+        other = begin._replace(**{name: next(s for s in CONTROLS[name].steps if s != getattr(begin, name))})
+        assert recipe.recipe_table(other) == recipe.recipe_table(begin)
 
 
-@pytest.mark.parametrize("state", [State(camera=64, sample=3), State(camera=64, photons=30.0, lobe="VonMisesFisher")])
+@pytest.mark.parametrize(
+    "state",
+    [
+        State(camera=64, sample=3),
+        State(camera=64, photons=30.0, lobe="VonMisesFisher"),
+        GLASS._replace(camera=64, sample=1, gap=500.0),
+        LAB._replace(camera=64, refractive_index=1.4),
+    ],
+)
 def test_what_is_taken_along_renders_what_is_shown(state, tmp_path):
     """The picture in the page is, to the byte, that of the file's sample; and so is what the Python makes."""
     (tmp_path / "explored.toml").write_text(recipe.toml(state))
@@ -103,6 +138,72 @@ def test_frames_forget_as_the_curve_says():
         measured.append((alike.mean(), frames[0].correlation, alike.std(ddof=1) / np.sqrt(12)))
     assert_z(*np.transpose(measured), degrees=11, slack=0.02)  # of an image's own mean and a wide beam's
     assert measured[0][0] > measured[1][0] + 0.3
+
+
+def test_layers_remember_as_their_paths_say():
+    """The curve against other paths of the two layers; of a second one ten times as thin it is another."""
+    curve = panels.memory_curve(LAYERS)
+    layers = [sg.Layer(thickness=t, mean_free_path=m, scatterer=sg.HenyeyGreenstein(g))
+              for t, m, g in ((1000.0, 100.0, 0.9), (500.0, 50.0, 0.8))]  # fmt: skip
+    some = [8, 30, 60]
+    for medium, alike in ((sg.Layers(layers=layers), True), (sg.Layers(layers=layers[:1]), False)):
+        other = sg.memory_effect(medium, wavelength=0.5, tilts=1e-3 * curve.angles[some], paths=40_000, seed=8)
+        error = 1.8 * other.standard_error  # of 20 000 paths of its own, and these
+        if alike:
+            assert_z(curve.c_i[some], other.intensity, error)
+        else:
+            with pytest.raises(AssertionError, match="z ="):
+                assert_z(curve.c_i[some], other.intensity, error)
+
+
+def test_glass_remembers_as_its_lobe_says():
+    """Alone without end; two of them by C_I = exp(-(k theta_1 gap sine)^2 / 2), the closed form of strong lobes."""
+    lone = panels.memory_curve(GLASS)
+    assert lone.range == np.inf
+    np.testing.assert_allclose(lone.c_i, 1.0, atol=1e-9)
+    assert "stroke-dasharray" not in drawing.curve_svg(lone)  # no range to mark
+    assert "nan" not in drawing.curve_svg(lone)
+    curve = panels.memory_curve(GLASS._replace(gap=1000.0))
+    angle = sg.GroundGlass(grit=220).screen.rms_angle(0.5)
+    sines = np.sin(1e-3 * curve.angles)
+    np.testing.assert_allclose(curve.c_i, np.exp(-np.square(2 * np.pi / 0.5 * angle * 1000.0 * sines) / 2), atol=0.01)
+    assert "stroke-dasharray" in drawing.curve_svg(curve)
+
+
+def test_a_glass_that_glides_forgets_as_it_says():
+    """A lone one keeps its pattern while it stays in the light; the first of two does not."""
+    lone, pair = (panels.moved(GLASS._replace(camera=64, gap=gap, lag=2.0)) for gap in (0.0, 1000.0))
+    assert lone.correlation > 0.999
+    assert np.corrcoef(lone.images.reshape(2, -1))[0, 1] > 0.99
+    assert pair.correlation < 0.9
+    assert np.interp(pair.fallen, pair.lags, pair.intensity) == pytest.approx(0.5, abs=0.02)
+    assert "A lone glass keeps its pattern" in page._moved(GLASS._replace(camera=64))
+
+
+def test_a_laboratory_is_what_its_lengths_say():
+    """Angles in the medium are those of the file's own; and what it cannot do is said."""
+    state = LAB._replace(refractive_index=1.4, object_width=0.5, object_distance=100.0, camera=128)
+    lab = recipe.recipe_of(state).lab
+    assert lab.medium_wavelength == pytest.approx(0.5)
+    assert lab.object_extent / lab.object_distance == pytest.approx(5e-3)
+    assert np.sin(1e-3 * recipe.extent_of(state)) == pytest.approx(5e-3 / 1.4)
+    assert panels.memory_curve(state).extent == recipe.extent_of(state)
+    assert recipe.extent_of(BEGIN) == BEGIN.extent
+    assert "LabSetup.pixel_pitch must be at most" in page.panels(LAB._replace(pixel=11.0, camera=64))
+
+
+@pytest.mark.parametrize("state", [GLASS, LAYERS])
+def test_what_a_medium_has_not_is_said_in_its_panel(state):
+    state = state._replace(camera=64)
+    text = page._said(page._analysed, state)
+    assert "medium must be a slab, in polarised light" in text
+    if state.medium == "ground glass":
+        assert "medium must be a slab or layers, before a lens" in page._said(page._lens, state)
+
+
+def test_what_an_address_asked_for_in_vain_stands_at_the_head():
+    assert "&lt;b&gt;" in page.head(["g must be a number; got <b>."])
+    assert "sg-refused" not in page.head()
 
 
 def test_analysers_show_the_file_that_is_taken_along(tmp_path):

@@ -1,0 +1,52 @@
+"""
+A data set for the Hugging Face hub
+===================================
+
+``export`` writes a store as Parquet with a card: a folder that the hub, ``datasets`` and pandas read. Needs the extra
+``parquet``.
+"""
+
+import tempfile
+from pathlib import Path
+
+import pyarrow.parquet as pq
+from matplotlib import pyplot as plt
+from specklegen.datasets import load_recipe
+from specklegen.datasets.loading.export import export
+from specklegen.datasets.store.generate import generate
+
+folder = Path(tempfile.mkdtemp())
+recipe = load_recipe("through-slab", {"camera": {"shape": [96, 96]}, "exposure": {"photons": 300.0}})
+for split in ("train", "test"):
+    generate(recipe, split=split, samples=16, folder=folder / f"{split}.zarr")
+    export(folder / f"{split}.zarr", folder / "hub", format="parquet")
+for file in sorted((folder / "hub").rglob("*")):
+    if file.is_file():
+        print(file.relative_to(folder / "hub"), file.stat().st_size)
+
+# %%
+# The card names the splits, so that nobody has to say which file is which.
+print((folder / "hub" / "README.md").read_text().split("---")[1])
+
+# %%
+# Rows are samples: arrays, and every number that was drawn. With the package ``datasets`` the folder, or its name on
+# the hub, is all that one says:
+#
+# .. code-block:: python
+#
+#     from datasets import load_dataset
+#
+#     data = load_dataset("hub", split="train").with_format("numpy")       # or "you/your-speckle"
+#     data[0]["image"].shape
+#
+# It goes there by ``python scripts/upload_dataset.py hub you/your-speckle --licence cc-by-4.0``, which says what it
+# would send; ``--really`` sends it.
+(file,) = (folder / "hub").rglob("train*.parquet")
+table = pq.read_table(file)
+print(table.num_rows, [name for name in table.column_names][:8])
+figure, rows = plt.subplots(2, 4, figsize=(7, 3.6), layout="constrained")
+for column in range(4):
+    for axis, key in zip(rows[:, column], ("image", "object"), strict=True):
+        axis.imshow(table[key][column].as_py(), cmap="gray")
+        axis.set_axis_off()
+plt.show()
