@@ -11,11 +11,8 @@ import specklegen as sg
 from matplotlib import pyplot as plt
 
 wavelength, width, tilt, side = 0.633, 20_000.0, 5e-4, 48
-absorption = {"brain": 0.1, "muscle": 0.1, "skin": 0.05}  # 1 / mm, assumed: no preset knows it at this wavelength
 glass = sg.GroundGlass(angle=0.1)
-names = ("intralipid", "milk", *absorption)
-known = {name: {"absorption": absorption[name]} if name in absorption else {} for name in names}
-named = {name: sg.materials.get(name, wavelength, **known[name]) for name in names}
+named = {name: sg.materials.get(name, wavelength) for name in ("intralipid", "milk", "brain", "muscle", "skin")}
 media = {"ground glass": glass, "two glasses, 1 mm apart": sg.ScreenStack(screens=(glass, glass), gaps=(1000.0,)),
          "eight glasses in 1 mm": sg.ScreenStack(screens=(glass,) * 8, gaps=(140.0,) * 7)}  # fmt: skip
 media |= {name: material.slab(500.0, outside=None) for name, material in named.items()}

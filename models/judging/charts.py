@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +27,19 @@ def training_curves(runs: Mapping[str, Sequence[Mapping[str, float]]], out: Path
     return _save(figure, out)
 
 
-def contact_sheet(cases: Sequence[Case], out: Path) -> Path:
-    """Draw cases, a column each: camera image, what each method made of it (with its Pearson correlation), object."""
+class Note(NamedTuple):
+    """What a sheet says of one reconstruction besides its score, and whether it frames it as wrong."""
+
+    text: str
+    wrong: bool = False
+
+
+def contact_sheet(cases: Sequence[Case], out: Path, notes: Mapping[str, Sequence[Note]] | None = None) -> Path:
+    """Draw cases, a column each: camera image, what each method made of it (with its Pearson correlation), object.
+
+    ``notes`` are of a method's reconstructions, by its name, one for each case.
+    """
+    notes = notes or {}
     methods = list(cases[0].reconstructions)
     figure, axes = _figure(2 + len(methods), len(cases), 1.25, 1.36)
     for column, case in enumerate(cases):
@@ -35,12 +47,24 @@ def contact_sheet(cases: Sequence[Case], out: Path) -> Path:
         _show(axis[0], case.image, low=0, high=float(np.percentile(case.image, 99.5)))
         for row, name in enumerate(methods, 1):
             made = case.reconstructions[name]
-            score = f"{case.scores[name]:.2f}"
-            _show(axis[row], made, score, low=min(0.0, float(made.min())), high=max(float(made.max()), 1e-6))
+            note = notes[name][column] if name in notes else Note("")
+            said = f"{case.scores[name]:.2f}  {note.text}".strip()
+            _show(axis[row], made, said, low=min(0.0, float(made.min())), high=max(float(made.max()), 1e-6))
+            if note.wrong:
+                _frame(axis[row], "tab:red")
         _show(axis[-1], case.object, low=0, high=1)
     for axis, name in zip(axes[:, 0], ("camera sees", *methods, "hidden object"), strict=True):
         axis.text(-0.08, 0.5, name, rotation=90, ha="right", va="center", fontsize=10, transform=axis.transAxes)
     return _save(figure, out)
+
+
+def _frame(axes, colour: str) -> None:
+    """Draw a frame about a picture, and colour its title."""
+    axes.set_axis_on()
+    axes.set(xticks=[], yticks=[])
+    for edge in axes.spines.values():
+        edge.set(color=colour, linewidth=2)
+    axes.title.set_color(colour)
 
 
 def score_curves(curves: Mapping[str, Mapping[float, Interval]], label: str, out: Path) -> Path:

@@ -52,6 +52,7 @@ _RESOLVED = 2.05  # pixels in a grain
 _SIGNAL = 0.02  # of the mean: contrast below which an image is even
 _ALONE = 6.0  # standard deviations of the background, from which on neighbouring pixels are alike
 _REFUSED = 20.0  # sum of squares of the evidence against speckle
+LEAST = 32  # pixels along each side
 _BLOCKS = 4  # along each side
 _AT_LEAST = 2.0  # grains across an object of one bright grain, and in proportion to the root of their number
 _SURE = 3.5  # standard deviations by which a ring of lags is above those far off
@@ -219,8 +220,8 @@ def judge_photograph(
     if camera is not None:
         instance("judge_photograph camera", camera, Camera)
     seen = photographs if isinstance(photographs, Measurement) else _read(photographs, dark)
-    if min(seen.light.shape[1:]) < 32:
-        reject("judge_photograph photographs", "of at least 32 x 32 pixels", seen.light.shape[1:])
+    if min(seen.light.shape[1:]) < LEAST:
+        reject("judge_photograph photographs", f"of at least {LEAST} x {LEAST} pixels", seen.light.shape[1:])
     images = _middle(seen.images)
     images = images / images.mean((1, 2), keepdims=True)
     if images.std() < _EVEN:

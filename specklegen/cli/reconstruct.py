@@ -66,9 +66,11 @@ def reconstruct(
 
     recipe = load_hidden(setup, changes)
     read = reader(dark, flat, envelope, region, keep, variable, background)
-    pictures, notes = [], []
+    pictures, notes, verdicts = [], [], {}
     for path in images:
-        found = _light(path, read, notes)
+        measured = _measured(path, read, notes)
+        verdicts[path.name] = _verdict(measured)
+        found = measured.images
         if len(found) > 1 and not frames:
             found = _one(path, found, notes)
         pictures.extend(found)
@@ -81,10 +83,14 @@ def reconstruct(
     given = stack[None] if frames else stack[:, None]
     found = reconstruct_and_assess(given, recipe, memory_effect=curve, fit=fit, draws=draws, seed=seed)
     names = [out.name] if frames else [path.stem for path in images]
-    _write(found, names, notes, out)
+    table = _table(found, names, notes, verdicts)
+    _write(found, names, table, out)
     if as_json:
-        echo_json(_table(found, names, notes))
+        echo_json(table)
         return
+    for name, verdict in verdicts.items():
+        if verdict is not None:
+            typer.echo(f"{name}, of the photograph alone, by phase retrieval: {verdict['said']}")
     for note in notes:
         typer.echo(note)
     for name, each in zip(names, found.each, strict=True):
@@ -106,8 +112,8 @@ def reconstruct(
     typer.echo(f"{out / 'report.json'}, {out / 'reconstructions.png'}")
 
 
-def _light(path: Path, read: "Callable[..., Measurement]", notes: list[str]) -> "np.ndarray":
-    """Light[n, h, w] of a file over its envelope; pictures in colours become grey."""
+def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) -> "Measurement":
+    """Frames of a file; pictures in colours become grey."""
     from specklegen.datasets.objects.pictures import SUFFIXES, read_grey
     from specklegen.measured.files import FRAME_FILES
 
@@ -131,7 +137,18 @@ def _light(path: Path, read: "Callable[..., Measurement]", notes: list[str]) -> 
     if found.envelope is not None and found.envelope_order != 0:
         fitted = "as given" if found.envelope_order is None else f"fitted, order {found.envelope_order}"
         notes.append(f"{path.name}: an envelope of contrast {found.envelope.std():.2g} was divided out ({fitted})")
-    return found.images
+    return found
+
+
+def _verdict(measured: "Measurement") -> dict | None:
+    """What ``recoverable`` says of the photograph; None where it is too small to judge."""
+    from specklegen.models.recoverability.photograph import LEAST, judge_photograph
+
+    if min(measured.light.shape[1:]) < LEAST:
+        return None
+    found = judge_photograph(measured)
+    return {"answer": found.answer, "probability": found.probability, "interval": found.interval,
+            "frames_needed": found.frames_needed, "said": found.headline}  # fmt: skip
 
 
 def _one(path: Path, frames: "np.ndarray", notes: list[str]) -> "np.ndarray":
@@ -161,11 +178,12 @@ def _between(unit: float, low: float, high: float) -> str:
     return f"above {unit * low:.4g}" if low > 0 else f"below {unit * high:.4g}" if high < float("inf") else "any"
 
 
-def _table(found: "Findings", names: list[str], notes: list[str]) -> dict:
+def _table(found: "Findings", names: list[str], notes: list[str], verdicts: dict[str, dict | None]) -> dict:
     fit = found.fit
     return {
         "range_sine": found.range_sine,
         "notes": notes,
+        "photographs": verdicts,
         "fit": None if fit is None else {
             "factor": fit.factor, "low": fit.low or None, "high": None if fit.high == float("inf") else fit.high,
         },
@@ -183,7 +201,7 @@ def _said(drawn: "Posterior") -> dict:
             "excess": drawn.excess[0].tolist()}  # fmt: skip
 
 
-def _write(found: "Findings", names: list[str], notes: list[str], out: Path) -> None:
+def _write(found: "Findings", names: list[str], table: dict, out: Path) -> None:
     """Write report.json, one NPY an image, and all of them in one picture; of draws a file and a picture an image.
 
     The picture shows the mean of the draws, how certain each pixel is, and the draws, the best first.
@@ -191,7 +209,7 @@ def _write(found: "Findings", names: list[str], notes: list[str], out: Path) -> 
     import numpy as np
     from PIL import Image
 
-    (out / "report.json").write_text(json_text(_table(found, names, notes)))
+    (out / "report.json").write_text(json_text(table))
     for name, each in zip(names, found.each, strict=True):
         np.save(out / f"{name}.npy", each.image)
         if each.draws is not None:

@@ -19,12 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel
+from specklegen.kernels import kernel
 from specklegen.kernels.arithmetic import minus_log
 from specklegen.kernels.frames import deflect
-from specklegen.kernels.fresnel import fresnel, reflectance
+from specklegen.kernels.fresnel import reflectance
 from specklegen.kernels.lanes import carried
 from specklegen.kernels.phase_table import choose_type, power, sample
+from specklegen.kernels.refraction import BEHIND, fly_layers
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
 from specklegen.kernels.volume import exit_distance, march, voxel
@@ -69,14 +70,6 @@ class Steps(NamedTuple):
     down: np.ndarray
     up: np.ndarray
     seen: np.ndarray
-
-
-@inlined
-def _bent(dx, dy, dz, before, behind):
-    """Direction behind a step that lets the light through."""
-    ratio = before / behind
-    dx, dy = dx * ratio, dy * ratio
-    return dx, dy, math.copysign(math.sqrt(max(1.0 - (dx * dx + dy * dy), 0.0)), dz)
 
 
 class Ends(NamedTuple):
@@ -130,9 +123,10 @@ def walk_analog(key0, key1, first, volume, table, outer, steps, light, found):
         dx, dy, dz = light[0], light[1], light[2]
         weight, events, end, total, shift = 1.0, 0, ENDED, 0.0, 0.0
         dimension, bounce = _ONE, _BOUNCE
-        layer = 0
+        layer, walls = 0, (inside, inside, outside)
         if steps is not None:
             steps.seen[n : n + 1] = 0.0
+            walls = steps.entrance, steps.far, outside
         while weight > 0.0:
             flight, azimuth, polar, second = uniforms(k0, k1, zero, path, dimension)
             choice, coin, pick, other_pick = uniforms(k0, k1, zero, path, dimension + _ONE)
@@ -140,30 +134,12 @@ def walk_analog(key0, key1, first, volume, table, outer, steps, light, found):
             target, left = minus_log(flight), False
             while True:
                 if steps is not None:  # a layer at a time
-                    face = steps.edges[layer + 1] if dz > 0.0 else steps.edges[layer]
-                    far = max((face - z) / dz, 0.0) if dz != 0.0 else math.inf
-                    depth = extinction[layer] * far
-                    if depth >= target:
-                        t = target / extinction[layer]
-                        x, y, z = x + t * dx, y + t * dy, z + t * dz
-                        break
-                    x, y, z, target = x + far * dx, y + far * dy, face, target - depth
-                    here, beyond = steps.indices[layer], layer + 1 if dz > 0.0 else layer - 1
-                    if 0 <= beyond < steps.indices.shape[0]:
-                        back = fresnel(abs(dz), here, steps.indices[beyond])
-                    else:
-                        back = reflectance(abs(dz), here, steps.far if dz > 0.0 else steps.entrance, outside)
-                    if back > 0.0:
-                        again, _, _, _ = uniforms(k0, k1, zero, path, bounce)
-                        bounce += _ONE
-                        if again < back:
-                            dz = -dz
-                            continue
-                    if 0 <= beyond < steps.indices.shape[0]:
-                        dx, dy, dz = _bent(dx, dy, dz, here, steps.indices[beyond])
-                        layer = beyond
-                        continue
-                    end, left = FAR if dz > 0.0 else ENTRANCE, True
+                    layer, x, y, z, dx, dy, dz, _, bounce = fly_layers(
+                        steps.indices, extinction, steps.edges, walls, layer, (x, y, z, dx, dy, dz), target,
+                        (k0, k1, zero), path, bounce,
+                    )  # fmt: skip
+                    if layer < 0:
+                        end, left = FAR if layer == BEHIND else ENTRANCE, True
                     break
                 far = exit_distance(bounds, x, y, z, dx, dy, dz)
                 depth, t = march(bounds, cells, extinction, x, y, z, dx, dy, dz, 0.0, far, target)

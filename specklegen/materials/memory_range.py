@@ -110,7 +110,7 @@ def memory_range(
     draws = whole_number("materials.memory_range draws", draws, 1, _MOST_DRAWS)
     paths = whole_number("materials.memory_range paths", paths, 64)
     require_measured(name, wavelength, numbers)
-    free = {field: number for field, number in about(name).numbers.items() if field not in numbers}
+    free = about(name).left_open(numbers)
 
     def value(index: float | None, **moved: float) -> float:
         made = get(name, wavelength, unit=unit, **numbers, **moved)

@@ -1,7 +1,7 @@
 """A preset: its fields, and the media made of it."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -31,17 +31,20 @@ class Number:
     Attributes
     ----------
     default, low, high : float
-        What is taken, and the ends of the range from which :func:`specklegen.materials.draw` draws evenly.
+        What is taken, and the ends of the range from which :func:`specklegen.materials.draw` draws evenly. A default of
+        None: it follows from ``computed_from`` where it is not given.
     unit, meaning, source : str
     checked : Checked
     choices : tuple of float
         Of a number that takes a few values alone, from which one is drawn.
     band : (float, float)
-        Vacuum wavelengths, micrometres, at which it was measured: elsewhere it has neither default nor range, and must
-        be given.
+        Vacuum wavelengths, micrometres, at which it is known: elsewhere it has neither default nor range, and must be
+        given.
+    computed_from : tuple of str
+        Other numbers of the material, which must be left out where this one is given.
     """
 
-    default: float
+    default: float | None
     low: float
     high: float
     unit: str
@@ -50,9 +53,10 @@ class Number:
     checked: Checked
     choices: tuple[float, ...] = ()
     band: tuple[float, float] = (0.0, math.inf)
+    computed_from: tuple[str, ...] = ()
 
     def holds(self, wavelength: float) -> bool:
-        """Whether it was measured at a vacuum wavelength, micrometres."""
+        """Whether it is known at a vacuum wavelength, micrometres."""
         return self.band[0] <= wavelength <= self.band[1]
 
     def drawn(self, rng: np.random.Generator) -> float:
@@ -64,7 +68,8 @@ class Number:
         unit = f" {self.unit}" if self.unit else ""
         low, high = self.band
         where = f", {low:g} to {high:g} micrometres alone" if math.isfinite(high) else ""
-        return f"{self.default:g}{spread}{unit}{where}: {self.meaning}. {self.source}; {self.checked}."
+        value = "computed, in" if self.default is None else f"{self.default:g}{spread}"
+        return f"{value}{unit}{where}: {self.meaning}. {self.source}; {self.checked}."
 
 
 @dataclass(frozen=True)
@@ -112,6 +117,12 @@ class Preset:
     references: tuple[str, ...]
     make: Callable[..., Optics | GroundGlass] = field(repr=False)
     doubts: str = ""
+
+    def left_open(self, given: Collection[str]) -> dict[str, Number]:
+        """Numbers that have a default, and a range, where those of some names are given."""
+        idle = {each for field in given if field in self.numbers for each in self.numbers[field].computed_from}
+        return {field: number for field, number in self.numbers.items()
+                if number.default is not None and field not in idle and field not in given}  # fmt: skip
 
     def __str__(self) -> str:
         low, high = self.wavelengths

@@ -64,8 +64,8 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
     Raises
     ------
     RuleError
-        If there is no such preset or number, the wavelength is beyond its formulas, or a number that was measured at
-        other wavelengths alone is left out.
+        If there is no such preset or number, the wavelength is beyond its formulas, a number that is known at other
+        wavelengths alone is left out, or one is given beside those that it is computed from.
 
     Warns
     -----
@@ -86,8 +86,11 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
                 f"materials.get({name!r}) {field} = {value:g} lies outside {known.low:g} to {known.high:g}: "
                 f"{known.source}.",
             )  # fmt: skip
+        if idle := numbers.keys() & set(known.computed_from):
+            reject(f"materials.get({name!r}) {field}", f"left out where {min(idle)} is given", value,
+                   f"It is computed from {', '.join(known.computed_from)}, or given.")  # fmt: skip
     require_measured(name, wavelength, numbers)
-    given = {field: number.default for field, number in preset.numbers.items()} | numbers
+    given = {field: number.default for field, number in preset.left_open(numbers).items()} | numbers
     micrometre = 1e-6 / unit
     made = preset.make(wavelength, micrometre, **given)
     if isinstance(made, GroundGlass):
@@ -117,7 +120,7 @@ def known_wavelength(name: str, wavelength: float) -> float:
 
 
 def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None:
-    """Refuse to take a number of a preset, or its range, from other wavelengths than those of its measurement.
+    """Refuse to take a number of a preset, or its range, at wavelengths at which it is not known.
 
     Raises
     ------
@@ -129,7 +132,7 @@ def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None
             low, high = number.band
             reject(
                 f"materials.get({name!r}) {field}", f"given outside {low:g} to {high:g} micrometres", None,
-                f"Its default is {number.meaning}: another one holds at {wavelength:g} micrometres. Give {field}= "
+                f"Its default is {number.meaning}, which is not tabulated at {wavelength:g} micrometres. Give {field}= "
                 f"({number.unit}) as it was measured there.",
             )  # fmt: skip
 
@@ -140,5 +143,6 @@ def draw(
     """A material by its name, what is not given drawn evenly from the ranges of the literature; see :func:`get`."""
     require_measured(name, known_wavelength(name, wavelength), numbers)
     rng = np.random.default_rng(stream_key(seed, Stream.MATERIALS))
-    spread = {field: number.drawn(rng) for field, number in about(name).numbers.items()}
-    return get(name, wavelength, unit=unit, **(spread | numbers))
+    spread = {field: number.drawn(rng) for field, number in about(name).left_open(()).items()}
+    kept = about(name).left_open(numbers)
+    return get(name, wavelength, unit=unit, **({field: spread[field] for field in kept} | numbers))

@@ -1,9 +1,8 @@
 """Tissues, by the review of Jacques: mu_s (1 - g) = a (lambda / 500 nm)^-b, n = 1.514 - (1.514 - 1.33) W.
 
 S. L. Jacques, Physics in Medicine and Biology 58, R37 (2013), Eqs. 1 and 3; a and b of table 2 with one standard
-deviation either way, W the share of water. The absorption is that of blood alone at 806 nm, 4.38 / cm times its share
-of the volume, where blood with and without oxygen absorb alike. From 790 to 820 nm it is within some 15 % of that at
-any oxygenation; at 420 nm it is six hundred times as much: elsewhere the absorption has to be given.
+deviation either way, W the share of water. The absorption is that of the shares of blood, water, fat and melanin
+(:mod:`specklegen.materials.absorption`), from .4 to 1 micrometres; it may be given instead, and must be elsewhere.
 
 Layers of skin scatter as mu_s (1 - g) = a [r (lambda / 500 nm)^-4 + (1 - r) (lambda / 500 nm)^-b], r the share of
 Rayleigh scattering (ibid., Eq. 2).
@@ -11,26 +10,42 @@ Rayleigh scattering (ibid., Eq. 2).
 
 from collections.abc import Mapping
 
+from specklegen.materials.absorption import BAND, FAT_BAND, of_tissue
 from specklegen.materials.preset import Checked, Number, Optics, Preset
 from specklegen.scene.scatterers import HenyeyGreenstein
 
 _JACQUES = "Jacques, Physics in Medicine and Biology 58, R37 (2013)"
-_BLOOD = 0.438  # 1 / mm at 806 nm, of whole blood
-_ISOSBESTIC = (0.79, 0.82)  # micrometres about it
+_PARTS = ("blood", "oxygenation", "fat", "melanin")
 
 
 def make(
-    wavelength: float, micrometre: float, *, a: float, b: float, g: float, water: float, absorption: float,
-    rayleigh: float = 0.0,
+    wavelength: float, micrometre: float, *, a: float, b: float, g: float, water: float,
+    absorption: float | None = None, blood: float = 0.0, oxygenation: float = 0.0, fat: float = 0.0,
+    melanin: float = 0.0, rayleigh: float = 0.0,
 ) -> Optics:  # fmt: skip
     """Optics of a tissue."""
     x = wavelength / 0.5
     reduced = a * 1e-4 * (rayleigh * x**-4 + (1 - rayleigh) * x**-b)  # 1 / cm to 1 / micrometre
+    if absorption is None:
+        absorption = of_tissue(
+            wavelength, blood_share=blood, oxygenation=oxygenation, water_share=water, fat_share=fat,
+            melanin_share=melanin,
+        )  # fmt: skip
     return Optics(HenyeyGreenstein(g=g), reduced / (1 - g), absorption / 1000, 1.514 - (1.514 - 1.33) * water)
 
 
-def _absorption(blood: float) -> float:
-    return round(_BLOOD * blood, 5)
+def _absorbing(numbers: Mapping[str, Number]) -> Mapping[str, Number]:
+    """Add the absorption to the numbers of a tissue."""
+    parts = tuple(name for name in _PARTS if name in numbers)
+    told = f"that of {', '.join(name for name in parts if name != 'oxygenation')} and water"
+    return dict(numbers) | {
+        "absorption": Number(None, 0.0, float("inf"), "1 / mm", told, "The tables of data/absorption.txt",
+                             Checked.SECOND_HAND, band=FAT_BAND if "fat" in parts else BAND, computed_from=parts),
+    }  # fmt: skip
+
+
+_OXYGENATION = Number(0.75, 0.4, 0.98, "", "share of haemoglobin with oxygen: between that of veins and of arteries",
+                      "A choice of the user", Checked.ASSUMED)  # fmt: skip
 
 
 def _numbers(
@@ -38,22 +53,23 @@ def _numbers(
     blood: tuple[float, float, float], *, from_water: str, checked: Checked = Checked.SOURCE,
     g: Number | None = None, table: str = "table 2, mean and standard deviation",
 ) -> Mapping[str, Number]:  # fmt: skip
-    return {
+    return _absorbing({
         "a": Number(*a, "1 / cm", "mu_s (1 - g) at 500 nm", f"{_JACQUES}, {table}", Checked.SOURCE),
         "b": Number(*b, "", "power of the wavelength", f"{_JACQUES}, {table}", Checked.SOURCE),
         "g": g or Number(0.9, 0.85, 0.95, "", "anisotropy, hardly known: figure 8 spreads at least so far",
                          _JACQUES, Checked.SOURCE),
-        "water": Number(*water, "", "share of water, which gives the refractive index", from_water, checked),
-        "absorption": Number(_absorption(blood[0]), _absorption(blood[1]), _absorption(blood[2]), "1 / mm",
-                             f"that of blood at 806 nm, {100 * blood[0]:.3g} % of the volume", f"{_JACQUES}, table 3",
-                             Checked.SOURCE, band=_ISOSBESTIC),
-    }  # fmt: skip
+        "water": Number(*water, "", "share of water, which gives the refractive index, and absorbs", from_water,
+                        checked),
+        "blood": Number(*blood, "", "share of whole blood, 150 g of haemoglobin a litre", f"{_JACQUES}, table 3",
+                        Checked.SOURCE),
+        "oxygenation": _OXYGENATION,
+    })  # fmt: skip
 
 
 def _tissue(name: str, summary: str, numbers: Mapping[str, Number], *more: str, doubts: str = "") -> Preset:
     left_out = (
-        "Henyey-Greenstein lobes; the lobes of tissues differ from them at small angles. The absorption by default is "
-        "that of blood alone: water adds some .002 / mm of its share there."
+        "Henyey-Greenstein lobes; the lobes of tissues differ from them at small angles. Fat, bilirubin and what else "
+        "absorbs beside blood and water are left out."
     )
     references = (_JACQUES + ": read in the source", *more)
     return Preset(name, summary, (0.4, 1.3), numbers, references, make, f"{left_out} {doubts}".strip())
@@ -100,43 +116,48 @@ _LEFT = "Layers of it say no index: steps between them are left out unless they 
 
 
 def _layer_of_skin(
-    name: str, summary: str, scattering: tuple[float, float, float], source: str, water: Number, absorption: Number,
+    name: str, summary: str, scattering: tuple[float, float, float], source: str, held: Mapping[str, Number],
     doubts: str,
 ) -> Preset:  # fmt: skip
-    """One layer of skin: (a, b, r) as they are cited, without a range."""
+    """One layer of skin: (a, b, r) as they are cited, without a range, and what of its volume absorbs."""
     a, b, rayleigh = scattering
-    numbers = {
+    numbers = _absorbing({
         "a": Number(a, a, a, "1 / cm", "mu_s (1 - g) at 500 nm", source, Checked.SECOND_HAND),
         "b": Number(b, b, b, "", "power of the wavelength", source, Checked.SECOND_HAND),
         "rayleigh": Number(rayleigh, rayleigh, rayleigh, "", "share of Rayleigh scattering at 500 nm", source,
                            Checked.SECOND_HAND),
         "g": Number(0.9, 0.85, 0.95, "", "anisotropy, hardly known: figure 8 spreads at least so far", _JACQUES,
                     Checked.SOURCE),
-        "water": water, "absorption": absorption,
-    }  # fmt: skip
+        **held,
+    })  # fmt: skip
     return Preset(name, summary, (0.4, 1.3), numbers, (source,), make, f"{doubts} {_LEFT}")
 
 
-_WET = Number(0.65, 0.2, 0.7, "", "share of water, which gives the refractive index",
+_WET = Number(0.65, 0.2, 0.7, "", "share of water, which gives the refractive index, and absorbs",
               f"{_JACQUES}, table 3, dermis and whole skin", Checked.SOURCE)  # fmt: skip
-_CLEAR = Number(0.0, 0.0, 50.0, "1 / mm", "absorption", "A choice of the user", Checked.ASSUMED)
 
 EPIDERMIS = _layer_of_skin(
-    "epidermis", "the outer layer of skin, 0.06 mm thick in most models", (66.7, 0.689, 0.29), _CITED, _WET, _CLEAR,
-    "Melanin, which absorbs in it, is left out: give your own absorption.",
+    "epidermis", "the outer layer of skin, 0.06 mm thick in most models", (66.7, 0.689, 0.29), _CITED,
+    {"water": _WET,
+     "melanin": Number(0.03, 0.013, 0.43, "", "share of melanosomes: .013 to .063 in light skin, .18 to .43 in dark",
+                       "Jacques, Skin optics (Oregon Medical Laser Center)", Checked.NOT)},
+    "One kind of melanin; Henyey-Greenstein lobes.",
 )  # fmt: skip
 
 DERMIS = _layer_of_skin(
-    "dermis", "the layer of skin below the epidermis, 1 to 2 mm thick", (43.6, 0.562, 0.41), _CITED, _WET,
-    Number(_absorption(0.0041), _absorption(0.0005), _absorption(0.0157), "1 / mm",
-           "that of blood at 806 nm, 0.41 % of the volume", f"{_JACQUES}, table 3", Checked.SOURCE, band=_ISOSBESTIC),
+    "dermis", "the layer of skin below the epidermis, 1 to 2 mm thick", (43.6, 0.562, 0.41), _CITED,
+    {"water": _WET,
+     "blood": Number(0.0041, 0.0005, 0.0157, "", "share of whole blood, 150 g of haemoglobin a litre",
+                     f"{_JACQUES}, table 3", Checked.SOURCE),
+     "oxygenation": _OXYGENATION},
     "Henyey-Greenstein lobes.",
 )  # fmt: skip
 
 FAT = _layer_of_skin(
     "fat", "fat below the skin", (15.35, 0.68, 0.0),
     f"{_BASHKATOV}: 1050.6 lambda^-0.68 / cm, lambda in nanometres, as cited in the same program",
-    Number(0.3, 0.1, 0.4, "", "stands for an index of 1.46; fat holds less water", "A choice of the user",
-           Checked.ASSUMED),
-    _CLEAR, "Henyey-Greenstein lobes; the absorption of fat is left out.",
+    {"water": Number(0.3, 0.1, 0.4, "", "stands for an index of 1.46, and absorbs", "A choice of the user",
+                     Checked.ASSUMED),
+     "fat": Number(0.7, 0.6, 0.9, "", "share of fat", "The rest of it but water", Checked.ASSUMED)},
+    "Henyey-Greenstein lobes; its blood is left out.",
 )  # fmt: skip

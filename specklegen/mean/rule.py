@@ -8,9 +8,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.errors import RuleError
 from specklegen.core.values import remembered
 from specklegen.mean.field import mean_field
-from specklegen.paths.axial_pilot import axial_pilot
 from specklegen.paths.pilot import scene_pilot
-from specklegen.paths.steps import refracting_layers
 from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.scene import Scene
@@ -39,7 +37,7 @@ def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = Fa
         return _mean_left_out(_strongest_mean(scene) / max(scattered_intensity(scene), 1e-300), tolerance)
     if lock_step_obstacle(scene):
         return _volume_mean_decision(scene, tolerance, reverse)
-    pilot = axial_pilot(scene.at_rest) if refracting_layers(scene.slab) else scene_pilot(scene, False)
+    pilot = scene_pilot(scene.at_rest, False)
     ratio = _strongest_mean(scene) / max(pilot.intensity, 1e-300)
     decision = _mean_left_out(ratio, tolerance)
     if ratio > tolerance and not scene.illumination.coherent:

@@ -131,10 +131,7 @@ def aimed(
     view = checked_view(owner, view, mode)
     light = directions_of_sines(f"{owner} tilts", np.stack([np.sin(tilts), 0 * tilts], -1))
     views = directions_of_sines(f"{owner} view + tilts", view[:2] + light[:, :2], side)
-    if refracting_layers(medium):
-        _require_axial(owner, medium, wavelength, tilts, mode, view, reverse)
-    else:
-        medium.faces.require_crossing(f"{owner} tilts and view", np.concatenate([light, views, view[None]]))
+    medium.require_crossing(f"{owner} tilts and view", np.concatenate([light, views, view[None]]))
     return Aim(light, view, views, side, reversal_decision(medium, wavelength, light, views, reverse, tolerance))
 
 
@@ -148,11 +145,11 @@ def _largest_small(medium: PlaneMedium) -> float:
     return _SMALL * (1 - abs(medium.scatterer.mean_cosine()))
 
 
-def _require_axial(
+def require_axial(
     owner: str, medium: PlaneMedium, wavelength: float, tilts: np.ndarray, mode: Mode, view: np.ndarray,
     reverse: Reverse,
 ) -> None:  # fmt: skip
-    """Refuse what layers with steps of the index do not serve: all but small tilts of light straight along the axis."""
+    """Refuse what motion in layers with steps of the index does not serve: all but small tilts straight on the axis."""
     what = "where layers refract"
     if mode != "transmission":
         reject(f"{owner} mode", f'"transmission" {what}', mode, "Of light that comes back leave the steps out.")
@@ -283,8 +280,7 @@ def memory_effect(
     Parameters
     ----------
     medium
-        The slab or layers; where layers differ and refract, in transmission along the axis, at tilts small beside the
-        scatterers' lobe. Or thin screens, of which the curve is a closed form: paths, errors and reversed paths are
+        The slab or layers. Or thin screens, of which the curve is a closed form: paths, errors and reversed paths are
         none.
     wavelength
         Inside the medium, in the slab's unit of length; of layers in the index ``faces.inside``.
@@ -359,7 +355,7 @@ def memory_effect(
         _warn_of_neither(lobe, largest)
     small = near or largest <= _largest_small(medium)
     symmetric = mode == "transmission" and small and not reversal.needed and np.array_equal(view, AXIS)
-    lateral = near and not reversal.needed
+    lateral = near and not reversal.needed and not refracting_layers(medium)
     curve = _axial if symmetric else _lateral if lateral else partial(_exact, near=near)
     if seen is not None:
         curve = partial(_polarised, seen=seen, symmetric=symmetric, near=near)
@@ -407,7 +403,7 @@ def require_traced(owner: str, medium: PlaneMedium, aim: Aim, count: int, thread
     if aim.side > 0 and (reverse or not matched or as_slab(medium) is None or medium.polarisation != "scalar"):
         require_reach(owner, relative_variance(medium), count)
     if refracting_layers(medium):
-        require_walkable(owner, medium, count)
+        require_walkable(owner, medium, count)  # paths that are aimed take no more memory
     ends = 2.0 * (1 + len(aim.light)) * count * (2 if reverse else 1)
     drawn = aim.side > 0 and matched and not reverse and draws_across(medium)
     events = count * (events_across(medium) if drawn else events_per_path(medium))

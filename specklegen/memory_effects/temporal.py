@@ -30,7 +30,7 @@ from specklegen.core.nanoseconds import seconds as seconds_of
 from specklegen.core.parallel import thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
-from specklegen.memory_effects.curve import Aim, Mode, aimed, analysed, require_tilts
+from specklegen.memory_effects.curve import Aim, Mode, aimed, analysed, require_axial, require_tilts
 from specklegen.memory_effects.exposure import ExposureContrast, LightClasses, LightPaths
 from specklegen.memory_effects.polarised import Channel
 from specklegen.memory_effects.temporal_light import Asked, by_amplitudes, by_ways, polarised
@@ -307,6 +307,8 @@ def _of_plane(
 ) -> _Sight:  # fmt: skip
     owner = budget.owner
     aim = aimed(owner, medium, wavelength, tilts, mode, view, budget.reverse, budget.tolerance)
+    if refracting_layers(medium):
+        require_axial(owner, medium, wavelength, tilts, mode, aim.view, budget.reverse)
     require_even_flow(owner, medium)
     reverse = aim.reversal.needed
     lights, views = np.concatenate([AXIS[None], aim.light]), np.concatenate([aim.view[None], aim.views])

@@ -27,9 +27,10 @@ class PathBank:
         Number of the path.
     types : int32[M, 2]
         Types of the first and of the last particle; 0 where there is one.
-    bounces : int8[M, 2]
+    bounces : int8[M, 2], or int16[M, 2] of layers that refract
         Reflections by the faces of a slab, of the first leg before x1 and of the last one behind x_B. Vertices are then
-        unfolded: the images from which the leg is straight, with directions to match. 0 where faces are matched.
+        unfolded: the images from which the leg is straight, with directions to match. 0 where faces are matched. Of
+        layers that refract, the numbers of both legs (:mod:`specklegen.paths.legs`); nothing is then unfolded.
     count : int
         Paths traced.
     events : int
@@ -149,7 +150,8 @@ def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
     total = ends[-1]
     columns = banks[0].records.shape[1] if banks else walk.RECORD
     records, orders, paths = np.empty((total, columns)), np.empty(total, np.int32), np.empty(total, np.int64)
-    types, bounces = np.empty((total, 2), np.int32), np.empty((total, 2), np.int8)
+    types = np.empty((total, 2), np.int32)
+    bounces = np.empty((total, 2), banks[0].bounces.dtype if banks else np.int8)
     jones = np.empty((total, 2, 2), np.complex128) if banks and banks[0].jones is not None else None
 
     def copy(n: int) -> None:

@@ -11,12 +11,13 @@ import numpy as np
 
 from specklegen.core.parallel import Threads, map_blocks, slices
 from specklegen.kernels import endpoints as kernels
-from specklegen.kernels import walk
+from specklegen.kernels import legs, walk
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoints import Endpoints
 from specklegen.paths.faces import crossing_factors
 from specklegen.paths.kept_angles import each_light
 from specklegen.paths.layout import Layout
+from specklegen.paths.legs import Ways
 from specklegen.paths.phases import reversal_phases
 
 End = Literal["entry", "exit"]
@@ -46,6 +47,8 @@ def endpoint_factors(
     turns
         Phases float64[n, 3] in turns per unit length instead of those of the directions.
     """
+    if layout.ways is not None:
+        return _along_legs(layout, layout.ways, bank, endpoints, end, threads, turns)
     column, sign, side = _COLUMNS[end]
     turns = endpoints.turns if turns is None else turns
     vectors = np.ascontiguousarray(endpoints.vectors)
@@ -65,6 +68,30 @@ def endpoint_factors(
     return out
 
 
+def _along_legs(
+    layout: Layout, ways: Ways, bank: PathBank, endpoints: Endpoints, end: End, threads: Threads,
+    turns: np.ndarray | None,
+) -> np.ndarray:  # fmt: skip
+    """The same through layers that refract, along the legs of the connections."""
+    column, sign, side = _COLUMNS[end]
+    lateral = np.ascontiguousarray((endpoints.turns if turns is None else turns)[:, :2])
+    numbers = np.ascontiguousarray(bank.bounces[:, side])
+    out = np.empty((len(lateral), len(bank)), np.complex128)
+    lights = endpoints.radius > 0
+
+    def part(start: int) -> None:
+        some = slice(start, start + _VIEWS_AT_ONCE)
+        vectors, way = endpoints.vectors[some], ways.lights if lights else ways.views
+        known = way.towards(vectors, endpoints.wavelength, lateral[some], lights=lights)
+        legs.leg_factors(
+            layout.table, known, lateral[some], bank.records, column, sign, bank.types, side, numbers,
+            endpoints.footprint, endpoints.radius, out[some],
+        )  # fmt: skip
+
+    map_blocks(part, range(0, len(out), _VIEWS_AT_ONCE), threads)
+    return out
+
+
 def light_strengths(layout: Layout, bank: PathBank, factors: np.ndarray, threads: Threads = 1) -> np.ndarray:
     """complex128[T, M], factor_m sqrt(W_m) A_t(m) of the entrances, in blocks of connections."""
     out = np.empty((len(layout.lights), len(bank)), np.complex128)
@@ -79,6 +106,8 @@ def light_strengths(layout: Layout, bank: PathBank, factors: np.ndarray, threads
 
 def single_factors(layout: Layout, bank: PathBank) -> np.ndarray:
     """complex128[T, V, M], s(i . v) of connections of single scattering; [T, V, 1] where all share it."""
+    if layout.ways is not None:
+        return _single_along_legs(layout, layout.ways, bank)
     lights, views = layout.lights, layout.views
     turned = turned_over(bank)
     kinds = turned if layout.polarised is None else _kinds(layout, bank)
@@ -100,6 +129,24 @@ def single_factors(layout: Layout, bank: PathBank) -> np.ndarray:
         views.near, np.ascontiguousarray(seen), out,
     )  # fmt: skip
     return out if passed is None else out * passed[..., None]
+
+
+def _single_along_legs(layout: Layout, ways: Ways, bank: PathBank) -> np.ndarray:
+    """The same through layers that refract: of each pair of legs, light and view have directions of their own."""
+    lights = ways.lights.towards(layout.lights.vectors, lights=True).rows
+    views = ways.views.towards(layout.views.vectors, lights=False).rows
+    out = np.empty((len(lights), len(views), len(bank)), np.complex128)
+    pairs, which = np.unique(np.column_stack([bank.bounces, bank.types[:, :1]]), axis=0, return_inverse=True)
+    for n, (one, other, _) in enumerate(pairs):
+        like = np.flatnonzero(which == n)
+        found = np.empty((len(lights), len(views), 1), np.complex128)
+        alike = bank.select(like[:1])
+        kernels.single_factors(
+            layout.table, alike.records, alike.types, 0, np.ascontiguousarray(lights[:, one, :3]), 0,
+            np.ascontiguousarray(views[:, other, :3]), found,
+        )  # fmt: skip
+        out[..., like] = found
+    return out
 
 
 def _kinds(layout: Layout, bank: PathBank) -> np.ndarray:

@@ -108,7 +108,7 @@ def require_reflection(medium: PlaneMedium, views: np.ndarray) -> None:
     RuleError
         With the remedy.
     """
-    if not medium.faces.matched and len(views) and (views[:, 2] > 0).any():
+    if medium.refracts and len(views) and (views[:, 2] > 0).any():
         reject(
             "reverse", 'False or "auto" in transmission through faces that reflect', True,
             "There is no backscattering direction behind the slab, so reversed paths add nothing.",

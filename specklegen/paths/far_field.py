@@ -122,7 +122,7 @@ def middle_light(scene: Scene) -> np.ndarray | None:
     (:mod:`specklegen.paths.kept_angles`), and near enough for slants and depths to stay. A film has that of its rest.
     """
     found = _apart(scene)
-    if found is None or not found[1].spurious or scene.polarisers is not None:
+    if found is None or not found[1].spurious or scene.polarisers is not None or scene.slab.indices:
         return None
     lights = scene.at_rest.lights
     middle = reference_direction(lights)

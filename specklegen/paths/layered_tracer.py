@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed, Stream
 from specklegen.kernels import volume_walk
@@ -38,12 +37,6 @@ def trace_layers(
     threads: Threads,
 ) -> PathBank:
     """Trace paths ``first`` ... ``first + count - 1`` as a proposal says (`specklegen.paths.slab_tracer`)."""
-    if medium.refracts:
-        reject(
-            f"{medium.type}.{'layers' if medium.indices else 'faces'}", "of one index where paths are aimed at views",
-            medium.indices or medium.faces,
-            "Leave the steps out: light that is not aimed alone knows them, in transmission along the axis.",
-        )  # fmt: skip
     particles, light = materials(medium), -proposal.reference[None]
     kinds = np.full(1 + len(proposal.probes), volume_walk.FAR, np.int64)
     return traced(

@@ -10,7 +10,9 @@ from specklegen.kernels.volume import Volume
 from specklegen.paths.endpoints import Endpoints, light_endpoints, plane_endpoints, view_endpoints
 from specklegen.paths.far_field import middle_light
 from specklegen.paths.jones import Analysed, ends_of
+from specklegen.paths.legs import Ways
 from specklegen.paths.phase_tables import phase_table
+from specklegen.paths.steps import refracting_layers
 from specklegen.paths.volumes import materials, volume_of
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import PlaneMedium
@@ -35,6 +37,8 @@ class Layout:
         each has its own.
     polarised : Analysed or None
         Light and analyser of a polarised medium; None where light is a scalar.
+    ways : Ways or None
+        How light goes straight through layers that refract; None of any other medium.
     """
 
     volume: Volume
@@ -45,6 +49,7 @@ class Layout:
     faces: Faces = field(default_factory=Faces)
     middle: np.ndarray | None = None
     polarised: Analysed | None = None
+    ways: Ways | None = None
 
     def of_ends(self, lights: np.ndarray | slice, views: np.ndarray | slice) -> Self:
         """The same with only the lights and views of these numbers."""
@@ -90,6 +95,7 @@ def scene_layout(scene: Scene) -> Layout:
         faces=scene.medium.faces,
         middle=middle_light(scene),
         polarised=_analysed(scene),
+        ways=_ways(scene),
     )
 
 
@@ -97,6 +103,12 @@ def _analysed(scene: Scene) -> Analysed | None:
     """Light and analyser of a polarised scene, and what its particles and faces do."""
     ends = None if scene.polarisers is None else ends_of(scene.slab)
     return None if scene.polarisers is None or ends is None else Analysed(ends, *scene.polarisers.fields)
+
+
+def _ways(scene: Scene) -> Ways | None:
+    if scene.medium.has_sides or scene.dimension == 2 or not refracting_layers(scene.slab):
+        return None
+    return Ways.of(scene.slab, scene.lights, scene.sensor.corners)
 
 
 def plane_layout(medium: PlaneMedium, wavelength: float, lights: np.ndarray, views: np.ndarray) -> Layout:
@@ -111,4 +123,5 @@ def plane_layout(medium: PlaneMedium, wavelength: float, lights: np.ndarray, vie
         views=plane_endpoints(views, wavelength),
         wavelength=wavelength,
         faces=medium.faces,
+        ways=Ways.of(medium, lights, views) if refracting_layers(medium) else None,
     )

@@ -10,6 +10,7 @@ from specklegen.paths.layout import Layout
 
 _BLOCK = 16384
 _IMAGE = 27  # bits of an address below the number of reflections: more than the vertices of any path
+_LEG = 20  # and below the number of the last leg through layers: it has up to 1024
 
 
 def random_phases(
@@ -22,7 +23,8 @@ def random_phases(
     z = np.empty(len(bank), np.complex128)
     key = stream_key(seed, Stream.PHASES)
     # A path has one first leg; its last ones by their reflections. Orders are positive: negative ones are other draws.
-    orders = bank.orders + (bank.bounces[:, 1].astype(np.int32) << _IMAGE)
+    below = _IMAGE if bank.bounces.dtype == np.int8 else _LEG
+    orders = bank.orders + (bank.bounces[:, 1].astype(np.int32) << below)
     orders = -orders if backwards else orders
     map_blocks(
         lambda part: sums.random_phases(*key, sample, orders[part], bank.paths[part], z[part]),

@@ -23,7 +23,9 @@ from specklegen.paths.bank import BLOCK, PathBank, columns_of, concatenate, empt
 from specklegen.paths.jones import ends_of, unfolded_matrices, walk_matrices
 from specklegen.paths.layered_tracer import trace_layers
 from specklegen.paths.layout import Layout
+from specklegen.paths.legs import Ways
 from specklegen.paths.phase_tables import walk_lobes
+from specklegen.paths.refracting_tracer import trace_layers_that_refract
 from specklegen.paths.stretching import draws_across, events_per_depth, stretch_along, unstretched
 from specklegen.paths.volumes import collects_flow, footprint_code, volume_of
 from specklegen.scene.illumination import CollimatedBeams, reference_direction
@@ -110,12 +112,16 @@ def require_traceable(medium: Medium, events: float) -> None:
 
 
 def beam_proposal(
-    medium: PlaneMedium, beams: CollimatedBeams, probes: np.ndarray, *, bidirectional: bool = False
-) -> Proposal:
+    medium: PlaneMedium, beams: CollimatedBeams, probes: np.ndarray, *, bidirectional: bool = False,
+    ways: Ways | None = None,
+) -> Proposal:  # fmt: skip
     """Draw first vertices over the union of all tilts' footprints, first directions from the medium's lobe."""
     reference = reference_direction(beams.directions)
-    drift = beams.directions[:, :2] / beams.directions[:, 2:] - reference[:2] / reference[2]
-    margin = float(np.abs(drift).max(initial=0.0)) * medium.thickness * math.sqrt(2)
+    if ways is None:
+        drift = beams.directions[:, :2] / beams.directions[:, 2:] - reference[:2] / reference[2]
+        margin = float(np.abs(drift).max(initial=0.0)) * medium.thickness * math.sqrt(2)
+    else:
+        margin = ways.lights.farthest_apart(beams.directions, reference) * math.sqrt(2)
     square = beams.profile == "square"
     gaussian = beams.profile == "gaussian"
     return Proposal(
@@ -155,12 +161,14 @@ def trace(
     sample: int = 0,
     stream: Stream = Stream.PATHS,
     threads: Threads = None,
+    ways: Ways | None = None,
 ) -> PathBank:
     """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``.
 
     The bank is a pure function of the arguments but ``threads``; splitting a range of paths over several
     calls and joining the banks gives the same bank.
 
+    ``ways`` are those of layers that refract (:attr:`specklegen.paths.layout.Layout.ways`).
     """
     flowing = volume_of(medium, 3)
     columns = columns_of(proposal.transfer, collects_flow(flowing))
@@ -170,6 +178,10 @@ def trace(
     foretold = events_across(medium) if across else events_per_path(medium)
     require_traceable(medium, foretold)
     slab = as_slab(medium)
+    if ways is not None:
+        return trace_layers_that_refract(
+            medium, proposal, ways, seed, count, first=first, sample=sample, stream=stream, threads=threads
+        )  # fmt: skip
     if slab is None:
         return trace_layers(medium, proposal, seed, count, first=first, sample=sample, stream=stream, threads=threads)
     key = stream_key(seed, stream)
@@ -265,5 +277,6 @@ class SlabTracer:
     ) -> PathBank:
         """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; see :func:`trace`."""
         return trace(
-            self.medium, self.proposal, seed, count, first=first, sample=sample, stream=stream, threads=threads
+            self.medium, self.proposal, seed, count, first=first, sample=sample, stream=stream, threads=threads,
+            ways=self.layout.ways,
         )  # fmt: skip

@@ -5,6 +5,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from specklegen.core.errors import reject
 from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
@@ -101,7 +102,7 @@ def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
     if aside and layout.middle is not None and len(views):
         tilts = scene.beams.directions[:, :2] - layout.middle[:2]
         views = judged_views(views, tilts)
-    proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse)
+    proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse, ways=layout.ways)
     tracer = SlabTracer(layout, scene.slab, proposal)
     if not len(views) or not len(scene.beams.directions):
         return tracer
@@ -112,7 +113,7 @@ def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
 
 @remembered(32)
 def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
-    """Tracer of any scene; of a slab with refracting faces, which only paths in lock step know, that of beams.
+    """Tracer of any scene; of a slab that refracts, which only the paths of beams know, theirs.
 
     Connections are not thinned where sensor points lie close: what is bright there is not known from a few
     of them.
@@ -138,6 +139,11 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
 
 def _filming(tracer: Any, scene: Scene) -> Any:
     """The same paths with their momentum transfer, for all frames of a film."""
+    if tracer.layout.ways is not None:
+        reject(
+            f"{scene.slab.type}.motion", "none where paths are aimed through layers that refract", scene.slab.motions,
+            "Leave out the motion, or the steps; the stationary sampler alone knows both, near the axis.",
+        )  # fmt: skip
     return replace(transferring(tracer), layout=scene_layout(scene))
 
 

@@ -2,7 +2,6 @@
 
 from typing import Self
 
-import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
@@ -63,21 +62,3 @@ class Faces(Value):
     def largest_sine(self) -> float:
         """Direction sine inside up to which light enters and leaves; beyond, all of it is reflected."""
         return min(1.0, min(self.indices[1:]) / self.inside)
-
-    def require_crossing(self, field: str, directions: np.ndarray) -> None:
-        """Refuse directions float64[..., 3] inside the slab that no light takes on its way in or out.
-
-        Raises
-        ------
-        RuleError
-            With the largest sine that does.
-        """
-        if self.matched or not directions.size:
-            return
-        sine = float(np.hypot(directions[..., 0], directions[..., 1]).max())
-        if sine >= self.largest_sine:
-            reject(
-                field,
-                f"of sines below {self.largest_sine:.4g}, where light crosses the faces of indices {self.indices}",
-                sine, "Sines are those inside the slab: outside they are inside / outside times as large.",
-            )  # fmt: skip

@@ -138,6 +138,30 @@ class PlaneParallel(Bulk):
         return bool(self.indices) or not self.faces.matched
 
     @property
+    def largest_sine(self) -> float:
+        """Direction sine, in the index ``faces.inside``, up to which light crosses all faces."""
+        return min(self.faces.largest_sine, min((*self.indices, self.faces.inside)) / self.faces.inside)
+
+    def require_crossing(self, field: str, directions: np.ndarray) -> None:
+        """Refuse directions float64[..., 3], in the index ``faces.inside``, that no light takes on its way in or out.
+
+        Raises
+        ------
+        RuleError
+            With the largest sine that does.
+        """
+        if not self.refracts or not directions.size:
+            return
+        sine = float(np.hypot(directions[..., 0], directions[..., 1]).max())
+        if sine >= self.largest_sine:
+            indices = self.faces.indices if not self.indices else (*self.indices, *self.faces.indices[1:])
+            reject(
+                field, f"of sines below {self.largest_sine:.4g}, where light crosses the faces of indices {indices}",
+                sine, "Sines are those inside, in the index faces.inside: outside they are inside / outside times as "
+                "large.",
+            )  # fmt: skip
+
+    @property
     def extinction(self) -> float:
         """sigma_t = 1 / mean_free_path, per unit length; of the densest layer."""
         return 1 / self.mean_free_path
@@ -320,8 +344,9 @@ class Layers(Stratified):
     faces
         The step of the refractive index at both outer faces, which layers with an ``index`` of their own have to what
         is outside, of index 1 if nothing is said. Wavelengths and tilts are those in ``faces.inside``, 1 again.
-        `reflectance_transmittance` and `joint_correlation` know all steps; `memory_effect`, `temporal_correlation` and
-        scenes those that are met near the axis, in transmission (docs/media.md). Polarised light refuses them.
+        Path sums, `covariance`, `memory_effect`, `joint_correlation` and `reflectance_transmittance` know all steps;
+        films and `temporal_correlation` those that are met near the axis, in transmission (docs/media.md). Polarised
+        light, lenses and light of a band refuse them.
     polarisation
         What the particles of all layers do to polarised light, as of a :class:`Slab`.
 

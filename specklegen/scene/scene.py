@@ -14,7 +14,7 @@ from specklegen.scene.focused import FocusedBeams
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
 from specklegen.scene.imaging import Imaging
 from specklegen.scene.layers import PlaneParallel, left_out
-from specklegen.scene.media import AnyMedium, Medium, Slab, require_medium
+from specklegen.scene.media import AnyMedium, Medium, Slab, as_slab, require_medium
 from specklegen.scene.motion import flow_rows, law_of, reduced_time
 from specklegen.scene.polarisation import Polarisers
 from specklegen.scene.scatterers.mie import Mie
@@ -180,29 +180,28 @@ class Scene(Value, Pictured):
         """Refuse what a slab with refracting faces does not serve, and directions that do not cross them."""
         if not self.medium.refracts:
             return
-        layered = not self.medium.homogeneous
-        if layered and (not self.illumination.limited or self.sensor.near or self.sensor.corners[..., 2].min() <= 0):
-            indices = self.volume.indices
-            reject(
-                f"{self.medium.type}.{'layers' if indices else 'faces'}",
-                f"{'of one index' if indices else 'matched'}, unless beams are seen from afar in transmission",
-                indices or self.medium.faces,
-                "Leave the steps out; joint_correlation and reflectance_transmittance know those of all light.",
-            )  # fmt: skip
+        indices = self.volume.indices
         if not self.illumination.limited or self.sensor.near or self.dimension == 2:
             reject(
-                "Slab.faces", "matched, unless beams in space are seen from afar", self.medium.faces,
+                f"{self.medium.type}.{'layers' if indices else 'faces'}",
+                f"{'of one index' if indices else 'matched'}, unless beams in space are seen from afar",
+                indices or self.medium.faces,
                 "Points beyond a refracting face and flatland are not modelled: leave faces out, or use "
                 "CollimatedBeams or an IncoherentObject with a far-field sensor.",
             )  # fmt: skip
-        self.medium.faces.require_crossing(f"{self.illumination.type}.directions", self.lights)
+        if (self.sensor.focused or self.illumination.focused) and as_slab(self.slab) is None:
+            reject(
+                f"{self.medium.type}.{'layers' if indices else 'faces'}", "of one index before a lens",
+                indices or self.medium.faces, "Leave the steps out: a lens knows the faces of a Slab alone.",
+            )  # fmt: skip
+        self.slab.require_crossing(f"{self.illumination.type}.directions", self.lights)
         seen = self.sensor.corners
         if seen[..., 2].min(initial=0.0) < 0 < seen[..., 2].max(initial=0.0):
             reject(
                 f"{self.sensor.type}.directions", "all on one side of a slab with refracting faces", "views on both",
                 "Make a scene of either side: light of the same seed is the same.",
             )  # fmt: skip
-        self.medium.faces.require_crossing(f"{self.sensor.type}.directions", seen)
+        self.slab.require_crossing(f"{self.sensor.type}.directions", seen)
 
     def _require_thin(self) -> None:
         """Refuse a thin medium where its model does not hold, and lights and sensors that it does not serve."""

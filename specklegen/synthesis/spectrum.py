@@ -34,6 +34,7 @@ from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, axial_tracer, lateral_distance
 from specklegen.paths.endpoint_factors import contributions
+from specklegen.paths.steps import refracting_layers
 from specklegen.scene.media import Slab
 
 if TYPE_CHECKING:
@@ -142,6 +143,9 @@ def estimate_spectral_correlation(
 
     With the seed of :func:`estimate_correlation` it is made from the same paths.
     """
+    if refracting_layers(medium):
+        reject("estimate_spectral_correlation medium", "of one index, or a Slab behind its faces", medium,
+               "Leave the steps out.")  # fmt: skip
     tracer = axial_tracer(medium)
     bank = tracer.trace(seed, paths, threads=threads)
     weight = contributions(tracer.layout, bank)

@@ -42,7 +42,8 @@ from specklegen.wavetracing.kernels.wedges import wedge_terms
 from specklegen.wavetracing.materials import CONDUCTOR, reflected
 from specklegen.wavetracing.wedge import NEAREST, geometric_shares
 
-_CLEAR = 1e-7  # of a leg's length, at both of its ends, in which nothing blocks it
+_CLEAR = 1e-7  # of a leg's length or, if less, of the scene's size: nothing blocks it so near to its ends
+_ROUNDED = 1e-6  # of the whole length from source to points: what is less counts as this much, for rounding's sake
 _ON_FACE = 1e-9  # radians
 _ALONG = 1e-7  # radians from a face, within which a leg from edge to edge runs along it
 _RAISED = 4e-7  # of the scene's size, above _CLEAR: how far a point on a surface is taken off it to see what it sees
@@ -61,7 +62,7 @@ class _Mirrors:
     normal: np.ndarray  # float64[F, 3]
     point: np.ndarray  # float64[F, 3]
     facet: np.ndarray  # int32[faces], of each face by its number
-    size: float  # of the scene
+    size: float  # of the scene, not of the way that light comes from
     rows: np.ndarray  # float64[F, 4], what kernels know of the material of each
     mesh: np.ndarray  # int32[F]
     hard: bool
@@ -110,7 +111,8 @@ class _Mirrors:
             step = image - here
             rate = step @ self.normal[f]
             t = np.divide((self.point[f] - here) @ self.normal[f], rate, out=np.full(len(here), -1.0), where=rate != 0)
-            good &= (t > _CLEAR) & (t < 1 - _CLEAR)
+            ends = self._share(step)
+            good &= (t > ends) & (t < 1 - ends)
             there = here + np.where(good, t, 0.5)[:, None] * step
             good &= self._hits(here, there - here, f)
             # The other end must lie on the side that the light came to.
@@ -122,22 +124,27 @@ class _Mirrors:
         """Whether the first thing beyond the start is a facet, at the end of the step."""
         distance, face = self._nearest(origin, step)
         met = np.where(face >= 0, self.facet[face] if len(self.facet) else -1, -1)
-        return (met == facet) & (np.abs(distance - 1) < _CLEAR)
+        return (met == facet) & (np.abs(distance - 1) < self._share(step))
 
     def _free(self, origin: np.ndarray, step: np.ndarray) -> np.ndarray:
         distance, _ = self._nearest(origin, step)
-        return distance > 1 - _CLEAR
+        return distance > 1 - self._share(step)
+
+    def _share(self, step: np.ndarray) -> np.ndarray:
+        """Share of each leg in which nothing blocks it: a source far away makes no surface transparent."""
+        return _CLEAR * np.minimum(1, self.size / np.maximum(np.linalg.norm(step, axis=1), 1e-300))
 
     def _nearest(self, origin: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         safe = np.where((step != 0).any(axis=1)[:, None], step, 1.0)
-        return self.scene.ray(origin, safe, near=_CLEAR, threads=1)
+        ends = self._share(step)
+        distance, face = self.scene.ray(origin + ends[:, None] * safe, safe, threads=1)
+        return distance + ends, face
 
     def raised(self, points: np.ndarray, source: np.ndarray) -> np.ndarray:
         """Points float64[P, 3], those that lie on a facet a little off it, towards the side of the source."""
-        out, corners = points.copy(), self.scene.vertices
+        out, size = points.copy(), self.size
         if not len(self.normal) or not len(points):
             return out
-        size = float(np.ptp(np.vstack([corners, points, source[None]]), axis=0).max())
         for normal, at in zip(self.normal, self.point, strict=True):
             near = np.flatnonzero(np.abs((points - at) @ normal) <= _ON_SURFACE * size)
             side = 1.0 if (source - at) @ normal >= 0 else -1.0
@@ -148,7 +155,7 @@ class _Mirrors:
         return out
 
 
-def _mirrors(scene: Geometry, wavelength: float | None, hard: bool) -> _Mirrors:
+def _mirrors(scene: Geometry, ends: np.ndarray, wavelength: float | None, hard: bool) -> _Mirrors:
     found = facets_of(scene)
     of = np.full(int(scene.number.max(initial=-1)) + 1, -1, np.int32)
     of[scene.number[scene.order]] = found.facet
@@ -156,7 +163,9 @@ def _mirrors(scene: Geometry, wavelength: float | None, hard: bool) -> _Mirrors:
     rows = np.full((len(found.normals), 4), float(CONDUCTOR))
     if wavelength is not None and scene.meshes:
         rows = np.array([mesh.material.row(wavelength) for mesh in scene.meshes])[found.material[first]]
-    size = float(np.ptp(scene.vertices, axis=0).max()) if len(scene.vertices) else 0.0
+    own, whole = (np.ptp(some, axis=0).max(initial=0.0) if len(some) else 0.0
+                  for some in (scene.vertices, np.vstack([scene.vertices, ends])))  # fmt: skip
+    size = max(float(own), _ROUNDED * float(whole))
     return _Mirrors(scene, found.normals, scene.tree.corners[first, :3], of, size, rows, found.material[first], hard)
 
 
@@ -328,7 +337,8 @@ def contributions(
     diffractions = whole_number(f"{name} diffractions", diffractions, 0, 2)
     choice(f"{name} polarisation", polarisation, ("soft", "hard"))
     choice(f"{name} surfaces", surfaces, ("perfect", "material"))
-    mirrors = _mirrors(geometry, source.wavelength if surfaces == "material" else None, polarisation == "hard")
+    ends = np.vstack([flat, source.position])
+    mirrors = _mirrors(geometry, ends, source.wavelength if surfaces == "material" else None, polarisation == "hard")
     edges = _edges(mirrors) if diffractions else []
     facets = len(mirrors.normal)
     # Of r reflections, C(r + m, m) ways to fall before, between and behind m edges.

@@ -13,6 +13,8 @@ from specklegen.cli import commands
 from specklegen.cli.reconstruct import _between
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
+from specklegen.measured import read_measurement
+from specklegen.models import judge_photograph
 
 SETUP = """
 inherits = "one-angular-size"
@@ -51,6 +53,11 @@ def test_frames_in_three_formats(setup, tmp_path):
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [each["name"] for each in report["images"]] == ["one", "two", "three"]
     assert report["fit"] is None  # the setup states its slab
+    lines = result.output.splitlines()
+    for name, line in zip(("one.tiff", "two.png", "three.npy"), lines, strict=False):
+        verdict = judge_photograph(read_measurement(setup / name, envelope="fit"))
+        assert line == f"{name}, of the photograph alone, by phase retrieval: {verdict.headline}"
+        assert report["photographs"][name]["answer"] == verdict.answer
     for each in report["images"]:
         assert 0 <= each["probability"] <= 1
         # Settled images leave little unexplained: 5 to 95 % of them have .50 to .65 (docs/networks.md).

@@ -16,6 +16,7 @@ import io
 import os
 import pickle
 import random
+import signal
 import subprocess
 import sys
 import threading
@@ -214,6 +215,17 @@ def leave_garbage(value):
             torch.full((2**power // 8,), value, dtype=torch.float64)
 
 
+def gone(threads):
+    """Wait for threads to end for the system too, a little after they have for Python.
+
+    Until then they give back what MKL keeps for them, under a lock that a fork would copy as it is held, for ever.
+    """
+    tasks, deadline = Path("/proc/self/task"), time.monotonic() + 60
+    while tasks.exists() and {str(each.native_id) for each in threads} & {task.name for task in tasks.iterdir()}:
+        assert time.monotonic() < deadline
+        time.sleep(1e-3)
+
+
 class Histories(RuleBasedStateMachine):
     """What a program may do between two samples."""
 
@@ -358,6 +370,7 @@ class Histories(RuleBasedStateMachine):
             each.start()
         for each in threads:
             each.join()
+        gone(threads)
         if wrong:
             raise wrong[0]
 
@@ -368,6 +381,7 @@ class Histories(RuleBasedStateMachine):
             warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads, which is what is tried
             child = os.fork()
         if not child:
+            signal.alarm(300)  # one that hangs is one that fails
             code = 1
             with contextlib.suppress(BaseException):
                 self.check(self.recipes[which % len(self.recipes)], chosen, number)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from wavetracing.solids import box
+from zscore import assert_z
 
 from specklegen.wavetracing import (
     Building,
@@ -136,6 +137,46 @@ def test_maps_by_phases_do_not_know_the_axes():
     assert maps[0].min() > -300
     assert maps[1] == pytest.approx(maps[0], abs=1e-6)
     assert maps[2] == pytest.approx(maps[0], abs=1e-6)  # lambda^2 / r^2 is the same
+
+
+def beams_past(mesh, diffraction, seed=1, turn=None, shift=0.0, size=1.0):
+    """Power flux past one side of a block and its error, float64[2, 2] each."""
+    turn = np.eye(3) if turn is None else turn
+    scene = Geometry(Mesh(size * mesh.vertices @ turn.T + shift, mesh.faces, mesh.material))
+    lamp = PointEmitter(turn @ (size * SOURCE) + shift, size, power=4 * np.pi * size**2, beam_angle=0.1)
+    plane = Plane(
+        center=turn @ (size * np.array([15.0, 2.0, 26.0])) + shift, normal=turn[:, 0], up=turn[:, 2],
+        shape=(2, 2), pitch=14.0 * size,
+    )  # fmt: skip
+    found = trace(scene, lamp, plane, 30_000, seed, diffraction=diffraction, max_events=6, threads=1)
+    return found.fluence[0], found.fluence_error[0]
+
+
+@pytest.mark.parametrize("diffraction", ["fraunhofer", "utd"])
+def test_beams_do_not_know_winding_triangles_or_axes(diffraction):
+    """Wound otherwise: the same beams, to the bit. Cut otherwise, turned and moved, twice as large: others, alike."""
+    flux, error = beams_past(BLOCK, diffraction)
+    assert np.array_equal(beams_past(MESHES["every third face turned"], diffraction)[0], flux)
+    others = [
+        beams_past(MESHES["T-junctions, mixed"], diffraction, 2), beams_past(BLOCK, diffraction, 3, TURN, SHIFT),
+        beams_past(BLOCK, diffraction, 4, size=2.0),
+    ]  # fmt: skip
+    for other, noise in others:
+        assert_z(other, flux, np.hypot(error, noise))
+    higher, noise = beams_past(box((6.0, 40.0, 44.0), material=Conductor()), diffraction, 5)
+    with pytest.raises(AssertionError, match="z ="):  # a block whose top is 7 higher is noticed
+        assert_z(higher, flux, np.hypot(error, noise))
+
+
+def test_maps_by_beams_do_not_know_winding():
+    plane = Plane(center=[15.0, 2.0, 14.0], normal=[1.0, 0, 0], up=[0, 0, 1.0], shape=(4, 4), pitch=6.0)
+    maps = [
+        coverage(Geometry(mesh), Transmitter(SOURCE), plane, 1e9, beams=3000).rss_dBm.filled(-999)
+        for mesh in (BLOCK, MESHES["inverted"], MESHES["every third face turned"])
+    ]
+    assert maps[0].max() > -200
+    assert np.array_equal(maps[0], maps[1])
+    assert np.array_equal(maps[0], maps[2])
 
 
 @pytest.mark.parametrize("method", ["ray", "wave", "phase"])

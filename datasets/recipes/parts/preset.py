@@ -54,6 +54,9 @@ def _read(table: Any) -> Any:
             reject("Material.preset", f"given numbers among {', '.join(numbers)}", field)
         elif value == "range":
             known = numbers[field]
+            if known.default is None:
+                reject(f"Material.preset {field}", "a number or a distribution", value,
+                       f"Or give {', '.join(known.computed_from)} ranges: it is computed from them.")  # fmt: skip
             read[field] = Choice(choice=known.choices) if known.choices else Uniform(uniform=(known.low, known.high))
         else:
             read[field] = _DRAW.validate_python(value)

@@ -117,7 +117,7 @@ def _add(
 def is_plain_slab(layout: Layout) -> bool:
     """Whether far views look at a homogeneous slab of one type of isotropic or Henyey-Greenstein particles."""
     volume, table = layout.volume, layout.table
-    if layout.polarised is not None:
+    if layout.polarised is not None or layout.ways is not None:
         return False
     far = not (layout.views.near or layout.lights.near)
     infinite = bool(np.isinf(volume.bounds[0, 0])) and volume.dimension == 3

@@ -63,6 +63,8 @@ def summation_decision(
         return None, Decision(part, False, "needs a regular far-field grid; the direct sum serves any directions")
     if scene.polarisers is not None:
         return None, Decision(part, False, "polarised light is summed directly")
+    if pilot.tracer.layout.ways is not None:
+        return None, Decision(part, False, "layers that refract are summed directly")
     if reverse:
         return None, Decision(part, False, "reversed paths are summed directly")
     if len(pilot.bank) == 0:

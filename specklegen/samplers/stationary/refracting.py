@@ -1,12 +1,12 @@
-"""When the stationary sampler serves layers that refract, which nobody else draws.
+"""When the stationary sampler serves layers that refract.
 
-Their light is known along the axis alone (:mod:`specklegen.paths.analog_walk`), so that the model is judged in two
-parts. Its correlations at the window's mismatches kappa are judged by the ways R of that light,
+Its K is that of light along the axis (:mod:`specklegen.paths.analog_walk`), and is judged in two parts. Its
+correlations at the window's mismatches kappa are judged by the ways R of that light,
 
     C_exact = W^(kappa) E[w e^(-ik (t + kappa) . R)] / E[w],     C_model = W^(kappa) K(t),
 
 at tilts as small as the memory effect knows (:mod:`specklegen.samplers.stationary.stationarity`). The evenness of its
-intensities over views and tilts is judged by the same layers without steps, whose paths can be aimed: faces that
+intensities over views and tilts is judged by the same layers without steps, whose paths are quicker: faces that
 reflect make light more even. In a layer of a lower index than that of the tilts light is steeper, by the ratio m of
 both, and intensities are off by m^2 times as much.
 """
@@ -36,19 +36,18 @@ from specklegen.scene.scene import Scene
 
 
 def refracting_decision(scene: Scene, request: Request, obstacle: str | None) -> Decision:
-    """Decide on a scene of layers that refract: served with the correlation of the axis, or refused.
+    """Decide on a scene of layers that refract: served with the correlation of the axis, or left to path sums.
 
     Raises
     ------
     RuleError
-        Where the stationary sampler cannot serve it, or not within the tolerance if nobody asked for it: no other may.
+        Where the stationary sampler is asked for and cannot serve it.
     """
-    medium = scene.slab
-    owner, steps = f"{medium.type}.{'layers' if medium.indices else 'faces'}", medium.indices or medium.faces
     obstacle = obstacle or _beyond_axis(scene)
+    if obstacle and request.asked == "stationary":
+        reject("sampler", '"paths" or "auto" for this scene', request.asked, f"The stationary sampler {obstacle}.")
     if obstacle:
-        why = f"The stationary sampler alone knows steps, and {obstacle}."
-        reject(owner, "of one index for this scene", steps, why)
+        return Decision("stationary sampler", False, obstacle)
     error = scene_error(scene, request.tolerance)
     said = (
         f"layers that refract, seen along the axis: its correlations are off by {error.correlation:.2g} +- "
@@ -56,20 +55,21 @@ def refracting_decision(scene: Scene, request: Request, obstacle: str | None) ->
         f"{error.intensity_error:.1g}, allowed {request.tolerance:g}"
     )
     accepted = error.accepts(request.tolerance)
-    if not accepted and request.asked != "stationary":
-        reject(owner, "of one index for this scene", steps, f"The stationary sampler alone knows steps; {said}.")
-    return Decision("stationary sampler", True, said, doubt=not accepted)
+    asked = request.asked == "stationary"
+    return Decision("stationary sampler", accepted or asked, said, doubt=asked and not accepted)
 
 
 def _beyond_axis(scene: Scene) -> str | None:
     """What of a scene is too far from the axis; None where nothing is."""
+    if scene.side < 0:
+        return "knows the light behind layers that refract alone"
     sines = np.concatenate([np.zeros((1, 2)), scene.beams.directions[:, :2]])
     tilts = np.arcsin(np.hypot(*sines.T))
     if not small_tilts(scene.slab, scene.wavelength, tilts) or steepest(scene.slab, tilts) ** 2 > SLANT:
-        return f"tilts of up to {tilts.max():.3g} rad are not small beside the scatterers' lobe"
+        return f"knows small tilts behind layers that refract: up to {tilts.max():.3g} rad is not, beside their lobe"
     views = np.arcsin(np.hypot(*probe_views(scene).T))
     if steepest(scene.slab, views) ** 2 > SLANT:
-        return f"views up to {views.max():.3g} rad off the axis are not small"
+        return f"knows views along the axis behind layers that refract: {views.max():.3g} rad off it is not"
     return None
 
 

@@ -60,7 +60,8 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     """
     obstacle = stationary_obstacle(scene, request.reverse)
     if lock_step_obstacle(scene) is None and refracting_layers(scene.slab):
-        return Model("axial"), refracting_decision(scene, request, obstacle)
+        decision = refracting_decision(scene, request, obstacle)
+        return (Model("axial") if decision.needed else None), decision
     asked = request.asked == "stationary"
     models = [] if obstacle else _models(scene, request.envelope)
     if scene.polarisers is not None:  # envelopes are those of light that is the same whichever way it is turned

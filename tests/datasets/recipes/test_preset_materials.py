@@ -85,8 +85,10 @@ def test_range_is_that_of_the_literature(phantom):
     ({"name": "skim", "wavelength": 0.6}, 'must be one of "bone", "brain"'),
     ({"name": "skin"}, "wavelength = 0.633"),
     ({"name": "skin", "wavelength": 0.8, "water": "range"}, "one refractive index"),
-    ({"name": "skin", "wavelength": 0.6}, "absorption must be given outside"),
-    ({"name": "skin", "wavelength": 0.6, "absorption": "range"}, "absorption must be given outside"),
+    ({"name": "skin", "wavelength": 1.1}, "absorption must be given outside"),
+    ({"name": "skin", "wavelength": 1.1, "absorption": "range"}, "absorption must be given outside"),
+    ({"name": "skin", "wavelength": 0.6, "absorption": "range"}, "absorption must be a number.*blood, oxygenation"),
+    ({"name": "skin", "wavelength": 0.6, "absorption": 0.1, "blood": 0.1}, "absorption must be left out where blood"),
     ({"name": "ground-glass", "wavelength": 0.6}, "Write a ground glass as screens"),
 ])  # fmt: skip
 def test_what_is_no_bulk_is_refused_with_the_remedy(phantom, preset, says):

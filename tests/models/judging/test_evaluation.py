@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
@@ -14,7 +15,7 @@ from specklegen.datasets import load_recipe
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.objects.outlines import CHARACTERS
 from specklegen.models.judging import baselines, evaluation
-from specklegen.models.judging.charts import contact_sheet, score_curves, training_curves
+from specklegen.models.judging.charts import Note, contact_sheet, score_curves, training_curves
 from specklegen.models.judging.unseen import character_of, seen_by, unseen
 from specklegen.models.learning import examples
 from specklegen.models.learning.reconstructor import load_pretrained
@@ -292,3 +293,18 @@ def test_train_and_evaluate_from_the_command_line(tmp_path):
     said = CliRunner().invoke(commands.app, [*map(str, words), "--solver", *changes, "--set", "objects.shape=[32,32]"])
     assert "evaluate --solver must be for objects of at most 28 pixels" in str(said.exception)
     assert (tmp_path / "e" / "cases.png").stat().st_size > 5000
+
+
+def test_a_sheet_frames_what_its_notes_call_wrong(tmp_path):
+    """One of two answers: there is red in the picture, and none where no note says so."""
+    square = np.zeros((8, 8))
+    square[2:5, 2:5] = 1.0
+    cases = [evaluation.Case(square, square, {"a": square}, {"a": 1.0})] * 2
+
+    def red(**notes):
+        pixels = np.asarray(Image.open(contact_sheet(cases, tmp_path / "sheet.png", **notes)).convert("RGB"), int)
+        return ((pixels[..., 0] > 180) & (pixels[..., 1] < 80)).sum()
+
+    assert red() == red(notes={"a": [Note("W"), Note("H")]}) == 0
+    once = red(notes={"a": [Note("W"), Note("H", wrong=True)]})
+    assert 100 < once < red(notes={"a": [Note("W", wrong=True)] * 2})

@@ -1,6 +1,6 @@
-"""Scenes of layers whose refractive indices differ, which the stationary sampler alone draws.
+"""Scenes of layers whose refractive indices differ, by the stationary sampler and by path sums.
 
-Judged by slabs behind faces, whose paths are aimed, and by a literal walk.
+Judged by slabs behind faces, and by a literal walk.
 """
 
 import numpy as np
@@ -157,28 +157,89 @@ def test_the_image_of_an_object_behind_layers_that_refract():
     assert_z(means[0].mean(), means[1].mean(), error, degrees=15)
 
 
+BELOW_AIR = sg.Layers([UPPER.replace(index=0.8), LOWER])
+
+
+def moving_two():
+    return sg.Layers([layer.replace(motion=sg.Brownian(diffusion=2e-3)) for layer in TWO.layers])
+
+
 ASIDE = sg.FarField.grid((8, 8), 2e-5, center=(0.3, 0.0))
 COARSE = sg.FarField.grid((8, 8), 5e-4)
 BACK = sg.FarField.grid((8, 8), 2e-5, side="reflection")
+LENS = sg.Imaging(shape=(4, 4), pitch=0.5, aperture=0.2)
 POINT = sg.NearField([[0.0, 0.0, 200.0]])
 
 
 @pytest.mark.parametrize(
     ("scene", "options", "rule"),
     [
-        (lambda: scene_of(TWO), {"sampler": "paths"}, "Layers.layers must be of one index where paths are aimed"),
-        (lambda: scene_of(TWO), {"sampler": "covariance"}, "Layers.layers must be of one index where paths are aimed"),
-        (lambda: scene_of(TWO, width=300.0, sensor=COARSE), {}, "Layers.layers must be of one index for this scene"),
-        (lambda: scene_of(TWO, 40.0), {}, "Layers.layers must be of one index for this scene"),
-        (lambda: scene_of(TWO, sensor=ASIDE), {}, "Layers.layers must be of one index for this scene"),
-        (lambda: scene_of(TWO, sensor=BACK), {}, "Layers.layers must be of one index, unless"),
+        (lambda: scene_of(TWO, sensor=ASIDE), {"sampler": "stationary"}, 'sampler must be "paths" or "auto"'),
+        (lambda: scene_of(TWO, sensor=BACK), {"sampler": "stationary"}, 'sampler must be "paths" or "auto"'),
+        (lambda: scene_of(BELOW_AIR, 450.0), {}, "directions must be of sines below 0.8, where light crosses"),
+        (lambda: scene_of(moving_two(), times=[0.0, 0.1, 0.2]), {"sampler": "paths"}, "Layers.motion must be none"),
+        (lambda: scene_of(TWO, sensor=LENS), {}, "Layers.layers must be of one index before a lens"),
         (lambda: scene_of(TWO, sensor=POINT), {}, "Layers.layers must be of one index, unless"),
         (lambda: scene_of(BY_FACES, sensor=POINT), {}, "Layers.faces must be matched, unless"),
     ],
 )
-def test_what_is_beyond_the_axis_is_refused(scene, options, rule):
+def test_what_nothing_serves_is_refused(scene, options, rule):
     with pytest.raises(sg.RuleError, match=rule):
         sg.plan(scene(), paths=1000, **options)
+
+
+@pytest.mark.parametrize("sensor", [ASIDE, BACK, COARSE])
+def test_what_is_beyond_the_axis_is_summed_by_paths(sensor):
+    scene = scene_of(TWO, width=300.0, sensor=sensor)
+    made = sg.plan(scene, paths=1000)
+    assert made.sampler == "paths"
+    assert sg.render(scene, paths=1000).field.shape == (3, 8, 8)
+
+
+def covariances(medium, paths, seed, index=1.0, **options):
+    """Of pairs of tilts and views aside of the axis, a view that follows its tilt among them; errors, cosines."""
+    side = options.pop("side", "transmission")
+    sines = np.array([[0.2, 0.1], [0.2 + 2e-3, 0.1], [0.1, -0.1], [-2e-3, 0.0]]) * index
+    views = np.stack([*sines.T, np.sqrt(1 - np.square(sines).sum(axis=1)) * (1 if side == "transmission" else -1)], -1)
+    scene = scene_of(medium, index, width=400.0, sensor=sg.FarField(directions=views))
+    pairs = [[0, 0, 0, 0], [2, 1, 2, 1], [1, 2, 1, 2], [0, 0, 2, 1], [2, 3, 2, 3]]
+    found = sg.covariance(scene, paths=paths, seed=seed, pairs=pairs, **options)
+    return found.value, found.standard_error, views[[0, 1, 2, 0, 3], 2]
+
+
+@pytest.mark.parametrize("side", ["transmission", "reflection"])
+def test_covariances_are_those_of_the_slab(side):
+    """Intensities, and the correlation of a view that moves with the tilt, phases included; also in reflection."""
+    slab, one, cosines = covariances(SLAB, 6000, 1, side=side)
+    faces, other, _ = covariances(BY_FACES, 6000, 2, side=side)
+    errors = np.hypot(one, other) / np.sqrt(2)
+    assert_z(np.concatenate([faces.real, faces.imag[3:4]]), np.concatenate([slab.real, slab.imag[3:4]]),
+             np.sqrt(2) * np.concatenate([errors, errors[3:4]]))  # fmt: skip
+    air, spread, out = covariances(BY_INDEX, 6000, 3, 1.5, side=side)
+    share = 1.5**2 * cosines / out
+    assert_z((share * air).real, slab.real, np.hypot(one, share * spread))
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(air.real, slab.real, np.hypot(one, spread))
+
+
+def test_reversed_paths_are_those_of_the_slab():
+    slab, one, _ = covariances(SLAB, 6000, 1, side="reflection", reverse=True)
+    faces, other, _ = covariances(BY_FACES, 6000, 2, side="reflection", reverse=True)
+    assert_z(faces.real, slab.real, np.hypot(one, other))
+    alone, error, _ = covariances(BY_FACES, 6000, 2, side="reflection", reverse=False)
+    with pytest.raises(AssertionError, match="z ="):  # at the view straight back
+        assert_z(faces.real[4], alone.real[4], np.hypot(other, error)[4])
+
+
+def test_rendered_fields_have_the_covariance():
+    """Mean intensity of 48 renders by path sums at views aside, against the covariance of other paths."""
+    views = sg.FarField(directions=[[0.2, 0.1, np.sqrt(0.95)], [-0.1, 0.0, np.sqrt(0.99)]])
+    scene = scene_of(TWO, width=400.0, sensor=views)
+    found = sg.covariance(scene, paths=6000, seed=1)
+    fields = sg.render(scene, paths=400, seed=2, realizations=48, sampler="paths").field
+    powers = np.square(np.abs(fields)).mean(axis=1)
+    expected, error = found.intensity.mean(axis=0), found.standard_error[0, :, 0].diagonal()
+    assert_z(powers.mean(axis=0), expected, np.hypot(powers.std(axis=0, ddof=1) / np.sqrt(48), error), degrees=47)
 
 
 def test_a_narrow_window_is_a_doubt_where_it_is_asked_for():
