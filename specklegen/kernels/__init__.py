@@ -13,28 +13,27 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numba
 from numba import njit
 
 from specklegen.kernels.cache import KernelCache, cache_folder
+from specklegen.kernels.helpers import Helper
 
 ROOM = 128
 """Draws, connections or views that a kernel takes side by side; what they need stays in the first-level cache."""
 
 
+_COMPILED: dict[str, Any] = {
+    "nogil": True, "error_model": "numpy", "fastmath": {"contract"},
+    "no_cfunc_wrapper": True,  # for callers in C: nobody, and more to compile
+}  # fmt: skip
+
+
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel: serial, no interpreter lock, cached under the digest of all that its file imports."""
-    compiled = njit(nogil=True, error_model="numpy", fastmath={"contract"})(function)
-    folder = cache_folder(Path(function.__code__.co_filename))
-    if folder is None:
-        return compiled
-    before = numba.config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
-    numba.config.CACHE_DIR = folder  # pyright: ignore[reportAttributeAccessIssue]
-    try:
+    compiled = njit(**_COMPILED)(function)
+    if cache_folder(Path(function.__code__.co_filename)) is not None:
         compiled._cache = KernelCache(function)
-        return compiled
-    finally:
-        numba.config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
+    return compiled
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -43,7 +42,12 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     Its arithmetic is strict (no contraction but by :func:`specklegen.kernels.arithmetic.fma`), so that a value has
     the same bits in every lane of a vector loop and in the scalar loop that finishes it.
     """
-    return njit(nogil=True, forceinline=True, error_model="numpy", fastmath=False)(function)
+    return Helper(
+        function,
+        targetoptions={
+            "nopython": True, "nogil": True, "forceinline": True, "error_model": "numpy", "fastmath": False,
+        },
+    )  # fmt: skip
 
 
 def spliced(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -6,8 +6,9 @@ a process, and costs a compilation and nothing else.
 
 A file's kernels lie in ``kernels/<digest>`` under SPECKLEGEN_CACHE, by default the user's cache directory. The digest
 is that of the file and of all that it imports from this package, and so on: Numba notices a change in the file of a
-function, but not in the files of the functions that it calls. A folder that can be read and not written is used through
-a temporary folder of links to its files.
+function, but not in the files of the functions that it calls. It also asks for the same path and the same time of the
+last change, so that every checkout compiled all anew; here the digest alone decides. What was compiled for one set of
+argument types is one file, which names them: two processes that write at a time do not overwrite each other's list.
 """
 
 import hashlib
@@ -21,11 +22,11 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.serialize import dumps
 
 _DIGEST = 32  # bytes of SHA-256
 _IMPORT = re.compile(r"^[ \t]*(?:from|import) (specklegen[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
-_KEPT: list[tempfile.TemporaryDirectory] = []  # until the process ends
 
 
 class DamagedCacheError(Exception):
@@ -85,10 +86,8 @@ def cache_folder(file: Path) -> str | None:
     reason = distrust(folder)
     if reason:
         return _without(f"a folder in {root} {reason}")
-    if can_write(folder):
+    if can_write(folder) or any(folder.glob("*.nbc")):
         return str(folder)
-    if any(folder.rglob("*.nbi")):
-        return _linked(folder)
     return _without(f"a folder in {root} is not writable")
 
 
@@ -124,37 +123,66 @@ def say_once(text: str) -> None:
     warnings.warn(text, stacklevel=3)
 
 
-def _linked(folder: Path) -> str | None:
-    """A temporary folder with links to the files of one that cannot be written: Numba insists on writing."""
-    made = tempfile.TemporaryDirectory(prefix="specklegen-kernels-")
-    _KEPT.append(made)
-    for file in folder.rglob("*.nb[ic]"):
-        link = Path(made.name) / file.relative_to(folder)
-        link.parent.mkdir(parents=True, exist_ok=True)
-        link.symlink_to(file.absolute())
-    return made.name
+class _Place:
+    """Where Numba is told to keep a function."""
+
+    def __init__(self, function: Any) -> None:
+        self._file = Path(function.__code__.co_filename)
+        self._line = function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, function: Any, _: str) -> "_Place":
+        return cls(function)
+
+    def get_cache_path(self) -> str | None:
+        return cache_folder(self._file)
+
+    def get_source_stamp(self) -> None:
+        """Nothing: the folder's name is the digest of the sources."""
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    def ensure_cache_path(self) -> None:
+        """Nothing: the folder is there, or the kernel is not kept."""
 
 
-class _CheckedFiles(IndexDataCacheFile):
-    """Numba's index and data files, each after its SHA-256."""
+class _Kept(CompileResultCacheImpl):
+    _locator_classes = (_Place,)
 
-    def _dump(self, obj: Any) -> bytes:
-        content = super()._dump(obj)
-        return hashlib.sha256(content).digest() + content
 
-    def _load_index(self) -> dict:
+class _CheckedFiles:
+    """What was compiled of one kernel: a file for each set of argument types, which it names, after its SHA-256."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder, self._name = folder, name
+
+    def _path(self, key: Any) -> Path:
+        return self._folder / f"{self._name}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
+
+    def load(self, key: Any) -> Any:
         try:
-            version, stamp, overloads = _checked(Path(self._index_path))
+            kept, data = _checked(self._path(key))
         except FileNotFoundError:
-            return {}
-        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+            return None
+        return data if kept == key else None
 
-    def _save_index(self, overloads: dict) -> None:
-        with self._open_for_write(self._index_path) as file:
-            file.write(self._dump((self._version, self._source_stamp, overloads)))
+    def save(self, key: Any, data: Any) -> None:
+        if not can_write(self._folder):
+            return  # one of the administrator's, to be read
+        content = dumps((key, data))
+        with tempfile.NamedTemporaryFile(dir=self._folder, suffix=".part", delete=False) as file:
+            try:
+                file.write(hashlib.sha256(content).digest() + content)
+                file.close()
+                os.replace(file.name, self._path(key))
+            except BaseException:
+                Path(file.name).unlink(missing_ok=True)
+                raise
 
-    def _load_data(self, name: str) -> Any:
-        return _checked(Path(self._data_path(name)))
+    def flush(self) -> None:
+        for path in self._folder.glob(f"{self._name}.*.nbc"):
+            path.unlink(missing_ok=True)
 
 
 def _checked(path: Path) -> Any:
@@ -167,13 +195,11 @@ def _checked(path: Path) -> Any:
 class KernelCache(FunctionCache):
     """The cache of one kernel: an unreadable file is compiled anew, an unwritable one left out; either is said."""
 
+    _impl_class = _Kept
+
     def __init__(self, function: Any) -> None:
         super().__init__(function)
-        self._cache_file = _CheckedFiles(
-            cache_path=self._cache_path,
-            filename_base=self._impl.filename_base,
-            source_stamp=self._impl.locator.get_source_stamp(),
-        )
+        self._cache_file = _CheckedFiles(Path(self._cache_path), self._impl.filename_base)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Read a compiled kernel; None where there is none that is whole."""

@@ -122,7 +122,9 @@ class PathBank:
         records[:, walk.EXIT_DIRECTION : walk.EXIT_DIRECTION + 3] = -bank.entry_direction
         records[:, walk.WEIGHT :] = bank.records[:, walk.WEIGHT :]
         jones = None if bank.jones is None else backwards(bank.jones, bank.entry_direction, bank.exit_direction)
-        return replace(bank, records=records, types=bank.types[:, ::-1], bounces=bank.bounces[:, ::-1], jones=jones)
+        # In C order as they were found: another order is another type, for which all kernels compile anew.
+        types, bounces = (np.ascontiguousarray(each[:, ::-1]) for each in (bank.types, bank.bounces))
+        return replace(bank, records=records, types=types, bounces=bounces, jones=jones)
 
 
 def walk_frame(directions: np.ndarray) -> np.ndarray:

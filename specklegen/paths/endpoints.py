@@ -12,6 +12,7 @@ from typing import Self
 
 import numpy as np
 
+from specklegen.core.values import read_only
 from specklegen.kernels import volume_walk
 from specklegen.kernels.footprints import UNLIMITED
 from specklegen.paths.volumes import footprint_code, spatial
@@ -56,8 +57,10 @@ class Endpoints:
 
     @cached_property
     def vectors(self) -> np.ndarray:
-        """float64[n, 3], in C order of a grid."""
-        return self.of(slice(None)).vectors if isinstance(self.given, FarFieldGrid) else self.given
+        """float64[n, 3], in C order of a grid; always read-only, for which kernels then compile once."""
+        if isinstance(self.given, FarFieldGrid):
+            return self.of(slice(None)).vectors
+        return read_only(np.ascontiguousarray(self.given).view())
 
     @property
     def turns(self) -> np.ndarray:

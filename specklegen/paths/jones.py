@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.core.values import remembered
+from specklegen.core.values import read_only, remembered
 from specklegen.kernels import lobes
 from specklegen.paths.bank import PathBank, walk_frame
 from specklegen.paths.faces import crossing_matrices
@@ -96,12 +96,11 @@ def type_matrices(medium: PlaneMedium) -> np.ndarray | None:
     """S1 and S2 of every type for walks through layers, float64[t, n, 4]; no rows by the projector, None of scalars."""
     ends = ends_of(medium)
     if ends is None or ends.polarisation == "projector":
-        return None if ends is None else np.empty((0, 0, 4))
+        return None if ends is None else read_only(np.empty((0, 0, 4)))
     place = np.linspace(0, 1, _TYPE_NODES)
     half = np.where(place <= 0.5, 2 * np.square(place), 1 - 2 * np.square(1 - place))
     found = np.stack([_parts(each.amplitude_matrix(1 - 2 * half)) for each in ends.scatterers])
-    found.flags.writeable = False
-    return found
+    return read_only(found)
 
 
 def _parts(found: np.ndarray) -> np.ndarray:
@@ -114,11 +113,10 @@ def _parts(found: np.ndarray) -> np.ndarray:
 def walk_matrices(ends: Ends) -> np.ndarray:
     """S1 and S2 for walks through a slab, float64[n, 4] at the nodes of its lobe; no rows of the projector."""
     if ends.polarisation == "projector":
-        return np.empty((0, 4))
+        return read_only(np.empty((0, 4)))
     (particle,) = ends.scatterers
     found = _parts(particle.amplitude_matrix(1 - walk_lobes(particle)[0].rows[:, lobes.NODE]))
-    found.flags.writeable = False
-    return found
+    return read_only(found)
 
 
 def unfolded_matrices(jones: np.ndarray, bounces: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from specklegen.core.errors import reject
-from specklegen.core.values import remembered
+from specklegen.core.values import read_only, remembered
 from specklegen.kernels import lobes
 from specklegen.kernels import phase_table as table
 from specklegen.kernels.lobes import Lobe
@@ -103,8 +103,8 @@ def common_lobe(materials: tuple[Scatterer, ...], dimension: int) -> Lobe | None
 
 
 def closed_lobe(g: float) -> Lobe:
-    """Henyey and Greenstein's lobe."""
-    return Lobe(g, np.empty((0, 4)), np.empty(0, np.int32), np.zeros(2, np.int64))
+    """Henyey and Greenstein's lobe, of arrays that are read-only as those of tables are: walks then compile once."""
+    return Lobe(g, *map(read_only, (np.empty((0, 4)), np.empty(0, np.int32), np.zeros(2, np.int64))))
 
 
 def _tabulated(density: Callable[[np.ndarray], np.ndarray]) -> Lobe:
@@ -129,9 +129,7 @@ def _tabulated(density: Callable[[np.ndarray], np.ndarray]) -> Lobe:
     cells = 2 ** math.ceil(math.log2(2 * len(nodes)))
     guide = np.searchsorted(rows[:, lobes.BELOW], np.arange(cells) / cells, side="right") - 1
     arrays = rows, np.minimum(guide, len(nodes) - 2).astype(np.int32), places
-    for array in arrays:
-        array.flags.writeable = False
-    return Lobe(0.0, *arrays)
+    return Lobe(0.0, *map(read_only, arrays))
 
 
 def _lowest_octave(density: Callable[[np.ndarray], np.ndarray]) -> int:

@@ -32,11 +32,11 @@ FRESNEL = Path(cache.__file__).with_name("fresnel.py")
 SHARED = {Path(cache.__file__), Path(cache.__file__).with_name("__init__.py")}
 
 
-def run(folder: Path, first: str = "") -> tuple[str, str]:
+def run(folder: Path, first: str = "", checkout: Path = ROOT) -> tuple[str, str]:
     """What the program prints with its cache in a folder: (output, warnings)."""
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM.format(first=first)], env=os.environ | {"SPECKLEGEN_CACHE": str(folder)},
-        capture_output=True, text=True, timeout=120, cwd=ROOT,
+        capture_output=True, text=True, timeout=120, cwd=checkout,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout.strip(), done.stderr
@@ -96,6 +96,35 @@ def test_a_whole_cache_is_used_in_silence(filled):
     assert run(filled) == (f"{RIGHT} hits 1 misses 0", "")
 
 
+def test_another_checkout_of_the_same_sources_uses_it(filled, tmp_path):
+    """At another path, its files written later; a changed source compiles anew."""
+    package, kernels = tmp_path / "specklegen", tmp_path / "specklegen" / "kernels"
+    package.mkdir()
+    for each in (ROOT / "specklegen").iterdir():
+        if each.name not in ("kernels", "__pycache__"):
+            (package / each.name).symlink_to(each)
+    shutil.copytree(ROOT / "specklegen" / "kernels", kernels, copy_function=shutil.copyfile)
+    first = f"assert cache.__file__.startswith({str(package)!r})"
+    folder = shutil.copytree(filled, tmp_path / "cache")
+    assert run(folder, first, tmp_path) == (f"{RIGHT} hits 1 misses 0", "")
+    with (kernels / "rng.py").open("a") as source:
+        source.write("# changed\n")
+    assert run(folder, first, tmp_path)[0] == f"{RIGHT} hits 0 misses 1"
+
+
+def test_what_two_processes_compile_at_a_time_is_kept_of_both(tmp_path):
+    one, other = cache._CheckedFiles(tmp_path, "kernel"), cache._CheckedFiles(tmp_path, "kernel")
+    assert one.load("int") is other.load("float") is None
+    one.save("int", 1)
+    other.save("float", 2.0)
+    for files in (one, other):
+        assert (files.load("int"), files.load("float")) == (1, 2.0)
+    one._path("int").rename(one._path("bool"))  # as if both had one name
+    assert one.load("bool") is None
+    one.flush()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_place_that_is_no_folder_is_said_and_left_alone(tmp_path):
     blocked = tmp_path / "a file, not a folder"
     blocked.write_text("")
@@ -106,11 +135,10 @@ def test_a_place_that_is_no_folder_is_said_and_left_alone(tmp_path):
     assert blocked.read_text() == ""
 
 
-@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
 @pytest.mark.parametrize("damage", ["half", "empty", "flipped"])
-def test_a_damaged_file_is_compiled_anew_and_said_once(filled, tmp_path, suffix, damage):
+def test_a_damaged_file_is_compiled_anew_and_said_once(filled, tmp_path, damage):
     folder = shutil.copytree(filled, tmp_path / "cache")
-    for file in folder.rglob("*" + suffix):
+    for file in folder.rglob("*.nbc"):
         content = bytearray(file.read_bytes())
         content[len(content) // 2] ^= 1
         file.write_bytes({"half": content[: len(content) // 2], "empty": b"", "flipped": content}[damage])
