@@ -70,7 +70,7 @@ class Helper(CPUDispatcher):
         targetoptions: Any = None,
         pipeline_class: Any = _HelperCompiler,
     ) -> None:
-        super().__init__(py_func, locals, targetoptions, pipeline_class)
+        super().__init__(py_func, locals or {}, targetoptions, pipeline_class)
         self._alone: Any = None
 
     def add_overload(self, cres: Any) -> None:
