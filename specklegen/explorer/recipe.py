@@ -88,8 +88,9 @@ def motion_table(state: State) -> dict[str, Any]:
         return still | {
             "name": "explored-motion", "kind": "dynamic-slab", "dynamics": {"frames": 2, "velocities": velocities},
         }  # fmt: skip
+    asked = {"kernel": "estimate"} if state.medium == "slab" else {}  # the atlas knows no momentum transfer
     return still | {
-        "name": "explored-motion", "kind": "dynamic-slab", "material": still["material"] | {"kernel": "estimate"},
+        "name": "explored-motion", "kind": "dynamic-slab", "material": still["material"] | asked,
         "dynamics": {
             "model": "brownian", "frames": 2, "interval": 1e-3 * state.lag, "diffusion": SPHERES.diffusion,
         },

@@ -201,6 +201,14 @@ def test_what_a_medium_has_not_is_said_in_its_panel(state):
         assert "medium must be a slab or layers, before a lens" in page._said(page._lens, state)
 
 
+def test_layers_move():
+    """The film is of the object behind layers, and forgets."""
+    found = panels.moved(LAYERS._replace(camera=64))
+    assert found.images.shape == (2, 64, 64)
+    assert 0 < found.correlation < 1
+    assert np.interp(found.fallen, found.lags, found.intensity) == pytest.approx(0.5, abs=0.05)
+
+
 def test_what_an_address_asked_for_in_vain_stands_at_the_head():
     assert "&lt;b&gt;" in page.head(["g must be a number; got <b>."])
     assert "sg-refused" not in page.head()
