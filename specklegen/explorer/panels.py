@@ -130,7 +130,7 @@ def moved(state: State) -> Moved:
 
 
 def _wandered(state: State) -> Forgetting:
-    """Draw the forgetting of spheres that wander: |g1|^2 at lags in milliseconds, and where it is half way to its floor."""
+    """Tell how spheres that wander forget: |g1|^2 at lags in milliseconds, and where it is half way down."""
     recipe = motion_of(state)
     known = moving(recipe.material, recipe.material.extremes()[0])
     rate = 1e-3 * SPHERES.diffusion * (2 * np.pi / state.wavelength) ** 2  # x of a millisecond
@@ -139,7 +139,7 @@ def _wandered(state: State) -> Forgetting:
 
 
 def _glided(state: State) -> Forgetting:
-    """Draw that of a ground glass that moves across the light; a lone one forgets as it leaves the window."""
+    """Tell how a moving ground glass forgets, likewise; a lone one as it leaves the window."""
     recipe = motion_of(state)
     glass: Any = recipe.material.extremes()[0]
     window = Window(recipe.geometry.profile, recipe.geometry.width)
