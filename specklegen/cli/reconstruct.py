@@ -66,10 +66,10 @@ def reconstruct(
 
     recipe = load_hidden(setup, changes)
     read = reader(dark, flat, envelope, region, keep, variable, background)
-    pictures, notes, verdicts = [], [], {}
+    pictures, notes, verdicts = [], [], []
     for path in images:
         measured = _measured(path, read, notes)
-        verdicts[path.name] = _verdict(measured)
+        verdicts.extend(_verdict(path.name, measured))
         found = measured.images
         if len(found) > 1 and not frames:
             found = _one(path, found, notes)
@@ -88,9 +88,8 @@ def reconstruct(
     if as_json:
         echo_json(table)
         return
-    for name, verdict in verdicts.items():
-        if verdict is not None:
-            typer.echo(f"{name}, of the photograph alone, by phase retrieval: {verdict['said']}")
+    for verdict in verdicts:
+        typer.echo(f"{verdict['name']}, of the photograph alone, by phase retrieval: {verdict['said']}")
     for note in notes:
         typer.echo(note)
     for name, each in zip(names, found.each, strict=True):
@@ -140,15 +139,15 @@ def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) 
     return found
 
 
-def _verdict(measured: "Measurement") -> dict | None:
-    """What ``recoverable`` says of the photograph; None where it is too small to judge."""
+def _verdict(name: str, measured: "Measurement") -> list[dict]:
+    """What ``recoverable`` says of the photograph; nothing where it is too small to judge."""
     from specklegen.models.recoverability.photograph import LEAST, judge_photograph
 
     if min(measured.light.shape[1:]) < LEAST:
-        return None
+        return []
     found = judge_photograph(measured)
-    return {"answer": found.answer, "probability": found.probability, "interval": found.interval,
-            "frames_needed": found.frames_needed, "said": found.headline}  # fmt: skip
+    return [{"name": name, "answer": found.answer, "probability": found.probability, "interval": found.interval,
+             "frames_needed": found.frames_needed, "said": found.headline}]  # fmt: skip
 
 
 def _one(path: Path, frames: "np.ndarray", notes: list[str]) -> "np.ndarray":
@@ -178,7 +177,7 @@ def _between(unit: float, low: float, high: float) -> str:
     return f"above {unit * low:.4g}" if low > 0 else f"below {unit * high:.4g}" if high < float("inf") else "any"
 
 
-def _table(found: "Findings", names: list[str], notes: list[str], verdicts: dict[str, dict | None]) -> dict:
+def _table(found: "Findings", names: list[str], notes: list[str], verdicts: list[dict]) -> dict:
     fit = found.fit
     return {
         "range_sine": found.range_sine,

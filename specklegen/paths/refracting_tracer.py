@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from specklegen.paths.slab_tracer import Proposal
 
 MOST_ORDERS = 2**20
-"""Vertices of a path: above these bits of an address stands the number of its last leg."""
+"""Vertices of a path, at most: the random numbers of each have an address of their own."""
 
 
 def trace_layers_that_refract(
