@@ -8,7 +8,7 @@ rays of `specklegen.wavetracing.Geometry`.
 import warnings
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -16,7 +16,9 @@ from pydantic import Field
 from specklegen.core.errors import DoubtWarning, reject
 from specklegen.datasets.objects.family import Source
 from specklegen.datasets.objects.files import FileFamily
-from specklegen.wavetracing import Geometry, load_mesh
+
+if TYPE_CHECKING:
+    from specklegen.wavetracing import Geometry
 
 _FINE = 4  # lines of sight along each side of a pixel
 
@@ -42,6 +44,8 @@ class Meshes(FileFamily):
 
     def require_readable(self, path: Path) -> None:
         """Raise an error if a file holds no mesh, or one of no extent."""
+        from specklegen.wavetracing import load_mesh
+
         mesh = load_mesh(path)
         if not np.ptp(mesh.vertices, axis=0).max() > 0:
             reject("mesh", "of some extent", float(np.ptp(mesh.vertices)))
@@ -61,7 +65,7 @@ def random_rotation(rng: np.random.Generator) -> np.ndarray:
     ])  # fmt: skip
 
 
-def lambert_view(scene: Geometry, rotation: np.ndarray, shape: tuple[int, int], size: float) -> np.ndarray:
+def lambert_view(scene: "Geometry", rotation: np.ndarray, shape: tuple[int, int], size: float) -> np.ndarray:
     """Brightness float64[h, w], 0 to 1, of a turned scene seen along -z; the first row is at the top, largest y."""
     vertices = scene.vertices
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
@@ -83,7 +87,9 @@ def lambert_view(scene: Geometry, rotation: np.ndarray, shape: tuple[int, int], 
 
 
 @lru_cache(maxsize=64)
-def _scene(meshes: Meshes, source: Source) -> Geometry:
+def _scene(meshes: Meshes, source: Source) -> "Geometry":
+    from specklegen.wavetracing import Geometry, load_mesh
+
     path, _ = meshes.unchanged(source)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)  # slivers and duplicates do not matter to who looks

@@ -27,7 +27,6 @@ from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose, generator, substream
 from specklegen.kernels.coverage import fill_coverage
 from specklegen.scene.media import Slab
-from specklegen.wavetracing import aperture_transform
 
 if TYPE_CHECKING:
     import torch
@@ -234,6 +233,8 @@ class MaskedLight(Recipe):
 
         ``loops`` in sides of the window, as of :func:`slit_loops`.
         """
+        from specklegen.wavetracing import aperture_transform
+
         order = np.arange(self.beams) - (self.beams - 1) // 2
         xi = 2 * np.pi * np.stack(np.meshgrid(order, order), axis=-1)  # over the window's side
         along = np.sqrt(self._k**2 - np.square(xi).sum(axis=-1) / self.geometry.width**2)

@@ -2,7 +2,6 @@
 
 import shutil
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from specklegen.datasets.sample_schema import Renderable, stored_arrays
 from specklegen.datasets.store.creation import open_for
 from specklegen.datasets.store.generate import GenerationError, fill_shard
 from specklegen.datasets.store.layout import default_shard_samples, stored_type
+from specklegen.datasets.store.timing import sample_seconds
 
 _PROBE = 32
 _SECONDS = 3.0  # for the samples of one of the two shards that are tried
@@ -54,7 +54,7 @@ def estimate(
     types = {key: (spec, stored_type(spec, dtype)) for key, spec in stored_arrays(recipe).items()}
     raw = [int(np.prod(spec.shape)) * stored.itemsize for spec, stored in types.values()]
     rows = min(shard_samples or default_shard_samples(samples, max(raw, default=1)), samples)
-    media, fresh, again = _seconds(recipe, seed, split, samples)
+    media, fresh, again = sample_seconds(recipe, seed, split, samples)
     probe = max(1, min(_PROBE, samples, int(_SECONDS / max(fresh, 1e-6))))
     with tempfile.TemporaryDirectory() as folder:
         store = open_for(recipe, seed, split, dtype, Path(folder) / "probe.zarr", 2 * probe, probe)
@@ -97,7 +97,7 @@ def foreseen(
     specs = stored_arrays(recipe).values()
     raw = samples * sum(int(np.prod(spec.shape)) * stored_type(spec, "uint16").itemsize for spec in specs)
     free = shutil.disk_usage(next(place for place in (folder, *folder.absolute().parents) if place.is_dir())).free
-    media, fresh, again = _seconds(recipe, seed, split, samples)
+    media, fresh, again = sample_seconds(recipe, seed, split, samples)
     least = ((samples - media) * again + media * fresh) / thread_count(processes)
     if raw < min(_LITTLE, free) and least < TOLD_SECONDS:
         return ""
@@ -119,18 +119,3 @@ def foreseen(
 def _in_words(seconds: float) -> str:
     unit, length = next((unit, length) for unit, length in _UNITS if seconds >= 2 * length or unit == "s")
     return f"{seconds / length:.2g} {unit}" if seconds < 10 * length else f"{seconds / length:.0f} {unit}"
-
-
-def _seconds(recipe: Renderable, seed: int, split: str, samples: int) -> tuple[int, float, float]:
-    """Media of so many samples, and seconds for a sample of a new medium and for another one of the same."""
-    counted = getattr(recipe, "media_of", None)
-    media = counted(samples) if counted else samples
-    recipe.sample(seed, split, 0)  # imports and compilation
-    fresh = _timed(recipe, seed, split, 1)
-    return media, fresh, min(fresh, _timed(recipe, seed, split, 1)) if media < samples else fresh
-
-
-def _timed(recipe: Renderable, seed: int, split: str, index: int) -> float:
-    begin = time.perf_counter()
-    recipe.sample(seed, split, index)
-    return time.perf_counter() - begin

@@ -31,6 +31,7 @@ from specklegen.datasets.store.info import info
 from specklegen.datasets.store.reading import SampleReader
 from specklegen.datasets.store.shards import DamagedShard, ForeignShard, MissingSample
 from specklegen.datasets.store.store import Store
+from specklegen.datasets.store.timing import processes_for
 from specklegen.datasets.workers import end_with_parent, prepare_worker, worker_context
 
 if TYPE_CHECKING:
@@ -39,9 +40,6 @@ if TYPE_CHECKING:
 
 BATCH = 32
 """Samples rendered at once: enough to share work, few enough that memory stays flat."""
-
-FEW = 64
-"""Samples that are rendered here unless processes are asked for: their start takes longer."""
 
 _POOL_RESTARTS = 2
 
@@ -99,8 +97,8 @@ def generate(
     progress : callable, optional
         Called with (samples done, samples asked for) after every shard.
     processes : int, optional
-        Worker processes; by default the cores that this process may use, or none where at most 64 samples are missing.
-        1 renders in this process.
+        Worker processes; by default the cores that this process may use, or none where what is missing takes less time
+        than they save, by a few samples rendered now. 1 renders in this process.
     shard_range : (i, n)
         Do part i of n equal parts, 0 <= i < n: for n machines with a shared folder.
     cluster : str, Client or Cluster, optional
@@ -149,8 +147,9 @@ def generate(
     report(done, total)
     failures, rendered = [], 0
     if cluster is None:
-        few = processes is None and total - done <= FEW
-        run = partial(_run, store, recipe, processes=1 if few else thread_count(processes))
+        if processes is None and missing:
+            processes = processes_for(recipe, seed, split, total - done)
+        run = partial(_run, store, recipe, processes=thread_count(processes))
     else:
         from specklegen.datasets.store.dask import run as run_on
 

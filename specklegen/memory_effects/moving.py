@@ -10,7 +10,6 @@ of correlations, so positive semidefinite over any beams and times.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import root_scalar
 
 from specklegen.core.random_streams import Seed
 from specklegen.memory_effects.correlation import axial_tracer, lateral_distance
@@ -64,6 +63,8 @@ class MovingCorrelation:
 
     def decay(self, level: float = np.exp(-1)) -> float:
         """X at which g1 falls to a level; inf where what rests keeps it above."""
+        from scipy.optimize import root_scalar  # which takes longer to load than it is used for
+
         if self.static_share >= level:
             return np.inf
         mean = self.transfer @ self.joint.sum(axis=0)

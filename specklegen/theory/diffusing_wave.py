@@ -12,7 +12,6 @@ by x = k^2 <dr^2> / 6. Source: Weitz and Pine, in *Dynamic Light Scattering* (Br
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import root_scalar
 
 from specklegen.core.arguments import array_from_zero, number_from_zero, positive_number, real_number
 from specklegen.core.errors import reject
@@ -113,6 +112,8 @@ def inferred_depths(field: float, x: float, *, extrapolation: float = EXTRAPOLAT
     >>> round(inferred_depths(float(transmitted_field(0.01, 12.0)), 0.01), 6)
     12.0
     """
+    from scipy.optimize import root_scalar
+
     if not 0 < real_number("inferred_depths field", field) < 1:
         reject("inferred_depths field", "between 0 and 1", field)
     a = np.sqrt(6 * positive_number("inferred_depths x", x))
