@@ -30,7 +30,8 @@ NANOSECONDS = {
     "near end": 16,  # the same at a point
     "product": 0.19,  # a complex multiplication and addition within a matrix product
     "amplitude": 1.5,  # one of the amplitudes whose products are summed in a covariance
-    "batch": 3.4e4,  # of a covariance's paths
+    "batch": 4e5,  # of a covariance's paths, however few they are
+    "correlation batch": 1.3e5,  # of those that tell the memory effect
 }
 SERIAL = {"normal", "flop", "stack view", "phasor", "object pixel", "object difference", "image"}
 """Operations that any number of threads leaves to one."""

@@ -15,6 +15,7 @@ from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, pilot_seed, seed_words
+from specklegen.core.statistics import BATCHES
 from specklegen.core.values import remembered
 from specklegen.memory_effects.atlas import TOLERANCE, Errors, atlas_errors
 from specklegen.paths.axial_pilot import AxialPilot, axial_pilot
@@ -136,6 +137,9 @@ class Stationary(Sampler, name="stationary"):
         moved = drifted(self.scene)
         return None if moved is None else moved[:, :2]
 
+    def _estimate(self) -> dict[str, float]:
+        return self._tracing() | {"correlation batch": min(BATCHES, self.paths)}
+
     def _tracing(self) -> dict[str, float]:
         connections = self.paths * self.pilot.connections_per_path
         events = self.paths * self.pilot.events_per_path
@@ -145,13 +149,13 @@ class Stationary(Sampler, name="stationary"):
         """Operations of the correlation and of one stack, or of the image of an object by its modes."""
         if self.scene.hides_object:
             images = 1 if self.maps is None else self.maps.count  # each under its part of the envelope
-            return self._tracing() | {n: images * x for n, x in _expected_image(self.scene).operations.items()}
+            return self._estimate() | {n: images * x for n, x in _expected_image(self.scene).operations.items()}
         grid = self.scene.grid
         x, y = stack_axes(self.scene, self.drift)
         tilts, views = len(self.scene.beams.directions), np.prod(grid.shape)
         size = x.count * y.count
         phasors = self.paths * self.pilot.connections_per_path if self.form == "oblique" else 0.0
-        return self._tracing() | {
+        return self._estimate() | {
             "normal": tilts * size,
             "flop": tilts * (8.0 * tilts * size + min(matrix_flops(x, y, grid.shape), fft_flops(x, y))),
             "stack view": tilts * ((1 if self.envelope is None else 2) * views + 4.0 * size),
@@ -163,7 +167,7 @@ class Stationary(Sampler, name="stationary"):
         if self.scene.hides_object:
             drawn = ("normal", "image")
             return {name: count for name, count in self.operations().items() if name not in drawn}
-        found = dict(self._tracing())
+        found = self._estimate()
         if self.form == "oblique":
             found["phasor"] = self.operations()["phasor"]
         return found
