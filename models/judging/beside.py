@@ -1,4 +1,4 @@
-"""What a run of training is judged beside: methods that learn nothing, asked once about the run's own validation images.
+"""What a run of training is judged beside: methods that learn nothing, asked once about its own validation images.
 
 They answer before training begins, so that what they take is known and comes off the seconds of the run; the table is
 shown then with the network as it is before its first step, and again with what it has become, on the same images.
@@ -82,7 +82,7 @@ class Beside:
 
     @property
     def judged(self) -> bool:
-        """Whether there can be a table: of two media at least (one tells nothing about others), objects by one image."""
+        """Whether there can be a table: of two media at least (one tells nothing of others); objects by one image."""
         shown = self.untrained.target != "object" or not {"image", "frames"}.isdisjoint(self.batches[0])
         return shown and len(torch.cat([batch["parameters"]["medium"].long() for batch in self.batches]).unique()) > 1
 
@@ -123,8 +123,9 @@ def _recalled(parts: list[Any]) -> Callable[[Batch], Any]:
 def _scores(found: Evaluation, ahead: str | None) -> str:
     """Rows of methods, with what the method ``ahead`` is above each."""
     head = f" | {ahead} less it, paired |" if ahead else " |"
-    lines = [f"{len(found.media)} validation images, {len(np.unique(found.media))} media; Pearson correlation to the sharp "
-             "object, moved onto it [95 %].", "", f"| method | correlation{head}", "|---" * (3 if ahead else 2) + "|"]  # fmt: skip
+    count, media = len(found.media), len(np.unique(found.media))
+    lines = [f"{count} validation images, {media} media; Pearson correlation to the sharp object, moved onto it [95 %]",
+             "", f"| method | correlation{head}", "|---" * (3 if ahead else 2) + "|"]  # fmt: skip
     for name in found.values:
         row = "| {} | {:.3f} [{:.3f}, {:.3f}] |".format(name, *found.interval(name))
         if ahead:
