@@ -7,6 +7,8 @@ from .learning.solver import Solver as Solver
 from .learning.solver import load_solver as load_solver
 from .learning.training import Training as Training
 from .learning.training import train as train
+from .likelihood.common_medium import Joint as Joint
+from .likelihood.common_medium import joint_objects as joint_objects
 from .likelihood.likelihood import Optics as Optics
 from .likelihood.likelihood import SpeckleLikelihood as SpeckleLikelihood
 from .likelihood.likelihood import expected_deviance as expected_deviance

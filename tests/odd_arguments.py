@@ -563,6 +563,11 @@ def others() -> Iterator[Call]:
         {"images": IMAGES, "objects": IMAGES[:, 0, :8, :8] + 1.0, "optics": models.Optics(1.0, 3.0), "noise": 0.01},
     )
     yield Call(
+        "models.joint_objects",
+        models.joint_objects,
+        {"images": IMAGES[0], "objects": IMAGES[0, :, :8, :8] + 1.0, "optics": models.Optics(1.0, 3.0)},
+    )
+    yield Call(
         "models.recoverable",
         models.recoverable,
         {"recipe": "through-slab", "compensation": True, "beam": np.inf, "removal": 0.0, "media": 1, "seed": 0},

@@ -113,7 +113,8 @@ class Specification(Registered, Pictured):
     sampler
         "auto" renders with the sampler that the planner chooses: the stationary one where its error over all the
         recipe's media is within 0.02, path sums elsewhere, which are slower; that of thin screens behind such. Or the
-        name of one: "stationary", "paths" or "screens"; or one of your own, by its name, import path or class.
+        name of one: "stationary", "convolution", "paths" or "screens"; or one of your own, by its name, import path or
+        class.
     strict
         Refuse, instead of warning of it, a sampler that is asked for and that the planner finds unfit.
     """

@@ -1,6 +1,7 @@
 """Examples: inputs of a network and its targets, ready in memory."""
 
 import json
+import time
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ from specklegen.models.learning.inputs import network_input
 from specklegen.models.learning.targets import TARGETS
 
 _CHUNK = 64
+_HURRIED = 16  # samples between two looks at the clock
 SHARED_BY = 8
 """Neighbouring samples of a training stream that share a medium: preparing one costs more than an image."""
 
@@ -37,12 +39,12 @@ class Examples(NamedTuple):
 
 
 def batches_of(
-    source: Recipe | SpeckleCache, samples: int | Sequence[int], seed: int = 0, split: str = "test"
+    source: Recipe | SpeckleCache, samples: int | Sequence[int], seed: int = 0, split: str = "test", each: int = _CHUNK
 ) -> Iterator[dict]:
     """First ``samples`` samples of a store, or of a split of a recipe, or those of some numbers, as tensors."""
     numbers = range(samples) if isinstance(samples, int) else samples
-    for first in range(0, len(numbers), _CHUNK):
-        indices = numbers[first : first + _CHUNK]
+    for first in range(0, len(numbers), each):
+        indices = numbers[first : first + each]
         if isinstance(source, SpeckleCache):
             yield source.batch(indices)
         else:
@@ -52,7 +54,7 @@ def batches_of(
 
 def examples(
     source: Recipe | SpeckleCache, kind: str, samples: int | None = None, seed: int = 0, split: str = "train",
-    target: str = "object",
+    target: str = "object", until: float | None = None,
 ) -> Examples:  # fmt: skip
     """Read or render samples and turn them into a network's input, once.
 
@@ -68,13 +70,16 @@ def examples(
         Of a recipe.
     target
         A name in :data:`~specklegen.models.learning.targets.TARGETS`.
+    until
+        Reading of ``time.perf_counter`` after which no further ones are begun, however few there are; None: all.
     """
     values = TARGETS[target].values
     count = samples or (len(source) if isinstance(source, SpeckleCache) else source.length(split))
-    parts = [
-        Examples(network_input(batch, kind).half(), values(batch), batch["parameters"]["medium"].long())
-        for batch in batches_of(source, count, seed, split)
-    ]
+    parts: list[Examples] = []
+    for batch in batches_of(source, count, seed, split, _CHUNK if until is None else _HURRIED):
+        parts.append(Examples(network_input(batch, kind).half(), values(batch), batch["parameters"]["medium"].long()))
+        if until is not None and time.perf_counter() > until:
+            break
     return Examples(*(torch.cat(field) for field in zip(*parts, strict=True)))
 
 

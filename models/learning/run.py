@@ -46,7 +46,7 @@ class Run:
             self.network.parameters(), training.learning_rate, weight_decay=training.weight_decay
         )
         self.epoch = self.step = self.stale = 0
-        self.spent = self.summed = 0.0
+        self.spent = self.summed = self.ended = 0.0
         self.best = -math.inf
         self.finished = self.stepping = False
         self.rows: list[dict[str, float]] = []
@@ -59,6 +59,13 @@ class Run:
         """Add what has passed by the clock since the last count."""
         now = time.perf_counter()
         self.spent, self.counted = self.spent + now - self.counted, now
+
+    def spent_but(self, closing: float, seconds: float | None) -> bool:
+        """Whether so many seconds are spent but for those that a run needs at its end; ``ended`` keeps the answer."""
+        if seconds is not None and (self.ended >= seconds or self.spent + closing >= seconds):
+            self.ended = max(self.ended, seconds)
+            return True
+        return False
 
     def take_step(self, inputs: Tensor, targets: Tensor, loss_of: Loss, rate: float) -> None:
         """One step of the optimiser at a share of the learning rate."""
@@ -79,6 +86,12 @@ class Run:
         self.step += 1
         self.summed += loss.item()
         self.stepping = False
+
+    def time_of_validation(self) -> float:
+        """Seconds by the clock that looking at the validation examples takes, now."""
+        begun = time.perf_counter()
+        validated(self.reconstructor(), self.validation)
+        return time.perf_counter() - begun
 
     def end_epoch(self) -> dict[str, float]:
         """Validate, log, keep the best, save."""
@@ -116,7 +129,7 @@ class Run:
             self.record["data"].get("recipe", {}).get("objects"), training.target,
         )  # fmt: skip
 
-    _COUNTERS = ("epoch", "step", "stale", "spent", "summed", "best", "finished", "rows")
+    _COUNTERS = ("epoch", "step", "stale", "spent", "summed", "best", "finished", "rows", "ended")
 
     def save(self) -> None:
         """Write the checkpoint whole, or not at all."""
@@ -139,8 +152,17 @@ class Run:
         self.network.load_state_dict(state["network"])
         self.optimiser.load_state_dict(state["optimiser"])
         for name in self._COUNTERS:
-            setattr(self, name, state[name])
+            setattr(self, name, state.get(name, 0.0) if name == "ended" else state[name])  # of older runs: none
         self.finished = self.epoch >= self.training.epochs or self.stale >= self.training.patience
+
+
+def untrained(training: "Training", validation: Examples, device: str = "cpu") -> Reconstructor:
+    """The network of a run before its first step."""
+    side, shape = validation.inputs.shape[-1], (validation.targets.shape[-2], validation.targets.shape[-1])
+    network = build(training.network, side, shape, training.width, training.seed).to(device)
+    return Reconstructor(
+        network, training.network, training.input, training.width, side, shape, device, None, training.target
+    )
 
 
 def validated(model: Reconstructor, examples: Examples) -> float:

@@ -151,6 +151,7 @@ def train(
     save_every: float = 300.0,
     stop_after: int | None = None,
     begun: float | None = None,
+    reserve: float = 0.0,
 ) -> Reconstructor:
     """Train a network, or go on where the run in this folder was stopped.
 
@@ -168,7 +169,8 @@ def train(
     folder
         Of the run.
     seconds
-        Time to spend by the clock, everything included, in all calls for this run together. None: all epochs.
+        Time to spend by the clock, everything included, in all calls for this run together; the last validation is
+        timed on the untrained network and comes off. One step is made in any case. None: all epochs.
     device
         Torch device. On CUDA the forward pass runs in bfloat16, which the CPU would only emulate.
     progress
@@ -185,6 +187,8 @@ def train(
     begun
         Reading of ``time.perf_counter`` from which this call's seconds count, for callers who have prepared something
         before. By default now.
+    reserve
+        Seconds of these that the caller needs afterwards.
 
     Returns
     -------
@@ -225,7 +229,7 @@ def train(
         reject("train examples", "at least one, and one for validation", (length, len(validation.targets)))
     with alone(Path(folder)) as require_own, deferred() as interrupt:
         run = Run(training, validation, Path(folder), device, here, begun, require_own)
-        return _trained(run, batches, length, interrupt, seconds, save_every, stop_after, progress, steps)
+        return _trained(run, batches, length, interrupt, seconds, save_every, stop_after, progress, steps, reserve)
 
 
 def _trained(
@@ -238,20 +242,22 @@ def _trained(
     stop_after: int | None,
     progress: Callable[[dict[str, float]], None] | None,
     steps: Callable[[int, int], None] | None,
+    reserve: float,
 ) -> Reconstructor:
-    run.finished |= seconds is not None and run.spent >= seconds
+    run.finished |= run.spent_but(0.0, seconds)
+    closing = 0.0 if seconds is None or run.finished else reserve + run.time_of_validation()
     loss_of = TARGETS[run.training.target].loss or loss_named(run.training.loss)
     taken, total, saved = 0, length * run.training.epochs, time.monotonic()
     while not run.finished:
         try:
             for inputs, targets in batches(run.epoch, run.step):
                 done = run.epoch * length + run.step
-                share = done / total if seconds is None else max(done / total, run.spent / seconds)
+                share = done / total if seconds is None else max(done / total, run.spent / max(seconds - closing, 1e-9))
                 run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))
                 taken += 1
                 run.count_time()
                 if steps is not None:
-                    pace = 0.0 if seconds is None else run.spent / seconds / (done + 1)
+                    pace = 0.0 if seconds is None else run.spent / max(seconds - closing, 1e-9) / (done + 1)
                     steps(done + 1, min(total, max(done + 1, round(1 / pace))) if pace else total)
                 if taken == stop_after:
                     run.save()
@@ -260,7 +266,7 @@ def _trained(
                 if time.monotonic() - saved > save_every:
                     run.save()
                     saved = time.monotonic()
-                if seconds is not None and run.spent >= seconds:
+                if run.spent_but(closing, seconds):
                     run.finished = True
                     break
             interrupt.obey()
@@ -274,7 +280,7 @@ def _trained(
         if progress is not None:
             progress(row)
         interrupt.obey()
-        run.finished |= seconds is not None and run.spent >= seconds
+        run.finished |= run.spent_but(closing, seconds)
     return Reconstructor.load(run.folder / "best.pt")
 
 

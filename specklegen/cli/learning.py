@@ -97,9 +97,12 @@ def train(
 ) -> None:
     """Train a network to see through fog, on a recipe streamed meanwhile or on a store.
 
-    Checkpoint, log and curves lie in the folder of the run, and are renewed while it goes on.
+    Checkpoint, log and curves lie in the folder of the run, and are renewed while it goes on. At its beginning and end
+    a table says how the network does on validation images beside methods that learn nothing (summary.md). Of
+    --seconds preparation, table and last validation are a part; where they take long, validation images are fewer.
     """
     begun = time.perf_counter()
+    typer.echo(f"train {what}: a network is made ready and validation images are rendered; then the first table.")
     checked_device("--device", device)
     if seconds is not None and not seconds > 0:
         reject("--seconds", "greater than 0", seconds)
@@ -107,10 +110,11 @@ def train(
     from tqdm import tqdm
 
     from specklegen.datasets import SpeckleCache, SpeckleStream
+    from specklegen.models.judging.beside import Beside
     from specklegen.models.judging.charts import training_curves
-    from specklegen.models.learning.examples import examples, sharing_media, streamed
+    from specklegen.models.learning.examples import batches_of, examples, sharing_media, streamed
     from specklegen.models.learning.networks import parameter_count
-    from specklegen.models.learning.run import read_log
+    from specklegen.models.learning.run import read_log, untrained
     from specklegen.models.learning.run_record import require_held_out
     from specklegen.models.learning.training import Training
     from specklegen.models.learning.training import train as fit
@@ -126,6 +130,7 @@ def train(
             if given:
                 reject(f"train {option}", "left out with a store, which has its recipe", given)
         stored, judged = SpeckleCache(what), SpeckleCache(validation)
+        loaded = None
         require_held_out(stored, judged)
         data, held_out = examples(stored, input, target=target), examples(judged, input, target=target)
         about = {name: cache.identity | {"samples": len(cache)} for name, cache in
@@ -133,11 +138,27 @@ def train(
     else:
         if validation is not None:
             reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
-        recipe = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
+        recipe = loaded = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
         shown = sharing_media(recipe, media_group)
         data = streamed(SpeckleStream(shown, seed=seed, batch_size=batch_size), input, workers, target)
-        held_out = examples(recipe, input, validation_samples, seed, "validation", target)
+        looked_at = rendered_before(out, validation_samples)
+        until = None if seconds is None or looked_at else begun + _PREPARING * seconds
+        held_out = examples(recipe, input, looked_at or validation_samples, seed, "validation", target, until)
         about = {"validation": {"seed": seed, "split": "validation", "samples": validation_samples}}
+        if len(held_out.targets) < validation_samples:
+            about["validation"]["rendered"] = len(held_out.targets)
+            typer.echo(f"{len(held_out.targets)} validation images, of {validation_samples}: for want of seconds")
+    few = min(_TABLED, len(held_out.targets))
+    beside = Beside(
+        batches_of(judged if loaded is None else loaded, few, seed, "validation", _TABLED // 8),
+        _methods(loaded, target, seed, seconds), untrained(settings, held_out, device),
+        None if seconds is None else begun + 2 * _PREPARING * seconds,
+        "square" if loaded is None else getattr(loaded, "profile", "square"),
+    )  # fmt: skip
+    reserve = -time.perf_counter()
+    if beside.judged:
+        typer.echo(f"\nbefore training: {beside.table()}")
+    reserve += time.perf_counter()
     rows: list[dict[str, float]] = []
 
     def show(row: dict[str, float]) -> None:
@@ -159,14 +180,50 @@ def train(
         try:
             model = fit(
                 settings, data, held_out, out, seconds=seconds, device=device, progress=show, steps=step, about=about,
-                begun=begun,
+                begun=begun, reserve=2 * reserve,
             )  # fmt: skip
         except KeyboardInterrupt:
             typer.echo(f"stopped; the same command goes on from {out / 'checkpoint.pt'}", err=True)
             raise typer.Exit(130) from None
     if not rows:
         typer.echo(f"The run in {out} was finished already: nothing was done. Ask for more --epochs to go on.")
+    if beside.judged:
+        table = beside.table(model)
+        (out / "summary.md").write_text(table)
+        typer.echo(f"\nepochs: {len(read_log(out))}. {table}")
     typer.echo(f"{counted(parameter_count(model.network), 'parameter')}, {out / 'best.pt'}")
+
+
+_PREPARING = 0.2  # share of the seconds after which no more validation images are begun, and as much for the table
+_TABLED = 32  # validation images in the table
+
+
+def rendered_before(out: Path, asked: int) -> int | None:
+    """Validation images that a run in a folder has looked at so far, where as many were asked for; None: no run."""
+    import json
+
+    try:
+        told = json.loads((out / "run.json").read_bytes())["validation"]
+        return int(told.get("rendered", asked)) if told["samples"] == asked else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _methods(recipe: "Recipe | None", target: str, seed: int, seconds: float | None) -> "dict[str, Callable]":
+    """Methods that learn nothing and stand beside a network in training; where there is no time, none."""
+    if seconds is not None and seconds < 60:
+        typer.echo("methods that learn nothing are left out: they take some seconds (--seconds 60 has them)")
+        return {}
+    if target != "object":
+        return {} if recipe is None else dict(_closed(recipe, target, seed))
+    from specklegen.datasets.recipes.hidden_object import HiddenObject
+    from specklegen.models.judging.beside import methods_beside
+    from specklegen.models.learning.solver import load_solver
+
+    if recipe is None:
+        return methods_beside(None, seed, None)
+    assert isinstance(recipe, HiddenObject)
+    return methods_beside(recipe, seed, load_solver()) if "image" in recipe.images_layout() else {}
 
 
 def evaluate(

@@ -52,8 +52,8 @@ def render(
     sampler: Annotated[
         str,
         typer.Option(
-            help="How fields are drawn: auto, stationary, paths, covariance, screens of thin media; or my_module:Name, "
-            "a sampler of your own, whose module is run."
+            help="How fields are drawn: auto, stationary, paths, covariance, convolution, screens of thin media; or "
+            "my_module:Name, a sampler of your own, whose module is run."
         ),
     ] = "auto",
     scene: Annotated[Path | None, typer.Option(help="A scene as TOML or JSON, instead of the options above.")] = None,

@@ -23,6 +23,7 @@ from specklegen.samplers.covariance.sampler import least_operations as least_of_
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.path_sums.sampler import least_operations as least_of_sums
 from specklegen.samplers.sampler import Request, Sampler
+from specklegen.samplers.stationary.convolution import Convolution
 from specklegen.samplers.stationary.sampler import Stationary
 from specklegen.samplers.stationary.stationarity import MOST_PATHS
 from specklegen.scene.scene import Scene
@@ -39,7 +40,8 @@ def cheapest(scene: Scene, request: Request) -> tuple[Sampler, list[Decision], O
     """The sampler of a volume, what is said of all that were asked, and the operations of others."""
     refracts = lock_step_obstacle(scene) is None and refracting_layers(scene.slab)  # whose paths are not summed
     if refracts or not request.envelope:  # a recipe's probe stands for many samples, which the stationary sampler draws
-        return *served(scene, request, (Stationary, PathSums)), {}
+        first = () if request.envelope else (Convolution,)
+        return *served(scene, request, (*first, Stationary, PathSums)), {}
     pilot = scene_pilot(scene, request.reverse)
     least = times(least_of_sums(scene, pilot, _paths(pilot, request)), request.realizations)
     longer = MOST_PATHS * pilot.connections_per_path * _JUDGED

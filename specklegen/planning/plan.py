@@ -94,7 +94,7 @@ class Plan(Pictured):
 
     @property
     def sampler(self) -> str:
-        """Name of the sampler: "paths", "covariance", "stationary" or "screens", or that of one of a user's own."""
+        """Name: "paths", "covariance", "stationary", "convolution" or "screens", or that of one of a user's own."""
         return self.chosen.name
 
     @property

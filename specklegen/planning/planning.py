@@ -33,13 +33,14 @@ from specklegen.samplers.covariance.sampler import Eigenfields
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.sampler import AnySampler, Request, Sampler, asked_sampler, require_float32
 from specklegen.samplers.screens.sampler import Screens
+from specklegen.samplers.stationary.convolution import Convolution
 from specklegen.samplers.stationary.sampler import Stationary
 from specklegen.scene.motion import fastest, reduced_time
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import require_resolved
 from specklegen.scene.validity import idealisations, validity_decisions
 
-PACKAGED: tuple[type[Sampler], ...] = (Stationary, PathSums, Eigenfields, Screens)
+PACKAGED: tuple[type[Sampler], ...] = (Stationary, PathSums, Eigenfields, Screens, Convolution)
 """Samplers of this library; they are known, as those of users are, by being defined."""
 THIN: tuple[type[Sampler], ...] = (Screens,)
 """Those that "auto" asks of thin screens; of volumes of scatterers see :mod:`specklegen.planning.choosing`."""
@@ -115,7 +116,8 @@ def plan(
         the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
         "auto", or one of "paths", "covariance", "stationary", and of thin media "screens". "covariance" (few lights
-        and views) estimates the covariance once and draws every realization from its eigenvectors. Or one of your own:
+        and views) estimates the covariance once and draws every realization from its eigenvectors. "convolution" images
+        hidden objects by one pattern a medium, as if C_I were 1 between all their pixels. Or one of your own:
         its name, its import path "module:Name", which is run, or its class
         (:class:`specklegen.samplers.sampler.Sampler`). A sampler that is
         asked for serves even where its rule is against it, if it can; the plan's ``doubts`` say so.

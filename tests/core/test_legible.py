@@ -52,7 +52,7 @@ def test_a_signature_says_type_rule_and_default(kind):
 
 def test_a_field_may_be_called_by_another_name_and_be_one_of_few_words():
     written = str(inspect.signature(type(load_recipe("through-slab"))))
-    assert "sampler: 'auto' | 'stationary' | 'paths' | 'screens' = 'auto'" in written
+    assert "sampler: 'auto' | 'stationary' | 'paths' | 'screens' | 'convolution' = 'auto'" in written
     assert "media: int >= 1 | None = None" in written
     assert "mode_tolerance: float in (0, 0.5) = 0.01" in written
 

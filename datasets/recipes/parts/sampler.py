@@ -12,7 +12,7 @@ from specklegen.core.values import CONTENT, CONTENT_KEY
 from specklegen.planning.planning import PACKAGED
 from specklegen.samplers.sampler import SAMPLERS, AnySampler, Sampler, asked_sampler
 
-NUMBERS = {"paths": 1, "stationary": 2, "screens": 3}
+NUMBERS = {"paths": 1, "stationary": 2, "screens": 3, "convolution": 4}
 """Numbers that samples store, of the samplers of this library; ..."""
 OWN = 0
 """... and that of one of a user's own, which the recipe names."""

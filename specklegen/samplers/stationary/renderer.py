@@ -138,8 +138,11 @@ class Prepared:
         beams, grid = object_of(scene), scene.grid
         # modes need a real K, which that of the axis is
         assert isinstance(self.correlation, MemoryEffectCorrelation | PolarisedCorrelation)
+        correlation = self.correlation
+        if self.sampler.complete:
+            correlation = replace(correlation, radius=np.zeros_like(correlation.radius))
         found = object_imaging(
-            self.correlation, wavelength=scene.wavelength, object_shape=beams.brightness.shape,
+            correlation, wavelength=scene.wavelength, object_shape=beams.brightness.shape,
             object_pitch=beams.pitch, width=beams.width, profile=beams.profile, grid=grid,
         )  # fmt: skip
         if self.sampler.maps is None:
@@ -173,7 +176,7 @@ class Prepared:
         return np.sqrt(envelope.intensity(scene.beams.directions[t, :2], views)).astype(np.float32)
 
 
-_Key = tuple[Scene, int, str, bool, bool, bool]
+_Key = tuple[Scene, int, str, bool, bool, bool, bool]
 PREPARED: MostRecent[_Key, Prepared] = MostRecent(
     2**28, held=lambda kept: {name: each for name, each in vars(kept).copy().items() if name != "sampler"}
 )
@@ -232,6 +235,6 @@ def stationary_renderer(sampler: Stationary, seed: Seed, threads: int | None) ->
         return StationaryRenderer(Prepared(sampler, threads), seed)
     key = (
         sampler.scene, sampler.paths, sampler.form, sampler.tabulated is not None, sampler.envelope is not None,
-        sampler.streamed,
+        sampler.streamed, sampler.complete,
     )  # fmt: skip
     return StationaryRenderer(PREPARED.found(key, lambda: Prepared(sampler, threads)), seed)

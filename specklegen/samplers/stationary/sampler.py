@@ -6,8 +6,8 @@ image of a hidden object is a sum of images under maps that make up the envelope
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, Self
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -93,6 +93,8 @@ class Stationary(Sampler, name="stationary"):
     reverse = False
     images = True
     from_face = True
+    complete: ClassVar[bool] = False
+    """Whether the memory effect over a hidden object is taken as complete, as by the convolution sampler."""
 
     @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
@@ -149,7 +151,8 @@ class Stationary(Sampler, name="stationary"):
         """Operations of the correlation and of one stack, or of the image of an object by its modes."""
         if self.scene.hides_object:
             images = 1 if self.maps is None else self.maps.count  # each under its part of the envelope
-            return self._estimate() | {n: images * x for n, x in _expected_image(self.scene).operations.items()}
+            each = _expected_image(self.scene, self.complete).operations
+            return self._estimate() | {n: images * x for n, x in each.items()}
         grid = self.scene.grid
         x, y = stack_axes(self.scene, self.drift)
         tilts, views = len(self.scene.beams.directions), np.prod(grid.shape)
@@ -185,7 +188,8 @@ class Stationary(Sampler, name="stationary"):
         if self.maps is not None:
             correlation += views * self.maps.bytes
         if self.scene.hides_object:
-            return int(correlation + _expected_image(self.scene).bytes + 8 * views + TORCH_BYTES + FIXED_BYTES)
+            taken = _expected_image(self.scene, self.complete).bytes
+            return int(correlation + taken + 8 * views + TORCH_BYTES + FIXED_BYTES)
         tilts = len(self.scene.beams.directions)
         if self.envelope is not None:
             correlation += views * (64 + 4 * (1 if self.streamed else tilts))
@@ -259,8 +263,8 @@ def object_of(scene: Scene) -> IncoherentObject:
 
 
 @remembered(16)
-def _expected_image(scene: Scene) -> _ImageWork:
-    """What the image of a scene's object takes: its modes are counted with the K of a pilot's paths."""
+def _expected_image(scene: Scene, complete: bool) -> _ImageWork:
+    """What the image of a scene's object takes: its modes are counted with the K of a pilot's paths, or are one."""
     from specklegen.memory_effects.correlation import estimate_correlation
     from specklegen.memory_effects.polarised_fields import estimate_polarised_correlation
     from specklegen.synthesis.objects import expected_image
@@ -275,6 +279,8 @@ def _expected_image(scene: Scene) -> _ImageWork:
     held = BYTES_A_PIXEL * light.brightness.size
     if not correlation.weights.any():  # which says nothing of modes
         return _ImageWork({}, held)
+    if complete:
+        correlation = replace(correlation, radius=np.zeros_like(correlation.radius))
     operations, taken = expected_image(correlation, _sight(scene), lit)
     return _ImageWork(operations, held + taken)
 

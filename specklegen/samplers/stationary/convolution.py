@@ -1,0 +1,155 @@
+"""The convolution sampler: images of hidden objects as one speckle pattern a medium, moved with every pixel.
+
+It is what the stationary sampler does with a single mode, and takes the memory effect as complete: C_I = 1 between all
+pixels of the object. The error of that is known beforehand, 1 - C_I between the corners of the object that are farthest
+apart, and it is the tolerance: no image correlation is off by more. Two patterns that an object's pixels should share
+by C_I alone are one here, so speckle of large objects averages out less.
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from specklegen.core.decision import Decision
+from specklegen.core.errors import reject
+from specklegen.core.lazy import LazyModule
+from specklegen.core.nanoseconds import seconds
+from specklegen.core.parallel import thread_count
+from specklegen.core.random_streams import pilot_seed
+from specklegen.core.values import remembered
+from specklegen.memory_effects.atlas import atlas_correlation
+from specklegen.paths.pilot import PILOT_PATHS
+from specklegen.samplers.sampler import MediaRequest, Request
+from specklegen.samplers.stationary.rule import stationary_obstacle
+from specklegen.samplers.stationary.sampler import Stationary, object_of
+from specklegen.scene.media import as_slab
+from specklegen.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import torch
+
+    from specklegen.synthesis.correlations import Places
+    from specklegen.synthesis.imaging import Imaging
+else:
+    torch = LazyModule("torch")
+
+PART = "convolution with one pattern a medium"
+
+
+@dataclass(frozen=True)
+class Convolution(Stationary, name="convolution"):
+    """The convolution sampler of a scene with a hidden object; see :class:`specklegen.samplers.sampler.Sampler`."""
+
+    complete: ClassVar[bool] = True
+
+    @classmethod
+    def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
+        """The sampler for a scene where C_I is 1 over the whole object within the tolerance, or which asks for it."""
+        asked = request.asked == cls.name
+        obstacle = convolution_obstacle(scene) or stationary_obstacle(scene, request.reverse)
+        if obstacle:
+            if asked:
+                reject("sampler", '"stationary" or "auto" for this scene', cls.name,
+                       f"The convolution sampler {obstacle}.")  # fmt: skip
+            return None, []
+        lost, error = scene_loss(scene)
+        enough = lost + 2 * error <= request.tolerance
+        told = f"1 - C_I between the object's far corners is {lost:.2g} +- {error:.1g}, allowed {request.tolerance:g}"
+        if not (asked or enough):
+            return None, [Decision(PART, False, told)]
+        served, said = Stationary.propose(scene, replace(request, asked=Stationary.name) if asked else request)
+        if served is None:
+            return None, []
+        doubt = asked and not enough
+        decision = Decision(PART, True, f"asked for; {told}" if asked else told, doubt, lost if doubt else 0.0)
+        return cls(**{each.name: getattr(served, each.name) for each in fields(served)}), [*said, decision]
+
+    def modes_instead(self) -> Stationary:
+        """The stationary sampler of the same scene, with the modes of the memory effect."""
+        return Stationary(**{each.name: getattr(self, each.name) for each in fields(self)})
+
+    def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], Imaging]]":
+        """Make media ready, whose memory effect is taken as complete; in time it stays what it is."""
+        light, film = request.light, request.film
+        even = Complete(len(request.correlations))
+        if light is not None:
+            light = replace(light, modes=tuple(even for _ in light.modes))
+        if film is not None:
+            film = replace(film, radius=torch.zeros_like(film.radius))
+        return super().prepare_media(replace(request, correlations=even, light=light, film=film))
+
+
+@dataclass(frozen=True)
+class Complete:
+    """K of media whose memory effect is complete: 1 everywhere; see :mod:`specklegen.synthesis.correlations`.
+
+    Attributes
+    ----------
+    count : int
+        Media.
+    """
+
+    count: int
+    isotropic: ClassVar[bool] = True
+
+    def __call__(self, q: "torch.Tensor") -> "torch.Tensor":
+        """K float64[M, n]."""
+        return torch.ones_like(q)
+
+    def planar(self, qx: "torch.Tensor", qy: "torch.Tensor") -> "torch.Tensor":  # noqa: ARG002
+        """K float64[M, ...]."""
+        return torch.ones_like(qx)
+
+    def at(self, places: "Places") -> "Complete":
+        """Return that of some of the media."""
+        return Complete(len(range(self.count)[places]) if isinstance(places, slice) else len(places))
+
+    def __len__(self) -> int:
+        return self.count
+
+
+def convolution_obstacle(scene: Scene) -> str | None:
+    """What keeps the convolution sampler from a scene, whatever its memory effect; None where nothing does."""
+    if not scene.hides_object:
+        return "images hidden objects, and knows nothing between beams of a stack"
+    if object_of(scene).brightness.size == 1:
+        return "moves a pattern with every pixel of an object, of which there is one"
+    return "knows no analysers" if scene.polarisers is not None else None
+
+
+@remembered(64)
+def scene_loss(scene: Scene) -> tuple[float, float]:
+    """1 - C_I between the farthest corners of a scene's object, and its standard error: of the atlas, or of a pilot."""
+    from specklegen.memory_effects.correlation import estimate_correlation
+
+    light, slab = object_of(scene), as_slab(scene.slab)
+    far = scene.wavenumber * light.pitch * np.hypot(*(n - 1 for n in light.brightness.shape))
+    found = None if slab is None else atlas_correlation(slab)
+    if found is None:
+        found = estimate_correlation(scene.slab, PILOT_PATHS, pilot_seed(scene.unitless_fingerprint()), threads=1)
+    if not found.weights.any():
+        return 0.0, 0.0
+    _, lost, error = found.intensity(np.array([far]))
+    return float(lost[0]), float(error[0])
+
+
+def with_one_sampler(plans: list[Any]) -> list[Any]:
+    """Plans of a recipe's media: convolution for all of them, or, where it is not enough for each, for none."""
+    some = [made for made in plans if isinstance(made.chosen, Convolution)]
+    if len(some) in (0, len(plans)):
+        return plans
+    return [_with_modes(made) if isinstance(made.chosen, Convolution) else made for made in plans]
+
+
+def _with_modes(made: Any) -> Any:
+    chosen = made.chosen.modes_instead()
+    told = tuple(
+        replace(each, needed=False, reason=f"{each.reason}; but other media of the recipe need modes")
+        if each.part == PART else each for each in made.decisions
+    )  # fmt: skip
+    counted, threads = chosen.operations(), thread_count(None)
+    return replace(
+        made, chosen=chosen, decisions=told, operations=dict(counted), seconds=seconds(counted, threads),
+        setup_seconds=seconds(chosen.setup(), threads), memory_bytes=chosen.memory(threads),
+    )  # fmt: skip
