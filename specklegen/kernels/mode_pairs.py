@@ -50,3 +50,25 @@ def fill_lag_sums(turned, spectra, out):
                 one, other = turned[n, tilt, pair], spectra[frame, pair, n]
                 for m in range(width):
                     row[m] += one[m] * other[m]
+
+
+@kernel
+def fill_mode_maps(modes, light, out):
+    """Fill ``out`` float[h, T, R(R+1)/2, w] with O phi_r phi_q for r <= q, twice for r < q.
+
+    modes : float[T, R, h, w]
+    light : float[h, w]
+    """
+    tilts, rank, height, width = modes.shape
+    for y in range(height):
+        for tilt in range(tilts):
+            pair = 0
+            for r in range(rank):
+                for q in range(r, rank):
+                    row = out[y, tilt, pair]
+                    for x in range(width):
+                        row[x] = modes[tilt, r, y, x] * modes[tilt, q, y, x] * light[y, x]
+                    if q > r:
+                        for x in range(width):
+                            row[x] += row[x]
+                    pair += 1
