@@ -1,4 +1,4 @@
-"""Sums over pairs of modes: products of fields, and of their spectra with transforms of an object.
+"""Pairs of modes: products of modes over an object, of fields, and of their spectra with transforms of the object.
 
 What is added up stays in the first-level cache, a row of the grid at a time.
 """
@@ -6,6 +6,29 @@ What is added up stays in the first-level cache, a row of the grid at a time.
 import numpy as np
 
 from specklegen.kernels import kernel
+
+
+@kernel
+def fill_mode_maps(modes, light, out):
+    """Fill ``out`` real[h, T, R(R+1)/2, w] with O phi_r phi_q, twice for r < q.
+
+    modes : real[T, R, h * w]
+    light : real[h, w]
+    """
+    tilts, rank, _ = modes.shape
+    height, width = light.shape
+    for y in range(height):
+        for tilt in range(tilts):
+            pair = 0
+            for r in range(rank):
+                for q in range(r, rank):
+                    one = modes[tilt, r, y * width : (y + 1) * width]
+                    other = modes[tilt, q, y * width : (y + 1) * width]
+                    row = out[y, tilt, pair]
+                    twice = light.dtype.type(1 if q == r else 2)
+                    for x in range(width):
+                        row[x] = twice * (one[x] * other[x] * light[y, x])
+                    pair += 1
 
 
 @kernel
@@ -50,25 +73,3 @@ def fill_lag_sums(turned, spectra, out):
                 one, other = turned[n, tilt, pair], spectra[frame, pair, n]
                 for m in range(width):
                     row[m] += one[m] * other[m]
-
-
-@kernel
-def fill_mode_maps(modes, light, out):
-    """Fill ``out`` float[h, T, R(R+1)/2, w] with O phi_r phi_q for r <= q, twice for r < q.
-
-    modes : float[T, R, h, w]
-    light : float[h, w]
-    """
-    tilts, rank, height, width = modes.shape
-    for y in range(height):
-        for tilt in range(tilts):
-            pair = 0
-            for r in range(rank):
-                for q in range(r, rank):
-                    row = out[y, tilt, pair]
-                    for x in range(width):
-                        row[x] = modes[tilt, r, y, x] * modes[tilt, q, y, x] * light[y, x]
-                    if q > r:
-                        for x in range(width):
-                            row[x] += row[x]
-                    pair += 1

@@ -139,17 +139,16 @@ def pair_products(views: torch.Tensor) -> torch.Tensor:
     return torch.cat(parts, 1)
 
 
-def _maps(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-    rank = modes.shape[2]
-    return modes.new_empty((len(modes), light.shape[1], modes.shape[1], rank * (rank + 1) // 2, light.shape[2]))
-
-
 def _maps_on_the_cpu(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
     found = _maps(modes, light)
-    own = modes.unflatten(3, light.shape[1:]).contiguous().numpy()
-    for arguments in zip(own, light.contiguous().numpy(), found.numpy(), strict=True):
+    for arguments in zip(modes.contiguous().numpy(), light.contiguous().numpy(), found.numpy(), strict=True):
         fill_mode_maps(*arguments)
     return found
+
+
+def _maps(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+    count, tilts, rank, _ = modes.shape
+    return modes.new_empty((count, light.shape[1], tilts, rank * (rank + 1) // 2, light.shape[2]))
 
 
 @fused("mode_maps(Tensor modes, Tensor light) -> Tensor", _maps, _maps_on_the_cpu)
