@@ -24,6 +24,7 @@ from scipy.fft import next_fast_len
 from specklegen.core.lazy import LazyModule
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
+from specklegen.kernels.tilt_moments import fill_lit, fill_spectrum
 from specklegen.scene.scene import Scene
 from specklegen.synthesis.exit_grid import (
     NORMAL_FLOPS,
@@ -43,13 +44,15 @@ else:
     torch = LazyModule("torch")
 
 _LEFT_OUT = 1e-3  # singular values of the phase within a cell, of the largest
-_FAINT = 1e-5  # eigenvalues of moments, of the largest
+_FAINT = 1e-4  # pivots of moments, of the largest
+_UNSEEN = 1e-6  # singular values of the transforms to views, of the largest
 _EMBEDDED = 2e-4  # largest error of a correlation by circulant embedding
 _LONGER = (1.1, 1.3, 1.6, 2, 4, 8)  # lengths of the circle, in those of the tilts
-_EVEN = 2e-4  # of a step: K and what is seen within a cell are those of even tilts, all other phases those of each
+_UNEVEN = 3e-4  # largest error of a correlation by K and what is seen within cells of even tilts; other phases are own
 _FEW = 8  # tilts that are never worth it
 _PAYS = 0.7  # of the operations with small cells
-_TOGETHER = 2**18  # moments of tilts that are transformed at a time
+_TOGETHER = 2**16  # moments of tilts that are transformed at a time
+_CELLS = 256  # of which moments are drawn at a time
 
 
 @dataclass(frozen=True)
@@ -59,32 +62,36 @@ class Circulant:
     Attributes
     ----------
     tilts : int
-    length : int
-        Of the circle on which they lie.
-    ranks : tuple of (int64[n], complex[n, Q, r])
-        For each rank r the frequencies that have it, and their root there.
+    roots : complex[n, Q, r]
+        Root of each of n frequencies, of the circle on which the tilts lie.
+    ranks : int64[n]
+        Columns of it that are used.
     """
 
     tilts: int
-    length: int
-    ranks: tuple[tuple[torch.Tensor, torch.Tensor], ...]
+    roots: torch.Tensor
+    ranks: torch.Tensor
+
+    @property
+    def length(self) -> int:
+        """Places on the circle."""
+        return len(self.ranks)
 
     @property
     def rank(self) -> int:
         """Independent numbers a cell, of all frequencies together."""
-        return sum(roots.shape[0] * roots.shape[2] for _, roots in self.ranks)
+        return int(self.ranks.sum())
 
     def moments(self, white: torch.Tensor) -> torch.Tensor:
         """Moments complex[T, Q, cells] of noise complex[rank, cells], by a transform along the tilts."""
-        moments, cells_ = self.ranks[0][1].shape[1], white.shape[1]
-        spectrum = white.new_zeros((self.length, moments, cells_))
-        start = 0
-        for frequencies, roots in self.ranks:
-            count, _, rank = roots.shape
-            some = white[start : start + count * rank].reshape(count, rank, cells_)
-            spectrum[frequencies] = torch.bmm(roots, some)
-            start += count * rank
-        return torch.fft.ifft(spectrum, dim=0)[: self.tilts]
+        cells_ = white.shape[1]
+        found = white.new_empty((self.tilts, self.roots.shape[1], cells_))
+        for first in range(0, cells_, _CELLS):  # few enough to stay in the caches
+            some = found[:, :, first : first + _CELLS]
+            spectrum = white.new_empty((*self.roots.shape[:2], some.shape[2]))
+            fill_spectrum(self.roots.numpy(), self.ranks.numpy(), white.numpy(), first, spectrum.numpy())
+            some.copy_(torch.fft.ifft(spectrum, dim=0)[: self.tilts])
+        return found
 
 
 @dataclass(frozen=True)
@@ -127,8 +134,8 @@ class ManyTilts:
         b(X) and the root of the intensity.
     turned : (complex[T, y.count], complex[T, x.count])
         Phases of each tilt, from the first view.
-    rows, columns : complex[H, Qy * y.count], complex[W, Qx * x.count]
-        Transforms from moments of cells to views.
+    rows, columns : (complex[H, n], complex[n, Qy * y.count]), (complex[W, m], complex[m, Qx * x.count])
+        Transforms from moments of cells to views, as two: to what n and m numbers tell, and to all views.
     face : complex[H, W] or None
         As of a stack sampler.
     """
@@ -139,8 +146,8 @@ class ManyTilts:
     moments: tuple[int, int]
     window: torch.Tensor
     turned: tuple[torch.Tensor, torch.Tensor]
-    rows: torch.Tensor
-    columns: torch.Tensor
+    rows: tuple[torch.Tensor, torch.Tensor]
+    columns: tuple[torch.Tensor, torch.Tensor]
     face: torch.Tensor | None
 
     def sample(self, seed: Seed, realization: int = 0) -> torch.Tensor:
@@ -159,22 +166,27 @@ class ManyTilts:
     def _noise(self, seed: Seed, realization: int) -> torch.Tensor:
         """Moments complex[T, Qy, Qx, y.count, x.count]."""
         shape = (self.root.rank, self.y.count * self.x.count)
-        white = complex_normals(seed, realization, shape, self.rows.dtype, self.rows.device)
+        white = complex_normals(seed, realization, shape, self.window.dtype, self.window.device)
         drawn = self.root.moments(white)
         return drawn.reshape(len(drawn), *self.moments, self.y.count, self.x.count)
 
     def _fields(self, noise: torch.Tensor, tilts: slice) -> torch.Tensor:
         chosen = range(len(noise))[tilts]
         step = max(1, _TOGETHER // max(noise[0].numel(), 1))
-        found = noise.new_empty((len(chosen), len(self.rows), len(self.columns)))
-        down, across = self.moments
+        (high, down), (wide, across) = self.rows, self.columns
+        rows = high @ down
+        found = noise.new_empty((len(chosen), len(rows), len(wide)))
         for first in range(0, len(chosen), step):
             part = slice(chosen[first], chosen[first] + min(step, len(chosen) - first))
-            along_y, along_x = (each[part] for each in self.turned)
-            lit = noise[part] * (along_y[:, :, None] * along_x[:, None] * self.window)[:, None, None]
-            lit = lit.permute(0, 1, 3, 2, 4).reshape(-1, across * self.x.count) @ self.columns.T
-            views = self.rows @ lit.reshape(-1, down * self.y.count, len(self.columns))
-            found[first : first + len(views)] = views if self.face is None else views * self.face
+            some = noise[part]
+            lit = some.new_empty((len(some), self.moments[0], self.y.count, self.moments[1], self.x.count))
+            along_y, along_x = (each[part].numpy() for each in self.turned)
+            fill_lit(some.numpy(), along_y, along_x, self.window.numpy(), lit.numpy())
+            seen = (lit.flatten(3).flatten(0, 2) @ across.mT).view(len(some), -1, len(across))
+            views = found[first : first + len(some)]
+            torch.matmul((rows @ seen).flatten(0, 1), wide.mT, out=views.view(-1, len(wide)))
+            if self.face is not None:
+                views *= self.face
         return found
 
 
@@ -191,10 +203,12 @@ def many_tilts(scene: Scene, correlation: Any, *, dtype: torch.dtype | None = No
     dtype = dtype or torch.complex64
     beams, grid, k = scene.beams, scene.grid, scene.wavenumber
     sines = beams.directions[:, :2]
-    step = _step(sines)
-    if step is None or not getattr(correlation, "isotropic", False):
+    if len(sines) < _FEW or not getattr(correlation, "isotropic", False):
         return None
     shared, (x, y) = stack_axes(scene), _within(scene)
+    step = _step(sines, correlation, k, x, y)
+    if step is None:
+        return None
     least = _operations(x, y, grid.shape, len(sines), len(sines), len(sines))
     most = _PAYS * _shared_operations(*shared, grid.shape, len(sines))
     if least > most:
@@ -211,9 +225,16 @@ def many_tilts(scene: Scene, correlation: Any, *, dtype: torch.dtype | None = No
         x.axis, y.axis, root, (len(y.basis), len(x.basis)),
         tensor(scale * sampled_amplitude(x.axis, y.axis, beams.window)),
         (tensor(np.exp(1j * shifts[:, 1:] * y.axis.positions)), tensor(np.exp(1j * shifts[:, :1] * x.axis.positions))),
-        tensor(y.views(k, grid.pitch)), tensor(x.views(k, grid.pitch)),
+        _parts(y.views(k, grid.pitch), tensor), _parts(x.views(k, grid.pitch), tensor),
         None if np.abs(turned).max() < SMALL_PHASE else tensor(np.exp(1j * turned)),
     )  # fmt: skip
+
+
+def _parts(views: np.ndarray, tensor: Any) -> tuple[torch.Tensor, torch.Tensor]:
+    """A transform to views as a product through the numbers that tell them all: views are closer than grains."""
+    left, values, right = np.linalg.svd(views, full_matrices=False)
+    kept = values > _UNSEEN * values[0]
+    return tensor(left[:, kept] * values[kept]), tensor(right[kept])
 
 
 def _operations(x: _Within, y: _Within, shape: tuple[int, int], tilts: int, length: int, rank: int) -> float:
@@ -253,13 +274,20 @@ def _within(scene: Scene) -> tuple[_Within, _Within]:
     return found[0], found[1]
 
 
-def _step(sines: np.ndarray) -> np.ndarray | None:
-    """Step float64[2] between tilts that are evenly spaced along a line; None of others, and of few."""
-    if len(sines) < _FEW:
+def _step(sines: np.ndarray, correlation: Any, wavenumber: float, x: _Within, y: _Within) -> np.ndarray | None:
+    """Step float64[2] of the even tilts that tilts are like, as those of even angles are; None where they are not."""
+    number = np.arange(len(sines)) - (len(sines) - 1) / 2
+    step = number @ sines / np.square(number).sum()
+    off = sines - sines.mean(0) - number[:, None] * step
+    apart = np.ptp(off, axis=0)  # the most that two tilts are off each other's place
+    if not np.hypot(*step) > 0:
         return None
-    step = (sines[-1] - sines[0]) / (len(sines) - 1)
-    even = sines[0] + np.arange(len(sines))[:, None] * step
-    return step if np.hypot(*step) > 0 and np.abs(sines - even).max() <= _EVEN * np.hypot(*step) else None
+    turned = sum(a * np.abs(axis.nodes).max() for a, axis in zip(apart, (x, y), strict=True))
+    if wavenumber * turned > _UNEVEN:
+        return None
+    q, more = np.arange(len(sines)) * np.hypot(*step), np.hypot(*apart)
+    near, at, far = (correlation(wavenumber * each) for each in (np.abs(q - more), q, q + more))
+    return step if max(np.abs(near - at).max(), np.abs(far - at).max()) + wavenumber * turned <= _UNEVEN else None
 
 
 def _blocks(between: np.ndarray, apart: np.ndarray, x: _Within, y: _Within) -> np.ndarray:
@@ -289,12 +317,9 @@ def _circulant(
         drawn = np.fft.ifft(roots @ roots.conj().swapaxes(1, 2), axis=0)
         if np.abs(drawn[:tilts] - blocks[:tilts]).max() <= _EMBEDDED * np.abs(blocks[0]).max():
             order, held = np.argsort(~kept, axis=1, kind="stable"), kept.sum(axis=1)
-            roots = np.sqrt(length) * np.take_along_axis(roots, order[:, None], axis=2)
-            ranks = [
-                (torch.as_tensor(np.flatnonzero(held == n)), torch.as_tensor(roots[held == n, :, :n]).to(dtype))
-                for n in np.unique(held[held > 0]).tolist()
-            ]
-            return Circulant(tilts, length, tuple(ranks))
+            roots = np.sqrt(length) * np.take_along_axis(roots, order[:, None], axis=2)[:, :, : max(held.max(), 1)]
+            put = torch.as_tensor(np.ascontiguousarray(roots)).to(dtype)
+            return Circulant(tilts, put, torch.as_tensor(held.astype(np.int64)))
     return None
 
 

@@ -37,6 +37,7 @@ FIRST_DEGREE, FEW = 6, 16
 POLYNOMIAL_SHARE = 0.5
 """Share of the tolerance that the polynomials may leave out."""
 _TOGETHER = 0.999  # ratio of the powers of two columns that are kept together
+_SAME_GAP = 1e-12  # of the largest gap: rounding is less
 _JITTER = 1e-11  # on the diagonal, over the number of beams: far above rounding, far below any tolerance
 
 
@@ -221,22 +222,50 @@ def memory(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
     """
     if lattice.tilts == 1 and correlations.isotropic:
         return on_differences(correlations, lattice.shape, lattice.step)
-    (h, w), device = lattice.shape, lattice.step.device
+    if correlations.isotropic and lattice.step.device.type == "cpu":
+        found = torch.stack([_between_tilts(correlations.at([n]), lattice.at([n])) for n in range(len(lattice.step))])
+        return found if lattice.kept is None else found * lattice.kept[..., None, None]
     gap = lattice.base[:, :, None] - lattice.base[:, None]
-    along = [torch.arange(1 - n, n, dtype=torch.float64, device=device) for n in (h, w)]
-    step = lattice.step[:, None, None, None]
-    dy, dx = (gap[..., axis, None] - step * n for axis, n in ((1, along[0]), (0, along[1])))
-    distance = torch.hypot(dy[..., :, None], dx[..., None, :])
-    if not correlations.isotropic:
-        found = correlations.planar(*torch.broadcast_tensors(dx[..., None, :], dy[..., :, None]))
-    elif device.type == "cpu":  # many are the same, and K is what takes the time there
-        found = torch.empty_like(distance)
-        for n, own in enumerate(distance):
-            unique, which = torch.unique(own, return_inverse=True)
-            found[n] = correlations.at([n])(unique[None])[0][which]
-    else:
+    dx, dy = _apart(lattice, gap)
+    if correlations.isotropic:
+        distance = torch.hypot(dy[..., :, None], dx[..., None, :])
         found = correlations(distance.flatten(1)).view_as(distance)
+    else:
+        found = correlations.planar(*torch.broadcast_tensors(dx[..., None, :], dy[..., :, None]))
     return found if lattice.kept is None else found * lattice.kept[..., None, None]
+
+
+def _apart(lattice: Lattice, gap: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Differences along x and y float64[M, ..., 2n - 1] of pixels under tilts that are ``gap`` [M, ..., 2] apart."""
+    step = lattice.step.reshape(-1, *[1] * (gap.ndim - 1))
+    along = [torch.arange(1 - n, n, dtype=torch.float64, device=step.device) for n in lattice.shape]
+    dy, dx = (gap[..., axis, None] - step * n for axis, n in ((1, along[0]), (0, along[1])))
+    return dx, dy
+
+
+def _between_tilts(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
+    """K of one medium at the differences of all beams, float64[T, T, 2h - 1, 2w - 1], each gap of tilts asked once.
+
+    K takes the time there: of tilts that are evenly spaced few gaps differ, and gaps the other way are turned.
+    """
+    base, tilts = lattice.base[0], lattice.tilts
+    first, second = torch.triu_indices(tilts, tilts)
+    gap = base[first] - base[second]
+    grain = _SAME_GAP * max(float(gap.abs().max()), float(lattice.step[0]))
+    _, kinds, which = np.unique(
+        (gap / (grain or 1.0)).round().numpy(), axis=0, return_index=True, return_inverse=True
+    )
+    which = torch.from_numpy(which.reshape(-1))
+    dx, dy = _apart(lattice, gap[torch.from_numpy(kinds)][None])
+    distance = torch.hypot(dy[0, :, :, None], dx[0, :, None, :])
+    found = torch.empty_like(distance)
+    for kind, own in enumerate(distance):  # of many pairs of pixels it is the same again
+        unique, same = torch.unique(own, return_inverse=True)
+        found[kind] = correlations(unique[None])[0][same]
+    whole = found.new_empty((tilts, tilts, *found.shape[1:]))
+    whole[first, second] = found[which]
+    whole[second, first] = found[which].flip(1, 2)
+    return whole
 
 
 def coefficients(known: torch.Tensor, lattice: Lattice, degree: int) -> torch.Tensor:

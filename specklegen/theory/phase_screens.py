@@ -38,6 +38,8 @@ _ENUMERATED = 2**16
 """Numbers of deflections that are all listed; of more, so many are drawn that their quadrature is off by about 1e-4."""
 _DRAWN = 2**14
 _TAIL = 1e-9  # share of the deflections left out
+_QUICK = 2**14  # terms of ways that are not worth a look for equal ones
+_TOGETHER = 2**20  # terms that are summed at a time
 _GRID_WIDTH = 0.05  # of the variances that one term of a grid stands for, over themselves
 _LARGE_MEAN, _NODES = 12.0, 12
 """Mean above which so many nodes stand for all numbers: K and f are then right to 1e-6 (tests)."""
@@ -166,11 +168,11 @@ class Lobes:
         return np.exp(exponent) @ (share / (2 * np.pi * variance))
 
     def spreads(self, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """V float64[N] and c float64[N, 2] of every term, for a_m float64[M, 2]."""
+        """V float64[..., N] and c float64[..., N, 2] of every term, for a_m float64[..., M, 2]."""
         events = self.events
         mean = events @ ways / events.sum(axis=1, keepdims=True)
-        apart = np.square(ways - mean[:, None]).sum(-1)
-        return (events * apart).sum(axis=1), mean
+        apart = np.square(ways[..., None, :, :] - mean[..., None, :]).sum(-1)
+        return (events * apart).sum(axis=-1), mean
 
     @cached_property
     def walk_shares(self) -> np.ndarray:
@@ -180,10 +182,25 @@ class Lobes:
 
     def decorrelation(self, ways: np.ndarray) -> np.ndarray:
         """K(0, a), real, of a_m float64[..., M, 2]: float64[...]; equal ways are found once."""
-        flat = np.reshape(ways, (-1, ways.shape[-2] * 2))
-        unique, which = np.unique(flat, axis=0, return_inverse=True)
-        found = np.array([self.correlation(np.zeros(2), way.reshape(-1, 2)).real for way in unique])
-        return found[which.reshape(-1)].reshape(ways.shape[:-2])
+        flat = np.reshape(ways, (-1, *ways.shape[-2:]))
+        which = None
+        if len(flat) * len(self.shares) > _QUICK:
+            unique, which = np.unique(flat.reshape(len(flat), -1), axis=0, return_inverse=True)
+            flat, which = unique.reshape(-1, *ways.shape[-2:]), which.reshape(-1)
+        found = np.ones(len(flat))
+        if len(self.shares):
+            weight = self._weights(0.0)
+            scale = -0.5 * self.wavenumber**2
+            step = max(1, _TOGETHER // self.events.size)
+            for first in range(0, len(flat), step):
+                variance, _ = self.spreads(flat[first : first + step])
+                found[first : first + step] = (weight * np.exp(scale * variance)).sum(-1) / weight.sum()
+        return (found if which is None else found[which]).reshape(ways.shape[:-2])
+
+    def _weights(self, sine: float) -> np.ndarray:
+        """P(n) N(p; T) of every term at |p| = ``sine`` over the largest: where lobes underflow, ratios do not."""
+        exponent = np.where(self.shares > 0, -0.5 * sine**2 / self.variances, -np.inf)
+        return self.shares * np.exp(exponent - exponent.max()) / (2 * np.pi * self.variances)
 
     def of_parity(self, parity: int) -> "Lobes":
         """The terms of an even or odd number of deflections; half of each where nodes stand for many numbers."""
@@ -196,9 +213,7 @@ class Lobes:
         """K(p, a) at p float64[2] for a_m float64[M, 2]; 1 where a_m is the same for all screens, up to a phase."""
         if not len(self.shares):
             return 1.0
-        exponent = np.where(self.shares > 0, -0.5 * float(np.hypot(*sine)) ** 2 / self.variances, -np.inf)
-        # Over the largest term: far outside all lobes every density underflows, and their ratios do not.
-        weight = self.shares * np.exp(exponent - exponent.max()) / (2 * np.pi * self.variances)
+        weight = self._weights(float(np.hypot(*sine)))
         variance, mean = self.spreads(ways)
         value = np.exp(-0.5 * self.wavenumber**2 * variance - 1j * self.wavenumber * (mean @ sine))
         return complex(weight @ value / weight.sum())

@@ -70,6 +70,25 @@ def test_coefficients_are_those_of_the_dense_matrix(shape, base):
         np.testing.assert_allclose(coefficients(K, beams, degree), expected, atol=1e-12 * beams.size)
 
 
+BACK_AND_FORTH = np.array([[0.0, 0.0], [1.1e-3, -0.3e-3], [0.2e-3, 0.7e-3], [1.1e-3, -0.3e-3], [0.1e-3, 0.0]])
+EVEN = np.array([0.31e-3, -0.17e-3]) + np.arange(6)[:, None] * np.array([0.4e-3, 0.1e-3])
+
+
+@pytest.mark.parametrize(("base", "gaps"), [(EVEN, 6), (BACK_AND_FORTH, 8), (EVEN[::-1], 6)])
+def test_every_gap_of_tilts_is_asked_once(base, gaps, monkeypatch):
+    """K between all beams is the literal one, and K is asked for one block of each gap, whichever way it is."""
+    shape, step, asked = (3, 4), 4e-4, []
+    call = Tabulated.__call__
+    monkeypatch.setattr(Tabulated, "__call__", lambda self, q: asked.append(q.shape) or call(self, q))
+    found = modes.memory(Tabulated([K]), lattice(shape, step, base))[0].numpy()
+    assert len(asked) == gaps
+    down, across = (step * np.arange(1 - n, n) for n in shape)
+    gap = base[:, None] - base
+    apart = np.hypot((gap[..., 1, None] - down)[..., :, None], (gap[..., 0, None] - across)[..., None, :])
+    np.testing.assert_allclose(found, K(apart), atol=1e-12)
+    assert np.abs(found.swapaxes(0, 1) - K(apart)).max() > 1e-3  # gaps the wrong way round are seen
+
+
 @pytest.mark.parametrize("base", [AXIS, TILTS])
 @pytest.mark.parametrize(("scale", "tolerance"), [(2e-4, 0.01), (8e-4, 0.01), (2e-4, 1e-4)])
 def test_modes_reproduce_the_kernel(scale, tolerance, base):

@@ -9,6 +9,7 @@ from zscore import assert_z
 
 import specklegen as sg
 from specklegen.oracles.screen_waves import ScreenWaves
+from specklegen.theory import phase_screens
 from specklegen.theory.phase_screens import coherence, index_correlation, lobes, spread, tilt_ways
 
 SCREEN = sg.PhaseScreen(rms_phase=4.0, correlation_length=20.0)
@@ -40,6 +41,19 @@ def test_two_variances_of_a_stack_and_its_half_ranges():
     assert found == pytest.approx(half, rel=2e-3)
     fixed_view = lambda d: abs(lobes(stack, 1.0).correlation(np.zeros(2), tilt_ways(stack, np.array([d, 0])))) ** 2  # noqa: E731
     assert brentq(lambda d: fixed_view(d) - 0.5, 0.1 * half, 10 * half) == pytest.approx(np.sqrt(2) * half, rel=5e-3)
+
+
+@pytest.mark.parametrize("quick", [0, 2**14])
+def test_ways_together_are_ways_one_by_one(quick, monkeypatch):
+    """Many ways at once, equal ones among them, against the mixture of each alone; so are they cut into pieces."""
+    monkeypatch.setattr(phase_screens, "_QUICK", quick)
+    monkeypatch.setattr(phase_screens, "_TOGETHER", 7 * lobes(PAIR, 1.0).events.size)
+    ways = np.random.default_rng(3).normal(0, 1.0, (4, 5, 2, 2))
+    ways[1] = ways[2]
+    found = lobes(PAIR, 1.0).decorrelation(ways)
+    alone = [lobes(PAIR, 1.0).correlation(np.zeros(2), way).real for way in ways.reshape(-1, 2, 2)]
+    np.testing.assert_allclose(found.ravel(), alone, rtol=1e-12)
+    assert np.ptp(found) > 0.01
 
 
 def test_the_tilt_range_that_the_index_leaves():

@@ -59,10 +59,9 @@ def film_error(stack: ScreenStack, wavelength: float, moved: np.ndarray, window:
     film, correlation = film_of(stack, wavelength, moved, window), screen_correlation(stack, wavelength)
     terms, drift = lobes(stack, wavelength), drifts(stack, wavelength, moved)
     inside = window.overlap(*(drift - drift[0]).T)
-    worst = 0.0
-    for tilt in reach * np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5], [1, 0], [-1, 0], [0, 1], [0, -1]]):
-        exact = terms.decorrelation(tilt_ways(stack, tilt) + moved - moved[0]) * inside
-        like = terms.wavenumber * np.hypot(*(tilt + film.tilts - film.tilts[0]).T)
-        model = (correlation(like) if correlation.weights.any() else 1.0) * film.kept[:, 0]
-        worst = max(worst, float(np.abs(np.square(exact) - np.square(model)).max(initial=0.0)))
-    return worst
+    tilt = reach * np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5], [1, 0], [-1, 0], [0, 1], [0, -1]])
+    exact = terms.decorrelation(tilt_ways(stack, tilt)[:, None] + moved - moved[0]) * inside
+    apart = tilt[:, None] + film.tilts - film.tilts[0]
+    like = terms.wavenumber * np.hypot(apart[..., 0], apart[..., 1])
+    model = (correlation(like) if correlation.weights.any() else 1.0) * film.kept[:, 0]
+    return float(np.abs(np.square(exact) - np.square(model)).max(initial=0.0))
