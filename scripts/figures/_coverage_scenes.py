@@ -26,9 +26,14 @@ class Place(NamedTuple):
     @property
     def air(self) -> np.ndarray:
         """bool[h, w], whether the middle of a cell lies in no solid."""
-        points = self.plane.points
-        inside = [((points > np.array(a)) & (points < np.array(b))).all(axis=-1) for a, b in self.solids]
-        return ~np.any(inside, axis=0) if inside else np.ones(self.plane.shape, bool)
+        return self.outside(self.plane.points)
+
+    def outside(self, points, margin=0.0) -> np.ndarray:
+        """bool[...], whether points float64[..., 3] lie in no solid, nor within a margin of one."""
+        free = np.ones(points.shape[:-1], bool)
+        for a, b in self.solids:
+            free &= ~((points > np.array(a) - margin) & (points < np.array(b) + margin)).all(axis=-1)
+        return free
 
 
 def box(lower, upper, material=CONCRETE) -> Mesh:

@@ -437,11 +437,10 @@ def _by_edge(mirrors, edge, start, end, seen_from, before, behind, k, seen) -> t
     """Field by one edge, with reflections before and behind it, and where; corrects what is ``seen`` of waves there."""
     source, point = mirrors.images(start, before)[-1], mirrors.images(end, behind)[-1]
     at, good = edge.crossing(source, point)
-    q = at
-    good &= mirrors.clear(start, q, before)
-    good &= mirrors.clear(seen_from, q, behind)
-    towards = mirrors.images(seen_from, behind)[-1] - q  # off the surface that a point may lie on
+    q, towards = at, mirrors.images(seen_from, behind)[-1] - at  # off the surface that a point may lie on
     good &= edge.in_air(source - q) & edge.in_air(towards)
+    for here, sequence in ((start, before), (seen_from, behind)):
+        good[good] = mirrors.clear(here[good], q[good], sequence)
     u = np.zeros(len(end), complex)
     if good.any():
         back = mirrors.along(start[good], q[good], before) * mirrors.along(end[good], q[good], behind)

@@ -49,9 +49,9 @@ def over_pixels(values, pixels):
     return values.reshape(pixels, -1).mean(axis=1)
 
 
-def half(material):
+def half(material, size=FAR):
     """A half plane x > 0 at z = 0."""
-    corners = FAR * np.array([[0, -1, 0], [1, -1, 0], [1, 1, 0], [0, 1, 0.0]])
+    corners = size * np.array([[0, -1, 0], [1, -1, 0], [1, 1, 0], [0, 1, 0.0]])
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), material)
 
 
@@ -80,6 +80,20 @@ def test_half_plane(material):
     assert_z(got, over_pixels(exact, 24), error)
     with pytest.raises(AssertionError, match="z ="):
         assert_z(got, over_pixels(exact, 24)[::-1], error)
+
+
+@pytest.mark.parametrize("material", [Absorber(), Conductor()])
+def test_a_source_very_far_away_sees_no_screen_through(material):
+    """Half a wavelength behind a half plane lit from 1e7 wavelengths away: shadow, as if lit from near."""
+    x = (np.arange(64) + 0.5) / 16 - 2
+    phi, r = np.arctan2(-0.5, x) % (2 * np.pi), np.hypot(x, 0.5)
+    exact = over_pixels(power([half_plane(phi, np.pi / 2, r, K, b) for b in ("soft", "hard")], material), 8)
+    scene = Geometry(half(material, 300.0))
+    source = CollimatedEmitter([-6, -4, -1e7], [6, 4, -1e7], AHEAD, 1e8, 1.0, power=12 * 8)
+    behind = Plane(center=[0, 0, 0.5], shape=(4, 8), pitch=0.5)
+    got, error = rows(trace(scene, source, behind, 40_000, 1, diffraction="utd"))
+    assert_z(got, exact, error)
+    assert error.max() < 0.06
 
 
 def test_slit_near_and_far():

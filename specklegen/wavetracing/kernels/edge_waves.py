@@ -33,8 +33,8 @@ from specklegen.wavetracing.kernels.wedges import boundary_term
 WX, WY, WZ, WDX, WDY, WDZ, WEX, WEY, WEZ, R1, R2, WAVE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11
 # An edge, float64[EDGE]: start, unit vector along, length, n, unit normal of the 0-face, unit vector into that face.
 START, ALONG, LENGTH, WEDGE, NORMAL, INWARD, EDGE = 0, 3, 6, 7, 8, 11, 14
-CLEAR = 1e-7
-"""Of a leg's length, at both of its ends, in which nothing blocks it."""
+_CLEAR = 1e-7  # of a leg's length or, if less, of the scene's size
+_ROUNDED = 1e-6  # of a leg's length: a scene that is smaller counts as this large, for rounding's sake
 _ROUNDING = 1e-9  # radians
 _STEPS = 3  # of unfolding where the wave is astigmatic; one is exact for others
 
@@ -158,9 +158,18 @@ def edge_angle(edge, dx, dy, dz):
 
 
 @inlined
+def _ends(length, tree):
+    """Length at both ends of a leg in which nothing blocks it: a source far away makes no surface transparent."""
+    boxes = tree[0]
+    size = 2.0 * max(boxes[0, 3], boxes[0, 4], boxes[0, 5])
+    return _CLEAR * min(length, max(size, _ROUNDED * length))
+
+
+@inlined
 def clear(x, y, z, dx, dy, dz, length, skip, facet, tree):
     """Whether nothing stands on a leg, but close to its ends."""
-    _, place, _ = nearest(x, y, z, dx, dy, dz, CLEAR * length, (1.0 - CLEAR) * length, skip, skip, facet, tree)
+    end = _ends(length, tree)
+    _, place, _ = nearest(x, y, z, dx, dy, dz, end, length - end, skip, skip, facet, tree)
     return place < 0
 
 
@@ -176,7 +185,8 @@ def comes_from_start(wave, skip, x, y, z, dx, dy, dz, path, normals, facet, tree
     way = ((x - wave[WX]) * nx + (y - wave[WY]) * ny + (z - wave[WZ]) * nz) / (dx * nx + dy * ny + dz * nz)
     if not 0.0 < way < math.inf:
         return False
-    _, place, _ = nearest(x, y, z, -dx, -dy, -dz, CLEAR * way, (1.0 + CLEAR) * way, -1, -1, facet, tree)
+    end = _ends(way, tree)
+    _, place, _ = nearest(x, y, z, -dx, -dy, -dz, end, way + end, -1, -1, facet, tree)
     return place >= 0 and facet[place] == skip
 
 
@@ -215,7 +225,8 @@ def image_wave(wave, skip, face, k, x, y, z, facets, materials, tree):
         return nothing
     step = -height / rate
     rx, ry, rz = dx - 2.0 * rate * nx, dy - 2.0 * rate * ny, dz - 2.0 * rate * nz
-    _, place, _ = nearest(x, y, z, -rx, -ry, -rz, CLEAR * step, (1.0 + CLEAR) * step, skip, skip, facet, tree)
+    end = _ends(step, tree)
+    _, place, _ = nearest(x, y, z, -rx, -ry, -rz, end, step + end, skip, skip, facet, tree)
     if place < 0 or facet[place] != face or path <= step:
         return nothing
     x, y, z = x - step * rx, y - step * ry, z - step * rz
