@@ -24,7 +24,7 @@ import numpy as np
 import tifffile
 from PIL import Image, ImageDraw
 
-SECONDS = 150
+SECONDS = 240
 """Of training, by the clock."""
 SETUP = """\
 inherits = "through-slab-lab"
