@@ -472,7 +472,8 @@ def others() -> Iterator[Call]:
                 "free": ["mean_free_path"]}, ("observations",))  # fmt: skip
     yield Call("fit_setup", sg.fit_setup,
                {"photographs": np.random.default_rng(0).exponential(size=(96, 96)), "envelope": None, "dark": None,
-                "pixel_integration": False, "profile": "disc"}, ("photographs",))  # fmt: skip
+                "pixel_integration": False, "profile": "disc", "target": None, "target_step": 1.0},
+               ("photographs",))  # fmt: skip
     yield Call("twin", sg.twin,
                {"photographs": np.random.default_rng(0).exponential(size=(1, 96, 96)), "recipe": None, "images": 8,
                 "envelope": None, "dark": None, "pixel_integration": False, "profile": "disc", "seed": 0},

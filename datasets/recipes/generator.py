@@ -280,7 +280,7 @@ class SpeckleGenerator:
             drawn = some.media(made.streams.at(places))
             seen = drawn.images(lit.light) if lit.step is None else drawn.superposed(lit.light, lit.step)
             return self.recipe.exposed(seen).to(torch.float32)
-        own = {} if self.recipe.media_alike or self.one_by_one else some.tensors()  # what stays is not copied
+        own = {} if self.one_by_one or self.recipe.media_alike else some.tensors()  # what stays is not copied
         if self._keeps(media[0], imaging):  # on the CPU a chunk is one sample
             held = [self._spectra_of(m, imaging, made, place) for m, place in zip(media, places, strict=True)]
             inputs = {"spectra": torch.cat(held), "light": lit.light} | own

@@ -1,4 +1,4 @@
-"""The setup from photographs of its speckle: :func:`fit_setup`, of the grain, the iris, the contrast and the noise.
+"""The setup from photographs of its speckle: :func:`fit_setup`, of grain, iris, contrast, noise, memory-effect range.
 
 A point of light behind a medium that scatters makes speckle whose periodogram has the mean
 
@@ -10,26 +10,30 @@ the shapes of an iris, that one is stated whose likelihood is greatest. Intensit
 the likelihood's own curvature claims too much. Standard errors are those of its scores' scatter from tile to tile
 (White, *Econometrica* 50, 1 (1982)), intervals Student's, and shapes are told apart by the scatter of the tiles' ratios
 of likelihoods (Vuong, *Econometrica* 57, 307 (1989)).
+
+A target in place of the point has its autocorrelation in P, less and less of it at distances beyond the memory-effect
+range (:mod:`specklegen.models.calibration.target_range`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import f, t
 
-from specklegen.core.arguments import choice, flag, real_number
+from specklegen.core.arguments import choice, flag, positive_number, real_number
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import counted, reject
 from specklegen.measured.files import Source
 from specklegen.measured.measurement import Measurement, read_measurement
 from specklegen.models.calibration.material_fit import Interval
 from specklegen.models.calibration.point_speckle import PointSpeckle
+from specklegen.models.calibration.target_range import POWERS, RangeProfile, Target, decay, profile_of, target_of
 from specklegen.models.likelihood.likelihood import Optics
 from specklegen.models.likelihood.spectrum import transforms
 from specklegen.scene.window import PROFILES, Profile, Window
@@ -47,16 +51,19 @@ _EDGES = 1.15
 _DARK = 3e-3  # of the largest power
 _STEP = 1e-3  # of ln(grain)
 _LEAST = 1e-6  # of the mean power: smallest contrast^2 and noise^2
+_NEAR = 0.15  # of ln(grain): how far a range moves the grain that fits best
+_POINT = Target(torch.ones(1, 1, dtype=torch.float64), 1.0, (1, 1))
 
 
 class _Seen(NamedTuple):
-    """Tiles' periodograms float64[T, F] at frequencies ``used`` bool[m, n] of tiles of so many pixels."""
+    """Tiles' periodograms float64[T, F] at frequencies ``used`` bool[m, n] of tiles of so many pixels, of a target."""
 
     power: np.ndarray
     used: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
     shape: tuple[int, int]
+    target: Target
 
 
 class _Fitted(NamedTuple):
@@ -95,6 +102,10 @@ class SetupFit(Pictured):
         The frames.
     doubts : tuple of str
         What speaks against the model, and which shapes the photographs do not tell apart.
+    range : float or None
+        Of a target: camera pixels at which C_I has fallen to one half; infinite where no fall is seen. None of a point.
+    ranges : RangeProfile or None
+        How the likelihood falls with the range.
 
     Examples
     --------
@@ -122,13 +133,15 @@ class SetupFit(Pictured):
     measured: Measurement
     doubts: tuple[str, ...]
     spectra: tuple[np.ndarray, np.ndarray, np.ndarray] = field(repr=False)
+    range: float | None = None
+    ranges: RangeProfile | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         doubts = f", {counted(len(self.doubts), 'doubt')}" if self.doubts else ""
         return f"SetupFit({self.profile}, grain={self.grain:.3g}, contrast={self.contrast:.2g}{doubts})"
 
     def interval(self, level: float = 0.95) -> dict[str, Interval]:
-        """Intervals of grain, contrast and noise by name.
+        """Intervals of grain, contrast and noise by name, and of a target the range, which may be open: 0 or infinity.
 
         Parameters
         ----------
@@ -149,7 +162,19 @@ class SetupFit(Pictured):
         for name, value, error in (("contrast", self.contrast, self.contrast_error),
                                    ("noise", self.noise, self.noise_error)):  # fmt: skip
             found[name] = Interval(max(value - wide * error, 0.0), value + wide * error)
+        if self.ranges is not None:
+            found["range"] = Interval(*self.ranges.interval(level))
         return found
+
+    def memory_effect(self, distance: np.ndarray) -> np.ndarray:
+        """C_I at distances on the camera, pixels, as it was fitted to a target; 1 without one.
+
+        What ``reconstruct_and_assess(memory_effect=)`` takes, where object pixels are camera pixels.
+        """
+        apart = np.abs(np.asarray(distance, np.float64))
+        if self.ranges is None or self.range is None or not np.isfinite(self.range):
+            return np.ones_like(apart)
+        return decay(apart / self.range, float(self.ranges.powers[self.ranges.rises.argmin()]))
 
     @property
     def drawn(self) -> PointSpeckle:
@@ -167,6 +192,8 @@ class SetupFit(Pictured):
         for name, unit in (("grain", " pixels"), ("contrast", ""), ("noise", " of the mean light")):
             low, high = bounds[name]
             found[name] = f"{getattr(self, name):.4g}{unit} (95 %: {low:.4g} to {high:.4g})"
+        if self.ranges is not None and self.range is not None:
+            found["range"] = f"{self.range:.3g} pixels (95 %: {self.ranges.told(0.95)})"
         order = self.measured.envelope_order
         found["envelope"] = "left in or given" if order is None else f"order {order}"
         found["other shapes"] = ", ".join(f"{name} {far:.1f} standard errors behind"
@@ -192,8 +219,10 @@ def fit_setup(
     dark: Source | float | None = None,
     pixel_integration: bool = True,
     profile: str | None = None,
+    target: np.ndarray | None = None,
+    target_step: float = 1.0,
 ) -> SetupFit:
-    """Find grain, iris, contrast and noise from photographs of speckle of one point of light.
+    """Find grain, iris, contrast and noise from photographs of speckle of one point of light, or of a known target.
 
     Parameters
     ----------
@@ -206,11 +235,17 @@ def fit_setup(
         Whether pixels collect light over their whole area.
     profile
         Shape of the iris, where it is known: "square", "disc" or "gaussian".
+    target
+        What shines in place of the point, incoherent brightness real[h, w]: two slits, a letter, a test chart. Then the
+        memory-effect range is fitted too, and its interval is open above where the target ends before the range does.
+    target_step
+        Camera pixels between cells of the target.
 
     Raises
     ------
     RuleError
-        For frames that are too small: nine tiles in all, of 32 pixels and 12 grains a side, are needed.
+        For frames that are too small: nine tiles in all, of 32 pixels, 12 grains and two targets a side, are needed.
+        For a target of more than 128 cells a side, or without light.
 
     Examples
     --------
@@ -227,6 +262,8 @@ def fit_setup(
     flag(f"{_OWNER} pixel_integration", pixel_integration)
     if profile is not None:
         choice(f"{_OWNER} profile", profile, PROFILES)
+    step = positive_number(f"{_OWNER} target_step", target_step)
+    shown = _POINT if target is None else target_of(_OWNER, target, step)
     if isinstance(photographs, Measurement):
         seen = photographs
     else:
@@ -240,9 +277,19 @@ def fit_setup(
     if not light.any():
         reject(f"{_OWNER} photographs", "of speckle", "frames that are even")
     shapes = PROFILES if profile is None else (profile,)
-    guess = _width(light)
-    tiles = _tiles(light, guess)
-    fits = {shape: _fitted(tiles, shape, guess, pixel_integration) for shape in shapes}  # type: ignore[arg-type]
+    guess = float(np.sqrt(max(_width(light) ** 2 - shown.half_width**2, 1.0)))
+    tiles = _tiles(light, guess, shown)
+
+    def fitted(tiles: _Seen) -> dict[str, _Fitted]:
+        return {shape: _fitted(tiles, shape, guess, pixel_integration) for shape in shapes}  # type: ignore[arg-type]
+
+    fits = fitted(tiles)
+    ranges = None
+    for _ in range(0 if target is None else 2):  # the iris first without a range, then behind the one found
+        near = min(fits.values(), key=lambda each: each.cost)
+        ranges = _ranges(tiles._replace(target=shown), near, pixel_integration)
+        tiles = tiles._replace(target=shown.behind(ranges.best, float(ranges.powers[ranges.rises.argmin()])))
+        fits = fitted(tiles)
     best = min(fits.values(), key=lambda each: each.cost)
     behind = {name: _behind(tiles, best, each) for name, each in fits.items()}
     like = [name for name, far in behind.items() if name != best.profile and far < _SURE]
@@ -251,7 +298,9 @@ def fit_setup(
     slopes = _slopes(tiles, best, pixel_integration)
     covariance = _covariance(tiles, best, slopes)
     chance, rings = _misfit(tiles, best, slopes)
-    if chance < _DOUBTFUL:
+    if chance < _DOUBTFUL and target is not None:
+        doubts.append(f"no speckle of this target through a round or square iris has this spectrum (p = {chance:.1g})")
+    elif chance < _DOUBTFUL:
         doubts.append(
             f"no speckle of one point through a round or square iris has this spectrum (p = {chance:.1g}): an object "
             "that is larger than a grain, an iris that is not round or square, light that is filtered or compressed"
@@ -259,12 +308,13 @@ def fit_setup(
     if best.grain > np.log(min(tiles.shape) / _FEWEST) - 1e-3 or best.grain < np.log(_FINEST) + 1e-3:
         doubts.append("the grain lies at the end of what these frames can tell")
     contrast, noise = np.sqrt(best.lit), np.sqrt(best.noise)
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    errors = np.sqrt(np.maximum(np.diag(covariance)[:_NUMBERS], 0.0))
     return SetupFit(
         best.profile, float(np.exp(best.grain)), float(np.exp(best.grain) * errors[0]), float(contrast),
         float(errors[1] / (2 * contrast)), float(noise),
         float(min(errors[2] / (2 * noise) if noise else np.inf, np.sqrt(errors[2]))), behind, chance,
         pixel_integration, len(tiles.power), seen, tuple(doubts), rings,
+        None if ranges is None else ranges.best, ranges,
     )  # fmt: skip
 
 
@@ -302,9 +352,9 @@ def _width(light: np.ndarray) -> float:
     return max(float(np.mean(widths)), 1.0)
 
 
-def _tiles(light: np.ndarray, guess: float) -> _Seen:
-    """Periodograms of the smallest tiles that are large enough, of twelve grains a side at least."""
-    least = max(_TILE, int(np.ceil(2 * _FEWEST * guess)))
+def _tiles(light: np.ndarray, guess: float, target: Target = _POINT) -> _Seen:
+    """Periodograms of the smallest tiles that are large enough, of twelve grains and two targets a side at least."""
+    least = max(_TILE, int(np.ceil(2 * _FEWEST * guess)), int(np.ceil(2 * target.extent)))
     count, height, width = light.shape
     if min(height, width) < least or count * (height // least) * (width // least) < _TILES:
         rule = f"{_TILES} tiles of {least} x {least} pixels at least, {2 * _FEWEST} grains a side"
@@ -317,16 +367,17 @@ def _tiles(light: np.ndarray, guess: float) -> _Seen:
     down, across = np.rint(np.fft.fftfreq(tall) * tall), np.arange(wide // 2 + 1)
     used = (across > 0) | (down[:, None] > 0)
     used &= np.maximum(np.abs(down)[:, None], across) > 1  # what the mean and the envelope have taken
-    return _Seen(power[:, used].astype(np.float64), used, down / tall, across / wide, (tall, wide))
+    return _Seen(power[:, used].astype(np.float64), used, down / tall, across / wide, (tall, wide), target)
 
 
 def _alone(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> np.ndarray:
     """Mean periodogram float64[F] of contrast 1, the grain's logarithm given."""
-    one = torch.ones(1, dtype=torch.float64)
+    one, target = torch.ones(1, dtype=torch.float64), tiles.target
     made = transforms(
-        tiles.rows, tiles.columns, tiles.shape, (1, 1), one, float(np.exp(grain)) * one, profile, pixel
+        tiles.rows, tiles.columns, tiles.shape, target.shape, target.step * one, float(np.exp(grain)) * one,
+        profile, pixel,
     )  # fmt: skip
-    found = made(one[:, None, None])[0].numpy()[tiles.used]
+    found = made(target.lags[None])[0].numpy()[tiles.used]
     if pixel:  # the likelihood's P is 1 at lag 0 for any pixel: here it is less, as a pixel averages grains
         found = found * _kept(profile, float(np.exp(grain)))
     return np.maximum(found, 1e-12)
@@ -362,14 +413,43 @@ def _brightness(alone: np.ndarray, power: np.ndarray) -> tuple[float, float]:
     return float(at[0]), float(max(at[1], least * 1e-3))
 
 
-def _fitted(tiles: _Seen, profile: Profile, guess: float, pixel: bool) -> _Fitted:
+def _at(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> _Fitted:
+    """The likeliest brightness and noise at a grain."""
     power = tiles.power.mean(axis=0)
+    alone = _alone(tiles, profile, grain, pixel)
+    lit, noise = _brightness(alone, power)
+    spectrum = lit * alone + noise
+    return _Fitted(profile, grain, lit, noise, spectrum, float((np.log(spectrum) + power / spectrum).sum()))
 
+
+def _ranges(tiles: _Seen, near: _Fitted, pixel: bool) -> RangeProfile:
+    """How the likelihood falls with the range, the grain fitted near the one that is known so far."""
+
+    def at(target: Target, grain: float = near.grain) -> _Fitted:
+        return _at(tiles._replace(target=target), near.profile, grain, pixel)
+
+    def cost(behind: Callable[[float], Target], power: float) -> tuple[float, float]:
+        bounds = [(near.grain - _NEAR, near.grain + _NEAR), (POWERS[0], POWERS[-1])]
+        inner = float(np.clip(power, POWERS[0] + 0.1, POWERS[-1] - 0.1))
+        corners = [[near.grain, inner], [near.grain + 0.03, inner], [near.grain, inner + 0.1]]
+        found = minimize(
+            lambda x: at(behind(float(x[1])), float(x[0])).cost, corners[0], method="Nelder-Mead", bounds=bounds,
+            options={"initial_simplex": corners, "xatol": 3e-3, "fatol": 0.05 / len(tiles.power), "maxfev": 40},
+        )  # fmt: skip
+        return len(tiles.power) * float(found.fun), float(found.x[1])
+
+    def scatter(one: Target, other: Target) -> float:
+        first, second = at(one).spectrum, at(other).spectrum
+        expected = float(np.square(first / second - 1).sum())
+        ratio = (tiles.power * (1 / second - 1 / first)).sum(axis=1)
+        return max(1.0, _EDGES**2 * float(ratio.var(ddof=1)) / expected) if expected else 1.0
+
+    return profile_of(tiles.target, lambda target: len(tiles.power) * at(target).cost, cost, scatter)
+
+
+def _fitted(tiles: _Seen, profile: Profile, guess: float, pixel: bool) -> _Fitted:
     def at(grain: float) -> _Fitted:
-        alone = _alone(tiles, profile, grain, pixel)
-        lit, noise = _brightness(alone, power)
-        spectrum = lit * alone + noise
-        return _Fitted(profile, grain, lit, noise, spectrum, float((np.log(spectrum) + power / spectrum).sum()))
+        return _at(tiles, profile, grain, pixel)
 
     low, high = np.log(_FINEST), np.log(min(tiles.shape) / _FEWEST)
     scan = np.linspace(max(low, np.log(guess) - 1.2), min(high, np.log(guess) + 1.2), 13)
@@ -391,17 +471,30 @@ def _behind(tiles: _Seen, best: _Fitted, other: _Fitted) -> float:
 
 
 def _slopes(tiles: _Seen, best: _Fitted, pixel: bool) -> np.ndarray:
-    """Derivatives float64[3, F] of ln S by ln(grain), contrast^2 and noise^2."""
-    alone, up, down = (_alone(tiles, best.profile, best.grain + step, pixel) for step in (0.0, _STEP, -_STEP))
-    return np.stack([best.lit * (up - down) / (2 * _STEP), alone, np.ones_like(alone)]) / best.spectrum
+    """Derivatives float64[3 or 5, F] of ln S by ln(grain), contrast^2, noise^2, and of a target ln(range) and power."""
+    target = tiles.target
+
+    def by(**moved: float) -> np.ndarray:
+        given = {"grain": best.grain, "reach": np.log(target.reach), "power": target.power} | moved
+        behind = tiles._replace(target=target.behind(np.exp(given["reach"]), given["power"]))
+        return _alone(behind, best.profile, given["grain"], pixel)
+
+    at = {"grain": best.grain}
+    if np.isfinite(target.reach):
+        at |= {"reach": float(np.log(target.reach)), "power": target.power}
+    first, *others = (
+        best.lit * (by(**{name: value + _STEP}) - by(**{name: value - _STEP})) / (2 * _STEP)
+        for name, value in at.items()
+    )
+    return np.stack([first, by(), np.ones_like(first), *others]) / best.spectrum
 
 
 def _covariance(tiles: _Seen, best: _Fitted, slopes: np.ndarray) -> np.ndarray:
-    """Covariance float64[3, 3] of ln(grain), contrast^2 and noise^2."""
+    """Covariance float64[k, k] of what the slopes are by: ln(grain), contrast^2, noise^2 and so on."""
     scores = (tiles.power / best.spectrum - 1) @ slopes.T
     count = len(scores)
     curvature = np.linalg.pinv(count * slopes @ slopes.T, hermitian=True)
-    return _EDGES**2 * curvature @ (scores.T @ scores * count / (count - _NUMBERS)) @ curvature
+    return _EDGES**2 * curvature @ (scores.T @ scores * count / (count - len(slopes))) @ curvature
 
 
 def _misfit(tiles: _Seen, best: _Fitted, slopes: np.ndarray) -> tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -418,7 +511,7 @@ def _misfit(tiles: _Seen, best: _Fitted, slopes: np.ndarray) -> tuple[float, tup
     bins /= bins.sum(axis=0)
     # Hotelling's test of what no change of the fitted numbers makes.
     moved, *_ = np.linalg.svd(bins.T @ slopes.T)
-    left = (tiles.power / best.spectrum - 1) @ bins @ moved[:, _NUMBERS:]
+    left = (tiles.power / best.spectrum - 1) @ bins @ moved[:, len(slopes) :]
     count, degrees = left.shape
     chance = 1.0
     if 0 < degrees < count:

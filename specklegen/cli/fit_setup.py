@@ -13,22 +13,29 @@ def fit_setup(
     dark: Annotated[str | None, typer.Option(help="Frames without light, or the black level in counts.")] = None,
     profile: Annotated[str | None, typer.Option(help="Of the iris, where known: square, disc or gaussian.")] = None,
     points: Annotated[bool, typer.Option("--points", help="Pixels are points, as those of most simulations.")] = False,
+    target: Annotated[
+        str | None, typer.Option(help="Image of a known target that shone in place of a point: fits the range too.")
+    ] = None,
+    target_step: Annotated[float, typer.Option(help="Camera pixels between pixels of the target.")] = 1.0,
     picture: Annotated[Path | None, typer.Option(help="PNG to write: the spectrum, measured and fitted.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find grain, iris, contrast and noise from photographs of speckle of one point of light."""
+    """Find grain, iris, contrast and noise from photographs of speckle of one point of light, or of a known target."""
+    from specklegen.measured.measurement import read_measurement
     from specklegen.models.calibration.setup_fit import fit_setup as fit
 
     if picture is not None:
         picture_file("fit-setup --picture", picture)
-    found = fit(photographs, dark=black_level(dark), profile=profile, pixel_integration=not points)
+    shown = None if target is None else read_measurement(target, hot_pixels=False).light[0]
+    found = fit(photographs, dark=black_level(dark), profile=profile, pixel_integration=not points, target=shown,
+                target_step=target_step)  # fmt: skip
     if picture is not None:
         figure = found.plot().get_figure()
         assert figure is not None
         figure.savefig(picture, dpi=120)
     if as_json:
         names = ("profile", "grain", "grain_error", "contrast", "contrast_error", "noise", "noise_error", "behind",
-                 "p_value", "tiles", "doubts")  # fmt: skip
+                 "p_value", "tiles", "doubts", "range")  # fmt: skip
         echo_json({name: getattr(found, name) for name in names} | {"intervals": {"0.95": found.interval(0.95)}})
         return
     for key, value in found._facts().items():

@@ -1,4 +1,4 @@
-"""Sums over pairs of modes: products of fields, and of their spectra with transforms of an object.
+"""Pairs of modes: products of modes over an object, of fields, and of their spectra with transforms of the object.
 
 What is added up stays in the first-level cache, a row of the grid at a time.
 """
@@ -6,6 +6,29 @@ What is added up stays in the first-level cache, a row of the grid at a time.
 import numpy as np
 
 from specklegen.kernels import kernel
+
+
+@kernel
+def fill_mode_maps(modes, light, out):
+    """Fill ``out`` real[h, T, R(R+1)/2, w] with O phi_r phi_q, twice for r < q.
+
+    modes : real[T, R, h * w]
+    light : real[h, w]
+    """
+    tilts, rank, _ = modes.shape
+    height, width = light.shape
+    for y in range(height):
+        for tilt in range(tilts):
+            pair = 0
+            for r in range(rank):
+                for q in range(r, rank):
+                    one = modes[tilt, r, y * width : (y + 1) * width]
+                    other = modes[tilt, q, y * width : (y + 1) * width]
+                    row = out[y, tilt, pair]
+                    twice = light.dtype.type(1 if q == r else 2)
+                    for x in range(width):
+                        row[x] = twice * (one[x] * other[x] * light[y, x])
+                    pair += 1
 
 
 @kernel

@@ -26,6 +26,7 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Literal, Self
 
+import numpy as np
 import torch
 
 from specklegen.core.budgets import require_time
@@ -577,11 +578,12 @@ def _imaging(
 
 
 def lit_box(light: torch.Tensor) -> Box:
-    """Rows and columns that hold all bright pixels of an object."""
+    """Rows and columns that hold all bright pixels of an object, on the CPU."""
     if light.numel() == 1:
         return WHOLE
-    lit = [torch.nonzero(light.any(axis)).reshape(-1).tolist() for axis in (1, 0)]
-    rows, columns = (slice(n[0], n[-1] + 1) if n else slice(0, 1) for n in lit)
+    bright = light.detach().numpy() != 0
+    lit = [np.flatnonzero(bright.any(axis)) for axis in (1, 0)]
+    rows, columns = (slice(int(n[0]), int(n[-1]) + 1) if len(n) else slice(0, 1) for n in lit)
     return rows, columns
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from specklegen.kernels import rng
-from specklegen.kernels.mode_pairs import fill_lag_sums, fill_pair_products
+from specklegen.kernels.mode_pairs import fill_lag_sums, fill_mode_maps, fill_pair_products
 from specklegen.kernels.waves import fill_waves
 from specklegen.synthesis.fused import fused
 from specklegen.synthesis.gaussian_noise import philox
@@ -139,10 +139,19 @@ def pair_products(views: torch.Tensor) -> torch.Tensor:
     return torch.cat(parts, 1)
 
 
-@fused(
-    "mode_maps(Tensor modes, Tensor light) -> Tensor",
-    lambda m, o: m.new_empty((len(m), o.shape[1], m.shape[1], m.shape[2] * (m.shape[2] + 1) // 2, o.shape[2])),
-)
+def _maps_on_the_cpu(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+    found = _maps(modes, light)
+    for arguments in zip(modes.contiguous().numpy(), light.contiguous().numpy(), found.numpy(), strict=True):
+        fill_mode_maps(*arguments)
+    return found
+
+
+def _maps(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+    count, tilts, rank, _ = modes.shape
+    return modes.new_empty((count, light.shape[1], tilts, rank * (rank + 1) // 2, light.shape[2]))
+
+
+@fused("mode_maps(Tensor modes, Tensor light) -> Tensor", _maps, _maps_on_the_cpu)
 def mode_maps(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
     """O phi_r phi_q, twice for r < q: float32[B, h, T, R(R+1)/2, w], of modes float32[B, T, R, h w], light [B, h, w].
 

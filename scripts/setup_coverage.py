@@ -1,0 +1,153 @@
+"""How often intervals of ``sg.fit_setup`` hold range, grain and contrast, from photographs of a known target.
+
+    python scripts/setup_coverage.py run --out setups.csv [--runs 100] [--workers 2] [--seconds 1800]
+    python scripts/setup_coverage.py table setups.csv
+
+Each set is 1, 4 or 16 photographs of 288 x 288 pixels of a letter behind new places of one slab, drawn here as waves:
+those of two points of the letter have sqrt(C_I) in common, C_I that of the slab by paths (five slabs, from an
+exponential to a Gaussian fall); the letter reaches .4 to 4 ranges. Grains of 2.5 to 4 pixels, three irises, a Gaussian
+beam, noise of 0 to 10 %. Nothing of the fit is used to draw.
+"""
+
+import argparse
+import csv
+import multiprocessing
+import time
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import specklegen as sg
+from specklegen.core.statistics import wilson
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
+
+SLABS = {
+    "OD 10, g .9": (10.0, 0.9), "OD 20, g .8": (20.0, 0.8), "OD 40, g 0": (40.0, 0.0), "OD 10, g .98": (10.0, 0.98),
+    "OD 5, g 0": (5.0, 0.0),
+}  # fmt: skip
+COUNTS, SIDE = (1, 4, 16), 288
+_SAMPLES = SIDE + 80
+LETTER = np.kron([[1, 1, 1], [1, 0, 0], [1, 1, 0], [1, 0, 0], [1, 0, 0]], np.ones((3, 3)))
+HEAD = ("material", "photographs", "run", "truth", "range", "low", "high", "grain", "grain_truth", "envelope", "iris",
+        "iris_truth", "p")  # fmt: skip
+
+
+@cache
+def _correlation(name: str) -> MemoryEffectCorrelation:
+    depth, g = SLABS[name]
+    slab = sg.Slab(thickness=1000.0, mean_free_path=1000.0 / depth, scatterer=sg.HenyeyGreenstein(g))
+    return estimate_correlation(slab, 400_000, seed=5)
+
+
+def photographs(
+    rng: np.random.Generator, count: int, field_correlation: np.ndarray, grain: float, profile: str
+) -> np.ndarray:
+    """Photographs float64[count, SIDE, SIDE] of mean 1, the correlation of waves float64[n, n] between lit points."""
+    points = np.argwhere(LETTER > 0)
+    shares, modes = np.linalg.eigh(field_correlation)
+    kept = shares > 1e-4 * shares.max()
+    modes = modes[:, kept] * np.sqrt(shares[kept])
+    side = _SAMPLES
+    x = np.abs(np.fft.fftfreq(side)) * grain * 2
+    iris = {
+        "square": np.maximum(x[:, None], x) < 1, "disc": np.hypot(x[:, None], x) < 1,
+        "gaussian": np.exp(-(x[:, None] ** 2 + x**2)),
+    }[profile]  # fmt: skip
+    found = np.zeros((count, SIDE, SIDE))
+    for image in found:
+        waves = np.fft.ifft2(iris * (rng.normal(size=(modes.shape[1], side, side, 2)) @ [1, 1j]))
+        for (y, x0), own in zip(points, modes, strict=True):
+            at = waves[:, LETTER.shape[0] - y :, LETTER.shape[1] - x0 :][:, :SIDE, :SIDE]
+            image += np.abs(np.tensordot(own, at, 1)) ** 2
+        image /= image.mean()
+    return found
+
+
+def one(task: tuple[str, int, int]) -> list:
+    """A line of the table."""
+    name, count, run = task
+    rng = np.random.default_rng([41, list(SLABS).index(name), count, run])
+    profile = ("square", "disc", "gaussian")[rng.integers(3)]
+    grain = _SAMPLES / (2 * rng.integers(46, 74) + 1)  # an odd number of samples wide: of that grain, edges and all
+    extent, noise = np.exp(rng.uniform(np.log(0.4), np.log(4))), rng.uniform(0, 0.1)
+    correlation = _correlation(name)
+    truth = max(LETTER.shape) / extent
+    sines = np.geomspace(0.1, 10, 400) * correlation.half_range()
+    half = float(np.interp(-0.5, -correlation.intensity(sines)[0], sines))
+    points = np.argwhere(LETTER > 0)
+    apart = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1)) / truth * half
+    c_i = np.interp(apart, np.linspace(0, apart.max() + 1e-9, 500), _curve(correlation, apart.max() + 1e-9))
+    light = photographs(rng, count, np.sqrt(c_i), grain, profile)
+    line = np.linspace(-1, 1, SIDE) * rng.uniform(0, 1)
+    beam = np.exp(-np.square(line)[:, None] - np.square(line))
+    light = beam * (light + noise * rng.normal(size=light.shape)) + 1e-9
+    fit = sg.fit_setup(light.clip(1e-9), target=LETTER, pixel_integration=False)
+    low, high = fit.interval(0.95)["range"]
+    shape = fit.measured.envelope
+    ratio = np.broadcast_to(shape if shape is not None else 1.0, beam.shape) / beam
+    off = float((ratio / ratio.mean()).std())
+    numbers = [truth, fit.range, low, high, fit.grain, grain, off]
+    return [name, count, run, *(f"{x:.5g}" for x in numbers), fit.profile, profile, f"{fit.p_value:.3g}"]
+
+
+def _curve(correlation: MemoryEffectCorrelation, most: float) -> np.ndarray:
+    return np.asarray(correlation.intensity(np.linspace(0, most, 500))[0]).clip(0, 1)
+
+
+def table(file: Path) -> str:
+    """What the lines say, in Markdown."""
+    with file.open() as read:
+        rows = list(csv.DictReader(read))
+    lines = ["| photographs, slab | sets | range held (95 %) | open above | ln(range) off, rms | grain off, rms % | "
+             "envelope off, median % | iris right |", "|---|---|---|---|---|---|---|---|"]  # fmt: skip
+    groups = {f"{count}, all slabs": [row for row in rows if row["photographs"] == str(count)] for count in COUNTS}
+    groups |= {f"all, {name}": [row for row in rows if row["material"] == name] for name in SLABS} | {"all": rows}
+    for name, own in groups.items():
+        if own:
+            number = {key: np.array([float(row[key]) for row in own])
+                      for key in ("truth", "range", "low", "high", "grain", "grain_truth", "envelope")}  # fmt: skip
+            held = (number["low"] <= number["truth"]) & (number["truth"] <= number["high"])
+            closed = np.isfinite(number["high"]) & (number["low"] > 0)
+            off = np.log(number["range"] / number["truth"])[closed]
+            low, high = wilson(int(held.sum()), len(own))
+            open_above = np.isinf(number["high"]).sum()
+            wrong = 100 * (number["grain"] / number["grain_truth"] - 1)
+            right = sum(row["iris"] == row["iris_truth"] for row in own)
+            lines.append(
+                f"| {name} | {len(own)} | {held.mean():.3f} ({low:.2f} to {high:.2f}) | {open_above} "
+                f"| {np.sqrt(np.square(off).mean()):.3f} | {np.sqrt(np.square(wrong).mean()):.2f} "
+                f"| {100 * np.median(number['envelope']):.1f} | {right} |"
+            )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Read the command line."""
+    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked.add_argument("task", choices=("run", "table"))
+    asked.add_argument("file", nargs="?", type=Path)
+    asked.add_argument("--out", type=Path, default=Path("setups.csv"))
+    asked.add_argument("--runs", type=int, default=100)
+    asked.add_argument("--workers", type=int, default=2)
+    asked.add_argument("--seconds", type=float, default=1e9)
+    given = asked.parse_args()
+    if given.task == "table":
+        print(table(given.file or given.out))
+        return
+    begun, names = time.time(), list(SLABS)
+    tasks = [(names[run % len(names)], count, run) for run in range(given.runs) for count in COUNTS]
+    with multiprocessing.get_context("fork").Pool(given.workers) as pool, given.out.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(HEAD)
+        for row in pool.imap(one, tasks):
+            writer.writerow(row)
+            file.flush()
+            if time.time() - begun > given.seconds:
+                break
+        pool.terminate()
+    print(table(given.out))
+
+
+if __name__ == "__main__":
+    main()
