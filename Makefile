@@ -12,14 +12,17 @@ QUICK = tests/core tests/scene tests/instrument tests/kernels tests/theory tests
 	tests/datasets/test_split.py tests/datasets/test_random_words.py tests/datasets/objects \
 	tests/datasets/loading/test_stream.py
 
+# pip would compile every file of every package to bytecode, one after another, which takes longer than all else here;
+# Python compiles what it imports. That of torch is made beside the second line instead, and may fail without harm.
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet "$(TORCH)"
-	$(BIN)/pip install --quiet --editable ".[photographs]"
-	touch $@
+	$(BIN)/pip install --quiet --no-compile "$(TORCH)"
+	$(BIN)/python -m compileall -qq .venv/lib/python3*/site-packages/torch & \
+	$(BIN)/pip install --quiet --no-compile --editable ".[photographs]" && { wait; touch $@; }
 
 .venv/installed-tests: .venv/installed
 	$(BIN)/pip install --quiet --editable ".[dev,digits,photographs,mie,dask,mesh,validate,parquet,remote,hdf5]"
+	-$(BIN)/python -m compileall -qq -j 0 .venv/lib/python3*/site-packages  # tests start many processes
 	touch $@
 
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/

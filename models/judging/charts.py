@@ -34,10 +34,12 @@ class Note(NamedTuple):
     wrong: bool = False
 
 
-def contact_sheet(cases: Sequence[Case], out: Path, notes: Mapping[str, Sequence[Note]] | None = None) -> Path:
+def contact_sheet(
+    cases: Sequence[Case], out: Path, notes: Mapping[str, Sequence[Note]] | None = None, caption: str = ""
+) -> Path:
     """Draw cases, a column each: camera image, what each method made of it (with its Pearson correlation), object.
 
-    ``notes`` are of a method's reconstructions, by its name, one for each case.
+    ``notes`` are of a method's reconstructions, by its name, one for each case; the caption stands below.
     """
     notes = notes or {}
     methods = list(cases[0].reconstructions)
@@ -55,6 +57,7 @@ def contact_sheet(cases: Sequence[Case], out: Path, notes: Mapping[str, Sequence
         _show(axis[-1], case.object, low=0, high=1)
     for axis, name in zip(axes[:, 0], ("camera sees", *methods, "hidden object"), strict=True):
         axis.text(-0.08, 0.5, name, rotation=90, ha="right", va="center", fontsize=10, transform=axis.transAxes)
+    figure.supxlabel(caption, fontsize=8)
     return _save(figure, out)
 
 

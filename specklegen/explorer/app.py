@@ -27,7 +27,8 @@ def _(CONTROLS, mo, read):
         for name, control in CONTROLS.items()
     })  # fmt: skip
     draw_sixteen = mo.ui.run_button(label="Sixteen samples")
-    return address, begun, controls, draw_sixteen, said
+    drawn = {}  # panels as they stand on this page
+    return address, begun, controls, draw_sixteen, drawn, said
 
 
 @app.cell
@@ -56,8 +57,11 @@ def _(begun, controls, draw_sixteen, mo, page, said, shown, state):
 
 
 @app.cell
-def _(mo, page, state):
-    mo.Html(page.panels(state))
+def _(drawn, mo, page, state):
+    every = ""
+    for every in page.coming(state, drawn):
+        mo.output.replace(mo.Html(every))
+    mo.Html(every)
     return
 
 

@@ -20,6 +20,7 @@ STYLE = """<style>
 .sg-panel .sg-row > * { flex: 1 1 0; min-width: 0; }
 .sg-panel svg { width: 100%; height: auto; }
 .sg-panel p { margin: .4rem 0 0; }
+.sg-late { opacity: .35; }
 .sg-wide { grid-column: 1 / -1; }
 .sg-controls { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 20rem), 1fr));
   gap: .3rem 1.5rem; }

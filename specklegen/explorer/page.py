@@ -2,7 +2,7 @@
 
 import html
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -32,8 +32,25 @@ def buttons(*elements: str) -> str:
 
 def panels(state: State) -> str:
     """Every panel of a state."""
-    made = "".join(drawing.panel(title, _said(body, state), wide) for title, wide, body in _PANELS)
-    return f'<div class="sg-panels">{made}</div>'
+    *_, every = coming(state, {})
+    return every
+
+
+def coming(state: State, before: dict[str, str]) -> Iterator[str]:
+    """Every panel of a state, as they are made: once after each, the camera's first.
+
+    Parameters
+    ----------
+    state
+        What is shown.
+    before
+        Bodies of panels by their titles, as they stood before: greyed until they are made anew, and written into it.
+    """
+    late = {title: f'<div class="sg-late">{before.get(title, "...")}</div>' for title, _, _ in _PANELS}
+    for title, _, body in _PANELS:
+        before[title] = late[title] = _said(body, state)
+        made = "".join(drawing.panel(name, late[name], wide) for name, wide, _ in _PANELS)
+        yield f'<div class="sg-panels">{made}</div>'
 
 
 def sixteen(state: State) -> tuple[str, bytes]:

@@ -192,6 +192,21 @@ def test_a_laboratory_is_what_its_lengths_say():
     assert "LabSetup.pixel_pitch must be at most" in page.panels(LAB._replace(pixel=11.0, camera=64))
 
 
+def test_panels_come_one_by_one_and_old_ones_are_grey_until_then(monkeypatch):
+    titles = ["What the camera sees", "Verdict", "Recipe"]
+    made = tuple((title, False, lambda state, title=title: f"{title} of {state.sample}") for title in titles)
+    monkeypatch.setattr(page, "_PANELS", made)
+    kept = {}
+    first = list(page.coming(BEGIN._replace(sample=3), kept))
+    assert [text.count("of 3") for text in first] == [1, 2, 3]
+    assert [text.count("sg-late") for text in first] == [2, 1, 0]
+    assert first[-1] == page.panels(BEGIN._replace(sample=3))
+    second = list(page.coming(BEGIN._replace(sample=4), kept))
+    assert [text.count("of 4") for text in second] == [1, 2, 3]
+    assert [text.count("of 3") for text in second] == [2, 1, 0]
+    assert re.search(r'class="sg-late">Verdict of 3<', second[0])
+
+
 @pytest.mark.parametrize("state", [GLASS, LAYERS])
 def test_what_a_medium_has_not_is_said_in_its_panel(state):
     state = state._replace(camera=64)
