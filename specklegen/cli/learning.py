@@ -130,7 +130,7 @@ def train(
             if given:
                 reject(f"train {option}", "left out with a store, which has its recipe", given)
         stored, judged = SpeckleCache(what), SpeckleCache(validation)
-        loaded = None
+        loaded, source = None, judged
         require_held_out(stored, judged)
         data, held_out = examples(stored, input, target=target), examples(judged, input, target=target)
         about = {name: cache.identity | {"samples": len(cache)} for name, cache in
@@ -138,7 +138,7 @@ def train(
     else:
         if validation is not None:
             reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
-        recipe = loaded = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
+        recipe = loaded = source = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
         shown = sharing_media(recipe, media_group)
         data = streamed(SpeckleStream(shown, seed=seed, batch_size=batch_size), input, workers, target)
         looked_at = rendered_before(out, validation_samples)
@@ -150,7 +150,7 @@ def train(
             typer.echo(f"{len(held_out.targets)} validation images, of {validation_samples}: for want of seconds")
     few = min(_TABLED, len(held_out.targets))
     beside = Beside(
-        batches_of(judged if loaded is None else loaded, few, seed, "validation", _TABLED // 8),
+        batches_of(source, few, seed, "validation", _TABLED // 8),
         _methods(loaded, target, seed, seconds), untrained(settings, held_out, device),
         None if seconds is None else begun + 2 * _PREPARING * seconds,
         "square" if loaded is None else getattr(loaded, "profile", "square"),
