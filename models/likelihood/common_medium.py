@@ -47,6 +47,15 @@ class Joint(NamedTuple):
         By how many pixels each was moved, down and right, after the turn.
     upright, turned : float
         How well the ratios of all images fit the objects this way up, and the other way up, each at its best.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.models import Joint
+    >>> images = torch.rand(2, 8, 8)
+    >>> found = Joint(images, torch.tensor([False, True]), torch.zeros(2, 2, dtype=torch.int64), 0.9, 0.7)
+    >>> found.flipped.tolist(), found.upright > found.turned
+    ([False, True], True)
     """
 
     image: Tensor
