@@ -12,15 +12,17 @@ as in multi-frame blind deconvolution (Schulz, J. Opt. Soc. Am. A 10, 1064, 1993
 camera's edges cut off, and what C_I falls by across an object, is noise that more of them would fit.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from specklegen.core.arguments import choice, flag, instance, real_tensor
-from specklegen.core.display.repr import short
-from specklegen.core.errors import reject
+from specklegen.core.display.plot import Pictured, draw_stack
+from specklegen.core.errors import counted, reject
 from specklegen.models.likelihood.likelihood import Optics, each_of
 from specklegen.scene.window import PROFILES, Window
 
@@ -34,7 +36,8 @@ _PASSED = 0.005  # of the window's transfer function: below, frequencies are lef
 _REGULAR = 0.05  # of the mean power of objects, beside it
 
 
-class Joint(NamedTuple):
+@dataclass(frozen=True, eq=False, repr=False)
+class Joint(Pictured):
     """What N images through one medium say together.
 
     Attributes
@@ -64,7 +67,17 @@ class Joint(NamedTuple):
     upright: float
     turned: float
 
-    __repr__ = short
+    def __repr__(self) -> str:
+        return f"Joint({counted(len(self.image), 'object')}, {int(self.flipped.sum())} turned)"
+
+    def _facts(self) -> Mapping[str, object]:
+        return {"objects": len(self.image), "turned from what was given": int(self.flipped.sum()),
+                "fit this way up": self.upright, "fit the other way up": self.turned}  # fmt: skip
+
+    def _draw(self, axes: Any, label: str | None = None) -> None:
+        """The objects, side by side."""
+        draw_stack(axes, self.image.numpy())
+        axes.set_title(label or "")
 
 
 def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:

@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+import torch
 from matplotlib.figure import Figure
 from PIL import Image
 from scenes import ROOT
@@ -22,6 +23,7 @@ from specklegen.core.display.plot import Pictured, card, draw_images
 from specklegen.datasets import SpeckleCache, load_recipe
 from specklegen.models.judging.benchmark import Results
 from specklegen.models.judging.evaluation import Evaluation
+from specklegen.models.likelihood.common_medium import Joint
 from specklegen.models.recoverability.assessment import Finding, Findings
 from specklegen.models.recoverability.speckle_test import SpeckleTest
 from specklegen.models.recoverability.verdict import Reason
@@ -86,6 +88,9 @@ SHOWN = {
     ),
     "what one image tells": lambda: FOUND,
     "what images tell": lambda: Findings((FOUND, FOUND), 1e-4, None),
+    "what images together tell": lambda: Joint(
+        torch.rand(3, 8, 8), torch.tensor([False, True, False]), torch.zeros(3, 2, dtype=torch.int64), 0.9, 0.7
+    ),
     "evaluation": lambda: SCORED,
     "benchmark": lambda: Results({"thin": SCORED, "noise": SCORED}, 20),
     "scene of beams": lambda: SCENE,
