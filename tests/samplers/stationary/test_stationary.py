@@ -288,8 +288,9 @@ def test_criterion_measures_what_it_should(g, width, view, expected):
     + [(0.9, 4, 10, False), (0.9, 200, 10, True), (0.9, 200, 20, True)],
 )
 def test_planner_takes_the_stationary_sampler_where_it_is_right(g, width, view, accepted):
-    made = plan(criterion_scene(g, width, center=np.deg2rad(view)))
-    assert made.sampler == ("stationary" if accepted else "paths"), made.explain()
+    scene = criterion_scene(g, width, center=np.deg2rad(view))
+    made = plan(scene, realizations=100)  # of one, path sums may take less time than the correlation
+    assert (made.sampler == "stationary") == accepted, made.explain()
     # Off the axis, the correlation of the axis is not right.
     assert getattr(made.chosen, "form", None) == (None if not accepted else "oblique" if view else "axial")
     assert "stationary sampler" in made.explain()
