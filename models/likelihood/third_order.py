@@ -101,7 +101,8 @@ def turn_of(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | flo
         each_of(f"Optics.{name}", getattr(optics, name), len(images), torch.float64).tolist()
         for name in ("step", "grain")
     )
-    noises = real_array("turn_of noise", noise.detach().cpu().numpy() if isinstance(noise, Tensor) else noise)
+    given = real_tensor("turn_of noise", noise).detach().cpu().numpy() if isinstance(noise, Tensor) else noise
+    noises = real_array("turn_of noise", given)
     if noises.shape not in ((), (len(images),)) or not (np.isfinite(noises) & (noises >= 0)).all():
         reject("turn_of noise", f"finite and at least 0, one number or one for each of {len(images)} objects", noise)
     noises = np.broadcast_to(noises, len(images)).astype(np.float64).tolist()
