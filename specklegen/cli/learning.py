@@ -153,7 +153,7 @@ def train(
         batches_of(source, few, seed, "validation", _TABLED // 8),
         _methods(loaded, target, seed, seconds), untrained(settings, held_out, device),
         None if seconds is None else begun + 2 * _PREPARING * seconds,
-        "square" if loaded is None else getattr(loaded, "profile", "square"),
+        getattr(loaded, "profile", "square") if settings.of_objects else "square",
     )  # fmt: skip
     reserve = -time.perf_counter()
     if beside.judged:
