@@ -18,7 +18,7 @@ CALLS = count()
 SMALL = {"camera": {"shape": [12, 16]}}
 RECIPES = {
     "tilt-stack": SMALL,
-    "unknown-slab": {"field": {"pixels": 10.0}, **SMALL},
+    "unknown-slab": {"field": {"pixels": 10.0}, "sampler": "stationary", **SMALL},  # else the planner's, at its margin
     "through-slab": {"material": QUICK, "media": 3, **SMALL},
     "dynamic-slab": {"material": QUICK, "dynamics": {"frames": 2}, **SMALL},
     "brownian-slab": {"material": QUICK, "dynamics": {"frames": 2}, **SMALL},
