@@ -22,12 +22,11 @@ be held in .37. The benches of a material share its truth, and so are not indepe
 
 import argparse
 import csv
-import multiprocessing
-import time
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from _rows import write_rows
 from scipy.stats import chi2, norm
 
 import specklegen as sg
@@ -105,17 +104,8 @@ def one(task: tuple[str, int]) -> list:
 
 def run(out: Path, count: int, workers: int, seconds: float) -> None:
     """Write the table of exact truths, a line as soon as it is there, until the time is over; print what it says."""
-    begun = time.time()
     one(("OD 5, g .9", 0))
-    tasks = [(name, number) for number in range(count) for name in MATERIALS]
-    with multiprocessing.get_context("fork").Pool(workers) as pool, out.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        for row in pool.imap(one, tasks):
-            writer.writerow(row)
-            file.flush()
-            if time.time() - begun > seconds:
-                break
-        pool.terminate()
+    write_rows(one, [(name, number) for number in range(count) for name in MATERIALS], out, workers, seconds)
     print(told(out))
 
 

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from _rows import write_rows
 from perturbed_benches import BENCHES, bench
 
 from specklegen.datasets.loading.stream import tensors
@@ -108,16 +109,8 @@ def truth(out: Path, count: int, workers: int, seconds: float) -> None:
         photograph(number)
     became(0)
     print(f"ready after {time.time() - begun:.0f} s", flush=True)
-    with multiprocessing.get_context("fork").Pool(workers) as pool, out.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(HEAD)
-        for row in pool.imap(became, range(count)):
-            writer.writerow(row)
-            file.flush()
-            if time.time() - begun > seconds:
-                break
-        pool.terminate()
-    print(f"{row[0] + 1} photographs after {time.time() - begun:.0f} s", flush=True)
+    write_rows(became, range(count), out, workers, seconds, HEAD)
+    print(f"{sum(1 for _ in out.open()) - 1} photographs after {time.time() - begun:.0f} s", flush=True)
 
 
 def judged(number: int) -> tuple[str, float]:

@@ -11,12 +11,11 @@ beam, noise of 0 to 10 %. Nothing of the fit is used to draw.
 
 import argparse
 import csv
-import multiprocessing
-import time
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+from _rows import write_rows
 
 import specklegen as sg
 from specklegen.core.statistics import wilson
@@ -135,17 +134,9 @@ def main() -> None:
     if given.task == "table":
         print(table(given.file or given.out))
         return
-    begun, names = time.time(), list(SLABS)
+    names = list(SLABS)
     tasks = [(names[run % len(names)], count, run) for run in range(given.runs) for count in COUNTS]
-    with multiprocessing.get_context("fork").Pool(given.workers) as pool, given.out.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(HEAD)
-        for row in pool.imap(one, tasks):
-            writer.writerow(row)
-            file.flush()
-            if time.time() - begun > given.seconds:
-                break
-        pool.terminate()
+    write_rows(one, tasks, given.out, given.workers, given.seconds, HEAD)
     print(table(given.out))
 
 

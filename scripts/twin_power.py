@@ -10,13 +10,12 @@ tilt, beside the recipe that they are not of.
 
 import argparse
 import csv
-import multiprocessing
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _rows import write_rows
 from scipy.stats import kstest
 
 import specklegen as sg
@@ -94,18 +93,9 @@ def main() -> None:
     if given.task == "table":
         print(table(given.file or given.out))
         return
-    begun = time.time()
     load_recipe("tilt-stack", RECIPE).batch(0, "train", range(2))  # compiled before there are several of us
     tasks = [(kind, run) for run in range(given.runs) for kind in given.kinds]
-    with multiprocessing.get_context("fork").Pool(given.workers) as pool, given.out.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(HEAD)
-        for row in pool.imap(one, tasks):
-            writer.writerow(row)
-            file.flush()
-            if time.time() - begun > given.seconds:
-                break
-        pool.terminate()
+    write_rows(one, tasks, given.out, given.workers, given.seconds, HEAD)
     print(table(given.out))
 
 

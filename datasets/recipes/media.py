@@ -14,6 +14,8 @@ import numpy as np
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.lazy import LazyModule
+from specklegen.core.nanoseconds import seconds
+from specklegen.core.parallel import thread_count
 from specklegen.core.values import remembered
 from specklegen.datasets.recipes.parts.viewing import Viewing
 from specklegen.planning.plan import Plan
@@ -218,6 +220,22 @@ def told_by(recipe: Recipe, view: Planned, decisions: tuple[Decision, ...]) -> t
     """Decisions about a scene, with what its recipe models beside it and does not."""
     kept = tuple(decision for decision in decisions if decision.part not in IDEALISED)
     return (*kept, *recipe.idealisations(view.probe))
+
+
+def by_one_sampler(plans: list[Plan]) -> list[Plan]:
+    """Plans of a recipe's media; where they disagree, by the other sampler of those that have one."""
+    if len({made.chosen.name for made in plans}) < 2:
+        return plans
+    found = [(made, made.chosen.instead(made.decisions)) for made in plans]
+    return [made if other is None else _planned_by(made, *other) for made, other in found]
+
+
+def _planned_by(made: Plan, chosen: Sampler, decisions: tuple[Decision, ...]) -> Plan:
+    counted, threads = chosen.operations(), thread_count(None)
+    return replace(
+        made, chosen=chosen, decisions=decisions, operations=dict(counted), seconds=seconds(counted, threads),
+        setup_seconds=seconds(chosen.setup(), threads), memory_bytes=chosen.memory(threads),
+    )  # fmt: skip
 
 
 def rendering_of(recipe: Recipe, plans: list[Plan]) -> Rendering | None:

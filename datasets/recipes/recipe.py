@@ -22,6 +22,7 @@ from specklegen.datasets.recipes.media import (
     MediumView,
     Planned,
     Rendering,
+    by_one_sampler,
     media_requests,
     medium_plan,
     rendering_of,
@@ -33,7 +34,6 @@ from specklegen.datasets.sample_schema import require_finite
 from specklegen.datasets.split import Purpose, Split, generator, split_number, substream
 from specklegen.planning.plan import Plan
 from specklegen.samplers.sampler import MediaRequest
-from specklegen.samplers.stationary.convolution import with_one_sampler
 from specklegen.scene.scene import Scene
 from specklegen.scene.validity import idealisations
 from specklegen.synthesis.sight import Sight
@@ -288,7 +288,7 @@ class Recipe(Specification):
     @shielded()
     def plans(self) -> list[Plan]:
         """Plans of the media at the ends of every range, which ``specklegen plan`` prints and samples run by."""
-        return with_one_sampler([medium_plan(self, view) for view in self.extremes()])
+        return by_one_sampler([medium_plan(self, view) for view in self.extremes()])
 
     @shielded()
     def batch(self, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:

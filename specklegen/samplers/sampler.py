@@ -276,6 +276,13 @@ class Sampler(ABC):
         """Whether it makes media of recipes ready."""
         return cls.prepare_media is not Sampler.prepare_media
 
+    def instead(self, said: Sequence[Decision]) -> "tuple[Sampler, tuple[Decision, ...]] | None":  # noqa: ARG002
+        """Another that serves this scene, where all media of a recipe want one sampler; None: there is no other.
+
+        With what is then said in the place of ``said``.
+        """
+        return None
+
     def operations(self) -> Mapping[str, float]:
         """Counted operations of the first realization, by the names of :mod:`specklegen.core.nanoseconds`."""
         return {}

@@ -6,16 +6,15 @@ apart, and it is the tolerance: no image correlation is off by more. Two pattern
 by C_I alone are one here, so speckle of large objects averages out less.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
-from specklegen.core.nanoseconds import seconds
-from specklegen.core.parallel import thread_count
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import remembered
 from specklegen.memory_effects.atlas import atlas_correlation
@@ -65,9 +64,13 @@ class Convolution(Stationary, name="convolution"):
         decision = Decision(PART, True, f"asked for; {told}" if asked else told, doubt, lost if doubt else 0.0)
         return cls(**{each.name: getattr(served, each.name) for each in fields(served)}), [*said, decision]
 
-    def modes_instead(self) -> Stationary:
+    def instead(self, said: Sequence[Decision]) -> tuple[Stationary, tuple[Decision, ...]]:
         """The stationary sampler of the same scene, with the modes of the memory effect."""
-        return Stationary(**{each.name: getattr(self, each.name) for each in fields(self)})
+        told = tuple(
+            replace(each, needed=False, reason=f"{each.reason}; but other media of the recipe need modes")
+            if each.part == PART else each for each in said
+        )  # fmt: skip
+        return Stationary(**{each.name: getattr(self, each.name) for each in fields(self)}), told
 
     def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], Imaging]]":
         """Make media ready, whose memory effect is taken as complete; in time it stays what it is."""
@@ -132,24 +135,3 @@ def scene_loss(scene: Scene) -> tuple[float, float]:
         return 0.0, 0.0
     _, lost, error = found.intensity(np.array([far]))
     return float(lost[0]), float(error[0])
-
-
-def with_one_sampler(plans: list[Any]) -> list[Any]:
-    """Plans of a recipe's media: convolution for all of them, or, where it is not enough for each, for none."""
-    some = [made for made in plans if isinstance(made.chosen, Convolution)]
-    if len(some) in (0, len(plans)):
-        return plans
-    return [_with_modes(made) if isinstance(made.chosen, Convolution) else made for made in plans]
-
-
-def _with_modes(made: Any) -> Any:
-    chosen = made.chosen.modes_instead()
-    told = tuple(
-        replace(each, needed=False, reason=f"{each.reason}; but other media of the recipe need modes")
-        if each.part == PART else each for each in made.decisions
-    )  # fmt: skip
-    counted, threads = chosen.operations(), thread_count(None)
-    return replace(
-        made, chosen=chosen, decisions=told, operations=dict(counted), seconds=seconds(counted, threads),
-        setup_seconds=seconds(chosen.setup(), threads), memory_bytes=chosen.memory(threads),
-    )  # fmt: skip
