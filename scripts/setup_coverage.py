@@ -4,7 +4,7 @@
     python scripts/setup_coverage.py table setups.csv
 
 Each set is 1, 4 or 16 photographs of 288 x 288 pixels of a letter behind new places of one slab, drawn here as waves:
-those of two points of the letter have sqrt(C_I) in common, C_I that of the slab by paths (five slabs, from an
+those of two points of the letter have sqrt(C_I) in common, C_I that of the slab by paths (seven slabs, from an
 exponential to a Gaussian fall); the letter reaches .4 to 4 ranges. Grains of 2.5 to 4 pixels, three irises, a Gaussian
 beam, noise of 0 to 10 %. Nothing of the fit is used to draw.
 """
@@ -23,7 +23,7 @@ from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estim
 
 SLABS = {
     "OD 10, g .9": (10.0, 0.9), "OD 20, g .8": (20.0, 0.8), "OD 40, g 0": (40.0, 0.0), "OD 10, g .98": (10.0, 0.98),
-    "OD 5, g 0": (5.0, 0.0),
+    "OD 5, g 0": (5.0, 0.0), "OD 15, g .95": (15.0, 0.95), "OD 8, g .7": (8.0, 0.7),
 }  # fmt: skip
 COUNTS, SIDE = (1, 4, 16), 288
 _SAMPLES = SIDE + 80

@@ -174,7 +174,7 @@ class SetupFit(Pictured):
         apart = np.abs(np.asarray(distance, np.float64))
         if self.ranges is None or self.range is None or not np.isfinite(self.range):
             return np.ones_like(apart)
-        return decay(apart / self.range, float(self.ranges.powers[self.ranges.rises.argmin()]))
+        return decay(apart / self.range, self.ranges.power)
 
     @property
     def drawn(self) -> PointSpeckle:
@@ -288,7 +288,7 @@ def fit_setup(
     for _ in range(0 if target is None else 2):  # the iris first without a range, then behind the one found
         near = min(fits.values(), key=lambda each: each.cost)
         ranges = _ranges(tiles._replace(target=shown), near, pixel_integration)
-        tiles = tiles._replace(target=shown.behind(ranges.best, float(ranges.powers[ranges.rises.argmin()])))
+        tiles = tiles._replace(target=shown.behind(ranges.best, ranges.power))
         fits = fitted(tiles)
     best = min(fits.values(), key=lambda each: each.cost)
     behind = {name: _behind(tiles, best, each) for name, each in fits.items()}

@@ -6,9 +6,9 @@ in between, and so it is taken for
 
     C_I(d) = 2^(-(d / range)^p),    p between the ends of ``POWERS``,
 
-of which the likeliest is taken at each range. An interval holds all ranges whose cost has risen by less than the
-quantile of chi squared (a profile; Wilks, *Ann. Math. Statist.* 9, 60 (1938)), times how much further the scores
-scatter from tile to tile than the likelihood's curvature says (Chandler and Bate, *Biometrika* 94, 167 (2007)).
+of which the likeliest is taken at each range. The likelihood is a profile, over how much further the scores scatter
+from tile to tile than its curvature says (Chandler and Bate, *Biometrika* 94, 167 (2007)). That C_I is no such power is
+an error of the range of spread ``scan.SHAPE``, as where `reconstruct` fits one.
 """
 
 from collections.abc import Callable
@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from scipy.stats import chi2
 from torch import Tensor
 
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
+from specklegen.models.likelihood import scan
 from specklegen.models.likelihood.spectrum import autocorrelation_of
 
 POWERS = 0.75, 1.0, 1.25, 1.5, 1.75, 2.0
@@ -82,46 +82,47 @@ class Target(NamedTuple):
 
 
 class RangeProfile(NamedTuple):
-    """How the cost rises with the range.
+    """How the likelihood falls with the range.
 
     Attributes
     ----------
     ranges : float64[n]
-        Camera pixels; the last is infinite.
+        Camera pixels; the longest are as good as infinite.
     powers : float64[n]
         The likeliest power at each.
-    rises : float64[n]
-        Twice the logarithm of the likelihood, below the highest, over the scatter's share.
+    likely : float64[n]
+        Logarithm of the likelihood less the highest, over the scatter's share.
     """
 
     ranges: np.ndarray
     powers: np.ndarray
-    rises: np.ndarray
+    likely: np.ndarray
 
     @property
     def best(self) -> float:
-        """The likeliest range, between those tried; infinity where none that is finite is likelier."""
-        n = int(np.argmin(self.rises))
-        if n in (0, len(self.ranges) - 1, len(self.ranges) - 2):
-            return float(self.ranges[n])
-        x, y = np.log(self.ranges[n - 1 : n + 2]), self.rises[n - 1 : n + 2]
+        """The likeliest range, between those tried; infinity where the longest is."""
+        n = self._likeliest
+        if n == len(self.ranges) - 1:
+            return float("inf")
+        if n == 0:
+            return float(self.ranges[0])
+        x, y = np.log(self.ranges[n - 1 : n + 2]), self.likely[n - 1 : n + 2]
         curve, slope, _ = np.polyfit(x - x[1], y, 2)
-        return float(np.exp(x[1] + np.clip(-slope / (2 * curve), x[0] - x[1], x[2] - x[1]) if curve > 0 else x[1]))
+        return float(np.exp(x[1] + np.clip(-slope / (2 * curve), x[0] - x[1], x[2] - x[1]) if curve < 0 else x[1]))
+
+    @property
+    def power(self) -> float:
+        """The power of the likeliest range."""
+        return float(self.powers[self._likeliest])
+
+    @property
+    def _likeliest(self) -> int:
+        """Place of the likeliest range, of several the longest."""
+        return len(self.likely) - 1 - int(np.argmax(self.likely[::-1]))
 
     def interval(self, level: float) -> tuple[float, float]:
         """Ends of an interval; 0 and infinity where no range tried is short, or long, enough to be excluded."""
-        near = chi2.ppf(level, 1) - self.rises
-        inside = np.flatnonzero(near >= 0)
-        finite = np.append(np.log(self.ranges[:-1]), np.log(self.ranges[-2]) + 1)
-
-        def crossing(inner: int, outer: int) -> float:
-            share = near[inner] / (near[inner] - near[outer])
-            return float(np.exp(finite[inner] + share * (finite[outer] - finite[inner])))
-
-        first, last = int(inside[0]), int(inside[-1])
-        low = 0.0 if first == 0 else crossing(first, first - 1)
-        high = np.inf if last >= len(self.ranges) - 2 else crossing(last, last + 1)
-        return low, float(high)
+        return scan.interval(self.ranges, scan.blurred(self.ranges, self.likely, scan.SHAPE), level)
 
     def told(self, level: float) -> str:
         """The interval in words."""
@@ -157,9 +158,8 @@ def target_of(owner: str, target: object, step: float) -> Target:
 
 
 def ranges_of(target: Target) -> np.ndarray:
-    """Ranges that are tried, camera pixels; the last is infinite."""
-    low, high = _REACH[0] * target.step, _REACH[1] * target.extent
-    return np.append(np.geomspace(low, high, _STEPS), np.inf)
+    """Ranges that are tried first, camera pixels."""
+    return np.geomspace(_REACH[0] * target.step, _REACH[1] * target.extent, _STEPS)
 
 
 def profile_of(
@@ -185,7 +185,7 @@ def profile_of(
     first = np.array([[quick(target.behind(reach, power)) for power in POWERS] for reach in tried])
     costs, powers = first.min(1), np.array(POWERS)[first.argmin(1)]
     n = int(np.clip(costs.argmin(), 1, len(tried) - 2))
-    fine = np.geomspace(tried[n - 1], tried[n + 1] if n + 2 < len(tried) else tried[n], _FINE)[1:-1]
+    fine = np.geomspace(tried[n - 1], tried[n + 1], _FINE)[1:-1]
     at = np.searchsorted(tried, fine)
     tried, costs, powers = (np.insert(each, at, new) for each, new in (
         (tried, fine), (costs, np.full(len(fine), costs[n])), (powers, np.full(len(fine), powers[n])),
@@ -194,4 +194,4 @@ def profile_of(
         costs[m], powers[m] = cost(lambda power, reach=tried[m]: target.behind(reach, power), powers[m])
     best = int(np.clip(costs.argmin(), 1, len(tried) - 2))
     spread = scatter(*(target.behind(tried[m], powers[m]) for m in (best - 1, best)))
-    return RangeProfile(tried, powers, 2 * (costs - costs.min()) / spread)
+    return RangeProfile(tried, powers, (costs.min() - costs) / spread)

@@ -14,19 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from scipy.special import logsumexp, ndtr
-from scipy.stats import chi2
 
 from specklegen.core.errors import reject
 from specklegen.models.learning.networks.range_net import extents, likelihoods
 from specklegen.models.learning.solver import EXTENT, MemoryEffect, Solver, described, lags_of
+from specklegen.models.likelihood import scan
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import Periodogram
+from specklegen.models.likelihood.scan import SHAPE
 
 FACTORS = tuple(float(x) for x in np.geomspace(0.2, 5.0, 129))
 """Ranges tried, over that of the memory effect that is given."""
-SHAPE = 0.1
-"""Spread of the logarithm of a range that is read off C_I of another shape; see scripts/range_coverage.py."""
 _REACH = np.geomspace(1e-2, 1e4, 2001)  # distances in object pixels among which C_I falls to one half
 
 
@@ -51,7 +49,7 @@ class RangeFit(NamedTuple):
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Ends of the interval of a level between 0 and 1, as ``low`` and ``high``."""
-        return _within(np.array(list(self.tried)), np.array(list(self.tried.values())), level)
+        return scan.interval(np.array(list(self.tried)), np.array(list(self.tried.values())), level)
 
 
 def scaled(c_i: MemoryEffect, factor: float) -> MemoryEffect:
@@ -107,33 +105,9 @@ def fit_range(
     tried = np.sort(np.asarray(factors, np.float64))
     at = [np.log(EXTENT / range_of(c)) - np.log(tried) for c in memory]
     each = np.stack([np.interp(x, np.log(extents()), row) for x, row in zip(at, told, strict=True)], axis=1)
-    total = _blurred(tried, each.sum(1))
+    total = scan.blurred(tried, each.sum(1), SHAPE)
     likely = dict(zip(tried.tolist(), (total - total.max()).tolist(), strict=True))
-    return RangeFit(_peak(tried, total), *_within(tried, total, 0.95), likely)
-
-
-def _blurred(factors: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Log-likelihoods where the logarithm of the factor has an error of spread SHAPE; the ends go on as they are."""
-    steps = np.log(factors)
-    edges = np.concatenate([[-np.inf], (steps[1:] + steps[:-1]) / 2, [np.inf]])
-    weights = np.diff(ndtr((edges - steps[:, None]) / SHAPE), axis=1)
-    return np.asarray(logsumexp(np.broadcast_to(values, weights.shape), axis=1, b=weights))
-
-
-def _within(factors: np.ndarray, values: np.ndarray, level: float) -> tuple[float, float]:
-    """Shortest and longest factor whose log-likelihood is near enough to the highest; 0 and inf at the ends."""
-    near = values - values.max() + chi2.ppf(level, 1) / 2
-    inside = np.flatnonzero(near >= 0)
-    steps = np.log(factors)
-
-    def crossing(inner: int, outer: int) -> float:
-        share = near[inner] / (near[inner] - near[outer])
-        return float(np.exp(steps[inner] + share * (steps[outer] - steps[inner])))
-
-    first, last = int(inside[0]), int(inside[-1])
-    low = 0.0 if first == 0 else crossing(first, first - 1)
-    high = float("inf") if last == len(factors) - 1 else crossing(last, last + 1)
-    return low, high
+    return RangeFit(_peak(tried, total), *scan.interval(tried, total, 0.95), likely)
 
 
 def _peak(factors: np.ndarray, values: np.ndarray) -> float:
