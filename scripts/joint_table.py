@@ -25,6 +25,7 @@ from specklegen.models.retrieval.autocorrelation import MemoryEffect
 from specklegen.oracles.multi_slice import multi_slice, slice_views
 
 TOGETHER, FRAME = 5, 44
+EVEN = 0.9  # correlation with its own turn, from which on an object has none
 SIZE, SIDE, CAMERA = 384, 16, 96  # of the waves' grid, of objects, and of the camera: bins of the grid's transform
 WAVES = Optics(step=1.0, grain=2.0)
 SLAB = sg.Slab(thickness=6.0, mean_free_path=2.6, scatterer=sg.VonMisesFisher(12.0))
@@ -38,10 +39,14 @@ def framed(images: torch.Tensor) -> torch.Tensor:
 
 
 def scored(images: torch.Tensor, objects: torch.Tensor, alone: torch.Tensor, optics: Optics) -> np.ndarray:
-    """Correlations alone and together float64[N], and whether each came out upright: float64[3, N]."""
+    """Correlations alone and together, and whether each came out upright, NaN where it has no turn: float64[3, N]."""
     found, target = joint_objects(images, alone.double(), optics), framed(objects)
     one, both = (pearson(align(framed(x), target), target).numpy() for x in (alone, found.image))
-    return np.array([one, both, ~alignment(framed(found.image), target).flipped.numpy()])
+    wave = torch.fft.rfft2(target - target.mean((-2, -1), keepdim=True))
+    lags = torch.fft.irfft2(wave.square(), s=target.shape[-2:]).flatten(1).amax(1)  # with its own turn, at any shift
+    even = lags / torch.fft.irfft2(wave.abs().square(), s=target.shape[-2:])[:, 0, 0] > EVEN
+    upright = (~alignment(framed(found.image), target).flipped).double().where(~even, float("nan"))
+    return np.array([one, both, upright.numpy()])
 
 
 def rendered(seed: int, groups: int) -> list[np.ndarray]:
@@ -115,7 +120,8 @@ def report(name: str, found: list[np.ndarray]) -> str:
     media = np.repeat(np.arange(len(found)), TOGETHER)
     cells = ["{:.3f} [{:.3f}, {:.3f}]".format(*bootstrap(x, media)) for x in (alone, both)]
     gain = "{:+.3f} [{:+.3f}, {:+.3f}]".format(*bootstrap(both - alone, media))
-    return f"| {name} | {len(alone)} | {cells[0]} | {cells[1]} | {gain} | {upright.mean():.2f} |"
+    turns = f"{np.nanmean(upright):.3f} of {np.isfinite(upright).sum()}"
+    return f"| {name} | {len(alone)} | {cells[0]} | {cells[1]} | {gain} | {turns} |"
 
 
 def main() -> None:

@@ -50,7 +50,7 @@ _NO_SPECKLE = "no speckle of this setup"
 _UNLIKE = "not calibrated for this"
 _TRY_OTHER = "judge the image by its deviance, by draws, and by images of known objects in the same setup"
 _TAKE_OFF = "take off background and envelope; check window, slab, object pitch, polarisation, bandwidth of the setup"
-_TURN_SLOPE = 0.5
+_TURN_SLOPE = 0.6
 """Logarithm of the odds that a spread of third order is worth, of the solver's images; see docs/likelihood.md."""
 _WITHIN = 0.5
 """Memory effect across an object, from which on its turn is told at all."""
