@@ -1,9 +1,10 @@
 """What five objects through one medium gain from each other: ``python scripts/joint_table.py --groups 8 --waves 2``.
 
-Each image is reconstructed alone by the packaged solver, then all five together (``joint_objects``), by what their
-images have in common. Images are rendered (``unknown-slab``, five characters a medium, half a range wide), or drawn by
-waves, slice by slice (``specklegen.oracles.multi_slice``), which know nothing of this package's samplers: every object
-pixel a plane wave of its own through the same screens, a square window behind them, intensities added.
+Each image is reconstructed alone by the packaged solver; all five together from these (``joint_objects``), by what
+their images have in common; and from the images alone (``multiframe_deconvolution``). Images are rendered
+(``unknown-slab``, five characters a medium, half a range wide), or drawn by waves, slice by slice
+(``specklegen.oracles.multi_slice``), which know nothing of this package's samplers: every object pixel a plane wave
+of its own through the same screens, a square window behind them, intensities added.
 """
 
 import argparse
@@ -18,13 +19,21 @@ from scipy.ndimage import gaussian_filter
 import specklegen as sg
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.hidden_object import HiddenObject
-from specklegen.models import Optics, joint_objects, load_solver, measured_memory_effect, periodogram
+from specklegen.models import (
+    Optics,
+    joint_objects,
+    load_solver,
+    measured_memory_effect,
+    multiframe_deconvolution,
+    periodogram,
+)
 from specklegen.models.learning.measurement import measured
 from specklegen.models.metrics import align, alignment, bootstrap, pearson
 from specklegen.models.retrieval.autocorrelation import MemoryEffect
 from specklegen.oracles.multi_slice import multi_slice, slice_views
 
 TOGETHER, FRAME = 5, 44
+SMALL = 0.25  # of the camera: objects that multiframe_deconvolution is for
 EVEN = 0.9  # correlation with its own turn, from which on an object has none
 SIZE, SIDE, CAMERA = 384, 16, 96  # of the waves' grid, of objects, and of the camera: bins of the grid's transform
 WAVES = Optics(step=1.0, grain=2.0)
@@ -39,14 +48,21 @@ def framed(images: torch.Tensor) -> torch.Tensor:
 
 
 def scored(images: torch.Tensor, objects: torch.Tensor, alone: torch.Tensor, optics: Optics) -> np.ndarray:
-    """Correlations alone and together, and whether each came out upright, NaN where it has no turn: float64[3, N]."""
-    found, target = joint_objects(images, alone.double(), optics), framed(objects)
-    one, both = (pearson(align(framed(x), target), target).numpy() for x in (alone, found.image))
+    """Of N objects, float64[7, N]: correlations alone, together and from the images alone; who of these two is upright.
+
+    That is NaN of an object without a turn. Then the agreement of searches, and how wide objects are beside the camera.
+    """
+    target = framed(objects)
+    joint = joint_objects(images, alone.double(), optics).image
+    blind = multiframe_deconvolution(images, optics, objects.shape[-1] + 8)
+    alike = [pearson(align(framed(x), target), target).numpy() for x in (alone, joint, blind.image)]
     wave = torch.fft.rfft2(target - target.mean((-2, -1), keepdim=True))
     lags = torch.fft.irfft2(wave.square(), s=target.shape[-2:]).flatten(1).amax(1)  # with its own turn, at any shift
     even = lags / torch.fft.irfft2(wave.abs().square(), s=target.shape[-2:])[:, 0, 0] > EVEN
-    upright = (~alignment(framed(found.image), target).flipped).double().where(~even, float("nan"))
-    return np.array([one, both, upright.numpy()])
+    turned = [alignment(framed(x), target).flipped for x in (joint, blind.image)]
+    upright = [(~each).double().where(~even, float("nan")).numpy() for each in turned]
+    wide = objects.shape[-1] * float(torch.as_tensor(optics.step).flatten()[0]) / images.shape[-1]
+    return np.array([*alike, *upright, *(np.full(len(images), x) for x in (blind.agreement, wide))])
 
 
 def rendered(seed: int, groups: int) -> list[np.ndarray]:
@@ -115,13 +131,18 @@ def images_of_waves(patterns: np.ndarray, objects: np.ndarray) -> np.ndarray:
 
 
 def report(name: str, found: list[np.ndarray]) -> str:
-    """One row of the table."""
-    alone, both, upright = np.concatenate(found, axis=1)
-    media = np.repeat(np.arange(len(found)), TOGETHER)
-    cells = ["{:.3f} [{:.3f}, {:.3f}]".format(*bootstrap(x, media)) for x in (alone, both)]
-    gain = "{:+.3f} [{:+.3f}, {:+.3f}]".format(*bootstrap(both - alone, media))
-    turns = f"{np.nanmean(upright):.3f} of {np.isfinite(upright).sum()}"
-    return f"| {name} | {len(alone)} | {cells[0]} | {cells[1]} | {gain} | {turns} |"
+    """Rows of the table: all objects, and those at most a quarter of the camera wide, and wider."""
+    every = np.concatenate(found, axis=1)
+    media, small, lines = np.repeat(np.arange(len(found)), TOGETHER), every[6] <= SMALL, []
+    for which, kept in (("", every[6] > 0), (f", at most {SMALL} of the camera", small), (", wider", ~small)):
+        if which and kept.mean() in (0, 1):
+            continue
+        alone, both, blind, *upright, agreed, _ = every[:, kept]
+        cells = ["{:.3f} [{:.3f}, {:.3f}]".format(*bootstrap(x, media[kept])) for x in (alone, both, blind)]
+        cells += ["{:+.3f} [{:+.3f}, {:+.3f}]".format(*bootstrap(x - alone, media[kept])) for x in (both, blind)]
+        cells += [f"{np.nanmean(x):.3f} of {np.isfinite(x).sum()}" for x in upright]
+        lines.append(f"| {name}{which} | {len(alone)} | {' | '.join(cells)} | {agreed.mean():.2f} |")
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -131,7 +152,8 @@ def main() -> None:
     options.add_argument("--waves", type=int, default=2, help="Media of images that waves draw.")
     options.add_argument("--seed", type=int, default=7)
     given = options.parse_args()
-    print("| images | number | each alone | together | gain, paired | upright |\n|---|---|---|---|---|---|", flush=True)
+    print("| images | number | alone | together | from images alone | gain | gain | upright | upright | agreement |")
+    print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
     if given.waves:
         print(report("by waves", drawn_by_waves(given.seed, given.waves)), flush=True)
     if given.groups:
