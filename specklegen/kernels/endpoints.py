@@ -24,7 +24,7 @@ from specklegen.kernels.phase_table import (
 )
 from specklegen.kernels.sums import gather
 from specklegen.kernels.trigonometry import sincos_turns
-from specklegen.kernels.volume import EXTRA, VOXELS, exit_distance, optical_depth
+from specklegen.kernels.volume import EXTRA, exit_distance, is_homogeneous, optical_depth
 
 # Where each quantity starts, ROOM values each: vertex, direction beside it; towards one light or view: unit vector,
 # distance, optical depth, modulus, phase in turns, and the value found.
@@ -130,7 +130,7 @@ def attenuate(bounds, cells, extinction, state, count):
             bounds, state[X + m], state[Y + m], state[Z + m], state[DX + m], state[DY + m], state[DZ + m]
         )  # fmt: skip
         state[DEPTH + m] = min(state[AWAY + m], out)
-    if cells[VOXELS, 0] * cells[VOXELS, 1] * cells[VOXELS, 2] == 1:
+    if is_homogeneous(cells):
         sigma = extinction[0]
         for m in range(count):
             state[DEPTH + m] *= sigma
