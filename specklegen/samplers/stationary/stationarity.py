@@ -78,17 +78,20 @@ class StationaryError:
 
 def stationary_error(
     scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False, envelope: Envelope | None = None,
-    most: int = MOST_PATHS,
+    most: int = MOST_PATHS, glance: bool = False,
 ) -> StationaryError:  # fmt: skip
     """Judge a scene; more pilot paths, at ``most`` so many, while they alone stand between yes and no.
 
-    A glance at few of them is enough where the answer is clear: most scenes are far from the tolerance.
+    A ``glance`` at few of them is enough where the answer is clear, and how large an error is matters to nobody: most
+    scenes are far from the tolerance.
     """
-    for paths in (GLANCE_PATHS, FIRST_PATHS, MOST_PATHS):
-        glance = paths == GLANCE_PATHS
-        error = pilot_error(scene, tracer, paths, oblique=oblique, envelope=envelope, every=glance)
-        if paths >= most or error.is_clear(tolerance, _CLEAR if glance else _SURE):
-            break
+    if glance:
+        error = pilot_error(scene, tracer, GLANCE_PATHS, oblique=oblique, envelope=envelope, every=True)
+        if error.is_clear(tolerance, _CLEAR):
+            return error
+    error = pilot_error(scene, tracer, FIRST_PATHS, oblique=oblique, envelope=envelope)
+    if most > FIRST_PATHS and not error.is_clear(tolerance, _SURE):
+        return pilot_error(scene, tracer, most, oblique=oblique, envelope=envelope)
     return error
 
 

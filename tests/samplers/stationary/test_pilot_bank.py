@@ -126,7 +126,7 @@ def test_a_glance_decides_where_the_answer_is_clear(monkeypatch):
             (glance.largest, [stationarity.GLANCE_PATHS, stationarity.FIRST_PATHS]),
         ):
             counts.clear()
-            found = stationarity.stationary_error(some, tracer, tolerance, most=stationarity.FIRST_PATHS)
+            found = stationarity.stationary_error(some, tracer, tolerance, most=stationarity.FIRST_PATHS, glance=True)
             assert counts == asked, (scatterer, tolerance)
             assert tolerance == glance.largest or found.accepts(tolerance) == many.accepts(tolerance)
 
@@ -137,5 +137,10 @@ def test_a_glance_counts_beams_that_it_cannot_know():
     tracer = slab_tracer(some, False, aside=False)
     every, seen = (pilot_error(some, tracer, 1024, every=each) for each in (True, False))
     assert every.intensity >= seen.intensity
-    assert not every.is_clear(every.intensity + 3 * every.intensity_error, 4)
-    assert every.is_clear(max(every.intensity + 5 * every.intensity_error, 1.0), 4)
+
+
+def test_what_is_clear_is_so_of_both_errors():
+    error = stationarity.StationaryError(0.01, 0.002, 0.03, 0.004)
+    assert [error.is_clear(each, 4) for each in (0.013, 0.02, 0.045, 0.047)] == [True, False, False, True]
+    assert error.is_clear(0.02, 2)
+    assert not error.is_clear(0.035, 2)
