@@ -1,9 +1,10 @@
 """What five objects through one medium gain from each other: ``python scripts/joint_table.py --groups 8 --waves 2``.
 
-Each image is reconstructed alone by the packaged solver, then all five together (``joint_objects``), by what their
-images have in common. Images are rendered (``unknown-slab``, five characters a medium, half a range wide), or drawn by
-waves, slice by slice (``specklegen.oracles.multi_slice``), which know nothing of this package's samplers: every object
-pixel a plane wave of its own through the same screens, a square window behind them, intensities added.
+Each image is reconstructed alone by the packaged solver; all five together from these (``joint_objects``), by what
+their images have in common; and from the images alone (``multiframe_deconvolution``). Images are rendered
+(``unknown-slab``, five characters a medium, half a range wide), or drawn by waves, slice by slice
+(``specklegen.oracles.multi_slice``), which know nothing of this package's samplers: every object pixel a plane wave
+of its own through the same screens, a square window behind them, intensities added.
 """
 
 import argparse
@@ -18,14 +19,24 @@ from scipy.ndimage import gaussian_filter
 import specklegen as sg
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.hidden_object import HiddenObject
-from specklegen.models import Optics, joint_objects, load_solver, measured_memory_effect, periodogram
+from specklegen.models import (
+    Optics,
+    joint_objects,
+    load_solver,
+    measured_memory_effect,
+    multiframe_deconvolution,
+    periodogram,
+)
 from specklegen.models.learning.measurement import measured
 from specklegen.models.metrics import align, alignment, bootstrap, pearson
 from specklegen.models.retrieval.autocorrelation import MemoryEffect
 from specklegen.oracles.multi_slice import multi_slice, slice_views
 
 TOGETHER, FRAME = 5, 44
+SMALL = 0.25  # of the camera: objects that multiframe_deconvolution is for
+EVEN = 0.9  # correlation with its own turn, from which on an object has none
 SIZE, SIDE, CAMERA = 384, 16, 96  # of the waves' grid, of objects, and of the camera: bins of the grid's transform
+WAVES = Optics(step=1.0, grain=2.0)
 SLAB = sg.Slab(thickness=6.0, mean_free_path=2.6, scatterer=sg.VonMisesFisher(12.0))
 
 
@@ -37,10 +48,21 @@ def framed(images: torch.Tensor) -> torch.Tensor:
 
 
 def scored(images: torch.Tensor, objects: torch.Tensor, alone: torch.Tensor, optics: Optics) -> np.ndarray:
-    """Correlations alone and together float64[N], and whether each came out upright: float64[3, N]."""
-    found, target = joint_objects(images, alone.double(), optics), framed(objects)
-    one, both = (pearson(align(framed(x), target), target).numpy() for x in (alone, found.image))
-    return np.array([one, both, ~alignment(framed(found.image), target).flipped.numpy()])
+    """Of N objects, float64[7, N]: correlations alone, together and from the images alone; who of these two is upright.
+
+    That is NaN of an object without a turn. Then the agreement of searches, and how wide objects are beside the camera.
+    """
+    target = framed(objects)
+    joint = joint_objects(images, alone.double(), optics).image
+    blind = multiframe_deconvolution(images, optics, objects.shape[-1] + 8)
+    alike = [pearson(align(framed(x), target), target).numpy() for x in (alone, joint, blind.image)]
+    wave = torch.fft.rfft2(target - target.mean((-2, -1), keepdim=True))
+    lags = torch.fft.irfft2(wave.square(), s=target.shape[-2:]).flatten(1).amax(1)  # with its own turn, at any shift
+    even = lags / torch.fft.irfft2(wave.abs().square(), s=target.shape[-2:])[:, 0, 0] > EVEN
+    turned = [alignment(framed(x), target).flipped for x in (joint, blind.image)]
+    upright = [(~each).double().where(~even, float("nan")).numpy() for each in turned]
+    wide = objects.shape[-1] * float(torch.as_tensor(optics.step).flatten()[0]) / images.shape[-1]
+    return np.array([*alike, *upright, *(np.full(len(images), x) for x in (blind.agreement, wide))])
 
 
 def rendered(seed: int, groups: int) -> list[np.ndarray]:
@@ -63,50 +85,64 @@ def drawn_by_waves(seed: int, groups: int) -> list[np.ndarray]:
     recipe, solver = load_recipe("unknown-slab", {"objects": {"shape": [SIDE, SIDE]}}), load_solver()
     if not isinstance(recipe, HiddenObject):
         raise TypeError("a recipe with hidden objects")
-    places = np.arange(SIDE) - SIDE // 2
-    tilts = [(int(x), int(y)) for y in places for x in places]
-    bins = np.arange(SIDE)
-    curve = multi_slice(
-        SLAB, wavelength=1.0, pitch=0.5, size=SIZE, bins=bins.tolist(), realizations=2, seed=seed, reach=0.25
-    )  # fmt: skip
-    c_i = np.minimum.accumulate(curve.on_axis.mean(0) / curve.on_axis.mean(0)[0])
+    memory = [memory_of_waves(SLAB, seed)] * TOGETHER
     solver.points, found = None, []
-    window = np.zeros((SIZE, SIZE), bool)
-    window[SIZE // 4 : 3 * SIZE // 4, SIZE // 4 : 3 * SIZE // 4] = True
-    some = np.arange(-CAMERA // 2, CAMERA // 2)
     for group in range(groups):
-        (fields,) = slice_views(
-            SLAB, wavelength=1.0, pitch=0.5, size=SIZE, bins=tilts, realizations=1, seed=1000 * seed + group
-        )  # fmt: skip
-        patterns = []
-        for (x, y), field in zip(tilts, fields, strict=True):
-            field[y, x] = 0  # light that was not scattered
-            inside = np.fft.fft2(np.fft.ifft2(field) * window)
-            patterns.append(np.square(np.abs(inside[some][:, some])))
         objects = np.stack([recipe.objects.image(seed, "test", TOGETHER * group + n) for n in range(TOGETHER)])
-        # A pixel's light goes along its tilt: the camera shows objects upright, samples of a recipe turned.
-        images = np.tensordot(objects.reshape(TOGETHER, -1)[:, ::-1], np.array(patterns, np.float64), axes=1)
-        envelope = gaussian_filter(images.mean(0), 16, mode="nearest")
-        seen = torch.from_numpy(images / envelope)
-        optics = Optics(step=1.0, grain=2.0)
-        memory = [known(bins, c_i)] * TOGETHER
-        alone = solver.solve(periodogram(seen[:, None]), optics, memory, seed=seed).image
-        found.append(scored(seen, torch.from_numpy(objects), alone, optics))
+        images = torch.from_numpy(images_of_waves(wave_patterns(SLAB, 1000 * seed + group), objects))
+        alone = solver.solve(periodogram(images[:, None]), WAVES, memory, seed=seed).image
+        found.append(scored(images, torch.from_numpy(objects), alone, WAVES))
     return found
 
 
-def known(distances: np.ndarray, values: np.ndarray) -> MemoryEffect:
-    """C_I of waves at distances in object pixels, made positive definite."""
-    return measured_memory_effect(distances, values)
+def memory_of_waves(slab: sg.Slab, seed: int) -> MemoryEffect:
+    """C_I of waves over object pixels, made positive definite."""
+    bins = np.arange(SIDE)
+    curve = multi_slice(
+        slab, wavelength=1.0, pitch=0.5, size=SIZE, bins=bins.tolist(), realizations=2, seed=seed, reach=0.25
+    )  # fmt: skip
+    c_i = curve.on_axis.mean(0) / curve.on_axis.mean(0)[0]
+    return measured_memory_effect(bins, np.minimum.accumulate(c_i))
+
+
+def wave_patterns(slab: sg.Slab, seed: int) -> np.ndarray:
+    """What the camera sees of every object pixel behind a slab, float32[SIDE^2, CAMERA, CAMERA]."""
+    places = np.arange(SIDE) - SIDE // 2
+    tilts = [(int(x), int(y)) for y in places for x in places]
+    window = np.zeros((SIZE, SIZE), bool)
+    window[SIZE // 4 : 3 * SIZE // 4, SIZE // 4 : 3 * SIZE // 4] = True
+    some = np.arange(-CAMERA // 2, CAMERA // 2)
+    (fields,) = slice_views(slab, wavelength=1.0, pitch=0.5, size=SIZE, bins=tilts, realizations=1, seed=seed)
+    patterns = np.empty((len(tilts), CAMERA, CAMERA), np.float32)
+    for n, ((x, y), field) in enumerate(zip(tilts, fields, strict=True)):
+        field[y, x] = 0  # light that was not scattered
+        inside = np.fft.fft2(np.fft.ifft2(field) * window)
+        patterns[n] = np.square(np.abs(inside[some][:, some]))
+    return patterns
+
+
+def images_of_waves(patterns: np.ndarray, objects: np.ndarray) -> np.ndarray:
+    """Images float64[N, CAMERA, CAMERA] of objects float[N, SIDE, SIDE] through one medium, over their envelope.
+
+    A pixel's light goes along its tilt: the camera would show objects upright, samples of a recipe are turned.
+    """
+    images = np.tensordot(objects.reshape(len(objects), -1)[:, ::-1].astype(np.float64), patterns, axes=1)
+    return images / gaussian_filter(images.mean(0), 16, mode="nearest")
 
 
 def report(name: str, found: list[np.ndarray]) -> str:
-    """One row of the table."""
-    alone, both, upright = np.concatenate(found, axis=1)
-    media = np.repeat(np.arange(len(found)), TOGETHER)
-    cells = ["{:.3f} [{:.3f}, {:.3f}]".format(*bootstrap(x, media)) for x in (alone, both)]
-    gain = "{:+.3f} [{:+.3f}, {:+.3f}]".format(*bootstrap(both - alone, media))
-    return f"| {name} | {len(alone)} | {cells[0]} | {cells[1]} | {gain} | {upright.mean():.2f} |"
+    """Rows of the table: all objects, and those at most a quarter of the camera wide, and wider."""
+    every = np.concatenate(found, axis=1)
+    media, small, lines = np.repeat(np.arange(len(found)), TOGETHER), every[6] <= SMALL, []
+    for which, kept in (("", every[6] > 0), (f", at most {SMALL} of the camera", small), (", wider", ~small)):
+        if which and kept.mean() in (0, 1):
+            continue
+        alone, both, blind, *upright, agreed, _ = every[:, kept]
+        cells = ["{:.3f} [{:.3f}, {:.3f}]".format(*bootstrap(x, media[kept])) for x in (alone, both, blind)]
+        cells += ["{:+.3f} [{:+.3f}, {:+.3f}]".format(*bootstrap(x - alone, media[kept])) for x in (both, blind)]
+        cells += [f"{np.nanmean(x):.3f} of {np.isfinite(x).sum()}" for x in upright]
+        lines.append(f"| {name}{which} | {len(alone)} | {' | '.join(cells)} | {agreed.mean():.2f} |")
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -116,7 +152,8 @@ def main() -> None:
     options.add_argument("--waves", type=int, default=2, help="Media of images that waves draw.")
     options.add_argument("--seed", type=int, default=7)
     given = options.parse_args()
-    print("| images | number | each alone | together | gain, paired | upright |\n|---|---|---|---|---|---|", flush=True)
+    print("| images | number | alone | together | from images alone | gain | gain | upright | upright | agreement |")
+    print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
     if given.waves:
         print(report("by waves", drawn_by_waves(given.seed, given.waves)), flush=True)
     if given.groups:

@@ -66,7 +66,8 @@ class Row:
 
         def rendered(brightness):
             scene = self.scene(medium, brightness)
-            made, width = sg.plan(scene, threads=1, **options).chosen, scene.illumination.width
+            made = sg.plan(scene, realizations=realizations, threads=1, **options).chosen
+            width = scene.illumination.width
             return np.array([each.image for each in made.prepare(1, 1).media(realizations)], float) / width**2
 
         pixels = np.array([rendered(each).mean((-2, -1)) for each in np.eye(len(self.lit))]).T
@@ -175,7 +176,7 @@ def test_images_of_five_pixels_are_those_of_waves(medium, fine, paths):
 def test_images_under_an_envelope_are_those_of_waves():
     """An object two ranges wide before a camera of eight, at whose corners some per cent of the light are missing."""
     row = Row(435, [-1, 0, 1], [1.0, 0.6, 0.8], 8, pitch=1.25, fine=40)
-    made = sg.plan(row.scene(SMOOTH, row.brightness))
+    made = sg.plan(row.scene(SMOOTH, row.brightness), realizations=4)
     assert (made.sampler, made.doubts) == ("stationary", ())
     assert made.chosen.maps is not None
     waves = row.by_waves(SMOOTH, 24)
