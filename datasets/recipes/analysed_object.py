@@ -170,6 +170,7 @@ class AnalysedObject(HiddenObject):
     kind: Literal["analysed-object"] = "analysed-object"  # type: ignore[assignment]
     polarises: ClassVar[bool] = True
     on_benches: ClassVar[bool] = False
+    looked_up: ClassVar[bool] = False
     mosaic: PolarisationMosaic | None = None
 
     @model_serializer(mode="wrap")

@@ -103,6 +103,7 @@ class HiddenObject(Recipe):
     """
 
     on_benches: ClassVar[bool] = True
+    looked_up: ClassVar[bool] = True
     kind: Literal["hidden-object"] = "hidden-object"
     objects: AnyFamily
     field: ObjectField | None = None

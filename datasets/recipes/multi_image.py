@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, Self, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -132,6 +132,7 @@ class DynamicSlab(HiddenObject):
     """
 
     kind: Literal["dynamic-slab"] = "dynamic-slab"  # type: ignore[assignment]
+    looked_up: ClassVar[bool] = False  # the atlas knows no motion
     dynamics: Dynamics
 
     @model_validator(mode="after")

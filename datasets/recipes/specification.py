@@ -138,6 +138,8 @@ class Specification(Registered, Pictured):
     """What takes the place of a lab."""
     polarises: ClassVar[bool] = False
     """Whether light may be polarised inside the medium."""
+    looked_up: ClassVar[bool] = False
+    """Whether drawn slabs are looked up in the atlas where the material has no ``kernel``."""
     on_benches: ClassVar[bool] = False
     """Whether a ``bench`` is modelled."""
     _device: str = PrivateAttr("cpu")  # not written down: a file says what is rendered, not where
@@ -158,6 +160,7 @@ class Specification(Registered, Pictured):
             reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
         if self.lab is None and len(given) < len(stated):
             reject("Recipe", f"given {', '.join(stated)}, or else a table lab", given)
+        self._look_up()
         if self.lab is not None:
             self._take_faces(self.lab)
         if self.lab is not None and (self.light.bandwidth or self.light.refractive_index != 1):
@@ -228,6 +231,15 @@ class Specification(Registered, Pictured):
             reject("Lab.refractive_index", f"that of {material.preset['name']}, {index:.4g}", lab.refractive_index,
                    "Leave it out.")  # fmt: skip
         self.__dict__["lab"] = lab.replace(refractive_index=index)
+
+    def _look_up(self) -> None:
+        """Drawn slabs are of the atlas where nothing is said: paths for each take several times what a sample does."""
+        slab, lab = self.material, self.lab
+        if type(slab) is not Material or "kernel" in slab.model_fields_set or slab.scatterer is not None:
+            return
+        matched = slab.faces.matched and (lab is None or lab.layer_faces.matched)
+        if self.looked_up and slab.varies and matched and not self.wavenumber_bandwidth:
+            self.__dict__["material"] = slab.replace(kernel="atlas")
 
     def _take_faces(self, lab: Lab) -> None:
         """The material's faces are those of the laboratory, where there is one."""

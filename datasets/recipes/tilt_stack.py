@@ -1,7 +1,7 @@
 """Recipe kinds "tilt-stack" and "material-regression": the speckle of one medium under several tilts."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -39,6 +39,7 @@ class TiltStack(Tilted):
     """
 
     kind: Literal["tilt-stack"] = "tilt-stack"
+    looked_up: ClassVar[bool] = True
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = _TOLERANCE
 
     def physics(self) -> dict[str, Any]:

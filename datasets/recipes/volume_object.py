@@ -63,6 +63,7 @@ class VolumeObject(VolumeRecipe, HiddenObject):
 
     kind: Literal["volume-object"] = "volume-object"  # type: ignore[assignment]
     on_benches: ClassVar[bool] = False
+    looked_up: ClassVar[bool] = False
 
     @model_validator(mode="after")
     def _check_pitch(self) -> Self:

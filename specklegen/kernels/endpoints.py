@@ -24,7 +24,7 @@ from specklegen.kernels.phase_table import (
 )
 from specklegen.kernels.sums import gather
 from specklegen.kernels.trigonometry import sincos_turns
-from specklegen.kernels.volume import EXTRA, VOXELS, exit_distance, optical_depth
+from specklegen.kernels.volume import EXTRA, exit_distance, is_homogeneous, optical_depth
 
 # Where each quantity starts, ROOM values each: vertex, direction beside it; towards one light or view: unit vector,
 # distance, optical depth, modulus, phase in turns, and the value found.
@@ -39,7 +39,8 @@ class Targets(NamedTuple):
     near : int
         1 where ``vectors`` are points, 0 where they are directions away from the medium (of light: reversed).
     vectors, turns : float64[V, 3]
-        And the phase of a direction, e^(-2 pi i turns . x) per unit length; not read of points.
+        And the phase of a direction, e^(-2 pi i turns . x) per unit length; not read of points. Without any (V = 0)
+        phases are left out, of points too.
     """
 
     near: int
@@ -61,6 +62,7 @@ def endpoint_factors(volume, table, records, column, sign, types, side, targets,
     near_field, views, turns = targets
     bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
     kind = table.kinds[0] if table.kinds.shape[0] == 1 else -1
+    phased = turns.shape[0] > 0
     state = np.empty(15 * ROOM)
     for first in range(0, records.shape[0], ROOM):
         count = min(ROOM, records.shape[0] - first)
@@ -76,13 +78,17 @@ def endpoint_factors(volume, table, records, column, sign, types, side, targets,
             if near_field:
                 towards_point(px, py, pz, wavelength, cells[EXTRA, 0] == 2, state, count)
             else:
-                ax, ay, az = turns[n, 0], turns[n, 1], turns[n, 2]
+                ax, ay, az = (turns[n, 0], turns[n, 1], turns[n, 2]) if phased else (0.0, 0.0, 0.0)
                 towards_direction(px, py, pz, ax, ay, az, state, count)
             attenuate(bounds, cells, extinction, state, count)
             scattered = scatter(kind, table.parameters[0, 0], table.parameters[0, 1], sign, state, count)
-            for m in range(count):
-                sine, cosine = sincos_turns(state[TURNS + m])
-                state[REAL + m], state[IMAGINARY + m] = state[MODULUS + m] * cosine, state[MODULUS + m] * sine
+            if phased:
+                for m in range(count):
+                    sine, cosine = sincos_turns(state[TURNS + m])
+                    state[REAL + m], state[IMAGINARY + m] = state[MODULUS + m] * cosine, state[MODULUS + m] * sine
+            else:
+                for m in range(count):
+                    state[REAL + m], state[IMAGINARY + m] = state[MODULUS + m], 0.0
             for m in range(count):
                 out[n, first + m] = complex(state[REAL + m], state[IMAGINARY + m])
             if scattered:
@@ -124,7 +130,7 @@ def attenuate(bounds, cells, extinction, state, count):
             bounds, state[X + m], state[Y + m], state[Z + m], state[DX + m], state[DY + m], state[DZ + m]
         )  # fmt: skip
         state[DEPTH + m] = min(state[AWAY + m], out)
-    if cells[VOXELS, 0] * cells[VOXELS, 1] * cells[VOXELS, 2] == 1:
+    if is_homogeneous(cells):
         sigma = extinction[0]
         for m in range(count):
             state[DEPTH + m] *= sigma

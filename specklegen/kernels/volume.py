@@ -13,6 +13,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import overload
 
 from specklegen.kernels import inlined
 from specklegen.kernels.arithmetic import minus_log
@@ -23,6 +24,31 @@ _ONE = np.uint64(1)
 
 # Rows of ``cells``.
 VOXELS, BLOCKS, EXTRA = 0, 1, 2
+# Types of ``cells``, which say what a medium is made of when a kernel is compiled: each has a walk of its own, in which
+# nothing of the others' stands.
+HOMOGENEOUS, LAYERS, GRID = np.int16, np.int32, np.int64
+
+
+def is_homogeneous(cells):
+    """Whether a volume is one cell."""
+    return cells.dtype == HOMOGENEOUS
+
+
+def is_layered(cells):
+    """Whether the cells of a volume are layers."""
+    return cells.dtype == LAYERS
+
+
+@overload(is_homogeneous)
+def _is_homogeneous(cells):
+    found = str(cells.dtype) == "int16"
+    return lambda cells: found
+
+
+@overload(is_layered)
+def _is_layered(cells):
+    found = str(cells.dtype) == "int32"
+    return lambda cells: found
 
 
 class Volume(NamedTuple):
@@ -35,9 +61,9 @@ class Volume(NamedTuple):
     bounds : float64[2, 3], or float64[n + 1, 3] of n layers
         Lower and upper corner; infinite where the medium has no side, and in y in flatland. Then, of layers, the depths
         between them in the last column, going up.
-    cells : int64[3, 3]
-        VOXELS: number along x, y, z, where (1, 1, 1) is homogeneous; BLOCKS: number of blocks of one majorant along
-        x, y, z; EXTRA: dimension (2 or 3), voxels along the side of a block, 0.
+    cells : int16[3, 3] of one cell, int32[3, 3] of layers, int64[3, 3] of voxels
+        VOXELS: number along x, y, z; BLOCKS: number of blocks of one majorant along x, y, z; EXTRA: dimension (2 or 3),
+        voxels along the side of a block, 0.
     extinction, albedo, material : float64[n], float64[n], int64[n]
         Of each voxel, x fastest, z slowest.
     majorant : float64[m]
@@ -141,11 +167,11 @@ def _place(bounds, cells, per_length, axis, position):
 @inlined
 def voxel(bounds, cells, per_length, x, y, z):
     """Number of the voxel that holds a point."""
-    nx, ny, nz = cells[VOXELS, 0], cells[VOXELS, 1], cells[VOXELS, 2]
-    if nx * ny * nz == 1:
+    if is_homogeneous(cells):
         return 0
-    if bounds.shape[0] > 2:
+    if is_layered(cells):
         return _layer(bounds, z)
+    nx, ny = cells[VOXELS, 0], cells[VOXELS, 1]
     i = _place(bounds, cells, per_length, 0, x)
     j = _place(bounds, cells, per_length, 1, y)
     return (_place(bounds, cells, per_length, 2, z) * ny + j) * nx + i
@@ -195,15 +221,15 @@ def march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, target):
 
     The part of the ray between the two must be inside.
     """
-    nx, ny, nz = cells[VOXELS, 0], cells[VOXELS, 1], cells[VOXELS, 2]
     if far <= near:
         return 0.0, near
-    if nx * ny * nz == 1:
+    if is_homogeneous(cells):
         sigma = extinction[0]
         depth = sigma * (far - near)
         return (depth, far) if depth < target else (target, near + target / sigma)
-    if bounds.shape[0] > 2:
+    if is_layered(cells):
         return _march_layers(bounds, extinction, z, dz, near, far, target)
+    nx, ny, nz = cells[VOXELS, 0], cells[VOXELS, 1], cells[VOXELS, 2]
     i, wx = _cell(bounds, 0, x + near * dx, nx)
     j, wy = _cell(bounds, 1, y + near * dy, ny)
     k, wz = _cell(bounds, 2, z + near * dz, nz)
@@ -258,7 +284,7 @@ def free_flight(bounds, cells, extinction, majorants, per_length, ray, first, se
     x, y, z, dx, dy, dz = ray
     k0, k1, sample = key
     far = exit_distance(bounds, x, y, z, dx, dy, dz)
-    if bounds.shape[0] > 2:
+    if is_layered(cells):
         target = minus_log(first)
         reached, t = _march_layers(bounds, extinction, z, dz, 0.0, far, target)
         return (t if reached >= target else math.inf), dimension

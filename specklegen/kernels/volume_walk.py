@@ -76,7 +76,16 @@ from specklegen.kernels.phase_table import choose_type, power, sample
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.slab_steps import Address, Leg, survivor_weight
 from specklegen.kernels.sources import KEPT, TYPE, WORDS, draw_starts, sample_start, start_densities, turn
-from specklegen.kernels.volume import EXTRA, VOXELS, corners, escape_distance, free_flight, inside, optical_depth, voxel
+from specklegen.kernels.volume import (
+    EXTRA,
+    corners,
+    escape_distance,
+    free_flight,
+    inside,
+    is_homogeneous,
+    optical_depth,
+    voxel,
+)
 from specklegen.kernels.walk import FLOW, TRANSFER, write_record
 
 FAR, NEAR = 0, 1
@@ -252,7 +261,7 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
     source_kinds, source_rows = sources.kinds, sources.rows
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
     box, dimension = corners(bounds), cells[EXTRA, 0]
-    homogeneous = cells[VOXELS, 0] * cells[VOXELS, 1] * cells[VOXELS, 2] == 1
+    homogeneous = is_homogeneous(cells)
     typed = table.kinds.shape[0] > 1
     more = typed or not (homogeneous and by_lobe) or albedos[0] < 1.0  # uniforms than one block a vertex
     even = 0.5 / math.pi if dimension == 2 else _ISOTROPIC

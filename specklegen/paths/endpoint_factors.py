@@ -24,6 +24,7 @@ End = Literal["entry", "exit"]
 # Position's column, the sign that makes the direction beside it arrive at the end, and the particle's column.
 _COLUMNS = {"entry": (walk.ENTRY, -1.0, 0), "exit": (walk.EXIT, 1.0, 1)}
 _VIEWS_AT_ONCE = 64
+_NO_PHASES = np.empty((0, 3))
 BLOCK = 16384
 """Connections whose factors are found at a time; each stands alone, so the size changes no bit."""
 
@@ -45,7 +46,7 @@ def endpoint_factors(
     end
         Which end of the connections.
     turns
-        Phases float64[n, 3] in turns per unit length instead of those of the directions.
+        Phases float64[n, 3] in turns per unit length instead of those of the directions; float64[0, 3] for none.
     """
     if layout.ways is not None:
         return _along_legs(layout, layout.ways, bank, endpoints, end, threads, turns)
@@ -227,17 +228,28 @@ def _by_light(layout: Layout, bank: PathBank, bidirectional: bool, reverse: bool
 
 def contributions(layout: Layout, bank: PathBank) -> np.ndarray:
     """float64[M], w = W |A|^2 |B|^2 for the one light and view of a layout; its mean over paths is the intensity."""
-    power = bank.weight * np.square(np.abs(endpoint_factors(layout, bank, layout.lights, "entry")[0]))
-    power *= np.square(np.abs(endpoint_factors(layout, bank, layout.views, "exit")[0]))
+    return contributions_of_pairs(layout, bank)[0, 0]
+
+
+def contributions_of_pairs(layout: Layout, bank: PathBank) -> np.ndarray:
+    """float64[T, V, M], the same for every light and view of a layout; each end of a connection is looked at once."""
+    lights = bank.weight * _end_powers(layout, bank, layout.lights, "entry")
+    power = lights[:, None] * _end_powers(layout, bank, layout.views, "exit")
     once = bank.orders == 1
     if layout.polarised is not None:
         many = bank.select(~once)
         into = layout.polarised.arriving(many, -layout.lights.vectors)
         out = layout.polarised.passing(many, layout.views.vectors)
-        power[~once] *= np.square(np.abs((into * out).sum(axis=0)[0]))
+        power[..., ~once] *= np.square(np.abs((into[:, :, None] * out[:, None]).sum(axis=0)))
     if once.any():
-        power[once] *= np.square(np.abs(single_factors(layout, bank.select(once))[0, 0]))
+        power[..., once] *= np.square(np.abs(single_factors(layout, bank.select(once))))
     return power
+
+
+def _end_powers(layout: Layout, bank: PathBank, endpoints: Endpoints, end: End) -> np.ndarray:
+    """float64[n, M], |.|^2 of the factors of one end, whose phases nobody then needs."""
+    found = endpoint_factors(layout, bank, endpoints, end, turns=None if layout.ways is not None else _NO_PHASES)
+    return np.square(found.real) + np.square(found.imag)
 
 
 def _pairs(lights: np.ndarray, views: np.ndarray) -> np.ndarray:

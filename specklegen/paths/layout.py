@@ -64,7 +64,7 @@ class Layout:
         return replace(self, views=self.views.at(vectors))
 
     def at(self, light: np.ndarray, view: np.ndarray) -> Self:
-        """The same with one light and one view, unit vectors of travel float64[3]."""
+        """The same with one light float64[3] and one view or several, unit vectors of travel."""
         return replace(self, lights=self.lights.at(-light), views=self.views.at(view))
 
     def tilting(self, other: "Layout") -> Self:

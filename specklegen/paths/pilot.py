@@ -14,7 +14,7 @@ from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
 from specklegen.paths.deep_absorption import crossing_variances, dark_views
-from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.paths.endpoint_factors import contributions_of_pairs, multiple_amplitudes, single_amplitudes
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.rare_paths import ENOUGH, rare_paths_decision
 from specklegen.paths.slab_tracer import SlabTracer
@@ -114,6 +114,9 @@ def pilot_by_walk(scene: Scene, reverse: bool, any_geometry: bool) -> Pilot:
 
 def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:
     few, once, more = tracer.layout.probed(), bank.single, bank.multiple
+    if not (tracer.bidirectional or reverse) and few.middle is None:  # no amplitudes are added up
+        pairs = len(few.lights) * len(few.views)
+        return [(each.paths, contributions_of_pairs(few, each).reshape(pairs, len(each))) for each in (once, more)]
     often = multiple_amplitudes(few, more, bidirectional=tracer.bidirectional, reverse=reverse)
     return [
         _columns(once, np.square(np.abs(single_amplitudes(few, once)))),

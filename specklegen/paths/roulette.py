@@ -18,14 +18,14 @@ from specklegen.core.parallel import slices
 from specklegen.core.random_streams import Seed, Stream
 from specklegen.kernels.volume import Volume
 from specklegen.paths.bank import PathBank
-from specklegen.paths.endpoint_factors import contributions, endpoint_factors
+from specklegen.paths.endpoint_factors import contributions_of_pairs, endpoint_factors
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.scene.scatterers.scatterer import Dimensions, Scatterer
 
 ALWAYS_FROM = 10.0  # times the mean contribution (docs/physics.md 2)
 SLAB_PATHS, VOLUME_PATHS = 2000, 4096  # of the pilots
-_AT_ONCE = 256  # paths of a slab's pilot; the bank of all would take 40 MB at an optical depth of 20
+_LEAST_AT_ONCE, _EVENTS_AT_ONCE = 256, 2**15  # paths of a slab's pilot, or their events; all of them are 16 MB at most
 _FIRST_PATHS = 64  # of a pilot, which tell how many more its memory allows
 _PILOT_CONNECTIONS = 2**20
 _BRIGHTER = 4.0  # times as bright somewhere as where it is judged a connection may be, and be thinned as it is judged
@@ -62,13 +62,14 @@ def between_probes(
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
     """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
     fitting = int(_SLAB_CONNECTIONS / tracer.events_per_path)
-    layouts = [tracer.layout.at(light, view) for view in tracer.proposal.probes]
+    layout = tracer.layout.at(light, tracer.proposal.probes)
+    at_once = max(_LEAST_AT_ONCE, int(_EVENTS_AT_ONCE / tracer.events_per_path))
 
     def largest(part: slice) -> np.ndarray:
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, stream=Stream.PILOT, threads=1)
-        return np.max([contributions(layout, bank) for layout in layouts], axis=0)
+        return contributions_of_pairs(layout, bank)[0].max(axis=0)
 
-    found = np.concatenate([*map(largest, slices(min(SLAB_PATHS, max(fitting, 16)), _AT_ONCE))])
+    found = np.concatenate([*map(largest, slices(min(SLAB_PATHS, max(fitting, 16)), at_once))])
     if len(found) == 0:
         return tracer
     threshold = ALWAYS_FROM * float(found.sum() / len(found))

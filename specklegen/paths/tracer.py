@@ -11,6 +11,7 @@ from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
 from specklegen.paths.faces import require_reflection
+from specklegen.paths.far_field import middle_light
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
 from specklegen.paths.phase_tables import common_lobe
 from specklegen.paths.roulette import between_probes, slab_roulette, volume_roulette, with_capacity
@@ -96,19 +97,28 @@ def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
     if scene.polarisers is not None and scene.polarisers != Polarisers():
         alike = slab_tracer(scene.replace(polarisers=Polarisers()), reverse, aside)
         return replace(alike, layout=scene_layout(scene))
-    views, layout, tilts = probe_views(scene), scene_layout(scene), np.zeros((1, 2))
+    middle = middle_light(scene) if aside else None
+    judging = _judging(scene, reverse, middle is not None)
+    if not aside or not judging.proposal.threshold:
+        return judging
+    tilts = np.zeros((1, 2)) if middle is None else scene.beams.directions[:, :2] - middle[:2]
+    share = between_probes(scene.volume.scatterers, 3, seen_views(scene, tilts), judging.proposal.probes)
+    return replace(judging, proposal=replace(judging.proposal, threshold=share * judging.proposal.threshold))
+
+
+@remembered(64)
+def _judging(scene: Scene, reverse: bool, turned: bool) -> SlabTracer:
+    """The same with the threshold of its pilot, at views as they are, or ``turned`` as the middle light sees them."""
+    views, layout = probe_views(scene), scene_layout(scene)
     if reverse:
         require_reflection(scene.slab, views)
-    if aside and layout.middle is not None and len(views):
-        tilts = scene.beams.directions[:, :2] - layout.middle[:2]
-        views = judged_views(views, tilts)
+    if turned and layout.middle is not None and len(views):
+        views = judged_views(views, scene.beams.directions[:, :2] - layout.middle[:2])
     proposal = beam_proposal(scene.slab, scene.beams, views, bidirectional=reverse, ways=layout.ways)
     tracer = SlabTracer(layout, scene.slab, proposal)
     if not len(views) or not len(scene.beams.directions):
         return tracer
-    judging = slab_roulette(tracer, proposal.reference, pilot_seed(scene.unitless_fingerprint()))
-    share = between_probes(scene.volume.scatterers, 3, seen_views(scene, tilts), views) if aside else 1.0
-    return replace(judging, proposal=replace(judging.proposal, threshold=share * judging.proposal.threshold))
+    return slab_roulette(tracer, proposal.reference, pilot_seed(scene.unitless_fingerprint()))
 
 
 @remembered(32)

@@ -6,7 +6,7 @@ import numpy as np
 
 from specklegen.core.values import remembered
 from specklegen.kernels import footprints
-from specklegen.kernels.volume import VOXELS, Volume
+from specklegen.kernels.volume import GRID, HOMOGENEOUS, LAYERS, VOXELS, Volume
 from specklegen.scene.layers import Layer, Stratified, merged
 from specklegen.scene.media import Medium
 from specklegen.scene.motion import fastest, flow_rows
@@ -47,7 +47,7 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
             lower[1], upper[1] = -np.inf, np.inf
     bounds = np.stack([lower, upper])
     if medium.homogeneous:
-        cells = np.array([[1, 1, 1], [1, 1, 1], [dimension, 1, 0]])
+        cells = np.array([[1, 1, 1], [1, 1, 1], [dimension, 1, 0]], HOMOGENEOUS)
         sigma = np.array([1 / medium.mean_free_path])
         albedo = np.array([float(medium.albedo)])
         mobility, flow = speeds(medium), flow_rows(medium.motions, dimension)
@@ -59,8 +59,9 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
     counts = np.array(grid.shape[::-1])
     material = np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64)
     flow = flow_rows(medium.motions, dimension)
+    cells = np.array([counts, majorant.shape[::-1], (dimension, block, 0)], GRID)
     return Volume(
-        bounds, np.array([counts, majorant.shape[::-1], (dimension, block, 0)]), extinction.ravel(),
+        bounds, cells, extinction.ravel(),
         np.broadcast_to(medium.albedo, extinction.shape).ravel().copy(),
         material, majorant.ravel(),
         np.where(counts > 1, counts / (bounds[1] - bounds[0]), 0.0),
@@ -123,8 +124,9 @@ def _layered(medium: Stratified, dimension: int) -> Volume:
     if medium.indices and len(mobility):  # motion turns phases by the square of its layer's wavenumber
         inside = medium.faces.inside
         mobility = mobility * np.square([(layer.index or inside) / inside for layer in layers])
+    kind = LAYERS if len(layers) > 1 else HOMOGENEOUS
     return Volume(
-        bounds, np.array([[1, 1, len(layers)], [1, 1, 1], [dimension, 1, 0]]), extinction,
+        bounds, np.array([[1, 1, len(layers)], [1, 1, 1], [dimension, 1, 0]], kind), extinction,
         np.array([layer.albedo for layer in layers]),
         np.array([known.index(layer.scatterer.canonical_json()) for layer in layers]), extinction.max(keepdims=True),
         np.zeros(3), mobility, flow_rows([layer.motion for layer in layers], dimension),

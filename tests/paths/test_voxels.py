@@ -7,7 +7,16 @@ from volume_batches import assert_same, engine_batches, oracle_batches
 from zscore import assert_mean
 
 import specklegen as sg
-from specklegen.kernels.volume import chord, free_flight, optical_depth
+from specklegen.kernels.volume import (
+    GRID,
+    HOMOGENEOUS,
+    LAYERS,
+    chord,
+    free_flight,
+    is_homogeneous,
+    is_layered,
+    optical_depth,
+)
 from specklegen.oracles.box_algorithms import Far, Setup
 from specklegen.oracles.box_media import Medium, henyey_greenstein
 from specklegen.paths.layout import volume_of
@@ -169,3 +178,26 @@ def test_one_voxel_a_million_times_denser(albedo):
 def test_voxels_are_checked(change, message):
     with pytest.raises(sg.RuleError, match=message):
         grid([[0.2]]).replace(**change)
+
+
+def test_each_kind_of_cells_has_a_type_of_its_own():
+    """By which kernels are compiled for one of them; a single voxel is a grid, and walked as one."""
+    scatterer = sg.Isotropic()
+    layers = [sg.Layer(thickness=5.0, mean_free_path=each, scatterer=scatterer) for each in (5.0, 2.5)]
+    alike = [sg.Layer(thickness=5.0, mean_free_path=5.0, scatterer=scatterer)] * 2
+    box = sg.Box(lower=[-5.0] * 3, upper=[5.0] * 3, mean_free_path=5.0, scatterer=scatterer)
+    kinds = {
+        HOMOGENEOUS: [box, sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=scatterer), sg.Layers(layers=alike)],
+        LAYERS: [sg.Layers(layers=layers)],
+        GRID: [grid(np.full((1, 1, 1), 0.2)), grid(np.full((2, 1, 3), 0.2))],
+    }
+    for kind, media in kinds.items():
+        for medium in media:
+            cells = volume_of(medium, 3).cells
+            assert cells.dtype == kind
+            assert (is_homogeneous(cells), is_layered(cells)) == (kind is HOMOGENEOUS, kind is LAYERS)
+    start, w = random_rays(20, 3, np.random.default_rng(2))
+    volumes = [volume_of(medium, 3) for medium in kinds[GRID]]
+    depths = np.array([[crossed(volume, x, v) for x, v in zip(start, w, strict=True)] for volume in volumes])
+    ends = np.array([chord(volumes[0].bounds, *x, *v) for x, v in zip(start, w, strict=True)])
+    np.testing.assert_allclose(depths, [0.2 * (ends[:, 1] - ends[:, 0])] * 2, rtol=1e-13)

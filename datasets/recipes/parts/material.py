@@ -97,7 +97,8 @@ class Material(Value):
     kernel
         "estimate" traces those paths for every material; "atlas" takes the correlation from the table of materials
         where its error of C_I is at most ``kernel_tolerance``, and traces (and keeps on disk) only the others. The
-        table holds slabs of matched faces: with a step, ask for "estimate".
+        table holds slabs of matched faces: with a step, ask for "estimate". Left out, it is "estimate"; in recipes of
+        hidden objects and of tilts "atlas" where drawn Henyey-Greenstein slabs can be looked up.
     kernel_tolerance
         Stated error of C_I (two sigma) up to which the atlas will do. At the default it serves all but a few of a
         thousand materials of its range; a fresh estimate that good takes some 1e5 paths.

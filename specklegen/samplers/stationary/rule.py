@@ -72,6 +72,7 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
             reject("sampler", '"paths" or "auto" for this scene', request.asked, f"The stationary sampler {obstacle}.")
         return None, Decision(_PART, False, obstacle)
     allowed = max(request.tolerance, request.beside)
+    glance = not (asked or request.beside)  # else what is found too large may be drawn with, and is stated as its error
     errors: dict[Model, StationaryError] = {}
     for model in models:
         if model.enveloped and errors[Model(model.form)].uncorrelated(allowed):
@@ -79,7 +80,7 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
         if model.enveloped and not _carried(scene, model):
             continue
         errors[model] = scene_stationary_error(
-            scene, request.tolerance, model.form == "oblique", model.enveloped, request.thorough
+            scene, request.tolerance, model.form == "oblique", model.enveloped, request.thorough, glance
         )
         if errors[model].accepts(request.tolerance):
             break
@@ -179,13 +180,15 @@ def _carried(scene: Scene, model: Model) -> bool:
 
 @remembered(64)
 def scene_stationary_error(
-    scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False, thorough: bool = True
+    scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False, thorough: bool = True, glance: bool = True
 ) -> StationaryError:
     """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
     envelope = scene_envelope(scene, oblique) if enveloped else None
     tracer = slab_tracer(scene, False, aside=False)
     most = MOST_PATHS if thorough else FIRST_PATHS
-    return stationary_error(scene, tracer, tolerance, oblique=oblique, envelope=envelope, most=most)
+    return stationary_error(
+        scene, tracer, tolerance, oblique=oblique, envelope=envelope, most=most, glance=glance
+    )
 
 
 @remembered(64)

@@ -17,7 +17,7 @@ from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, pilot_seed, seed_words
 from specklegen.core.statistics import BATCHES
 from specklegen.core.values import remembered
-from specklegen.memory_effects.atlas import TOLERANCE, Errors, atlas_errors
+from specklegen.memory_effects.atlas import TOLERANCE, Errors, atlas_correlation, atlas_errors
 from specklegen.paths.axial_pilot import AxialPilot, axial_pilot
 from specklegen.paths.flows import drifted
 from specklegen.paths.pilot import PILOT_PATHS, Pilot, scene_pilot
@@ -44,6 +44,8 @@ from specklegen.scene.scene import Scene
 from specklegen.synthesis.exit_grid import fft_flops, matrix_flops, stack_axes
 
 if TYPE_CHECKING:
+    from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+    from specklegen.memory_effects.polarised_fields import PolarisedCorrelation
     from specklegen.samplers.stationary.renderer import StationaryRenderer
     from specklegen.synthesis.imaging import Imaging
     from specklegen.synthesis.sight import Sight
@@ -264,18 +266,20 @@ def object_of(scene: Scene) -> IncoherentObject:
 
 @remembered(16)
 def _expected_image(scene: Scene, complete: bool) -> _ImageWork:
-    """What the image of a scene's object takes: its modes are counted with the K of a pilot's paths, or are one."""
+    """What the image of a scene's object takes: its modes are counted with K of the atlas or a pilot, or one."""
     from specklegen.memory_effects.correlation import estimate_correlation
     from specklegen.memory_effects.polarised_fields import estimate_polarised_correlation
     from specklegen.synthesis.objects import expected_image
 
     light = object_of(scene)
     seed, lit = pilot_seed(scene.unitless_fingerprint()), int(np.count_nonzero(light.brightness))
-    correlation = (
-        estimate_correlation(scene.slab, PILOT_PATHS, seed, threads=1)
-        if scene.polarisers is None
-        else estimate_polarised_correlation(scene.slab, scene.polarisers, PILOT_PATHS, seed, threads=1)
-    )
+    correlation: MemoryEffectCorrelation | PolarisedCorrelation | None
+    if scene.polarisers is not None:
+        correlation = estimate_polarised_correlation(scene.slab, scene.polarisers, PILOT_PATHS, seed, threads=1)
+    else:
+        slab = as_slab(scene.slab)
+        correlation = None if slab is None else atlas_correlation(slab)
+        correlation = correlation or estimate_correlation(scene.slab, PILOT_PATHS, seed, threads=1)
     held = BYTES_A_PIXEL * light.brightness.size
     if not correlation.weights.any():  # which says nothing of modes
         return _ImageWork({}, held)

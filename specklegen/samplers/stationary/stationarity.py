@@ -17,21 +17,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from specklegen.core.random_streams import Stream, pilot_seed
-from specklegen.core.statistics import BATCHES, batch_sums, jackknife
+from specklegen.core.random_streams import pilot_seed
+from specklegen.core.statistics import jackknife
 from specklegen.memory_effects.oblique import face_to_face
-from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.far_field import SLANT, lobe_loss
-from specklegen.paths.kept_angles import advance, depth_between
+from specklegen.paths.far_field import SLANT
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.stationary.envelope import Envelope, fit_envelope
-from specklegen.scene.illumination import directions_of_sines, reference_direction
+from specklegen.samplers.stationary.pilot_bank import Pair, PilotBank, keeps_angle
+from specklegen.scene.illumination import reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
-FIRST_PATHS, MOST_PATHS = 8192, 65536
+GLANCE_PATHS, FIRST_PATHS, MOST_PATHS = 1024, 8192, 65536
 ENVELOPE_PATHS = 32768
+_CLEAR, _SURE = 4.0, 2.0
+"""Standard errors from the tolerance at which the fewest paths decide, and more of them."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,12 @@ class StationaryError:
         """Both errors, two standard errors included, are within the tolerance."""
         return self.correlated(tolerance) and self.intensity + 2 * self.intensity_error <= tolerance
 
+    def is_clear(self, tolerance: float, errors: float) -> bool:
+        """Whether it is accepted or not, so many standard errors from the tolerance."""
+        found = np.array([self.correlation, self.intensity])
+        width = errors * np.array([self.correlation_error, self.intensity_error])
+        return bool((found + width).max() <= tolerance or (found - width).max() > tolerance)
+
     def correlated(self, tolerance: float) -> bool:
         """Correlations are within the tolerance, two standard errors included."""
         return self.correlation + 2 * self.correlation_error <= tolerance
@@ -71,21 +78,27 @@ class StationaryError:
 
 def stationary_error(
     scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False, envelope: Envelope | None = None,
-    most: int = MOST_PATHS,
+    most: int = MOST_PATHS, glance: bool = False,
 ) -> StationaryError:  # fmt: skip
-    """Judge a scene; more pilot paths, at ``most`` so many, while they alone stand between yes and no."""
-    paths = FIRST_PATHS
-    while True:
-        error = pilot_error(scene, tracer, paths, oblique=oblique, envelope=envelope)
-        lowest = max(error.correlation - 2 * error.correlation_error, error.intensity - 2 * error.intensity_error)
-        if error.accepts(tolerance) or lowest > tolerance or paths >= most:
+    """Judge a scene; more pilot paths, at ``most`` so many, while they alone stand between yes and no.
+
+    A ``glance`` at few of them is enough where the answer is clear, and how large an error is matters to nobody: most
+    scenes are far from the tolerance.
+    """
+    if glance:
+        error = pilot_error(scene, tracer, GLANCE_PATHS, oblique=oblique, envelope=envelope, every=True)
+        if error.is_clear(tolerance, _CLEAR):
             return error
-        paths *= 8
+    error = pilot_error(scene, tracer, FIRST_PATHS, oblique=oblique, envelope=envelope)
+    if most > FIRST_PATHS and not error.is_clear(tolerance, _SURE):
+        return pilot_error(scene, tracer, most, oblique=oblique, envelope=envelope)
+    return error
 
 
 def pilot_error(
-    scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool = False, envelope: Envelope | None = None
-) -> StationaryError:
+    scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool = False, envelope: Envelope | None = None,
+    every: bool = False,
+) -> StationaryError:  # fmt: skip
     """Judge a scene with collimated beams (or an incoherent object) and a far-field grid from ``paths`` paths.
 
     Parameters
@@ -100,13 +113,16 @@ def pilot_error(
         Judge the model with the oblique kernel; otherwise that of the axis, which is for transmission.
     envelope
         Of the model's intensity; without one it is the same everywhere.
+    every
+        Count the intensity of every beam, also of those that are known to their noise alone.
     """
     seed = pilot_seed(scene.unitless_fingerprint())
-    pilot = _Bank(scene, tracer, seed, paths)
+    pilot = PilotBank(scene, tracer, seed, paths)
     # The model's paths walk with the same random numbers, about the axis where its K is that of the axis, so that
     # the comparison carries physics and hardly any noise.
+    own = oblique or np.array_equal(tracer.proposal.reference, AXIS)
     about = replace(tracer, proposal=replace(tracer.proposal, reference=AXIS))
-    model = pilot if oblique else _Bank(scene, about, seed, paths)
+    model = pilot if own else PilotBank(scene, about, seed, paths)
     middle = _grid(scene).center_direction if oblique else AXIS
     weight, way = model.weight(middle[:2]), face_to_face(model.bank, scene.slab, model.light, middle)
     norm = model.sums(weight)
@@ -114,26 +130,25 @@ def pilot_error(
         return StationaryError(0.0, 0.0, 0.0, 0.0)
     tilts = probe_tilts(scene, model.bank.orders, weight, way)
     models = [model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt))) for tilt in tilts]
-    gains, sums = [], []
+    # Tilted light keeps its angle to a lobe that is narrower, where the lobe is not in its far field.
+    like_lobes = [keeps_angle(scene, np.hypot(*tilt)) for tilt in tilts]
+    pairs, gains, modelled = [], [], []
     for view in probe_views(scene):
-        for tilt, modelled in zip(tilts, models, strict=True):
+        for tilt, kept, of_model in zip(tilts, like_lobes, models, strict=True):
             for kappa, gain in probe_mismatches(scene):
                 other = view - tilt - kappa
                 if max(np.hypot(*other), np.hypot(*(pilot.light[:2] - tilt))) < 1:
-                    # Tilted light keeps its angle to a lobe that is narrower, where the lobe is not in its far field.
-                    kept = _kept(scene, np.hypot(*tilt))
-                    like = view if kept else other
-                    root = np.sqrt(pilot.weight(view) * pilot.weight(like))
-                    product = pilot.sums(root * np.exp(1j * pilot.phase(view, other, tilt, kept)))
-                    sums.append([product, pilot.intensity(view), pilot.intensity(like), modelled, norm])
+                    pairs.append(Pair(view, other, tilt, kept))
                     gains.append(gain)
+                    modelled.append(of_model)
     n, gain = len(gains), np.array(gains)
     between = None if envelope is None else 0.7
     lights, views = _pairs(_probe_lights(scene, between), _intensity_views(scene, envelope is not None))
-    powers = [pilot.intensity(view, light) for light, view in zip(lights, views, strict=True)]
     carried = 1.0 if envelope is None else envelope.intensity(lights, views)
-    table = np.moveaxis(np.array(sums), -1, 0).reshape(BATCHES, -1)
-    table = np.concatenate([table, np.array([*powers, norm]).T], axis=1)
+    of_models = np.array(modelled).T, np.repeat(norm[:, None], n, axis=1)
+    sums = [*pilot.correlations(pairs), *of_models]
+    table = np.stack(sums, axis=-1).reshape(len(norm), -1)
+    table = np.concatenate([table, pilot.intensities(lights, views), norm[:, None]], axis=1)
 
     def differences(total: np.ndarray) -> np.ndarray:
         exact, one, two, modelled, reference = total[: 5 * n].reshape(n, 5).T
@@ -144,10 +159,11 @@ def pilot_error(
     # Light of narrow lobes at a view is known to some per cent by so few paths: beams that all light moves with count
     # where they stand out of the noise, or it would turn down every one of them.
     whole = np.array([pilot.is_rigid_shift(light) for light in lights])
-    seen = n + np.flatnonzero(~whole | (np.abs(value[n:]) > 3 * error[n:]))
+    seen = n + np.flatnonzero(every | ~whole | (np.abs(value[n:]) > 3 * error[n:]))
     worst, brightest = np.abs(value[:n]).argmax(), seen[np.abs(value[seen]).argmax()]
     # Beyond the tilts that leave slants and depths as they are, neither the model nor what judges it is better known.
-    unknown = max((reach**2 for reach in np.hypot(*tilts.T) if _kept(scene, reach) and reach**2 > SLANT), default=0.0)
+    reaches = np.hypot(*tilts.T)[like_lobes]
+    unknown = np.square(reaches[np.square(reaches) > SLANT]).max(initial=0.0)
     return StationaryError(
         max(float(abs(value[worst])), float(unknown)), float(error[worst]),
         float(abs(value[brightest])), float(error[brightest]),
@@ -156,77 +172,13 @@ def pilot_error(
 
 def pilot_envelope(scene: Scene, tracer: SlabTracer, *, oblique: bool = False) -> Envelope | None:
     """The envelope of a scene, from paths that do not judge it; None where some pair has no light."""
-    bank = _Bank(scene, tracer, pilot_seed(scene.unitless_fingerprint()), ENVELOPE_PATHS, sample=1)
+    bank = PilotBank(scene, tracer, pilot_seed(scene.unitless_fingerprint()), ENVELOPE_PATHS, sample=1)
     middle = np.array([bank.light[:2], _grid(scene).center_direction[:2]]) if oblique else np.zeros((2, 2))
     lights, views = _pairs(_probe_lights(scene, 0.5), _nine_and_four(scene, 1.0))
-    powers = [bank.intensity(view, light).real.sum() for light, view in zip(lights, views, strict=True)]
-    reference = bank.intensity(middle[1], middle[0]).real.sum()
-    if not min(*powers, reference) > 0:
+    powers = bank.intensities(np.vstack([lights, middle[:1]]), np.vstack([views, middle[1:]])).sum(axis=0)
+    if not powers.min() > 0:
         return None
-    return fit_envelope(lights, views, np.array(powers) / reference, middle)
-
-
-class _Bank:
-    """Pilot paths about one direction of light, with their weights at views and their sums over batches."""
-
-    def __init__(self, scene: Scene, tracer: SlabTracer, seed: int, paths: int, sample: int = 0) -> None:
-        self.scene, self.light, self.layout = scene, tracer.proposal.reference, tracer.layout
-        self.bank = tracer.trace(seed, paths, sample=sample, stream=Stream.PILOT)
-        self._paths = paths
-        self._weights: dict[bytes, np.ndarray] = {}
-        self._intensities: dict[bytes, np.ndarray] = {}
-
-    def weight(self, sines: np.ndarray) -> np.ndarray:
-        """Contribution of every connection at one view."""
-        key = sines.tobytes()
-        if key not in self._weights:
-            self._weights[key] = self._contributions(sines, self.light)
-        return self._weights[key]
-
-    def intensity(self, sines: np.ndarray, light: np.ndarray | None = None) -> np.ndarray:
-        """Sums over 64 batches of paths of the contributions at one view, of the bank's light or one of other sines."""
-        if light is not None and not np.array_equal(light, self.light[:2]):
-            moved = sines - (light - self.light[:2])
-            if not self.is_rigid_shift(light) or np.hypot(*moved) >= 1:
-                return self.sums(self._contributions(sines, directions_of_sines("light", light)))
-            sines = moved
-        key = sines.tobytes()
-        if key not in self._intensities:
-            self._intensities[key] = self.sums(self.weight(sines))
-        return self._intensities[key]
-
-    def is_rigid_shift(self, light: np.ndarray) -> bool:
-        """Whether a tilt to these sines moves all light by as much: lobes do not stay behind (physics.md 10)."""
-        return _kept(self.scene, np.hypot(*(light - self.light[:2])))
-
-    def _contributions(self, sines: np.ndarray, light: np.ndarray) -> np.ndarray:
-        return contributions(self.layout.at(light, self._view(sines)), self.bank)
-
-    def phase(self, view: np.ndarray, other: np.ndarray, tilt: np.ndarray, kept: bool) -> np.ndarray:
-        """Phase of the exact correlation of (light, view) with (light - tilt, other), less that of the window.
-
-        ``kept`` says whether light keeps its angle to lobes (:mod:`specklegen.paths.kept_angles`).
-        """
-        one, two = self._view(view), self._view(other)
-        light = directions_of_sines("tilt", self.light[:2] - tilt)
-        depth = self.bank.exit[:, 2] - (self.scene.slab.thickness if self.scene.side > 0 else 0.0)
-        along = (self.light[2] - light[2]) * self.bank.entry[:, 2] - (one[2] - two[2]) * depth
-        if kept:
-            along = along - advance(self.light, light) * depth_between(self.layout, self.bank)
-        lateral = self.bank.exit[:, :2] - self.bank.entry[:, :2]
-        return self.scene.wavenumber * (along - lateral @ (view - other))
-
-    def _view(self, sines: np.ndarray) -> np.ndarray:
-        return directions_of_sines("view", sines, self.scene.side)
-
-    def sums(self, values: np.ndarray) -> np.ndarray:
-        """Sums over 64 batches of paths, complex128[64]."""
-        return batch_sums(values, self.bank.paths, self._paths)
-
-
-def _kept(scene: Scene, tilt: float) -> bool:
-    """Whether light keeps its angle to lobes under a tilt, in sines."""
-    return lobe_loss(scene.slab, scene.wavelength, float(tilt)).spurious
+    return fit_envelope(lights, views, powers[:-1] / powers[-1], middle)
 
 
 def probe_views(scene: Scene) -> np.ndarray:
@@ -252,7 +204,7 @@ def _probe_lights(scene: Scene, between: float | None) -> np.ndarray:
     if scene.illumination.images:
         return found
     if between is None:
-        return found if _kept(scene, float(np.hypot(*(one - middle)))) else middle[None]
+        return found if keeps_angle(scene, float(np.hypot(*(one - middle)))) else middle[None]
     return np.concatenate([found, (1 - between) * middle + between * found[1:]])
 
 

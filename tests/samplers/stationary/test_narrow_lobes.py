@@ -177,7 +177,7 @@ def test_pixels_that_a_small_camera_sees_beside_their_lobe_are_judged(scene):
     """What no view of the middle pixel shows: those of outer pixels are a tenth darker everywhere."""
     small = scene.replace(sensor=scene.sensor.replace(shape=(9, 9)))
     exact = closed_form(small, np.array([[0.0, 0.0], [0.032, 0.0]]), np.zeros((1, 2)))[:, 0]
-    found = scene_stationary_error(hidden(small, [1.0, 1.0, 1.0], 0.032), 0.02, False)
+    found = scene_stationary_error(hidden(small, [1.0, 1.0, 1.0], 0.032), 0.02, False, glance=False)
     assert_z(found.intensity, 1 - exact[1], found.intensity_error, degrees=63, slack=0.01)
     with pytest.raises(AssertionError, match="z ="):
         assert_z(0.0, 1 - exact[1], found.intensity_error, degrees=63, slack=0.01)
@@ -194,7 +194,7 @@ def test_beams_far_from_the_lobe_of_others_are_not_as_bright():
         sensor=sg.FarField.grid((9, 9), 1 / 6000),
     )  # fmt: skip
     exact = closed_form(small, np.array([[0.0, 0.0], [0.025, 0.0], [0.05, 0.0]]), np.zeros((1, 2)))[:, 0]
-    found = scene_stationary_error(small, 0.02, True)
+    found = scene_stationary_error(small, 0.02, True, glance=False)
     off = np.abs(exact[[0, 2]] / exact[1] - 1).max()  # over the middle of both beams
     assert_z(found.intensity, off, found.intensity_error, degrees=63, slack=0.01)
     with pytest.raises(AssertionError, match="z ="):
