@@ -14,7 +14,7 @@ from zscore import assert_z
 import specklegen as sg
 from specklegen.cli import commands
 from specklegen.cli.examples import EXAMPLES
-from specklegen.cli.learning import losses_starting_with
+from specklegen.cli.training import losses_starting_with
 from specklegen.core.errors import RuleError
 from specklegen.datasets import recipe_names
 
