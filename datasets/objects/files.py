@@ -14,6 +14,9 @@ from typing import ClassVar
 from specklegen.core.errors import reject
 from specklegen.datasets.objects.family import ListedFamily, Source
 
+_PATH = "objects.path"
+"""Where a recipe's file has the folder."""
+
 
 class FileFamily(ListedFamily):
     """Files of a folder and its subfolders, of some suffixes.
@@ -47,10 +50,11 @@ class FileFamily(ListedFamily):
         """
         name, folder = type(self).__name__, Path(self.path).expanduser()
         if not folder.is_dir():
-            reject(f"{name}.path", "a folder that exists", self.path)
+            reject(f"{name}.path", "a folder that exists", self.path, in_tables=_PATH)
         paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in self._suffixes and p.is_file())
         if not paths:
-            reject(f"{name}.path", f"a folder with {self._plural} ({', '.join(self._suffixes)})", self.path)
+            kinds = f"a folder with {self._plural} ({', '.join(self._suffixes)})"
+            reject(f"{name}.path", kinds, self.path, in_tables=_PATH)
         found: dict[str, str] = {}
         for path in paths:
             found.setdefault(self._digest(path), str(path))

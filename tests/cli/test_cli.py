@@ -222,6 +222,7 @@ def test_bad_input_is_named(words, says, tmp_path, monkeypatch):
         ("[matrial]\ng = 0.5", "Did you mean material?"),
         ("[samples]\ntrain = 0", "error: samples.train must be at least 1"),
         ("kind = 'hiden-object'", "error: recipe.kind must be"),
+        ("[objects]\ntype = 'Folder'\npath = 'nowhere'", "error: objects.path must be a folder that exists"),
     ],
 )  # fmt: skip
 def test_errors_speak_of_the_tables_of_a_file(table, says, tmp_path, capsys):
@@ -232,6 +233,13 @@ def test_errors_speak_of_the_tables_of_a_file(table, says, tmp_path, capsys):
         commands.main(["plan", str(file)])
     assert end.value.code == 2
     assert says in capsys.readouterr().err
+
+
+def test_a_recipe_of_no_kind_is_told_what_to_inherit(tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text("[material]\ng = 0.5\n")
+    with pytest.raises(SystemExit):
+        commands.main(["plan", str(tmp_path / "mine.toml")])
+    assert 'recipe.kind must be given; got None. Write `inherits = "through-slab"`' in capsys.readouterr().err
 
 
 def test_a_file_that_is_not_there_is_said_to_be_missing():
