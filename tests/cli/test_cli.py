@@ -235,6 +235,17 @@ def test_errors_speak_of_the_tables_of_a_file(table, says, tmp_path, capsys):
     assert says in capsys.readouterr().err
 
 
+def test_errors_of_a_scene_name_no_class(tmp_path, capsys):
+    layer = "{thickness = 200.0, mean_free_path = 100.0, scatterer = {type = 'VonMisesFisher', kappa = 20.0}}"
+    file = tmp_path / "scene.toml"
+    file.write_text(f"wavelength = 0.5\n[medium]\ntype = 'Layers'\nlayers = [{layer}]\n")
+    with pytest.raises(SystemExit):
+        commands.main(["render", "--scene", str(file)])
+    said = capsys.readouterr().err
+    assert "medium.layers.0.scatterer.concentration must be given" in said
+    assert "medium.Layers" not in said
+
+
 def test_a_recipe_of_no_kind_is_told_what_to_inherit(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text("[material]\ng = 0.5\n")
     with pytest.raises(SystemExit):
