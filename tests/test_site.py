@@ -194,13 +194,14 @@ def shown(site: Path, profile: Path, pages: list[str], widths: tuple[int, ...]) 
             super().send_error(code, message, explain)
 
         def do_GET(self) -> None:
-            if self.path not in ("/driver", "/asked", "/favicon.ico"):
-                return super().do_GET()
-            text = {"/driver": DRIVER, "/asked": json.dumps([pages, widths])}.get(self.path, "")
+            text = {"/driver": DRIVER, "/asked": json.dumps([pages, widths]), "/favicon.ico": ""}.get(self.path)
+            if text is None:
+                super().do_GET()
+                return
             self.send_response(200)
             self.send_header("Content-Type", "text/html")
             self.end_headers()
-            return self.wfile.write(text.encode()) and None
+            self.wfile.write(text.encode())
 
         def do_POST(self) -> None:
             told.extend(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
