@@ -279,7 +279,7 @@ class Scene(Value, Pictured):
         axes.set_title(label or "")
 
     def unitless_fingerprint(self) -> str:
-        """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit of length.
+        """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit, on any processor.
 
         Of scatterers that move it is that of the scene at rest: their paths are the same.
         """

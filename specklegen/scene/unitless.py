@@ -8,26 +8,28 @@ from specklegen.core.values import Value
 
 _LENGTHS = {
     "wavelength": 1, "thickness": 1, "mean_free_path": 1, "width": 1, "radius": 1, "lower": 1, "upper": 1, "points": 1,
-    "velocities": 1, "extinction": -1,
+    "velocities": 1, "extinction": -1, "directions": 0,
 }  # fmt: skip
-"""Fields of scenes with a dimension, and the power of length that it is."""
+"""Fields of scenes that are computed, and the power of length that they have. Other arrays are what a user gave."""
 
 
 def unitless_fingerprint(value: Value, unit: float) -> str:
-    """SHA-256 of a value with every length over ``unit``, to 9 digits: the same in any unit of length.
+    """SHA-256 of a value with every length over ``unit``, to 9 digits: the same in any unit, on any processor.
 
-    Numbers without a dimension are taken whole. A sine that was computed from lengths may differ in its last bit.
+    Sines are rounded as lengths are: where one was computed, its last bit is the processor's.
     """
     content = _unitless(value.model_dump(mode="json"), unit)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _unitless(content: Any, unit: float, power: int = 0) -> Any:
-    """JSON with every field of ``_LENGTHS`` divided by its power of the unit, and rounded; motions decide no path."""
+def _unitless(content: Any, unit: float, power: int | None = None) -> Any:
+    """JSON with every number rounded, and lengths by their power of the unit; motions decide no path."""
     if isinstance(content, dict):
-        return {key: _unitless(value, unit, _LENGTHS.get(key, 0)) for key, value in content.items() if key != "motion"}
+        return {key: _unitless(value, unit, _LENGTHS.get(key)) for key, value in content.items() if key != "motion"}
     if isinstance(content, list):
-        if not power and isinstance(next(iter(content), None), float):  # millions of pixels stay as they are
+        if power is None and isinstance(next(iter(content), None), float):  # millions of pixels stay as they are
             return content
         return [_unitless(value, unit, power) for value in content]
-    return float(f"{content / unit**power:.9g}") if power else content
+    if isinstance(content, float) or power:
+        return float(f"{content / unit ** (power or 0):.9g}")
+    return content

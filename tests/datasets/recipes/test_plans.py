@@ -1,5 +1,6 @@
 """What is planned is what runs: the plan of a recipe, and what its samples say of themselves and hold."""
 
+import json
 import pickle
 import re
 import warnings
@@ -357,3 +358,32 @@ def test_path_sums_are_planned_and_made_ready_medium_by_medium(calls):
     assert own == [recipe.material_of(0, "train", n).slab for n in range(2)]
     generator(range(4))
     assert len(calls) == 2
+
+
+def nudged(content):
+    """JSON whose every number that is not whole is the next one in its last bit, as another processor may find it."""
+    if isinstance(content, dict):
+        return {key: nudged(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [nudged(value) for value in content]
+    whole = not isinstance(content, float) or content == round(content, 6)  # was written, not computed
+    return content if whole else float(np.nextafter(content, np.inf))
+
+
+@pytest.mark.parametrize("name", ["through-slab", "unknown-slab", "two-tilts", "polarised-tissue", "brownian-slab"])
+def test_the_last_bits_of_derived_numbers_decide_no_plan(name):
+    """Another kind of processor derives another last bit of a pitch, and must draw the same pilots."""
+    moved = 0
+    for view in load_recipe(name).extremes():
+        scene = view.probe
+        written = scene.model_dump(mode="json")
+        light = nudged(written["illumination"])
+        moved += light != written["illumination"]
+        other = sg.Scene.from_json(json.dumps(written | {"illumination": light}))
+        assert other.unitless_fingerprint() == scene.unitless_fingerprint()
+        key = "pitch" if "pitch" in light else "directions"
+        more = 1 + (np.array([1e-7, 0, 0]) if key == "directions" else 1e-7)  # no last bit: another scene
+        light[key] = (np.array(light[key]) * more).tolist()
+        other = sg.Scene.from_json(json.dumps(written | {"illumination": light}))
+        assert other.unitless_fingerprint() != scene.unitless_fingerprint()
+    assert moved
