@@ -13,6 +13,8 @@ from .likelihood.likelihood import Optics as Optics
 from .likelihood.likelihood import SpeckleLikelihood as SpeckleLikelihood
 from .likelihood.likelihood import expected_deviance as expected_deviance
 from .likelihood.likelihood import memory_effect_between as memory_effect_between
+from .likelihood.multiframe import Multiframe as Multiframe
+from .likelihood.multiframe import multiframe_deconvolution as multiframe_deconvolution
 from .likelihood.periodogram import Periodogram as Periodogram
 from .likelihood.periodogram import periodogram as periodogram
 from .likelihood.third_order import turn_of as turn_of

@@ -97,7 +97,9 @@ def see_through(changes: dict, out: Path, count: int, certified: bool = False) -
         print(f"  {name}: {sum(note.wrong for note in said)} of {len(said)} correlate more with another character")
     sure = solved.probability.numpy()
     pairs = zip(notes["solver"], sure, strict=True)
-    notes["solver"] = [Note(f"{note.text}  p {share:.2f}", note.wrong) for note, share in pairs]
+    notes["solver"] = [
+        Note(f"{note.text}  {f'p {share:.2f}' if np.isfinite(share) else 'no p'}", note.wrong) for note, share in pairs
+    ]
     good, claimed = np.array([case.scores["solver"] > 0.8 for case in cases]), sure >= 0.5
     print(f"  p, the solver's claim that the correlation is above .8, is at least .5 for {claimed.sum()} of them: "
           f"rightly for {good[claimed].sum()}. A letter it does not promise.")  # fmt: skip

@@ -25,7 +25,9 @@ from specklegen.models.retrieval.autocorrelation import MemoryEffect
 from specklegen.oracles.multi_slice import multi_slice, slice_views
 
 TOGETHER, FRAME = 5, 44
+EVEN = 0.9  # correlation with its own turn, from which on an object has none
 SIZE, SIDE, CAMERA = 384, 16, 96  # of the waves' grid, of objects, and of the camera: bins of the grid's transform
+WAVES = Optics(step=1.0, grain=2.0)
 SLAB = sg.Slab(thickness=6.0, mean_free_path=2.6, scatterer=sg.VonMisesFisher(12.0))
 
 
@@ -37,10 +39,14 @@ def framed(images: torch.Tensor) -> torch.Tensor:
 
 
 def scored(images: torch.Tensor, objects: torch.Tensor, alone: torch.Tensor, optics: Optics) -> np.ndarray:
-    """Correlations alone and together float64[N], and whether each came out upright: float64[3, N]."""
+    """Correlations alone and together, and whether each came out upright, NaN where it has no turn: float64[3, N]."""
     found, target = joint_objects(images, alone.double(), optics), framed(objects)
     one, both = (pearson(align(framed(x), target), target).numpy() for x in (alone, found.image))
-    return np.array([one, both, ~alignment(framed(found.image), target).flipped.numpy()])
+    wave = torch.fft.rfft2(target - target.mean((-2, -1), keepdim=True))
+    lags = torch.fft.irfft2(wave.square(), s=target.shape[-2:]).flatten(1).amax(1)  # with its own turn, at any shift
+    even = lags / torch.fft.irfft2(wave.abs().square(), s=target.shape[-2:])[:, 0, 0] > EVEN
+    upright = (~alignment(framed(found.image), target).flipped).double().where(~even, float("nan"))
+    return np.array([one, both, upright.numpy()])
 
 
 def rendered(seed: int, groups: int) -> list[np.ndarray]:
@@ -63,41 +69,49 @@ def drawn_by_waves(seed: int, groups: int) -> list[np.ndarray]:
     recipe, solver = load_recipe("unknown-slab", {"objects": {"shape": [SIDE, SIDE]}}), load_solver()
     if not isinstance(recipe, HiddenObject):
         raise TypeError("a recipe with hidden objects")
-    places = np.arange(SIDE) - SIDE // 2
-    tilts = [(int(x), int(y)) for y in places for x in places]
-    bins = np.arange(SIDE)
-    curve = multi_slice(
-        SLAB, wavelength=1.0, pitch=0.5, size=SIZE, bins=bins.tolist(), realizations=2, seed=seed, reach=0.25
-    )  # fmt: skip
-    c_i = np.minimum.accumulate(curve.on_axis.mean(0) / curve.on_axis.mean(0)[0])
+    memory = [memory_of_waves(SLAB, seed)] * TOGETHER
     solver.points, found = None, []
-    window = np.zeros((SIZE, SIZE), bool)
-    window[SIZE // 4 : 3 * SIZE // 4, SIZE // 4 : 3 * SIZE // 4] = True
-    some = np.arange(-CAMERA // 2, CAMERA // 2)
     for group in range(groups):
-        (fields,) = slice_views(
-            SLAB, wavelength=1.0, pitch=0.5, size=SIZE, bins=tilts, realizations=1, seed=1000 * seed + group
-        )  # fmt: skip
-        patterns = []
-        for (x, y), field in zip(tilts, fields, strict=True):
-            field[y, x] = 0  # light that was not scattered
-            inside = np.fft.fft2(np.fft.ifft2(field) * window)
-            patterns.append(np.square(np.abs(inside[some][:, some])))
         objects = np.stack([recipe.objects.image(seed, "test", TOGETHER * group + n) for n in range(TOGETHER)])
-        # A pixel's light goes along its tilt: the camera shows objects upright, samples of a recipe turned.
-        images = np.tensordot(objects.reshape(TOGETHER, -1)[:, ::-1], np.array(patterns, np.float64), axes=1)
-        envelope = gaussian_filter(images.mean(0), 16, mode="nearest")
-        seen = torch.from_numpy(images / envelope)
-        optics = Optics(step=1.0, grain=2.0)
-        memory = [known(bins, c_i)] * TOGETHER
-        alone = solver.solve(periodogram(seen[:, None]), optics, memory, seed=seed).image
-        found.append(scored(seen, torch.from_numpy(objects), alone, optics))
+        images = torch.from_numpy(images_of_waves(wave_patterns(SLAB, 1000 * seed + group), objects))
+        alone = solver.solve(periodogram(images[:, None]), WAVES, memory, seed=seed).image
+        found.append(scored(images, torch.from_numpy(objects), alone, WAVES))
     return found
 
 
-def known(distances: np.ndarray, values: np.ndarray) -> MemoryEffect:
-    """C_I of waves at distances in object pixels, made positive definite."""
-    return measured_memory_effect(distances, values)
+def memory_of_waves(slab: sg.Slab, seed: int) -> MemoryEffect:
+    """C_I of waves over object pixels, made positive definite."""
+    bins = np.arange(SIDE)
+    curve = multi_slice(
+        slab, wavelength=1.0, pitch=0.5, size=SIZE, bins=bins.tolist(), realizations=2, seed=seed, reach=0.25
+    )  # fmt: skip
+    c_i = curve.on_axis.mean(0) / curve.on_axis.mean(0)[0]
+    return measured_memory_effect(bins, np.minimum.accumulate(c_i))
+
+
+def wave_patterns(slab: sg.Slab, seed: int) -> np.ndarray:
+    """What the camera sees of every object pixel behind a slab, float32[SIDE^2, CAMERA, CAMERA]."""
+    places = np.arange(SIDE) - SIDE // 2
+    tilts = [(int(x), int(y)) for y in places for x in places]
+    window = np.zeros((SIZE, SIZE), bool)
+    window[SIZE // 4 : 3 * SIZE // 4, SIZE // 4 : 3 * SIZE // 4] = True
+    some = np.arange(-CAMERA // 2, CAMERA // 2)
+    (fields,) = slice_views(slab, wavelength=1.0, pitch=0.5, size=SIZE, bins=tilts, realizations=1, seed=seed)
+    patterns = np.empty((len(tilts), CAMERA, CAMERA), np.float32)
+    for n, ((x, y), field) in enumerate(zip(tilts, fields, strict=True)):
+        field[y, x] = 0  # light that was not scattered
+        inside = np.fft.fft2(np.fft.ifft2(field) * window)
+        patterns[n] = np.square(np.abs(inside[some][:, some]))
+    return patterns
+
+
+def images_of_waves(patterns: np.ndarray, objects: np.ndarray) -> np.ndarray:
+    """Images float64[N, CAMERA, CAMERA] of objects float[N, SIDE, SIDE] through one medium, over their envelope.
+
+    A pixel's light goes along its tilt: the camera would show objects upright, samples of a recipe are turned.
+    """
+    images = np.tensordot(objects.reshape(len(objects), -1)[:, ::-1].astype(np.float64), patterns, axes=1)
+    return images / gaussian_filter(images.mean(0), 16, mode="nearest")
 
 
 def report(name: str, found: list[np.ndarray]) -> str:
@@ -106,7 +120,8 @@ def report(name: str, found: list[np.ndarray]) -> str:
     media = np.repeat(np.arange(len(found)), TOGETHER)
     cells = ["{:.3f} [{:.3f}, {:.3f}]".format(*bootstrap(x, media)) for x in (alone, both)]
     gain = "{:+.3f} [{:+.3f}, {:+.3f}]".format(*bootstrap(both - alone, media))
-    return f"| {name} | {len(alone)} | {cells[0]} | {cells[1]} | {gain} | {upright.mean():.2f} |"
+    turns = f"{np.nanmean(upright):.3f} of {np.isfinite(upright).sum()}"
+    return f"| {name} | {len(alone)} | {cells[0]} | {cells[1]} | {gain} | {turns} |"
 
 
 def main() -> None:

@@ -89,7 +89,7 @@ def write(path: str) -> None:
     for key, value in (("", images), (" scaled", images * (1 + 1e-7))):
         each = reconstruct_and_assess(value, setup, fit=False).each
         kept |= {f"solver{key} deviance": np.array([x.deviance for x in each]),
-                 f"solver{key} probability": np.array([x.probability for x in each]),
+                 f"solver{key} probability": np.array([x.probability for x in each], float),
                  f"solver{key} image": np.stack([x.image for x in each])}  # fmt: skip
     np.savez(path, **kept)
 
@@ -97,7 +97,7 @@ def write(path: str) -> None:
 def row(key: str, one: np.ndarray, other: np.ndarray) -> str:
     """How far two results are apart."""
     if key.endswith(("deviance", "probability")):
-        return f"rms {np.sqrt(np.square(other - one).mean()):.3f}, largest {np.abs(other - one).max():.3f}"
+        return f"rms {np.sqrt(np.nanmean(np.square(other - one))):.3f}, largest {np.nanmax(np.abs(other - one)):.3f}"
     if key.startswith("solver"):
         r = [np.corrcoef(a.ravel(), b.ravel())[0, 1] for a, b in zip(one, other, strict=True)]
         return f"correlation of images, median {np.median(r):.3f}, least {min(r):.3f}"

@@ -568,6 +568,12 @@ def others() -> Iterator[Call]:
         {"images": IMAGES[0], "objects": IMAGES[0, :, :8, :8] + 1.0, "optics": models.Optics(1.0, 3.0)},
     )
     yield Call(
+        "models.multiframe_deconvolution",
+        models.multiframe_deconvolution,
+        {"images": IMAGES[0], "optics": models.Optics(1.0, 3.0), "size": 8, "background": 0.0, "sigma": 8.0,
+         "starts": 1, "seed": 0},
+    )  # fmt: skip
+    yield Call(
         "models.recoverable",
         models.recoverable,
         {"recipe": "through-slab", "compensation": True, "beam": np.inf, "removal": 0.0, "media": 1, "seed": 0},

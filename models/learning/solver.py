@@ -39,7 +39,19 @@ ANY_OBJECT = "any-object"
 RESTARTS = Retrieval(restarts=2, steps=4, error_reduction=20, extent=EXTENT)
 """Of phase retrieval, from each guess."""
 GUESSES: tuple[wiener.Division, ...] = ("dense", "empirical")
-
+EVIDENCE = (
+    "excess of the settled deviance", "excess of the image's own over that", "excess of the best answer's over that",
+    "excess of the first image's over the best answer's", "excess on the other half of the data",
+    "agreement with the settled image", "agreement with the first image", "agreement with the stage before",
+    "agreement with the first image of one half", "agreement with that of the other", "agreement of these two",
+    "agreement with the most probable answer", "best agreement with an answer", "mean agreement with the answers",
+    "filled share", "blur", "logarithm of the looks", "logarithm of the grain in object pixels",
+    "noise of a lag (logarithm / 5 + 1.5)", "half the logarithm of the looks", "C_I over 14 object pixels",
+    "C_I over 27 object pixels",
+)  # fmt: skip
+"""What the numbers of :func:`evidence_of` are."""
+THIRD = "skewness without the object"
+"""What is added of the camera images themselves (:mod:`specklegen.models.likelihood.third_order`)."""
 
 
 class Solution(NamedTuple):
@@ -56,7 +68,8 @@ class Solution(NamedTuple):
     log_likelihood : float32[B]
         Of the settled image, less that of a spectrum equal to the periodogram.
     probability : float32[B]
-        The certificate: that the image's correlation with the true object exceeds .8.
+        The certificate: that the image's correlation with the true object exceeds .8. NaN where it is not calibrated
+        for what was measured.
     evidence : float32[B, e]
         What the certificate was read from; see :func:`evidence_of`.
     points : int64[B]
@@ -87,6 +100,8 @@ class Solver:
     points : Certificate or None
         Reads it from the evidence of constellations (:mod:`specklegen.models.learning.few_points`); None where they are
         not searched for.
+    third : Certificate or None
+        Reads it from the evidence and the third order of the camera images, :data:`THIRD`, where these are at hand.
 
     Examples
     --------
@@ -96,9 +111,11 @@ class Solver:
     """
 
     def __init__(
-        self, network: Unrolled, certificate: Certificate, ranges: RangeNet, points: Certificate | None = None
-    ) -> None:
-        self.network, self.certificate, self.ranges, self.points = network, certificate, ranges, points
+        self, network: Unrolled, certificate: Certificate, ranges: RangeNet, points: Certificate | None = None,
+        third: Certificate | None = None,
+    ) -> None:  # fmt: skip
+        self.network, self.certificate, self.ranges = network, certificate, ranges
+        self.points, self.third = points, third
 
     def __repr__(self) -> str:
         return summary(self, frame=self.network.frame, side=self.network.side, stages=self.network.count)
@@ -213,6 +230,7 @@ class Solver:
             "blocks": self.network.blocks, "certificate": self.certificate._asdict(),
             "ranges": [self.ranges.side, self.ranges.units, self.ranges.count],
             "points": None if self.points is None else self.points._asdict(),
+            "third": None if self.third is None else self.third._asdict(),
         }  # fmt: skip
         kept: dict[str, Tensor] = {}
         for key, weight in _weights(self.network, self.ranges).items():
@@ -232,7 +250,7 @@ class Solver:
         weights = restored(kept)
         numbers: list[int] = []
         own: list[int] = []
-        certificate = points = None
+        certificate = points = third = None
         try:
             numbers = [
                 whole_number(f"model {name}", stated[name], 1, 2**10)
@@ -242,7 +260,9 @@ class Solver:
             with torch.device("meta"):
                 promised = _weights(Unrolled(*numbers), RangeNet(*own))
             certificate = Certificate.of(stated["certificate"])
-            points = None if stated.get("points") is None else Certificate.of(stated["points"])
+            points, third = (
+                None if stated.get(name) is None else Certificate.of(stated[name]) for name in ("points", "third")
+            )
             fits = stated["name"] == "unrolled"
             fits &= {key: value.shape for key, value in promised.items()} == {k: w.shape for k, w in weights.items()}
         except (KeyError, TypeError, ValueError, RuntimeError):
@@ -252,7 +272,7 @@ class Solver:
         network, ranges = Unrolled(*numbers), RangeNet(*own)
         for prefix, net in ((_NETWORK, network), (_RANGES, ranges)):
             net.load_state_dict({key[len(prefix) :]: w for key, w in weights.items() if key.startswith(prefix)})
-        return cls(network, certificate, ranges, points)
+        return cls(network, certificate, ranges, points, third)
 
 
 _NETWORK, _RANGES = "network.", "ranges."  # what the names of weights begin with

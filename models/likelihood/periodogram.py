@@ -119,19 +119,31 @@ def periodogram(
     if read_noise and electrons == float("inf"):
         reject("periodogram electrons", "given where a read noise is", electrons)
     counted = images if images.dtype == torch.float64 else images.float()
-    light = counted - background
-    mean = light.mean((-2, -1), keepdim=True)
-    if not (mean > 0).all():
-        reject("periodogram images", "brighter than their background in the mean", float(mean.min()))
-    slow = mean if sigma is None else envelope(light, sigma)
+    flat, slow, lowest = flattened(counted, background, sigma, "periodogram")
     noise = ((counted / electrons + (read_noise / electrons) ** 2) / slow.square()).mean((-3, -2, -1))
-    flat = light / slow
-    tiles = _tiles(flat / flat.mean((-2, -1), keepdim=True) - 1, tile)
+    tiles = _tiles(flat, tile)
     power = torch.fft.rfft2(tiles).abs().square().mean((1, 2)) / (tiles.shape[-2] * tiles.shape[-1])
-    # A Gaussian mean over sigma leaves the share exp(-2 (pi sigma f)^2) of an amplitude in the envelope.
-    lowest = 0.0 if sigma is None else float((-torch.log(torch.tensor(_LEFT / 2)) / 2).sqrt() / torch.pi / sigma)
     looks = float(tiles.shape[1] * tiles.shape[2])
     return Periodogram(power, noise, looks, (tiles.shape[-2], tiles.shape[-1]), lowest)
+
+
+def flattened(images: Tensor, background: float, sigma: float | None, owner: str) -> tuple[Tensor, Tensor, float]:
+    """Images real[..., H, W] over their envelope, about 0; the envelope; and the lowest frequency that it left.
+
+    Raises
+    ------
+    RuleError
+        If an image is not brighter than the background in the mean.
+    """
+    light = images - background
+    mean = light.mean((-2, -1), keepdim=True)
+    if not (mean > 0).all():
+        reject(f"{owner} images", "brighter than their background in the mean", float(mean.min()))
+    slow = mean if sigma is None else envelope(light, sigma)
+    flat = light / slow
+    # A Gaussian mean over sigma leaves the share exp(-2 (pi sigma f)^2) of an amplitude in the envelope.
+    lowest = 0.0 if sigma is None else float((-torch.log(torch.tensor(_LEFT / 2)) / 2).sqrt() / torch.pi / sigma)
+    return flat / flat.mean((-2, -1), keepdim=True) - 1, slow, lowest
 
 
 def _tiles(images: Tensor, tile: int | None) -> Tensor:

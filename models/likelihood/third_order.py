@@ -9,15 +9,18 @@ probable the larger
 
     T = mean y^3,     Y(f) = X(f) O(f) h(f) / S(f),     S = a |O|^2 H + noise
 
-with H the window's transfer function, and h the factor of the bispectrum of one point's speckle, a product of three,
-which for a Gaussian window is H^(2/3) exactly. T is computed with the object as it is and turned; the difference, over
-the spread that it would have were the image Gaussian, is what tells the turn.
+with H the window's transfer function, h the factor of the bispectrum of one point's speckle, a product of three,
+which for a Gaussian window is H^(2/3) exactly; to S a share of its mean is added, since where a reconstruction has
+hardly any light its phases are wrong. T is computed with the object as it is and turned; the difference, over the
+spread that it would have were the image Gaussian, is what tells the turn. The larger of the two skewnesses of Y tells
+whether it is the object at all: without the right one Y is no speckle of one point.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from scipy.signal.windows import tukey
 from torch import Tensor
 
 from specklegen.core.arguments import choice, flag, instance, real_array, real_tensor
@@ -30,6 +33,10 @@ SLOPE = 1.0
 """Logarithm of the odds that a spread of the difference is worth; see docs/likelihood.md."""
 CLAIMED = 0.9
 """Probability from which on a turn is told."""
+_REGULAR = 0.3
+"""Of the mean of S, added to it: chosen on images of the solver (docs/likelihood.md)."""
+_TAPERED = 0.5
+"""Of a camera's side, over which the window falls to zero that T is taken under: edges cut objects off."""
 _TINY = 1e-30
 _ALIKE = 1e-6  # of their variances, that of the difference of two third moments at least
 _FEWEST = 8  # frequencies inside the window's band
@@ -85,6 +92,12 @@ def turn_of(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | flo
     >>> turn_of(images, objects, Optics(step=2.0, grain=3.0)).turned.shape
     torch.Size([2])
     """
+    found = third_moments(images, objects, optics, noise)[:, 0]
+    return Turn(found < 0, (SLOPE * found.abs()).sigmoid(), found)
+
+
+def third_moments(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | float = 0.0) -> Tensor:
+    """Return what :func:`turn_of`, which see, tells the turn by, and the larger skewness of Y, float64[B, 2]."""
     images, objects = real_tensor("turn_of images", images), real_tensor("turn_of objects", objects)
     instance("turn_of optics", optics, Optics)
     choice("Optics.profile", optics.profile, PROFILES)
@@ -106,15 +119,16 @@ def turn_of(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | flo
     if noises.shape not in ((), (len(images),)) or not (np.isfinite(noises) & (noises >= 0)).all():
         reject("turn_of noise", f"finite and at least 0, one number or one for each of {len(images)} objects", noise)
     noises = np.broadcast_to(noises, len(images)).astype(np.float64).tolist()
-    found = torch.tensor([
-        _spreads(images[n].double(), objects[n].double(), steps[n], grains[n], noises[n], optics)
+    return torch.tensor([
+        _moments(images[n].double(), objects[n].double(), steps[n], grains[n], noises[n], optics)
         for n in range(len(images))
     ], dtype=torch.float64)  # fmt: skip
-    return Turn(found < 0, (SLOPE * found.abs()).sigmoid(), found)
 
 
-def _spreads(frames: Tensor, brightness: Tensor, step: float, grain: float, noise: float, optics: Optics) -> float:
-    """Difference of the third moments over its spread."""
+def _moments(
+    frames: Tensor, brightness: Tensor, step: float, grain: float, noise: float, optics: Optics
+) -> tuple[float, float]:
+    """Difference of the third moments over its spread, under a window, and the larger skewness, without."""
     light = frames / frames.mean((-2, -1), keepdim=True) - 1
     sides = light.shape[-2:]
     rows = torch.fft.fftfreq(sides[0], dtype=torch.float64)
@@ -134,21 +148,33 @@ def _spreads(frames: Tensor, brightness: Tensor, step: float, grain: float, nois
         inside &= torch.maximum(rows.abs()[:, None], columns) < BAND / grain
     if int(inside.sum()) < _FEWEST or not float(light.square().mean()) > _FLAT:
         reject("turn_of images", "of some contrast, on a camera of several grains", tuple(frames.shape))
-    spectrum = torch.fft.rfft2(light)
-    power = spectrum.abs().square().mean(0) / (sides[0] * sides[1])
     alone = seen.abs().square() * passed
-    lit = (power[inside].sum() - noise * inside.sum()).clamp_min(0.01 * power[inside].sum())
-    expected = lit / alone[inside].sum().clamp_min(_TINY) * alone + noise
-    expected = expected + 1e-3 * expected[inside].mean()
-    weight = torch.where(inside, passed.clamp_min(0) ** (2 / 3) / expected, 0.0)
-    one, other = (torch.fft.irfft2(spectrum * weight * each, s=sides) for each in (seen, seen.conj()))
+    edge = [torch.from_numpy(np.sqrt(tukey(n + 2, _TAPERED)[1:-1])) for n in sides]
+    pairs, excesses = [], []
+    for taper in (edge[0][:, None] * edge[1], torch.ones(1, 1, dtype=torch.float64)):
+        own = light * taper
+        spectrum = torch.fft.rfft2(own - own.mean((-2, -1), keepdim=True))
+        power = spectrum.abs().square().mean(0) / (sides[0] * sides[1]) / taper.square().mean()
+        lit = (power[inside].sum() - noise * inside.sum()).clamp_min(0.01 * power[inside].sum())
+        expected = lit / alone[inside].sum().clamp_min(_TINY) * alone + noise
+        expected = expected + _REGULAR * expected[inside].mean()
+        weight = torch.where(inside, passed.clamp_min(0) ** (2 / 3) / expected, 0.0)
+        reach = torch.fft.irfft2(weight * seen * expected.clamp_min(0).sqrt(), s=sides).square()
+        here = torch.fft.irfft2(torch.fft.rfft2(taper.square().expand(sides)) * torch.fft.rfft2(reach), s=sides)
+        excesses.append(here.pow(3).mean() / here.mean().clamp_min(_TINY) ** 3)
+        pairs.append([torch.fft.irfft2(spectrum * weight * each, s=sides) for each in (seen, seen.conj())])
+    (one, other), whole = pairs
+    uneven = excesses[0]
     # The covariance of y^3 and z^3 of Gaussian y, z at a lag is 6 R^3 + 9 R s^4; sums over R vanish, the mean being 0.
-    pairs = ((one, one), (other, other), (one, other))
-    own, turned, both = (6 * _correlation(a, b).pow(3).sum() for a, b in pairs)
+    # Under a taper the variance v of y differs from place to place, and R with it: the mean of R^3 exceeds the cube of
+    # the mean R as that of v^3 does.
+    chosen = ((one, one), (other, other), (one, other))
+    own, turned, both = (6 * _correlation(a, b).pow(3).sum() for a, b in chosen)
     # Of an object that is its own turn both are one, but for rounding: then nothing is told.
     variance = torch.maximum(own + turned - 2 * both, _ALIKE * (own + turned)).clamp_min(_TINY)
-    spread = (variance / (len(light) * sides[0] * sides[1])).sqrt()
-    return float((one.pow(3).mean() - other.pow(3).mean()) / spread)
+    spread = (variance * uneven / (len(light) * sides[0] * sides[1])).sqrt()
+    skewness = max(float(x.pow(3).mean() / x.square().mean().clamp_min(_TINY) ** 1.5) for x in whole)
+    return float((one.pow(3).mean() - other.pow(3).mean()) / spread), skewness
 
 
 def _correlation(one: Tensor, other: Tensor) -> Tensor:

@@ -27,10 +27,10 @@ from specklegen.measured.measurement import Measurement
 from specklegen.models.learning.measurement import memory_effect_of, seen_by_camera
 from specklegen.models.learning.posterior import Posterior
 from specklegen.models.learning.range_fit import RangeFit, fit_range, scaled
-from specklegen.models.learning.solver import EXTENT, MemoryEffect, Solution, Solver, load_solver
+from specklegen.models.learning.solver import EVIDENCE, EXTENT, THIRD, MemoryEffect, Solution, Solver, load_solver
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, expected_deviance
 from specklegen.models.likelihood.periodogram import Periodogram
-from specklegen.models.likelihood.third_order import CLAIMED, turn_of
+from specklegen.models.likelihood.third_order import CLAIMED, third_moments
 from specklegen.models.metrics import Alignment, alignment, move
 from specklegen.models.recoverability.autocorrelation_error import Conditions
 from specklegen.models.recoverability.speckle_test import SpeckleTest, speckle_test
@@ -47,8 +47,10 @@ _SURPRISE = 5.0
 _OWN = 0.01
 """Of the deviance, spread by which the solver's search ends elsewhere for another rounding; see docs/versioning.md."""
 _NO_SPECKLE = "no speckle of this setup"
+_UNLIKE = "not calibrated for this"
+_TRY_OTHER = "judge the image by its deviance, by draws, and by images of known objects in the same setup"
 _TAKE_OFF = "take off background and envelope; check window, slab, object pitch, polarisation, bandwidth of the setup"
-_TURN_SLOPE = 0.5
+_TURN_SLOPE = 0.6
 """Logarithm of the odds that a spread of third order is worth, of the solver's images; see docs/likelihood.md."""
 _WITHIN = 0.5
 """Memory effect across an object, from which on its turn is told at all."""
@@ -152,10 +154,10 @@ class Finding(Pictured):
         Of the image, and what that of the true object is expected to be.
     probability : float or None
         Certificate: that the correlation with the true object exceeds .8. None where the image is no speckle of the
-        setup, of which the certificate knows nothing.
+        setup, or unlike all that the certificate was fitted to: of these it knows nothing, and the reasons say why.
     reasons : tuple of Reason
         What stands in the way, and what would help: where that is less likely than not, where nothing that was found
-        explains the image, and where it is no speckle of the setup.
+        explains the image, where it is no speckle of the setup, and where the certificate is silent.
     speckle : SpeckleTest
         What says whether it is.
     """
@@ -289,13 +291,16 @@ def reconstruct_and_assess(
     solution = solver.solve(seen, own.optics, memory, seed=seed)
     tests = _tested(images, solution, seen, own, memory)
     camera = float(np.sqrt(images.shape[-1] * images.shape[-2])) / float(own.optics.grain)
-    turned, told = _turns(images, solution, seen, own, memory, tests)
+    third = _third(images, solution, seen, own, tests)
+    solution, silent = _certified(solution, third, solver)
+    turned, told = _turns(solution, own, memory, third)
     drawn = solver.posterior(seen, own.optics, memory, draws=draws, seed=seed, solved=solution) if draws else None
     each = tuple(
         Finding(
             _upright(solution.image[n], turned[n]).numpy(), float(solution.deviance[n]), expected_deviance(seen.looks),
-            float(solution.probability[n]) if tests[n].passes else None,
-            _reasons(solution, n, seen, own, memory[n], camera, images.shape[1], tests[n]), tests[n], told[n],
+            float(solution.probability[n]) if tests[n].passes and not silent[n] else None,
+            _reasons(solution, n, seen, own, memory[n], camera, images.shape[1], tests[n], silent[n]), tests[n],
+            told[n],
             None if drawn is None else _of_one(drawn, n, solution.image[n], turned[n]),
         )
         for n in range(len(images))
@@ -303,25 +308,52 @@ def reconstruct_and_assess(
     return Findings(each, own.range_sine * factor, found)
 
 
-def _turns(
-    images: Tensor, solution: Solution, seen: Periodogram, setup: Setup, memory: list[MemoryEffect],
-    tests: tuple[SpeckleTest, ...],
-) -> tuple[list[bool], list[float | None]]:  # fmt: skip
-    """Whether each image is upside down, and with what probability that is known; None where it is not told."""
-    turned: list[bool] = [False] * len(images)
-    told: list[float | None] = [None] * len(images)
+def _third(
+    images: Tensor, solution: Solution, seen: Periodogram, setup: Setup, tests: tuple[SpeckleTest, ...]
+) -> Tensor:
+    """Third order of camera images with each reconstruction, float64[B, 2]; NaN of what is no speckle."""
+    found = torch.full((len(images), 2), float("nan"), dtype=torch.float64)
     for n, test in enumerate(tests):
-        if not test.passes or solution.probability[n] < 0.5:
+        if test.passes:
+            noise = float(seen.noise[n].clamp_min(0))
+            found[n] = third_moments(images[n : n + 1], solution.image[n : n + 1].double(), setup.optics, noise)[0]
+    return found
+
+
+def _certified(solution: Solution, third: Tensor, solver: Solver) -> tuple[Solution, list[str]]:
+    """Solution with the probabilities that the third order adds to, and why there is none; empty where there is one."""
+    certificate, evidence, names = solver.certificate, solution.evidence, EVIDENCE
+    if solver.third is not None:
+        certificate, names = solver.third, (*EVIDENCE, THIRD)
+        evidence = torch.cat([evidence, third[:, 1:].to(evidence)], dim=1)
+        probability = torch.where(solution.points > 0, solution.probability, certificate(evidence))
+        solution = solution._replace(probability=probability)
+    silent = [""] * len(third)
+    for n in torch.nonzero(solution.probability.isnan()).flatten().tolist():
+        far = [] if solution.points[n] else torch.nonzero(certificate.unlike(evidence[n])).flatten().tolist()
+        silent[n] = "; ".join(
+            f"{names[k]} {float(evidence[n, k]):.3g}, fitted to {certificate.low[k]:.3g} to {certificate.high[k]:.3g}"
+            for k in far
+        ) or "points unlike all that it was fitted to"  # fmt: skip
+    return solution, silent
+
+
+def _turns(
+    solution: Solution, setup: Setup, memory: list[MemoryEffect], third: Tensor
+) -> tuple[list[bool], list[float | None]]:
+    """Whether each image is upside down, and with what probability that is known; None where it is not told."""
+    turned: list[bool] = [False] * len(third)
+    told: list[float | None] = [None] * len(third)
+    for n, spreads in enumerate(third[:, 0].tolist()):
+        if not solution.probability[n] >= 0.5 or not np.isfinite(spreads):
             continue
         lit = torch.nonzero(solution.image[n] > _LIT * solution.image[n].max())
         side = float((lit.amax(0) - lit.amin(0)).max())
         if memory[n](np.array([side]))[0] < _WITHIN:
             continue
-        noise = float(seen.noise[n].clamp_min(0))
-        found = turn_of(images[n : n + 1], solution.image[n : n + 1].double(), setup.optics, noise)
-        probability = float((_TURN_SLOPE * found.spreads[0].abs()).sigmoid())
+        probability = float(1 / (1 + np.exp(-_TURN_SLOPE * abs(spreads))))
         if probability >= CLAIMED:
-            turned[n], told[n] = bool(found.turned[0]), probability
+            turned[n], told[n] = spreads < 0, probability
     return turned, told
 
 
@@ -355,7 +387,7 @@ def _tested(
 
 def _reasons(
     solution: Solution, n: int, seen: Periodogram, setup: Setup, memory_effect: MemoryEffect, camera: float,
-    frames: int, test: SpeckleTest,
+    frames: int, test: SpeckleTest, silent: str,
 ) -> tuple[Reason, ...]:  # fmt: skip
     """What would help, judged for an object like the one that was found, and whether there is reason for doubt."""
     if not test.passes:
@@ -365,6 +397,8 @@ def _reasons(
     spread = float(np.hypot(np.sqrt((polygamma(1, seen.looks) - 1 / seen.looks) / count), _OWN))
     surprised = float(solution.deviance[n]) - expected_deviance(seen.looks) > _SURPRISE * spread
     misfit = (_MISFIT,) if surprised else ()
+    if silent:
+        return (Reason(_UNLIKE, silent, _TRY_OTHER), *misfit)
     if solution.probability[n] >= 0.5:
         return misfit
     grain, step = float(setup.optics.grain), float(setup.optics.step)

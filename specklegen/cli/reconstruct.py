@@ -14,9 +14,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     import numpy as np
+    import torch
 
+    from specklegen.datasets.recipes.hidden_object import HiddenObject
     from specklegen.measured import Measurement
     from specklegen.models.learning.posterior import Posterior
+    from specklegen.models.likelihood.multiframe import Multiframe
     from specklegen.models.recoverability.assessment import Findings
 
 
@@ -35,6 +38,10 @@ def reconstruct(
     frames: Annotated[
         bool,
         typer.Option("--frames", help="All images, and all their pages, show one object through states of the medium."),
+    ] = False,
+    together: Annotated[
+        bool,
+        typer.Option("--together", help="Images show different objects through one medium, which stood still."),
     ] = False,
     background: Annotated[float, typer.Option(help="Image value without light, taken off first.")] = 0.0,
     dark: Dark = None,
@@ -69,7 +76,7 @@ def reconstruct(
     pictures, notes, verdicts = [], [], []
     for path in images:
         measured = _measured(path, read, notes)
-        verdicts.extend(_verdict(path.name, measured))
+        verdicts.extend([] if together else _verdict(path.name, measured))
         found = measured.images
         if len(found) > 1 and not frames:
             found = _one(path, found, notes)
@@ -77,8 +84,14 @@ def reconstruct(
     shapes = {picture.shape for picture in pictures}
     if len(shapes) > 1:
         reject("reconstruct IMAGE", "of one size", sorted(shapes), "Give images of one camera.")
+    if together and (frames or memory_effect is not None or fit or draws):
+        reject("reconstruct --together", "alone", "--frames, --memory-effect, --fit-range or --draws beside it",
+               "Images of several objects through one medium need no memory effect, and have no draws.")  # fmt: skip
     writable(out)
     stack = torch.from_numpy(np.stack(pictures))
+    if together:
+        _write_together(_deconvolved(stack, recipe, seed), [path.stem for path in images], notes, out, as_json)
+        return
     curve = None if memory_effect is None else read_curve(memory_effect)
     given = stack[None] if frames else stack[:, None]
     found = reconstruct_and_assess(given, recipe, memory_effect=curve, fit=fit, draws=draws, seed=seed)
@@ -137,6 +150,51 @@ def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) 
         fitted = "as given" if found.envelope_order is None else f"fitted, order {found.envelope_order}"
         notes.append(f"{path.name}: an envelope of contrast {found.envelope.std():.2g} was divided out ({fitted})")
     return found
+
+
+def _deconvolved(stack: "torch.Tensor", recipe: "HiddenObject", seed: Seed) -> "Multiframe":
+    """Objects of a setup's images, which have one medium in common; the frame has room for where they lie."""
+    from specklegen.models.learning.solver import EXTENT
+    from specklegen.models.likelihood.multiframe import multiframe_deconvolution
+    from specklegen.models.recoverability.assessment import setup_of
+
+    if len(stack) < 2:
+        reject("reconstruct IMAGE", "two or more, with --together", len(stack), "Give an image of each object.")
+    optics, side = setup_of(recipe).optics, max(recipe.objects.shape)
+    step = float(optics.step) * EXTENT / side  # between the setup's pixels, not the solver's
+    size = min(side + _ROOM, int(min(stack.shape[-2:]) / step))
+    return multiframe_deconvolution(stack, optics._replace(step=step), size, seed=seed)
+
+
+_ROOM = 8  # object pixels, for objects that lie aside of each other
+_AGREED = 0.9  # of starts: below, images are seldom right (docs/likelihood.md)
+
+
+def _write_together(found: "Multiframe", names: list[str], notes: list[str], out: Path, as_json: bool) -> None:
+    """Write report.json, one NPY an image, and all of them in one picture; say how far they are to be believed."""
+    import numpy as np
+    from PIL import Image
+
+    table = {"notes": notes, "names": names, "agreement": found.agreement, "explained": found.explained}
+    (out / "report.json").write_text(json_text(table))
+    for name, image in zip(names, found.image.numpy(), strict=True):
+        np.save(out / f"{name}.npy", image)
+    row = np.clip(255 * np.hstack([*found.image.numpy()]), 0, 255).astype(np.uint8)
+    Image.fromarray(np.kron(row, np.ones((4, 4), np.uint8))).save(out / "reconstructions.png")
+    if as_json:
+        echo_json(table)
+        return
+    for note in notes:
+        typer.echo(note)
+    believed = "" if found.agreement >= _AGREED else (
+        ": do not believe the images. Is it one medium, at rest, and are the objects within its memory effect and at "
+        "most a fifth of the camera wide?"
+    )  # fmt: skip
+    typer.echo(
+        f"{len(names)} objects through one medium, which explains {found.explained:.2f} of the power; "
+        f"searches agree by {found.agreement:.2f}{believed}"
+    )
+    typer.echo(f"{out / 'report.json'}, {out / 'reconstructions.png'}")
 
 
 def _verdict(name: str, measured: "Measurement") -> list[dict]:

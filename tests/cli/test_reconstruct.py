@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import tifffile
+import torch
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
@@ -14,7 +15,8 @@ from specklegen.cli.reconstruct import _between
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.measured import read_measurement
-from specklegen.models import judge_photograph
+from specklegen.models import align, judge_photograph
+from specklegen.models.metrics import pearson
 
 SETUP = """
 inherits = "one-angular-size"
@@ -191,3 +193,46 @@ def test_no_probability_of_what_is_no_speckle(setup, tmp_path):
 )
 def test_an_interval_without_an_end_is_said_to_be_open(low, high, said):
     assert _between(0.1, low, high) == said
+
+
+TOGETHER = """
+inherits = "ground-glass"
+name = "five-behind-one"
+
+[pixels]
+grain = 3.0
+object_pixel = 2.0
+shape = [80, 80]
+
+[objects]
+shape = [9, 9]
+"""
+
+
+def test_objects_through_one_medium_are_found_together(tmp_path):
+    """Images that were drawn by hand, as counts in files; one medium, and then one each, which is said."""
+    rng, side = np.random.default_rng(0), 99
+    fields = np.zeros((4, side, side), complex)
+    fields[:, :33, :33] = rng.normal(size=(4, 33, 33)) + 1j * rng.normal(size=(4, 33, 33))
+    patterns = np.square(np.abs(np.fft.fft2(fields)))
+    light = (rng.random((4, 9, 9)) < 0.1) * 1.0
+    (tmp_path / "setup.toml").write_text(TOGETHER)
+    for name, of in (("one", [0] * 4), ("many", range(4))):
+        for n, (own, medium) in enumerate(zip(light, of, strict=True)):
+            image = sum(patterns[medium, 2 * y : 2 * y + 80, 2 * x : 2 * x + 80] for y, x in np.argwhere(own))
+            tifffile.imwrite(tmp_path / f"{name}-{n}.tiff", np.rint(1000 * image / image.mean()).astype(np.uint16))
+        files = [tmp_path / f"{name}-{n}.tiff" for n in range(4)]
+        result = run("reconstruct", *files, "--together", "--setup", tmp_path / "setup.toml", "--out", tmp_path / name)
+        assert result.exit_code == 0, result.output
+        report = json.loads((tmp_path / name / "report.json").read_text())
+        assert ("do not believe the images" in result.output) == (name == "many")
+        assert report["names"] == [f"{name}-{n}" for n in range(4)]
+        found = np.stack([np.load(tmp_path / name / f"{name}-{n}.npy") for n in range(4)])
+        padded = (np.pad(x, [(0, 0), *[(0, 32 - x.shape[-1])] * 2]) for x in (light, found))
+        target, image = (torch.from_numpy(x).float() for x in padded)
+        alike = pearson(align(image, target), target).mean()
+        assert (alike > 0.9) == (name == "one")
+    result = run("reconstruct", files[0], "--together", "--setup", tmp_path / "setup.toml", "--out", tmp_path)
+    assert "two or more, with --together" in str(result.exception)
+    words = ("--together", "--frames", "--setup", tmp_path / "setup.toml", "--out", tmp_path)
+    assert "alone" in str(run("reconstruct", *files, *words).exception)

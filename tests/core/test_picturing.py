@@ -24,6 +24,7 @@ from specklegen.datasets import SpeckleCache, load_recipe
 from specklegen.models.judging.benchmark import Results
 from specklegen.models.judging.evaluation import Evaluation
 from specklegen.models.likelihood.common_medium import Joint
+from specklegen.models.likelihood.multiframe import Multiframe
 from specklegen.models.recoverability.assessment import Finding, Findings
 from specklegen.models.recoverability.speckle_test import SpeckleTest
 from specklegen.models.recoverability.verdict import Reason
@@ -91,6 +92,7 @@ SHOWN = {
     "what images together tell": lambda: Joint(
         torch.rand(3, 8, 8), torch.tensor([False, True, False]), torch.zeros(3, 2, dtype=torch.int64), 0.9, 0.7
     ),
+    "objects through one medium": lambda: Multiframe(torch.rand(3, 8, 8), 0.97, 0.9),
     "evaluation": lambda: SCORED,
     "benchmark": lambda: Results({"thin": SCORED, "noise": SCORED}, 20),
     "scene of beams": lambda: SCENE,

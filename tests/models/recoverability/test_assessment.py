@@ -6,6 +6,7 @@ import torch
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
+from specklegen.models.learning.solver import load_solver
 from specklegen.models.likelihood.likelihood import SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import periodogram
 from specklegen.models.metrics import alignment
@@ -93,6 +94,24 @@ def test_an_image_that_is_turned_shows_the_object_turned():
                 told += 1
                 assert not alignment(torch.from_numpy(found.image.copy()), shown).flipped
     assert told >= 2
+
+
+def test_no_probability_where_it_is_not_calibrated():
+    """With ends of the evidence that leave the image out: no number, a reason that says which, no turn, no crash."""
+    recipe, solver = load_recipe("one-angular-size", SLAB), load_solver()
+    images = torch.from_numpy(recipe.batch(4, "test", range(2))["image"])[:, None]
+    certificate = solver.third
+    assert certificate is not None
+    assert all(one.probability is not None for one in reconstruct_and_assess(images, recipe, solver=solver).each)
+    last = len(certificate.low) - 1
+    solver.third = certificate._replace(low=(*certificate.low[:last], 50.0), high=(*certificate.high[:last], 60.0))
+    for one in reconstruct_and_assess(images, recipe, solver=solver).each:
+        assert one.probability is None
+        assert one.turn is None
+        assert one.reasons[0].name == "not calibrated for this"
+        assert one.reasons[0].numbers.startswith("skewness without the object")
+        assert one.reasons[0].numbers.endswith("fitted to 50 to 60")
+        assert "probability" not in one._facts()
 
 
 def test_shapes_are_checked():
