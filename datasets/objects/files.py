@@ -1,12 +1,12 @@
 """Families whose sources are the user's own files in a folder.
 
-A file is known by the SHA-256 of its bytes, never by its name or place: renaming or moving the folder changes nothing, and a
-file that is there twice counts once, so that its copy cannot leak into another split. (Two different files of one subject
-can: that is the user's to know.)
+A file is known by the SHA-256 of its bytes, never by its name or place: renaming or moving the folder changes nothing,
+and a file that is there twice counts once, so that its copy cannot leak into another split. (Two different files of one
+subject can: that is the user's to know.)
 
 Where every file lies in a subfolder, and there are two at least, the subfolders are classes, as in an ImageFolder of
-torchvision: a label is the number of a subfolder among all, by their names. It comes with every sample, so that sorting files
-into classes is another data set.
+torchvision: a label is the number of a subfolder among all, by their names. It comes with every sample, so that sorting
+files into classes is another data set.
 """
 
 import hashlib
