@@ -8,10 +8,13 @@ photograph  a TIFF of one's own setup -> what is hidden there, with the probabil
 curve       a material -> memory effect with error bars, as CSV and as a figure
 
 What a newcomer would bring along (pictures, a photograph and the setup's file) is made first, and not counted. Every
-line stands in the README or in docs/start.md, but for names of files; the first that fails ends the role.
+line stands in the README or in docs/start.md, but for names of files; the first that fails ends the role. So does a
+network that is no better than the mean image, or than the network that it started from.
 """
 
 import argparse
+import csv
+import re
 import shlex
 import subprocess
 import sys
@@ -43,11 +46,12 @@ g = 0.92
 
 
 class Role(NamedTuple):
-    """What is there before, what is typed, and the files that shall be there then."""
+    """What is there before, what is typed, the files that shall be there then, and what else is asked of them."""
 
     brings: Callable[[Path], None]
     typed: list[str]
     made: list[str]
+    asked: Callable[[Path], None]
 
 
 def pictures(folder: Path) -> None:
@@ -83,22 +87,40 @@ def nothing(folder: Path) -> None:
     """Nothing."""
 
 
+def learned(folder: Path) -> None:
+    """Ask that the network is better than the mean image in the evaluation, and than it was before its training.
+
+    Raises
+    ------
+    SystemExit
+        If it is not.
+    """
+    with (folder / "judged" / "summary.csv").open(newline="") as file:
+        score = {
+            row["method"]: float(row["mean"]) for row in csv.DictReader(file)
+            if (row["target"], row["score"]) == ("sharp", "pearson")
+        }  # fmt: skip
+    (least,) = re.findall(r"network at the start .*\| \S+ \[(\S+),", (folder / "runs/mine/summary.md").read_text())
+    if not (score["mine"] > score["mean image"] and float(least) > 0):
+        raise SystemExit(f"the network learned nothing: {score}, at least {least} over its start")
+
+
 ROLES = {
     "images": Role(pictures, [
         "specklegen recoverable through-slab --images my-images",
         "specklegen preview through-slab --images my-images --out sheet.png",
-        f"specklegen train through-slab --images my-images --out runs/mine --seconds {SECONDS}",
+        f"specklegen train through-slab --images my-images --start packaged --out runs/mine --seconds {SECONDS}",
         "specklegen evaluate runs/mine/best.pt --recipe through-slab --images my-images --samples 16 --out judged",
-    ], ["sheet.png", "runs/mine/best.pt", "judged"]),
+    ], ["sheet.png", "runs/mine/best.pt", "judged"], learned),
     "photograph": Role(photograph, [
         "specklegen plan setup.toml",
         "specklegen recoverable setup.toml",
         "specklegen reconstruct frame.tif --setup setup.toml --out seen",
-    ], ["seen"]),
+    ], ["seen"], nothing),
     "curve": Role(nothing, [
         "specklegen memory-effect --material skin --wavelength 0.806 --thickness 300 --out curves",
         "specklegen memory-effect --g 0.9 --g 0.95 --out fogs",
-    ], ["curves/memory-effect.csv", "curves/memory-effect.png", "fogs/memory-effect.png"]),
+    ], ["curves/memory-effect.csv", "curves/memory-effect.png", "fogs/memory-effect.png"], nothing),
 }  # fmt: skip
 
 
@@ -124,6 +146,7 @@ def played(role: Role, folder: Path) -> list[tuple[str, float]]:
     missing = [name for name in role.made if not (folder / name).exists()]
     if missing:
         raise SystemExit(f"not made: {missing}")
+    role.asked(folder)
     return took
 
 

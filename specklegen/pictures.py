@@ -78,7 +78,7 @@ def tilt_strip(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
     """Draw stacks, a row a sample and a column a tilt.
 
     Each image is marked with how far the pattern of the first has moved (an arrow), and with its correlation with that
-    pattern where both see it.
+    pattern where both see it; the first with a scale of angles.
 
     Parameters
     ----------
@@ -102,10 +102,28 @@ def tilt_strip(samples: Sequence[Mapping[str, Any]], out: Path) -> Path:
                 title += f"   C {alike:.2f}"
             panel = axes[row, column]
             _show(panel, image, title, low=0, high=high)
+            if row == column == 0:
+                _scale(panel, image.shape, parameters["camera_pitch"])
             if move.any():
                 panel.annotate("", 4 + np.maximum(move, 0), 4 - np.minimum(move, 0), annotation_clip=False,
                                arrowprops={"arrowstyle": "->", "color": "tab:orange", "lw": 1.5})  # fmt: skip
     return _save(figure, out)
+
+
+def _scale(axes, shape: tuple[int, ...], pitch: float) -> None:
+    """Draw a bar at the foot of an image[H, W], as long as a round angle, with its degrees; ``pitch`` in radians."""
+    degrees = round_length(shape[1] * float(np.rad2deg(pitch)) / 3)
+    bottom, left = shape[0] - 5, 4
+    bar = [left, left + degrees / float(np.rad2deg(pitch))]
+    axes.plot(bar, [bottom, bottom], color="tab:orange", lw=2.5, solid_capstyle="butt")
+    axes.text(left, bottom - 3, f"{degrees:g}°", color="tab:orange", fontsize=9, va="bottom",
+              bbox={"facecolor": "black", "edgecolor": "none", "alpha": 0.7, "pad": 1})  # fmt: skip
+
+
+def round_length(most: float) -> float:
+    """Largest of 1, 2 and 5 times a power of ten that is no longer than ``most``."""
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(f"{max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-12)) * power:.1g}")
 
 
 def moved_correlation(first: np.ndarray, image: np.ndarray, move: np.ndarray) -> float | None:

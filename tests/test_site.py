@@ -7,6 +7,7 @@ that `make docs` has built.
 import functools
 import http.server
 import importlib
+import json
 import os
 import re
 import shutil
@@ -25,6 +26,7 @@ QUIET = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update",
 ]  # fmt: skip
+COMPLAINT = re.compile(r"CONSOLE[^\n]*(?:[Ee]rror|Uncaught|Failed|Refused)[^\n]*")
 PAGES = {
     "index.html": "specklegen",
     "auto_gallery/plot_02_tilt_and_memory.html": "Tilt, and the memory of a slab",
@@ -120,11 +122,116 @@ def address(site):
         server.shutdown()
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
+def test_every_page_fits_a_telephone_and_a_screen(site, tmp_path):
+    """Each page, at 390 and at 1280 pixels: no error on the console, and nothing reaches over its edge.
+
+    A page of our own shows the others in a frame, one after another, and sends back what it saw.
+    """
+    pages = [str(page.relative_to(site)) for page in sorted(site.rglob("*.html"))
+             if page.relative_to(site).parts[0] not in ("_static", "_modules", "_downloads")]  # fmt: skip
+    pages = [page for page in pages if re.search(os.environ.get("PAGES", ""), page)]
+    found, complaints = shown(site, tmp_path, pages, (390, 1280))
+    assert complaints == []
+    assert len(found) == 2 * len(pages)
+    assert [(page, width, over) for page, width, over in found if over] == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
+def test_a_page_that_is_too_wide_or_has_an_error_is_told(tmp_path):
+    """What the test of every page would miss, were it blind."""
+    site = tmp_path / "site"
+    site.mkdir()
+    (site / "narrow.html").write_text("<p>narrow</p>")
+    (site / "wide.html").write_text("<div id=long style='width: 700px'>wide</div>")
+    (site / "wrong.html").write_text("<script>nothing.at.all</script><img src=nowhere.png>")
+    found, complaints = shown(site, tmp_path / "profile", ["narrow.html", "wide.html", "wrong.html"], (390, 1280))
+    assert [(page, width) for page, width, over in found if over] == [("wide.html", 390)]
+    assert len(found) == 6
+    assert any("nothing is not defined" in each for each in complaints)
+    assert "404 /nowhere.png" in complaints
+
+
+DRIVER = """<!doctype html><meta charset=utf-8><body style="margin: 0"><script>
+const over = (inside) => {
+  const edge = inside.documentElement.clientWidth;
+  if (inside.documentElement.scrollWidth <= edge + 1) return "";
+  const wide = [...inside.body.querySelectorAll("*")].filter((each) => each.getBoundingClientRect().right > edge + 1);
+  return `${inside.documentElement.scrollWidth}: ` + wide.slice(-3).map((each) => each.outerHTML.slice(0, 80)).join();
+};
+const show = (page, width) => new Promise((done) => {
+  const frame = document.createElement("iframe");
+  frame.style = `width: ${width}px; height: 800px; border: 0`;
+  frame.onload = () => setTimeout(() => {
+    done([page, width, over(frame.contentDocument)]);
+    frame.remove();
+  }, 50);
+  frame.src = `/${page}`;
+  document.body.append(frame);
+});
+(async () => {
+  const [pages, widths] = await (await fetch("/asked")).json(), found = [];
+  for (const width of widths) for (const page of pages) found.push(await show(page, width));
+  await fetch("/told", {method: "POST", body: JSON.stringify(found)});
+})();
+</script>"""
+
+
+def shown(site: Path, profile: Path, pages: list[str], widths: tuple[int, ...]) -> tuple[list, list[str]]:
+    """What of each page reaches over the edge of a frame of each width, and what the browser complained of."""
+    told: list = []
+    lost: list[str] = []
+    ended = threading.Event()
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *words) -> None:
+            pass
+
+        def send_error(self, code, message=None, explain=None) -> None:  # of a file that is not there
+            lost.append(f"{code} {self.path}")
+            super().send_error(code, message, explain)
+
+        def do_GET(self) -> None:
+            text = {"/driver": DRIVER, "/asked": json.dumps([pages, widths]), "/favicon.ico": ""}.get(self.path)
+            if text is None:
+                super().do_GET()
+                return
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(text.encode())
+
+        def do_POST(self) -> None:
+            told.extend(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+            self.send_response(204)
+            self.end_headers()
+            ended.set()
+
+    assert CHROMIUM is not None
+    handler = functools.partial(Handler, directory=str(site))
+    profile.mkdir(exist_ok=True)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server, (profile / "log").open("w") as log:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        words = [CHROMIUM, *QUIET, f"--user-data-dir={profile}", "--enable-logging=stderr", "--remote-debugging-port=0"]
+        browser = subprocess.Popen(
+            [*words, f"http://127.0.0.1:{server.server_port}/driver"], stdout=subprocess.DEVNULL, stderr=log
+        )
+        try:
+            assert ended.wait(60 + 10 * len(pages) * len(widths)), "the browser did not come to the end"
+        finally:
+            browser.terminate()
+            browser.wait(60)
+            server.shutdown()
+    return told, lost + COMPLAINT.findall((profile / "log").read_text())
+
+
 def seen(url: str, profile: Path) -> tuple[str, list[str]]:
     """The page as the browser has it once its scripts have run, and what they complained of."""
     words = [CHROMIUM, *QUIET, f"--user-data-dir={profile}", "--virtual-time-budget=15000", "--enable-logging=stderr"]
     done = subprocess.run([*words, "--dump-dom", url], capture_output=True, text=True, timeout=300)
-    return done.stdout, re.findall(r"CONSOLE[^\n]*(?:[Ee]rror|Uncaught|Failed|Refused)[^\n]*", done.stderr)
+    return done.stdout, COMPLAINT.findall(done.stderr)
 
 
 @pytest.mark.slow

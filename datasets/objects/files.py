@@ -1,8 +1,12 @@
 """Families whose sources are the user's own files in a folder.
 
-A file is known by the SHA-256 of its bytes, never by its name or place: renaming, sorting into subfolders or moving the
-folder changes nothing, and a file that is there twice counts once, so that its copy cannot leak into another split.
-(Two different files of one subject can: that is the user's to know.)
+A file is known by the SHA-256 of its bytes, never by its name or place: renaming or moving the folder changes nothing,
+and a file that is there twice counts once, so that its copy cannot leak into another split. (Two different files of one
+subject can: that is the user's to know.)
+
+Where every file lies in a subfolder, and there are two at least, the subfolders are classes, as in an ImageFolder of
+torchvision: a label is the number of a subfolder among all, by their names. It comes with every sample, so that sorting
+files into classes is another data set.
 """
 
 import hashlib
@@ -13,10 +17,14 @@ from typing import ClassVar
 
 from specklegen.core.errors import reject
 from specklegen.datasets.objects.family import ListedFamily, Source
+from specklegen.datasets.split import Split
+
+_PATH = "objects.path"
+"""Where a recipe's file has the folder."""
 
 
 class FileFamily(ListedFamily):
-    """Files of a folder and its subfolders, of some suffixes.
+    """Files of a folder and its subfolders, of some suffixes; a tree of classes gives labels.
 
     Each file is read once, when the first object is asked for, so that a broken one is found before hours of
     rendering.
@@ -47,23 +55,71 @@ class FileFamily(ListedFamily):
         """
         name, folder = type(self).__name__, Path(self.path).expanduser()
         if not folder.is_dir():
-            reject(f"{name}.path", "a folder that exists", self.path)
-        paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in self._suffixes and p.is_file())
+            reject(f"{name}.path", "a folder that exists", self.path, in_tables=_PATH)
+        paths = self._paths()
         if not paths:
-            reject(f"{name}.path", f"a folder with {self._plural} ({', '.join(self._suffixes)})", self.path)
+            kinds = f"a folder with {self._plural} ({', '.join(self._suffixes)})"
+            reject(f"{name}.path", kinds, self.path, in_tables=_PATH)
         found: dict[str, str] = {}
         for path in paths:
             found.setdefault(self._digest(path), str(path))
         return found
+
+    @cached_property
+    def class_names(self) -> tuple[str, ...]:
+        """Names of the subfolders that are classes, in the order of their labels; empty where they are none."""
+        places = [path.relative_to(Path(self.path).expanduser()).parts for path in self._paths()]
+        names = sorted({place[0] for place in places})
+        return tuple(names) if len(names) > 1 and all(len(place) > 1 for place in places) else ()
+
+    @cached_property
+    def _labels(self) -> dict[str, int]:
+        """Label of each file of a tree of classes, by the SHA-256 of its bytes.
+
+        Raises
+        ------
+        RuleError
+            If one file lies in two classes.
+        """
+        if not self.class_names:
+            return {}
+        folder = Path(self.path).expanduser()
+        numbers = {digest: self._class_of(Path(path), folder) for digest, path in self.files.items()}
+        if len(self.files) < len(self._paths()):
+            for path in self._paths():
+                if numbers[digest := hashlib.sha256(path.read_bytes()).hexdigest()] != self._class_of(path, folder):
+                    both = f"{self.files[digest]}, {path}"
+                    reject(f"{type(self).__name__}.path", "a folder whose files lie in one class each", both,
+                           in_tables=_PATH)  # fmt: skip
+        return numbers
+
+    def _class_of(self, path: Path, folder: Path) -> int:
+        return self.class_names.index(path.relative_to(folder).parts[0])
+
+    def _paths(self) -> list[Path]:
+        folder = Path(self.path).expanduser()
+        return sorted(p for p in folder.rglob("*") if p.suffix.lower() in self._suffixes and p.is_file())
+
+    def labels(self, source: Source) -> dict[str, float]:
+        """Number of the class that a file lies in; -1 where the folder is no tree of classes."""
+        return {"label": float(self._labels.get(str(source[0]), -1))}
+
+    def file(self, seed: int, split: Split, index: int) -> Path:
+        """Path of the file that a sample shows."""
+        return Path(self.files[str(self.source(seed, split, index)[0])])
 
     def sources(self) -> tuple[Source, ...]:
         """(SHA-256,) of each different file."""
         return tuple((digest,) for digest in self.files)
 
     def identity(self) -> dict:
-        """Fields less the path, and one hash of all the files instead."""
+        """Fields less the path, and one hash of all the files instead; of a tree, one of their labels too."""
         contents = hashlib.sha256("".join(sorted(self.files)).encode()).hexdigest()
-        return {**self.model_dump(mode="json", exclude={"path"}), self._plural: contents}
+        stated = {**self.model_dump(mode="json", exclude={"path"}), self._plural: contents}
+        if self._labels:
+            told = "".join(f"{digest} {self._labels[digest]}\n" for digest in sorted(self._labels))
+            stated["labels"] = hashlib.sha256(told.encode()).hexdigest()
+        return stated
 
     def unchanged(self, source: Source) -> tuple[Path, str]:
         """Path and digest of a file, checked again: a folder that changes under a running data set is not unseen."""

@@ -15,6 +15,8 @@ from specklegen.datasets.objects.pictures import SUFFIXES, fitted, read_grey
 class Folder(FileFamily):
     """Pictures of a folder and its subfolders, whole, centred, their aspect kept, dark around.
 
+    Subfolders are classes where every picture lies in one: ``label`` among a sample's parameters is the number of its
+    subfolder (``class_names``), -1 otherwise; ``file(seed, split, index)`` is the picture that a sample shows.
     PNG, JPEG, TIFF and NPY (one array [h, w] or [h, w, 3] a file) are read; colours become grey.
     Each file is read once, when the first picture is asked for, so that a broken one is found before
     hours of rendering.

@@ -77,4 +77,6 @@ def recipe_schema(name: str) -> dict[str, Any]:
 
 
 def _kind(name: object) -> type[Recipe]:
+    if name is None:
+        reject("recipe.kind", "given", name, 'Write `inherits = "through-slab"`, or a kind: `kind = "hidden-object"`.')
     return KINDS.find("recipe.kind", name)

@@ -25,7 +25,7 @@ Batch = Mapping[str, Any]
 
 RESTARTS = 4
 """Of phase retrieval."""
-UNTRAINED, TRAINED = "untrained network", "network"
+UNTRAINED, STARTED, TRAINED = "untrained network", "network at the start", "network"
 
 
 def methods_beside(
@@ -64,15 +64,17 @@ class Beside:
         Reading of ``time.perf_counter`` after which no further batch is begun; None: all of them.
     profile
         Of the window, where objects are shown.
+    called
+        Name of ``untrained`` in tables: whether its weights are those of a seed or of a model.
     """
 
     def __init__(
         self, batches: Iterable[Batch], methods: Mapping[str, Callable[[Batch], Any]], untrained: Reconstructor,
-        until: float | None = None, profile: Any = "square",
+        until: float | None = None, profile: Any = "square", called: str = UNTRAINED,
     ) -> None:  # fmt: skip
         self.batches: list[Batch] = []
         self.answers: dict[str, list[Any]] = {name: [] for name in methods}
-        self.untrained, self.profile = untrained, profile
+        self.untrained, self.profile, self.called = untrained, profile, called
         for batch in batches:
             if until is not None and len(self.batches) > 1 and time.perf_counter() > until:
                 break
@@ -97,17 +99,17 @@ class Beside:
             return self._objects(trained)
         asked: dict[str, Callable[[Batch], np.ndarray]] = {name: _recalled(told) for name, told in self.answers.items()}
         if trained is not None and network.target != "label":
-            asked[UNTRAINED] = lambda batch: self.untrained.tell(batch).double().cpu().numpy()
+            asked[self.called] = lambda batch: self.untrained.tell(batch).double().cpu().numpy()
         text = (judge_maps if network.target == "contrast" else judge)(network, self.batches, asked).markdown()
         if trained is not None and network.target == "label":
-            text += f"\nThe same images, {UNTRAINED}:\n\n{judge(self.untrained, self.batches).markdown()}"
+            text += f"\nThe same images, {self.called}:\n\n{judge(self.untrained, self.batches).markdown()}"
         return text
 
     def _objects(self, trained: Reconstructor | None) -> str:
         others = torch.cat([batch["object"].float() for batch in self.batches]).roll(len(self.batches[0]["object"]), 0)
         answers: dict[str, list[Tensor]] = {
             "another object": list(others.split([len(batch["object"]) for batch in self.batches])), **self.answers,
-            UNTRAINED: [baselines.network(self.untrained)(batch) for batch in self.batches],
+            self.called: [baselines.network(self.untrained)(batch) for batch in self.batches],
         }  # fmt: skip
         if trained is not None:
             answers[TRAINED] = [baselines.network(trained)(batch) for batch in self.batches]

@@ -33,8 +33,10 @@ class Run:
 
     def __init__(
         self, training: "Training", validation: Examples, folder: Path, device: str, record: dict[str, Any],
-        begun: float, require_own: Callable[[], None],
+        begun: float, require_own: Callable[[], None], start: Reconstructor | None = None,
     ) -> None:  # fmt: skip
+        if start is not None:
+            require_fit(start, training, validation)
         folder.mkdir(parents=True, exist_ok=True)
         self.record, self.require_own = record, require_own
         self.training, self.validation, self.folder, self.device = training, validation, folder, torch.device(device)
@@ -52,6 +54,11 @@ class Run:
         self.rows: list[dict[str, float]] = []
         if (folder / "checkpoint.pt").exists():
             self.restore()
+        elif start is not None:
+            self.network.load_state_dict(start.network.state_dict())
+            model = self.reconstructor()
+            self.best = validated(model, validation)
+            model.save(folder / "best.pt")
         self.counted = begun
         write_record(folder, record)
 
@@ -126,8 +133,16 @@ class Run:
         training = self.training
         return Reconstructor(
             self.network, training.network, training.input, training.width, self.side, self.shape, self.device,
-            self.record["data"].get("recipe", {}).get("objects"), training.target,
+            self._trained_on(), training.target,
         )  # fmt: skip
+
+    def _trained_on(self) -> dict[str, Any] | None:
+        """Table of the objects that the weights have seen, in this run and before it."""
+        mine = self.record["data"].get("recipe", {}).get("objects")
+        before = self.record.get("start", {}).get("trained_on")
+        if not mine or not before:
+            return mine or before
+        return mine if mine == before else {"type": "Families", "families": [mine, before]}
 
     _COUNTERS = ("epoch", "step", "stale", "spent", "summed", "best", "finished", "rows", "ended")
 
@@ -163,6 +178,24 @@ def untrained(training: "Training", validation: Examples, device: str = "cpu") -
     return Reconstructor(
         network, training.network, training.input, training.width, side, shape, device, None, training.target
     )
+
+
+def require_fit(start: Reconstructor, training: "Training", validation: Examples) -> None:
+    """Refuse to begin with the weights of another network than the one that is trained."""
+    wanted = {
+        "target": training.target, "network": training.network, "width": training.width, "input": training.input,
+        "side": validation.inputs.shape[-1], "shape": tuple(validation.targets.shape[-2:]),
+    }  # fmt: skip
+    there = {
+        "target": start.target, "network": start.name, "width": start.width, "input": start.input,
+        "side": start.side, "shape": tuple(start.shape),
+    }  # fmt: skip
+    other = [name for name, value in wanted.items() if there[name] != value]
+    if other:
+        reject(
+            "train start", "a model of " + ", ".join(f"{name} {wanted[name]}" for name in other),
+            "one of " + ", ".join(f"{name} {there[name]}" for name in other),
+        )  # fmt: skip
 
 
 def validated(model: Reconstructor, examples: Examples) -> float:

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from torch import nn
+
 from specklegen.core.errors import reject
 from specklegen.core.whole_files import patiently, write_whole
 from specklegen.datasets import SpeckleCache
@@ -20,6 +22,7 @@ from specklegen.datasets.store.identity import differences
 from specklegen.datasets.store.locks import claim
 from specklegen.models.learning.examples import Examples
 from specklegen.models.learning.networks import network_content
+from specklegen.models.learning.reconstructor import Reconstructor
 
 _ALONE = "a folder that no other process trains in"
 
@@ -34,7 +37,19 @@ def digest_of(examples: Examples) -> str:
     return digest.hexdigest()
 
 
-def record(training: Any, data: Any, validation: Examples, about: Mapping[str, Any] | None) -> dict[str, Any]:
+def digest_of_weights(network: nn.Module) -> str:
+    """SHA-256 of the weights of a network, by their names."""
+    digest = hashlib.sha256()
+    for name, weight in network.state_dict().items():
+        digest.update(f"{name} {weight.dtype} {tuple(weight.shape)} ".encode())
+        digest.update(weight.detach().cpu().contiguous().reshape(-1).numpy().view("u1").data)
+    return digest.hexdigest()
+
+
+def record(
+    training: Any, data: Any, validation: Examples, about: Mapping[str, Any] | None,
+    start: Reconstructor | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Collect what decides a run; JSON types only.
 
     Parameters
@@ -47,6 +62,8 @@ def record(training: Any, data: Any, validation: Examples, about: Mapping[str, A
         Examples.
     about
         What the caller knows of "data" and "validation".
+    start
+        Model whose weights the run begins with.
 
     Raises
     ------
@@ -58,12 +75,16 @@ def record(training: Any, data: Any, validation: Examples, about: Mapping[str, A
     if shown.get("sha256") == held_out["sha256"]:
         reject("train validation", "examples that the network is not trained on", "the training examples")
     told = about or {}
+    begins = {} if start is None else {
+        "start": {"sha256": digest_of_weights(start.network), "trained_on": start.trained_on}
+    }  # fmt: skip
     return json.loads(
         json.dumps(
             {
                 "training": json.loads(training.canonical_json()) | network_content(training.network),
                 "data": shown | dict(told.get("data", {})),
                 "validation": held_out | dict(told.get("validation", {})),
+                **begins,
             }
         ),
         parse_constant=str,

@@ -107,8 +107,9 @@ class Training(Value):
                    self.target, f"Networks for this target: {_able('targets', self.target)}.")  # fmt: skip
         if self.target != "object" and self.mirror:
             reject("Training.mirror", "false where the target is no object", self.mirror)
+        if self.target == "object":
+            loss_named(self.loss)  # refused before anything is rendered
         return self
-
 
     @property
     def of_objects(self) -> bool:
@@ -152,6 +153,7 @@ def train(
     stop_after: int | None = None,
     begun: float | None = None,
     reserve: float = 0.0,
+    start: Reconstructor | None = None,
 ) -> Reconstructor:
     """Train a network, or go on where the run in this folder was stopped.
 
@@ -189,6 +191,10 @@ def train(
         before. By default now.
     reserve
         Seconds of these that the caller needs afterwards.
+    start
+        Model whose weights the run begins with, instead of those that the seed draws: of the same network, width,
+        input and target, for images of the same sizes. It is validated first, and stays the best until a better one is
+        found.
 
     Returns
     -------
@@ -199,8 +205,8 @@ def train(
     ------
     RuleError
         If the folder holds a run with other settings or data (more epochs are no difference), if the validation
-        examples are the training examples, or there are none; if there is no such device; or if another process trains
-        in the folder.
+        examples are the training examples, or there are none; if there is no such device; if another process trains
+        in the folder; or if the model to start from is another network, or of other sizes.
     KeyboardInterrupt
         On Ctrl-C, after the step that was being made and a checkpoint.
 
@@ -221,14 +227,14 @@ def train(
     """
     checked_device("train device", device)
     begun = time.perf_counter() if begun is None else begun
-    here = record(training, data if isinstance(data, Examples) else data[0], validation, about)
+    here = record(training, data if isinstance(data, Examples) else data[0], validation, about, start)
     if isinstance(data, Examples):
         data = shuffled(data, training), math.ceil(len(data.targets) / training.batch_size)
     batches, length = data
     if not length or not len(validation.targets):
         reject("train examples", "at least one, and one for validation", (length, len(validation.targets)))
     with alone(Path(folder)) as require_own, deferred() as interrupt:
-        run = Run(training, validation, Path(folder), device, here, begun, require_own)
+        run = Run(training, validation, Path(folder), device, here, begun, require_own, start)
         return _trained(run, batches, length, interrupt, seconds, save_every, stop_after, progress, steps, reserve)
 
 

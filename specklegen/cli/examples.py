@@ -25,6 +25,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "export": ("export data/through-slab.zarr --out npy",),
     "train": (
         "train through-slab --out runs/first --seconds 300",
+        "train through-slab --images my-images --start packaged --out runs/mine --seconds 240",
         "train data/train.zarr --validation data/validation.zarr --out runs/second --network residual",
     ),
     "recoverable": (

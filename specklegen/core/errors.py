@@ -36,15 +36,18 @@ class RuleError(ToldError, ValueError):
         """The message in the words of a file: ``material.g`` of its tables, where ``Material.g`` names a class."""
 
 
-def reject(field: str, rule: str, value: object, remedy: str = "") -> NoReturn:
+def reject(field: str, rule: str, value: object, remedy: str = "", in_tables: str = "") -> NoReturn:
     """Raise the house error: ``field must be rule; got value.`` and then the remedy.
+
+    ``in_tables`` is the field's name in a file, where that is another.
 
     Raises
     ------
     RuleError
         Always; a subclass of :class:`ValueError`.
     """
-    raise RuleError(f"{field} must be {rule}; got {shown(value)}." + (f" {remedy}" if remedy else ""))
+    said = f"must be {rule}; got {shown(value)}." + (f" {remedy}" if remedy else "")
+    raise RuleError(f"{field} {said}", f"{in_tables or field} {said}")
 
 
 def shown(value: object) -> str:

@@ -79,7 +79,7 @@ def broken_rules(owner: str, error: ValidationError, of: type[BaseModel] | None 
         if isinstance(inner, RuleError):
             # Named by its class, which stands in the table of this place; or by a rule that has words of its own.
             said = re.sub(r"^[A-Z]\w*\.(?=[a-z_])", "", inner.in_tables)
-            tables = [part for part in (above, place) if part] if said != str(inner) else []
+            tables = [part for part in (above, _tabled(place)) if part] if said != str(inner) else []
             told.append((str(inner), "\n".join(_within(tables, line) for line in said.split("\n"))))
             continue
         rule = _RULES.get(item["type"])
@@ -89,8 +89,13 @@ def broken_rules(owner: str, error: ValidationError, of: type[BaseModel] | None 
     for place, (rules, value, remedy) in broken.items():
         where = ".".join(part for part in (owner, place) if part)
         words = f"must be {' or '.join(dict.fromkeys(rules))}; got {shown(value)}.{remedy}"
-        told.append((f"{where} {words}", f"{where.partition('.')[2] or owner} {words}"))
+        told.append((f"{where} {words}", f"{_tabled(where.partition('.')[2]) or owner} {words}"))
     return RuleError("\n".join(one for one, _ in told), "\n".join(other for _, other in told))
+
+
+def _tabled(place: str) -> str:
+    """A place by its tables and fields alone: without the classes that say which member of a union it is."""
+    return ".".join(part for part in place.split(".") if not part[:1].isupper())
 
 
 def _within(tables: list[str], line: str) -> str:

@@ -155,6 +155,8 @@ def text_of(field: str, path: str | Path) -> str:
         return content.decode("utf-8")
     except (OSError, ValueError, TypeError) as error:
         given = path if isinstance(path, str) else str(path)
+        if isinstance(error, FileNotFoundError):
+            reject(field, "a file that is there", given)
         reject(field, "a text that can be read", given, f"It cannot: {error}.")
 
 

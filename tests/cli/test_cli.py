@@ -14,7 +14,7 @@ from zscore import assert_z
 import specklegen as sg
 from specklegen.cli import commands
 from specklegen.cli.examples import EXAMPLES
-from specklegen.cli.learning import losses_starting_with
+from specklegen.cli.training import losses_starting_with
 from specklegen.core.errors import RuleError
 from specklegen.datasets import recipe_names
 
@@ -222,6 +222,7 @@ def test_bad_input_is_named(words, says, tmp_path, monkeypatch):
         ("[matrial]\ng = 0.5", "Did you mean material?"),
         ("[samples]\ntrain = 0", "error: samples.train must be at least 1"),
         ("kind = 'hiden-object'", "error: recipe.kind must be"),
+        ("[objects]\ntype = 'Folder'\npath = 'nowhere'", "error: objects.path must be a folder that exists"),
     ],
 )  # fmt: skip
 def test_errors_speak_of_the_tables_of_a_file(table, says, tmp_path, capsys):
@@ -232,6 +233,24 @@ def test_errors_speak_of_the_tables_of_a_file(table, says, tmp_path, capsys):
         commands.main(["plan", str(file)])
     assert end.value.code == 2
     assert says in capsys.readouterr().err
+
+
+def test_errors_of_a_scene_name_no_class(tmp_path, capsys):
+    layer = "{thickness = 200.0, mean_free_path = 100.0, scatterer = {type = 'VonMisesFisher', kappa = 20.0}}"
+    file = tmp_path / "scene.toml"
+    file.write_text(f"wavelength = 0.5\n[medium]\ntype = 'Layers'\nlayers = [{layer}]\n")
+    with pytest.raises(SystemExit):
+        commands.main(["render", "--scene", str(file)])
+    said = capsys.readouterr().err
+    assert "medium.layers.0.scatterer.concentration must be given" in said
+    assert "medium.Layers" not in said
+
+
+def test_a_recipe_of_no_kind_is_told_what_to_inherit(tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text("[material]\ng = 0.5\n")
+    with pytest.raises(SystemExit):
+        commands.main(["plan", str(tmp_path / "mine.toml")])
+    assert 'recipe.kind must be given; got None. Write `inherits = "through-slab"`' in capsys.readouterr().err
 
 
 def test_a_file_that_is_not_there_is_said_to_be_missing():

@@ -43,7 +43,7 @@ def test_json_has_both_intervals():
         (("--known", "g"), "fit-material --known must be a name and a number"),
         (("--out", "bench.txt"), "fit-material --out must be a file whose name ends in .toml"),
         (("--free", "depth"), "fit_material free must be made of"),
-        (("--tilt", "nowhere.csv"), "read_curve path must be a text that can be read"),
+        (("--tilt", "nowhere.csv"), "read_curve path must be a file that is there; got 'nowhere.csv'."),
     ],
 )
 def test_what_cannot_be_is_refused(words, rule):

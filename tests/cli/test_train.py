@@ -6,7 +6,7 @@ from small_runs import TINY
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
-from specklegen.cli.learning import rendered_before
+from specklegen.cli.training import rendered_before
 
 CHANGES = [
     word for part, fields in TINY.items() for name, value in fields.items()
@@ -29,3 +29,19 @@ def test_it_speaks_at_once_and_ends_with_a_table(tmp_path):
     assert rendered_before(tmp_path / "run", 4) == 4
     assert rendered_before(tmp_path / "run", 5) is None
     assert rendered_before(tmp_path / "none", 4) is None
+
+
+def test_it_starts_from_a_model(tmp_path):
+    """The table names what it started from; options of another kind of network are refused before anything is drawn."""
+    common = ["train", "through-slab", *CHANGES, "--epochs", "1", "--batch-size", "16", "--validation-samples", "4",
+              "--seconds", "50"]  # fmt: skip
+    first = tmp_path / "first"
+    found = CliRunner().invoke(commands.app, [*common, "--width", "4", "--out", str(first)])
+    assert found.exit_code == 0, found.output
+    words = [*common, "--start", str(first / "best.pt"), "--out", str(tmp_path / "second")]
+    found = CliRunner().invoke(commands.app, words)
+    assert found.exit_code == 0, found.output
+    assert "| network at the start |" in (tmp_path / "second" / "summary.md").read_text()
+    assert json.loads((tmp_path / "second" / "run.json").read_text())["training"]["width"] == 4
+    refused = CliRunner().invoke(commands.app, [*words, "--network", "residual"])
+    assert "train --network must be that of the model to start from (unet), or left out" in str(refused.exception)

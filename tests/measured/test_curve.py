@@ -62,9 +62,11 @@ def test_the_line_is_named(lines, told, tmp_path):
 
 def test_files_that_are_no_text(tmp_path, monkeypatch):
     (tmp_path / "a.csv").write_bytes(b"\xff\xfe0,1\n")
-    for path in (tmp_path / "a.csv", tmp_path, tmp_path / "none.csv", "a\0b", 7):
+    for path in (tmp_path / "a.csv", tmp_path, "a\0b", 7):
         with pytest.raises(RuleError, match="read_curve path must be a text that can be read"):
             read_curve(path)
+    with pytest.raises(RuleError, match="read_curve path must be a file that is there"):
+        read_curve(tmp_path / "none.csv")
     for columns in (0, (0,), (0, -1), ("a", "b"), (0, 1.5)):
         with pytest.raises(RuleError, match="read_curve columns"):
             read_curve(tmp_path / "a.csv", columns)

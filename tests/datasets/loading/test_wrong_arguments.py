@@ -1,5 +1,7 @@
 """Arguments of the stream and the store that are of a wrong type or out of range: a broken rule that names them."""
 
+import warnings
+
 import numpy as np
 import pytest
 from fake_recipe import FakeRecipe
@@ -99,3 +101,16 @@ def test_a_store_that_grows_with_other_libraries_says_so(tmp_path, monkeypatch, 
     assert not [w for w in recwarn if "other libraries" in str(w.message)]
     with pytest.warns(DoubtWarning, match=rf"other libraries: numpy {now['numpy']} is now 99\.0\. .*last bits"):
         generate(FakeRecipe(), samples=6, folder=folder, processes=1)
+
+
+def test_a_full_store_answers_without_a_plan(tmp_path, monkeypatch):
+    """Planning takes seconds; nothing is added, so nothing need be planned. What is missing asks for it again."""
+    folder = tmp_path / "a.zarr"
+    generate(FakeRecipe(), samples=4, folder=folder, processes=1)
+    monkeypatch.setattr(creation, "rendering_note", lambda recipe: "planned otherwise")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert generate(FakeRecipe(), samples=4, folder=folder, processes=1)["rendered"] == 0
+        assert generate(FakeRecipe(), samples=3, folder=folder, processes=1)["rendered"] == 0
+    with pytest.warns(DoubtWarning, match='is now "planned otherwise"'):
+        generate(FakeRecipe(), samples=5, folder=folder, processes=1)

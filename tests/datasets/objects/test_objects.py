@@ -443,6 +443,34 @@ def test_a_copy_of_a_picture_cannot_leak_into_another_split(folder, tmp_path):
     assert set(Folder(path=str(twice)).sources()) == set(Folder(path=str(folder)).sources())
 
 
+def test_subfolders_are_classes(folder, tmp_path):
+    """Labels follow the names of subfolders, come with samples, and are of the identity; a flat folder has none."""
+    tree = tmp_path / "tree"
+    for n, path in enumerate(sorted(folder.iterdir())):
+        (tree / ("dogs" if n % 3 else "cats")).mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, tree / ("dogs" if n % 3 else "cats") / path.name)
+    flat, sorted_ = Folder(path=str(folder)), Folder(path=str(tree))
+    assert sorted_.class_names == ("cats", "dogs")
+    assert flat.class_names == ()
+    assert set(flat.sources()) == set(sorted_.sources())
+    assert flat.identity() != sorted_.identity()
+    for split in SPLITS:
+        for index in range(10):
+            shown = sorted_.file(0, split, index)
+            label = sorted_.labels(sorted_.source(0, split, index))["label"]
+            assert sorted_.class_names[int(label)] == shown.parent.name
+            assert flat.labels(flat.source(0, split, index)) == {"label": -1.0}
+            assert flat.file(0, split, index).read_bytes() == shown.read_bytes()
+    (tree / "cats").rename(tree / "zebras")
+    turned = Folder(path=str(tree))
+    assert turned.identity() != sorted_.identity()
+    assert all(turned.labels(each)["label"] == 1 - sorted_.labels(each)["label"] for each in turned.sources())
+    one = next((tree / "dogs").iterdir())
+    shutil.copy(one, tree / "zebras" / f"both{one.suffix}")
+    with pytest.raises(ValueError, match=r"Folder\.path must be a folder whose files lie in one class each"):
+        Folder(path=str(tree)).labels(turned.sources()[0])
+
+
 def test_folders_that_cannot_serve_are_refused(folder, tmp_path):
     with pytest.raises(ValueError, match=r"Folder\.path must be a folder that exists; got '.*nowhere'"):
         Folder(path=str(tmp_path / "nowhere")).image(0, "train", 0)

@@ -11,6 +11,7 @@ from small_runs import DATA, HELD_OUT, SETTINGS, TINY, assert_same_run, checkpoi
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
 from specklegen.datasets.store.generate import generate
+from specklegen.models.judging.unseen import seen_by
 from specklegen.models.learning.examples import examples, sharing_media, streamed
 from specklegen.models.learning.reconstructor import Reconstructor, centred
 from specklegen.models.learning.training import Training, train
@@ -171,6 +172,55 @@ def test_a_run_from_a_stream_resumes_to_the_bit(tmp_path):
     train(settings, data(), held_out, tmp_path / "parts", stop_after=3)
     train(settings, data(), held_out, tmp_path / "parts")
     assert_same_run(checkpoint(tmp_path / "whole"), checkpoint(tmp_path / "parts"))
+
+
+def test_a_run_starts_from_a_model(whole, tmp_path):
+    """Its weights are the first; where nothing better is found, they stay the best."""
+    first = Reconstructor.load(whole / "best.pt")
+    worse = train(SETTINGS.replace(learning_rate=10.0, epochs=1), DATA, HELD_OUT, tmp_path / "worse", start=first)
+    assert torch.equal(weights(worse), weights(first))
+    small = SETTINGS.replace(learning_rate=1e-9, epochs=1)
+    train(small, DATA, HELD_OUT, tmp_path / "near", start=first)
+    near = checkpoint(tmp_path / "near")["network"]
+    for name, weight in first.network.state_dict().items():
+        if name.endswith(("weight", "bias")):
+            assert torch.allclose(near[name], weight, atol=1e-6)
+    with pytest.raises(AssertionError):
+        torch.testing.assert_close(near, train(small, DATA, HELD_OUT, tmp_path / "drawn").network.state_dict())
+
+
+def test_a_started_run_stops_and_goes_on_to_the_same_bits(whole, tmp_path):
+    first = Reconstructor.load(whole / "best.pt")
+    train(SETTINGS, DATA, HELD_OUT, tmp_path / "at once", start=first)
+    train(SETTINGS, DATA, HELD_OUT, tmp_path / "twice", start=first, stop_after=7)
+    train(SETTINGS, DATA, HELD_OUT, tmp_path / "twice", start=first)
+    assert_same_run(checkpoint(tmp_path / "at once"), checkpoint(tmp_path / "twice"))
+    with pytest.raises(RuleError, match=r"start\.sha256"):
+        train(SETTINGS, DATA, HELD_OUT, tmp_path / "twice")
+
+
+@pytest.mark.parametrize(("field", "value"), [("width", 8), ("network", "residual")])
+def test_a_start_of_another_kind_is_refused(whole, tmp_path, field, value):
+    with pytest.raises(RuleError, match=rf"train start must be a model of {field} {value}"):
+        train(SETTINGS.replace(**{field: value}), DATA, HELD_OUT, tmp_path, start=Reconstructor.load(whole / "best.pt"))
+
+
+def test_a_started_network_has_seen_what_both_have(whole, tmp_path):
+    first = Reconstructor.load(whole / "best.pt")
+    table = {"type": "Glyphs", "shape": [12, 12], "disjoint": "character", "test": "5F"}
+    first.trained_on, mine = table | {"validation": "TV"}, table | {"validation": "AE"}
+    about = {"data": {"recipe": {"objects": mine}}}
+    found = train(SETTINGS.replace(epochs=1), DATA, HELD_OUT, tmp_path, start=first, about=about)
+    assert seen_by([found.trained_on]) == seen_by([mine]) | set("AE")
+    alone = train(SETTINGS.replace(epochs=1), DATA, HELD_OUT, tmp_path / "alone", about=about)
+    assert seen_by([alone.trained_on]) == seen_by([mine])
+    assert set("TV") <= seen_by([mine])
+    assert not set("AE") & seen_by([mine])
+
+
+def test_an_unknown_loss_is_refused_with_the_settings():
+    with pytest.raises(RuleError, match="loss must be one of"):
+        SETTINGS.replace(loss="mean")
 
 
 def test_saved_model_is_the_model(tmp_path, whole):

@@ -1,0 +1,296 @@
+"""The command that trains networks: ``specklegen train``."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from specklegen.cli.judging import MOST_KEPT, closed
+from specklegen.cli.output import writable
+from specklegen.cli.recipe_options import Images, Objects, RecipeOrStore, Seed, Set, is_store, load, load_hidden
+from specklegen.core.devices import checked_device
+from specklegen.core.errors import counted, reject
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from specklegen.datasets import SpeckleCache
+    from specklegen.datasets.recipes.recipe import Recipe
+    from specklegen.models.judging.beside import Beside
+    from specklegen.models.learning.examples import Examples
+    from specklegen.models.learning.reconstructor import Reconstructor
+    from specklegen.models.learning.training import Batches, Training
+
+PACKAGED = "packaged"
+"""Name of the model to start from that comes with the package."""
+_PREPARING = 0.2  # share of the seconds after which no more validation images are begun, and as much for the table
+_TABLED = 32  # validation images in the table
+
+
+def losses_starting_with(incomplete: str) -> list[str]:
+    """Losses that a shell may complete."""
+    from specklegen.models.learning.losses import LOSSES
+
+    return [name for name in LOSSES if name.startswith(incomplete)]
+
+
+def train(
+    what: RecipeOrStore,
+    out: Annotated[Path, typer.Option(help="Folder of the run; a stopped run goes on.")],
+    validation: Annotated[
+        Path | None, typer.Option(help="Store of other media (needed with a store; a recipe has a split for it).")
+    ] = None,
+    validation_samples: Annotated[
+        int, typer.Option(min=1, max=MOST_KEPT, help="Of a recipe's validation split.")
+    ] = 256,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MODEL", help="Model (best.pt) whose weights to begin with, or packaged; what it is decides "
+            "--network, --width, --input and --target.",
+        ),
+    ] = None,
+    target: Annotated[
+        str, typer.Option(help="What the network is to tell: object, label, material, motion or contrast.")
+    ] = "object",
+    input: Annotated[
+        str,
+        typer.Option(
+            help="What the network sees: camera or autocorrelation; of stacks of tilts registered or registered+power; "
+            "of exposures exposures, or, of a surface, local-contrast."
+        ),
+    ] = "autocorrelation",
+    network: Annotated[
+        str,
+        typer.Option(
+            help="Kind of network: contrast, dense, perceptron, residual, stack-unet or unet; or one of your own, as "
+            "my_module:Name, whose module is run."
+        ),
+    ] = "unet",
+    width: Annotated[
+        int, typer.Option(min=1, max=4096, help="Channels at the top; of the dense nets, units over 16.")
+    ] = 16,
+    loss: Annotated[
+        str,
+        typer.Option(
+            help="pearson, bce, ssim, l1, pearson+bce; with -invariant or without.", autocompletion=losses_starting_with
+        ),
+    ] = "pearson-invariant",
+    learning_rate: Annotated[float, typer.Option(help="Largest learning rate.")] = 3e-3,
+    batch_size: Annotated[int, typer.Option(min=1, help="Samples a step.")] = 64,
+    epochs: Annotated[int, typer.Option(min=1, help="Passes through the data.")] = 20,
+    seconds: Annotated[
+        float | None, typer.Option(help="Time to spend by the clock, everything included (by default: all epochs).")
+    ] = None,
+    mirror: Annotated[bool, typer.Option(help="Show half of the samples mirrored.")] = False,
+    workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that render a stream.")] = 0,
+    media_group: Annotated[
+        int, typer.Option(min=1, help="Samples of a stream that share a medium, where each has one of its own.")
+    ] = 8,
+    device: Annotated[str, typer.Option(help="Torch device.")] = "cpu",
+    seed: Seed = 0,
+    changes: Set = None,
+    images: Images = None,
+    objects: Objects = None,
+) -> None:
+    """Train a network to see through fog, on a recipe streamed meanwhile or on a store.
+
+    Checkpoint, log and curves lie in the folder of the run, and are renewed while it goes on. At its beginning and end
+    a table says how the network does on validation images beside methods that learn nothing (summary.md). Of
+    --seconds preparation, table and last validation are a part; where they take long, validation images are fewer.
+    """
+    begun = time.perf_counter()
+    typer.echo(f"train {what}: a network is made ready and validation images are rendered; then the first table.")
+    checked_device("--device", device)
+    if seconds is not None and not seconds > 0:
+        reject("--seconds", "greater than 0", seconds)
+    writable(out)
+    from specklegen.models.judging.beside import STARTED, UNTRAINED, Beside
+    from specklegen.models.learning.examples import batches_of
+    from specklegen.models.learning.run import untrained
+    from specklegen.models.learning.training import Training
+
+    kind = {"target": target, "input": input, "network": network, "width": width}
+    first = None if start is None else _model(start, kind, device)
+    settings = Training(
+        **(kind if first is None else _kind_of(first)), loss=loss, learning_rate=learning_rate, batch_size=batch_size,
+        epochs=epochs, mirror=mirror, seed=seed,
+    )  # fmt: skip
+    if is_store(what):
+        if validation is None:
+            reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
+        for option, given in (("--set", changes), ("--images", images), ("--objects", objects)):
+            if given:
+                reject(f"train {option}", "left out with a store, which has its recipe", given)
+        material = _of_stores(Path(what), validation, settings)
+    else:
+        if validation is not None:
+            reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
+        recipe = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
+        until = None if seconds is None else begun + _PREPARING * seconds
+        material = _of_recipe(recipe, settings, out, validation_samples, until, workers, media_group)
+    few = min(_TABLED, len(material.held_out.targets))
+    beside = Beside(
+        batches_of(material.source, few, seed, "validation", _TABLED // 8),
+        _methods(material.recipe, target=settings.target, seed=seed, seconds=seconds),
+        untrained(settings, material.held_out, device) if first is None else first,
+        None if seconds is None else begun + 2 * _PREPARING * seconds,
+        getattr(material.recipe, "profile", "square") if settings.of_objects else "square",
+        UNTRAINED if first is None else STARTED,
+    )  # fmt: skip
+    reserve = -time.perf_counter()
+    if beside.judged:
+        typer.echo(f"\nbefore training: {beside.table()}")
+    reserve += time.perf_counter()
+    model = _fitted(settings, material, out, seconds, device, begun, 2 * reserve, first)
+    _conclude(model, beside, out)
+
+
+class _Material(NamedTuple):
+    """What a run learns from and is validated on."""
+
+    data: "Examples | tuple[Batches, int]"
+    held_out: "Examples"
+    source: "Recipe | SpeckleCache"
+    """Where validation images are taken from once more for the table."""
+    recipe: "Recipe | None"
+    about: dict[str, Any]
+    """What the data are, as recorded with the run."""
+
+
+def _model(path: str, asked: dict[str, Any], device: str) -> "Reconstructor":
+    """Read the model to start from; refuse options that ask for another kind than it is."""
+    from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
+
+    found = load_pretrained(device) if path == PACKAGED else Reconstructor.load(path, device)
+    usual = {"target": "object", "input": "autocorrelation", "network": "unet", "width": 16}
+    for name, has in _kind_of(found).items():
+        if asked[name] not in (usual[name], has):
+            reject(f"train --{name}", f"that of the model to start from ({has}), or left out", asked[name])
+    return found
+
+
+def _kind_of(model: "Reconstructor") -> dict[str, Any]:
+    """Fields of a model that settings of training have too."""
+    return {"target": model.target, "input": model.input, "network": model.name, "width": model.width}
+
+
+def _of_stores(folder: Path, validation: Path, settings: "Training") -> _Material:
+    """Read examples of two stores, which share neither media nor objects."""
+    from specklegen.datasets import SpeckleCache
+    from specklegen.models.learning.examples import examples
+    from specklegen.models.learning.run_record import require_held_out
+
+    stored, judged = SpeckleCache(folder), SpeckleCache(validation)
+    require_held_out(stored, judged)
+    data, held_out = (examples(cache, settings.input, target=settings.target) for cache in (stored, judged))
+    about = {name: cache.identity | {"samples": len(cache)} for name, cache in
+             (("data", stored), ("validation", judged))}  # fmt: skip
+    return _Material(data, held_out, judged, None, about)
+
+
+def _of_recipe(
+    recipe: "Recipe", settings: "Training", out: Path, asked: int, until: float | None, workers: int, media_group: int
+) -> _Material:
+    """Stream a recipe's training split, and render its validation images: as many as asked for, or until a time.
+
+    A run that goes on has as many of them as before.
+    """
+    from specklegen.datasets import SpeckleStream
+    from specklegen.models.learning.examples import examples, sharing_media, streamed
+
+    seed, target = settings.seed, settings.target
+    shown = sharing_media(recipe, media_group)
+    data = streamed(SpeckleStream(shown, seed=seed, batch_size=settings.batch_size), settings.input, workers, target)
+    before = rendered_before(out, asked)
+    held_out = examples(
+        recipe, settings.input, before or asked, seed, "validation", target, None if before else until
+    )
+    about: dict[str, Any] = {"validation": {"seed": seed, "split": "validation", "samples": asked}}
+    if len(held_out.targets) < asked:
+        about["validation"]["rendered"] = len(held_out.targets)
+        typer.echo(f"{len(held_out.targets)} validation images, of {asked}: for want of seconds")
+    return _Material(data, held_out, recipe, recipe, about)
+
+
+def rendered_before(out: Path, asked: int) -> int | None:
+    """Validation images that a run in a folder has looked at so far, where as many were asked for; None: no run."""
+    import json
+
+    try:
+        told = json.loads((out / "run.json").read_bytes())["validation"]
+        return int(told.get("rendered", asked)) if told["samples"] == asked else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _methods(recipe: "Recipe | None", target: str, seed: int, seconds: float | None) -> "dict[str, Callable]":
+    """Methods that learn nothing and stand beside a network in training; where there is no time, none."""
+    if seconds is not None and seconds < 60:
+        typer.echo("methods that learn nothing are left out: they take some seconds (--seconds 60 has them)")
+        return {}
+    if target != "object":
+        return {} if recipe is None else dict(closed(recipe, target, seed))
+    from specklegen.datasets.recipes.hidden_object import HiddenObject
+    from specklegen.models.judging.beside import methods_beside
+    from specklegen.models.learning.solver import load_solver
+
+    if recipe is None:
+        return methods_beside(None, seed, None)
+    assert isinstance(recipe, HiddenObject)
+    return methods_beside(recipe, seed, load_solver()) if "image" in recipe.images_layout() else {}
+
+
+def _fitted(
+    settings: "Training", material: _Material, out: Path, seconds: float | None, device: str, begun: float,
+    reserve: float, first: "Reconstructor | None",
+) -> "Reconstructor":  # fmt: skip
+    """Train with a bar of steps and a line an epoch; Ctrl-C ends the command with status 130."""
+    from tqdm import tqdm
+
+    from specklegen.models.judging.charts import training_curves
+    from specklegen.models.learning.run import read_log
+    from specklegen.models.learning.training import train as fit
+
+    rows: list[Mapping[str, float]] = []
+
+    def show(row: "Mapping[str, float]") -> None:
+        rows.append(row)
+        training_curves({settings.network: read_log(out)}, out / "curves.png")
+        tqdm.write(
+            f"epoch {row['epoch']}: {row['seconds']:.0f} s, loss {row['train_loss']:.4f}, "
+            f"validation {next(value for name, value in row.items() if name.startswith('validation_')):.4f}"
+        )
+
+    with tqdm(unit="step", disable=None, leave=False) as bar:
+
+        def step(done: int, total: int) -> None:
+            bar.total = total
+            if not bar.n:
+                bar.initial = done - 1
+            bar.update(done - (bar.n or done - 1))
+
+        try:
+            model = fit(
+                settings, material.data, material.held_out, out, seconds=seconds, device=device, progress=show,
+                steps=step, about=material.about, begun=begun, reserve=reserve, start=first,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            typer.echo(f"stopped; the same command goes on from {out / 'checkpoint.pt'}", err=True)
+            raise typer.Exit(130) from None
+    if not rows:
+        typer.echo(f"The run in {out} was finished already: nothing was done. Ask for more --epochs to go on.")
+    return model
+
+
+def _conclude(model: "Reconstructor", beside: "Beside", out: Path) -> None:
+    """Print and write the table at the end of a run."""
+    from specklegen.models.learning.networks import parameter_count
+    from specklegen.models.learning.run import read_log
+
+    if beside.judged:
+        table = beside.table(model)
+        (out / "summary.md").write_text(table)
+        typer.echo(f"\nepochs: {len(read_log(out))}. {table}")
+    typer.echo(f"{counted(parameter_count(model.network), 'parameter')}, {out / 'best.pt'}")
