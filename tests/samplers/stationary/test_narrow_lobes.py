@@ -63,14 +63,18 @@ def test_the_planner_states_how_much_the_intensities_vary_and_takes_an_envelope(
 
 @pytest.mark.parametrize(("tilt", "half"), [(0.001, 60), (0.02, 60), (0.03, 100)])
 def test_the_envelope_is_that_of_a_screen_of_the_same_lobe(scene, tilt, half):
-    light = sg.CollimatedBeams.tilts([0.0, tilt], width=2000.0)
-    wide = scene.replace(illumination=light, sensor=sg.FarField.grid((2 * half + 1, 2 * half + 1), 1 / 6000))
+    def tilted(width):
+        light = sg.CollimatedBeams.tilts([0.0, tilt], width=width)
+        return scene.replace(illumination=light, sensor=sg.FarField.grid((2 * half + 1, 2 * half + 1), 1 / 6000))
+
     x = np.linspace(-half, half, 5) / 6000
     views, lights = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2), np.array([[0.0, 0.0], [tilt, 0.0]])
-    found = scene_envelope(wide, False).intensity(lights[:, None], views)
-    exact = closed_form(wide, lights, views)
-    # One per cent: the light of 32 768 paths, and angles beyond the paraxial ones.
-    np.testing.assert_allclose(found, exact, rtol=0.012)
+    exact = closed_form(tilted(2000.0), lights, views)
+    # Windows that differ by a wavelength have pilots of their own, of 32 768 paths each.
+    found = [scene_envelope(tilted(2000.0 + n), False).intensity(lights[:, None], views) / exact for n in range(4)]
+    error = np.sqrt(np.var(found, axis=0, ddof=1).mean() / len(found))
+    # Half a per cent for the angles beyond the paraxial ones, and for a surface of few terms.
+    assert_z(np.mean(found, axis=0), np.ones_like(exact), np.full_like(exact, error), slack=0.005)
     still = np.tile(exact[:1], (2, 1))  # an envelope that stays where it is
     assert (np.abs(still / exact - 1).max() > 0.05) == (tilt > 0.01)
     assert np.ptp(exact) > 0.03
