@@ -63,7 +63,14 @@ class Multiframe(Pictured):
         of one start.
     explained : float
         Mean share of a frequency's power, over all images, that one medium explains. Of images that have no medium in
-        common it is hardly more than 1 / N.
+        common it is about a half, of those that have three quarters and more.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.models import Multiframe
+    >>> Multiframe(torch.rand(5, 36, 36), agreement=0.97, explained=0.91)
+    Multiframe(5 objects, 0.91 explained)
     """
 
     image: Tensor
