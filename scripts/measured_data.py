@@ -86,8 +86,6 @@ def _templates(letter: str) -> Iterator[np.ndarray]:
 
 def solved_shapes(folder: Path, shapes: tuple[str, ...] = SHAPES, grits: tuple[int, ...] = GRITS) -> Iterator[Row]:
     """What the packaged solver makes of the middle 320 x 320 pixels over the fitted envelope; grain 2.5, as stated."""
-    import torch
-
     from specklegen.datasets import load_recipe
     from specklegen.models import reconstruct_and_assess
 
@@ -104,15 +102,7 @@ def solved_shapes(folder: Path, shapes: tuple[str, ...] = SHAPES, grits: tuple[i
     templates = {shape: list(_templates({"pi": "π"}.get(shape, shape))) for shape in SHAPES}
     own, right = [], 0
     for name, each in zip(names, found.each, strict=True):
-        image = each.image - each.image.mean(dtype=np.float64)
-        wave = np.fft.fft2(image)
-        scores = {
-            shape: max(
-                np.fft.ifft2(wave * np.conj(np.fft.fft2(one))).real.max() / np.linalg.norm(image) / np.linalg.norm(one)
-                for one in several
-            )
-            for shape, several in templates.items()
-        }
+        scores = _scores(each.image, templates)
         own.append(scores[name])
         right += max(scores, key=lambda shape: scores[shape]) == name
     yield "reconstructions that match the letter printed best among eight; the match; certified; deviances", (
@@ -121,6 +111,72 @@ def solved_shapes(folder: Path, shapes: tuple[str, ...] = SHAPES, grits: tuple[i
         f"{min(each.deviance for each in found.each):.3f} to {max(each.deviance for each in found.each):.3f}, "
         f"expected {found.each[0].expected:.3f}"
     )
+
+
+def together(folder: Path, side: int = 320) -> Iterator[Row]:
+    """What frames behind one place of a glass say of all their objects, from these frames alone.
+
+    A frame that stands upright is turned by the quarter after which it is most like one that lies. One whose phases are
+    like those of no other frame was taken through another place of the glass, and is left out.
+    """
+    templates = {shape: list(_templates({"pi": "π"}.get(shape, shape))) for shape in SHAPES}
+    for grit in GRITS:
+        files = [_frame(folder, shape, grit) for shape in SHAPES]
+        read = [read_measurement(file, envelope="fit", hot_pixels=False).images[0] for file in files]
+        lying = [_middle(frame, side) for frame in read if frame.shape[0] < frame.shape[1]]
+        frames = []
+        for frame in read:
+            turns = (0,) if frame.shape[0] < frame.shape[1] else (1, -1)
+            ways = [_middle(np.rot90(frame, turn), side) for turn in turns]
+            frames.append(max(ways, key=lambda way: max(_alike(way, other) for other in lying)))
+        near = [max(_alike(one, other) for other in frames if other is not one) for one in frames]
+        kept = [n for n, peak in enumerate(near) if peak > 10]
+        images, optics = np.stack([frames[n] for n in kept]), Optics(step=1.0, grain=2.5, profile="gaussian")
+        found = multiframe_deconvolution(torch.from_numpy(images), optics, 56, sigma=30.0)
+        right, own = 0, []
+        for n, image in zip(kept, found.image.double().numpy(), strict=True):
+            top, left = (min(max(int(c) - 18, 0), 20) for c in _centre(image))
+            scores = _scores(image[top : top + 36, left : left + 36], templates)
+            own.append(scores[SHAPES[n]])
+            right += max(scores, key=lambda shape: scores[shape]) == SHAPES[n]
+        names = " ".join(SHAPES[n] for n in kept)
+        yield f"grit {grit}, {names} from their frames together: named rightly, match, agreement, explained", (
+            f"{right} of {len(kept)}, {np.mean(own):.3f}, {found.agreement:.3f}, {found.explained:.3f}"
+        )
+
+
+def _middle(frame: np.ndarray, side: int) -> np.ndarray:
+    top, left = ((n - side) // 2 for n in frame.shape)
+    return frame[top : top + side, left : left + side]
+
+
+def _alike(one: np.ndarray, other: np.ndarray) -> float:
+    """Highest correlation of two frames' phases at any shift, over its scatter where they have nothing in common."""
+    side = len(one)
+    window = np.outer(np.hanning(side), np.hanning(side))
+    a, b = (np.fft.fft2((frame / frame.mean() - 1) * window) for frame in (one, other))
+    across = np.hypot(*np.meshgrid(np.fft.fftfreq(side), np.fft.fftfreq(side)))
+    used = (across > 0.02) & (across < 0.35)
+    phases = np.where(used, a * b.conj() / (np.abs(a * b) + 1e-30), 0)
+    return float(np.fft.ifft2(phases).real.max() * side**2 / np.sqrt(used.sum()))
+
+
+def _centre(image: np.ndarray) -> tuple[np.intp, ...]:
+    near = gaussian_filter(image, 8, mode="constant")
+    return np.unravel_index(near.argmax(), near.shape)
+
+
+def _scores(image: np.ndarray, templates: dict[str, list[np.ndarray]]) -> dict[str, float]:
+    """Match of an image float64[36, 36] with the best template of each shape, at any shift."""
+    image = image - image.mean(dtype=np.float64)
+    wave = np.fft.fft2(image)
+    return {
+        shape: max(
+            np.fft.ifft2(wave * np.conj(np.fft.fft2(one))).real.max() / np.linalg.norm(image) / np.linalg.norm(one)
+            for one in several
+        )
+        for shape, several in templates.items()
+    }
 
 
 def five_digits(folder: Path) -> Iterator[Row]:
@@ -347,8 +403,8 @@ def main(folder: Path, names: list[str], solve: bool) -> None:
         if public_data(name).broken(folder / name):
             print(f"{name}: not in {folder / name}; `specklegen measured get {name} --out {folder / name}`")
         elif name in ROWS:
-            solved = solved_shapes(folder / name) if solve and name == "hidden-shapes" else ()
-            for what, found in (*ROWS[name](folder / name), *solved):
+            solved = (together, solved_shapes) if solve and name == "hidden-shapes" else ()
+            for what, found in (row for rows in (ROWS[name], *solved) for row in rows(folder / name)):
                 print(f"{name} | {what} | {found}", flush=True)
 
 
