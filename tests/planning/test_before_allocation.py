@@ -106,7 +106,7 @@ def test_the_pilot_of_any_geometry_is_bounded(monkeypatch):
 
 def test_the_pilot_of_a_slab_is_weighed_in_parts(monkeypatch):
     """The threshold has the bits of all paths at once, and the memory is that of a part: an eighth, and the weights."""
-    tracer = slab_tracer(scene(slab(20.0)), False)
+    tracer = slab_tracer(scene(slab(100.0)), False)
     whole = replace(tracer, proposal=replace(tracer.proposal, threshold=0.0))
 
     def found():
@@ -118,7 +118,7 @@ def test_the_pilot_of_a_slab_is_weighed_in_parts(monkeypatch):
 
     found()  # compiles
     in_parts, little = found()
-    monkeypatch.setattr(roulette, "_AT_ONCE", roulette.SLAB_PATHS)
+    monkeypatch.setattr(roulette, "_LEAST_AT_ONCE", roulette.SLAB_PATHS)
     at_once, much = found()
     assert in_parts == at_once
     assert little < much / 4
@@ -203,10 +203,10 @@ def test_a_hidden_object_is_planned_by_its_modes(pixels):
     made = sg.plan(hidden(pixels), paths=1000, sampler="stationary")
     imaging = made.chosen.prepare(0, 1).shared.imaging
     cells = imaging.envelope[0].numel()
-    # Modes are those of another, smaller number of paths and of fewer pixels: one or two more or fewer.
+    # Modes are those of the atlas's K, not of 1000 paths, and of fewer pixels: one or two more or fewer.
     assert made.operations["normal"] / cells == pytest.approx(imaging.rank, abs=2)
-    found = min(image_operations(imaging.lags, imaging.rank, 1, pixels**2, 1))
-    assert made.operations["image"] == pytest.approx(found, rel=2.5 / imaging.rank)
+    few, many = (min(image_operations(imaging.lags, imaging.rank + more, 1, pixels**2, 1)) for more in (-2, 2))
+    assert few <= made.operations["image"] <= many
     assert made.memory_bytes < 2**30
     assert 5 < imaging.rank < pixels**2 / 10  # otherwise modes were as many as pixels
 
