@@ -200,7 +200,7 @@ def test_dark_views_beside_bright_ones_are_told():
     with pytest.warns(DoubtWarning, match="dark views"):
         next(iter(sg.covariance_blocks(both, rows=1, paths=2000, reverse=False)))
     two_sides = scene(slab(0.9, 40.0), sg.FarField(directions=[BACK, AHEAD]))
-    assert "dark views" in sg.plan(two_sides, paths=2000).doubts[0]
+    assert any("dark views" in doubt for doubt in sg.plan(two_sides, paths=2000).doubts)
     assert "dark views: used: some are found" in sg.plan(two_sides, paths=2000).explain()
 
 
