@@ -110,7 +110,7 @@ def test_refusals_name_the_line(lines, head, told, tmp_path):
 def test_other_files_and_two_spheres(tmp_path):
     with pytest.raises(RuleError, match='line 2, must be "IAD1"'):
         read_sphere(write(tmp_path, first="wavelength r t"))
-    with pytest.raises(RuleError, match="read_sphere path must be a text"):
+    with pytest.raises(RuleError, match="read_sphere path must be a file that is there"):
         read_sphere(tmp_path / "none.rxt")
     two = read_sphere(write(tmp_path, "r", ".3", head=with_head(7, "2")))
     assert isinstance(two, SphereReadings)

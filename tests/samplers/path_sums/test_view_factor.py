@@ -48,7 +48,7 @@ def narrow_plan(width: float) -> NufftPlan:
     return found
 
 
-WIDTHS = (1e5, 1e5 + 2)  # both need two transforms where the largest column comes first
+WIDTHS = (1e5, 1e5 + 2)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -60,9 +60,14 @@ def test_one_transform_serves_narrow_views_with_room_to_spare(width):
     assert np.abs(found.multiple.steps / GRID.pitch).max() < 25  # of 50: not at a corner
 
 
-def test_starting_with_the_largest_column_needs_two(monkeypatch):
+@pytest.mark.parametrize("width", WIDTHS)
+def test_starting_with_the_largest_column_is_worse(width, monkeypatch):
+    """It needs two transforms, or has with one 1.4 times the error; which of them hangs on the pilot."""
+    found = narrow_plan(width).multiple
+
     def largest_first(columns: np.ndarray):
         return view_factor.qr(columns, mode="economic", pivoting=True)[1:]  # type: ignore[misc]
 
     monkeypatch.setattr(view_factor, "pivoted", largest_first)
-    assert narrow_plan(WIDTHS[0]).multiple.rank == 2
+    other = narrow_plan(width).multiple
+    assert other.rank == 2 or other.error > 1.4 * found.error

@@ -1,6 +1,6 @@
 """The picture of the landing page: a photograph of a setup, what is found in it, what was hidden, and other answers.
 
-    python scripts/figures/photograph.py                 # docs/images/photograph.png; a minute on one core
+    python scripts/landing_picture.py                 # docs/images/photograph.png; a minute on one core
 
 It is the figure of the gallery's page about a TIFF of one's own (docs/gallery/plot_28_your_own_tiff.py).
 """
@@ -14,7 +14,7 @@ import matplotlib as mpl
 mpl.use("agg")
 from matplotlib import pyplot as plt  # noqa: E402
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def main() -> None:
