@@ -109,9 +109,6 @@ def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:
     torch.Size([3, 16, 16])
     """
     images, objects = real_tensor("joint_objects images", images), real_tensor("joint_objects objects", objects)
-    instance("joint_objects optics", optics, Optics)
-    choice("Optics.profile", optics.profile, PROFILES)
-    flag("Optics.pixel_integration", optics.pixel_integration)
     if images.ndim != 3 or objects.ndim != 3 or len(images) != len(objects) or len(images) < 2:
         reject("joint_objects images, objects", "[N, H, W] and [N, h, w], N at least 2",
                (tuple(images.shape), tuple(objects.shape)))  # fmt: skip
@@ -119,13 +116,8 @@ def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:
         reject("joint_objects images, objects", "finite, and objects at least 0", "values that are not")
     if not (images.double().mean((-2, -1)) > 0).all() or not (objects.double().sum((-2, -1)) > 0).all():
         reject("joint_objects images, objects", "brighter than 0 in the mean", "one that is dark")
-    step, grain = (
-        each_of(f"Optics.{name}", getattr(optics, name), len(images), torch.float64).unique()
-        for name in ("step", "grain")
-    )
-    if len(step) > 1 or len(grain) > 1:
-        reject("joint_objects optics", "the same for all images", (step.tolist(), grain.tolist()))
-    seen = _Seen(images.double(), objects.double(), float(step), float(grain), optics)
+    step, grain = same_optics("joint_objects", optics, len(images))
+    seen = _Seen(images.double(), objects.double(), step, grain, optics)
     ways = [seen.placed(turned) for turned in (False, True)]
     ways.sort(key=lambda way: -way[0])
     (best, found, flipped, shift), (other, *_) = ways
@@ -139,19 +131,48 @@ def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:
     return Joint(image, flipped, -shift, best, other)
 
 
+def same_optics(owner: str, optics: Optics, count: int) -> tuple[float, float]:
+    """Step and grain of so many images, of which all have the same.
+
+    Raises
+    ------
+    RuleError
+        If numbers of the optics differ between images, or are none.
+    """
+    instance(f"{owner} optics", optics, Optics)
+    choice("Optics.profile", optics.profile, PROFILES)
+    flag("Optics.pixel_integration", optics.pixel_integration)
+    step, grain = (
+        each_of(f"Optics.{name}", getattr(optics, name), count, torch.float64).unique() for name in ("step", "grain")
+    )
+    if len(step) > 1 or len(grain) > 1:
+        reject(f"{owner} optics", "the same for all images", (step.tolist(), grain.tolist()))
+    return float(step), float(grain)
+
+
+def camera_spectra(flat: Tensor, grain: float, optics: Optics) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Of images real[N, H, W] about 0: their spectra under a window that falls to zero at the camera's edges.
+
+    Then the power that the optics pass, and the frequencies of rows and columns, in cycles a pixel: complex[N, H, G],
+    float64[H, G], float64[H], float64[G].
+    """
+    rows, columns = flat.shape[-2:]
+    edge = [torch.from_numpy(np.sqrt(np.hanning(n + 2)[1:-1])) for n in (rows, columns)]
+    down, across = torch.fft.fftfreq(rows, dtype=torch.float64), torch.fft.rfftfreq(columns, dtype=torch.float64)
+    window = Window(optics.profile, 1.0)
+    passed = torch.from_numpy(window.overlap((across * grain).numpy(), (down[:, None] * grain).numpy()))
+    if optics.pixel_integration:
+        passed = passed * torch.from_numpy(np.sinc(down[:, None].numpy()) * np.sinc(across.numpy())) ** 2
+    return torch.fft.rfft2(flat * edge[0][:, None] * edge[1]), passed, down, across
+
+
 class _Seen:
     """Images in the camera's frequencies, and what objects look like there; objects as the camera sees them."""
 
     def __init__(self, images: Tensor, objects: Tensor, step: float, grain: float, optics: Optics) -> None:
         rows, columns = images.shape[-2:]
         light = images / images.mean((-2, -1), keepdim=True) - 1
-        edge = [torch.from_numpy(np.sqrt(np.hanning(n + 2)[1:-1])) for n in (rows, columns)]
-        spectrum = torch.fft.rfft2(light * edge[0][:, None] * edge[1])
-        down, across = torch.fft.fftfreq(rows, dtype=torch.float64), torch.fft.rfftfreq(columns, dtype=torch.float64)
-        window = Window(optics.profile, 1.0)
-        passed = torch.from_numpy(window.overlap((across * grain).numpy(), (down[:, None] * grain).numpy()))
-        if optics.pixel_integration:
-            passed = passed * torch.from_numpy(np.sinc(down[:, None].numpy()) * np.sinc(across.numpy())) ** 2
+        spectrum, passed, down, across = camera_spectra(light, grain, optics)
         self.used = passed > _PASSED
         self.used[0, 0] = False
         if not self.used.any() or not float(light.square().mean()) > 1e-20:

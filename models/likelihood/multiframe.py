@@ -26,15 +26,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from specklegen.core.arguments import choice, flag, instance, positive_number, real_number, real_tensor, whole_number
+from specklegen.core.arguments import positive_number, real_number, real_tensor, whole_number
 from specklegen.core.display.plot import Pictured, draw_stack
 from specklegen.core.errors import counted, reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed, seed_words
-from specklegen.models.likelihood.likelihood import PASSED, Optics, each_of
+from specklegen.models.likelihood.common_medium import camera_spectra, same_optics
+from specklegen.models.likelihood.likelihood import PASSED, Optics
 from specklegen.models.likelihood.periodogram import flattened
 from specklegen.models.metrics import align, pearson
-from specklegen.scene.window import PROFILES, Window
 
 STAGES = ((60, 0.2), (60, 0.35), (60, 0.55), (60, 0.75), (140, 1.0))
 """Of the search: steps, and the highest frequency used, over the highest that the window passes along an axis."""
@@ -57,13 +57,14 @@ class Multiframe(Pictured):
     Attributes
     ----------
     image : float32[N, n, n]
-        Brightness 0 to 1 of each object. All are in one place of the frame that nothing says, and all the right way up.
+        Brightness 0 to 1 of each object. All are in one place of the frame that nothing says, and turned alike: the
+        right way up where the search was right.
     agreement : float
         Mean correlation of what other starts found with it: near 1 if it does not hang on where the search began. NaN
         of one start.
     explained : float
-        Mean share of a frequency's power, over all images, that one medium explains. Of images that have no medium in
-        common it is about a half, of those that have three quarters and more.
+        Mean share of a frequency's power, over all images, that one medium explains: near 1 where there is little
+        noise. About a half is what one makes of images that have none in common, and of noisy frames that have.
 
     Examples
     --------
@@ -141,25 +142,17 @@ def multiframe_deconvolution(
     """
     owner = "multiframe_deconvolution"
     images = real_tensor(f"{owner} images", images)
-    instance(f"{owner} optics", optics, Optics)
-    choice("Optics.profile", optics.profile, PROFILES)
-    flag("Optics.pixel_integration", optics.pixel_integration)
     size, starts = whole_number(f"{owner} size", size, 2), whole_number(f"{owner} starts", starts, 1, _MOST)
     sigma = None if sigma is None else positive_number(f"{owner} sigma", sigma)
     words = seed_words(seed)
     if images.ndim != 3 or len(images) < 2 or min(images.shape[-2:]) < 8:
         reject(f"{owner} images", "[N, H, W], N at least 2, of at least 8 pixels a side", tuple(images.shape))
-    step, grain = (
-        each_of(f"Optics.{name}", getattr(optics, name), len(images), torch.float64).unique()
-        for name in ("step", "grain")
-    )
-    if len(step) > 1 or len(grain) > 1:
-        reject(f"{owner} optics", "the same for all images", (step.tolist(), grain.tolist()))
-    if size * float(step) > min(images.shape[-2:]):
-        reject(f"{owner} size", f"at most {int(min(images.shape[-2:]) / float(step))}, the camera's side", size)
+    step, grain = same_optics(owner, optics, len(images))
+    if size * step > min(images.shape[-2:]):
+        reject(f"{owner} size", f"at most {int(min(images.shape[-2:]) / step)}, the camera's side", size)
     flat, _, lowest = flattened(images.cpu().double(), real_number(f"{owner} background", background), sigma, owner)
     with one_torch_thread():
-        law = _Law(flat, lowest, size, float(step), float(grain), optics)
+        law = _Law(flat, lowest, size, step, grain, optics)
         found = law.search(words, starts)
         order = found.cost.argsort(stable=True)
         image, *others = (law.drawn(found.pixels[n]) for n in order.tolist())
@@ -186,23 +179,15 @@ class _Law:
     """The likelihood of images real[N, H, W] that are flat about 0."""
 
     def __init__(self, flat: Tensor, lowest: float, size: int, step: float, grain: float, optics: Optics) -> None:
-        rows, columns = flat.shape[-2:]
-        edge = [torch.from_numpy(np.sqrt(np.hanning(n + 2)[1:-1])) for n in (rows, columns)]
-        down, across = torch.fft.fftfreq(rows, dtype=torch.float64), torch.fft.rfftfreq(columns, dtype=torch.float64)
-        passed = torch.from_numpy(
-            Window(optics.profile, 1.0).overlap((across * grain).numpy(), (down[:, None] * grain).numpy())
-        )
-        if optics.pixel_integration:
-            passed = passed * torch.from_numpy(np.sinc(down[:, None].numpy()) * np.sinc(across.numpy())) ** 2
+        spectrum, passed, down, across = camera_spectra(flat, grain, optics)
         frequency = torch.hypot(down[:, None], across)
         used = (passed > PASSED) & (frequency * grain <= STAGES[-1][1]) & (frequency >= max(lowest, 1e-9))
-        used[rows // 2 + 1 :, 0] = False  # of two opposite frequencies one
+        used[flat.shape[-2] // 2 + 1 :, 0] = False  # of two opposite frequencies one
         if int(used.sum()) < _FEW or not float(flat.square().mean((-2, -1)).min()) > 1e-20:
             reject("multiframe_deconvolution images", "of some contrast, on a camera of several grains",
                    tuple(flat.shape))  # fmt: skip
         self.used, self.passed, self.frequency = used, passed, frequency * grain
-        self.spectrum = torch.fft.rfft2(flat * edge[0][:, None] * edge[1])
-        self.down, self.across, self.size = down * grain, across * grain, size
+        self.spectrum, self.down, self.across, self.size = spectrum, down * grain, across * grain, size
         self.waves = tuple(torch.exp(-2j * torch.pi * step * f[:, None] * torch.arange(size)) for f in (down, across))
         self.spot = SHARP * grain / step
 

@@ -41,7 +41,7 @@ def reconstruct(
     ] = False,
     together: Annotated[
         bool,
-        typer.Option("--together", help="Images show different objects through one medium, which stood still."),
+        typer.Option("--together", help="All images, and all their pages, show objects through one medium at rest."),
     ] = False,
     background: Annotated[float, typer.Option(help="Image value without light, taken off first.")] = 0.0,
     dark: Dark = None,
@@ -73,14 +73,15 @@ def reconstruct(
 
     recipe = load_hidden(setup, changes)
     read = reader(dark, flat, envelope, region, keep, variable, background)
-    pictures, notes, verdicts = [], [], []
+    pictures, pages, notes, verdicts = [], [], [], []
     for path in images:
         measured = _measured(path, read, notes)
         verdicts.extend([] if together else _verdict(path.name, measured))
         found = measured.images
-        if len(found) > 1 and not frames:
+        if len(found) > 1 and not (frames or together):
             found = _one(path, found, notes)
         pictures.extend(found)
+        pages.extend([path.stem] * len(found))
     shapes = {picture.shape for picture in pictures}
     if len(shapes) > 1:
         reject("reconstruct IMAGE", "of one size", sorted(shapes), "Give images of one camera.")
@@ -90,12 +91,12 @@ def reconstruct(
     writable(out)
     stack = torch.from_numpy(np.stack(pictures))
     if together:
-        _write_together(_deconvolved(stack, recipe, seed), [path.stem for path in images], notes, out, as_json)
+        _write_together(_deconvolved(stack, recipe, seed), _named(pages), notes, out, as_json)
         return
     curve = None if memory_effect is None else read_curve(memory_effect)
     given = stack[None] if frames else stack[:, None]
     found = reconstruct_and_assess(given, recipe, memory_effect=curve, fit=fit, draws=draws, seed=seed)
-    names = [out.name] if frames else [path.stem for path in images]
+    names = [out.name] if frames else _named(pages)
     table = _table(found, names, notes, verdicts)
     _write(found, names, table, out)
     if as_json:
@@ -122,6 +123,15 @@ def reconstruct(
         said += f" (fitted; 95 %: {_between(found.range_sine / found.fit.factor, found.fit.low, found.fit.high)})"
     typer.echo(said)
     typer.echo(f"{out / 'report.json'}, {out / 'reconstructions.png'}")
+
+
+def _named(stems: list[str]) -> list[str]:
+    """Names of what is written, one an image: pages of a file, and files of one name, are numbered."""
+    several, found = {stem for stem in stems if stems.count(stem) > 1}, []
+    for n, stem in enumerate(stems, 1):
+        name = f"{stem}-{stems[:n].count(stem)}" if stem in several else stem
+        found.append(name if name not in found else f"{name}-{n}")
+    return found
 
 
 def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) -> "Measurement":
@@ -167,7 +177,7 @@ def _deconvolved(stack: "torch.Tensor", recipe: "HiddenObject", seed: Seed) -> "
 
 
 _ROOM = 8  # object pixels, for objects that lie aside of each other
-_AGREED = 0.9  # of starts: below, images are seldom right (docs/likelihood.md)
+_AGREED = 0.9  # of starts: below, images were more often wrong than right (docs/likelihood.md)
 
 
 def _write_together(found: "Multiframe", names: list[str], notes: list[str], out: Path, as_json: bool) -> None:
@@ -187,8 +197,8 @@ def _write_together(found: "Multiframe", names: list[str], notes: list[str], out
     for note in notes:
         typer.echo(note)
     believed = "" if found.agreement >= _AGREED else (
-        ": do not believe the images. Is it one medium, at rest, and are the objects within its memory effect and at "
-        "most a fifth of the camera wide?"
+        ": too little to be sure of the images. Is it one medium, at rest, and are the objects within its memory "
+        "effect and at most a fifth of the camera wide?"
     )  # fmt: skip
     typer.echo(
         f"{len(names)} objects through one medium, which explains {found.explained:.2f} of the power; "

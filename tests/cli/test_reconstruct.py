@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
-from specklegen.cli.reconstruct import _between
+from specklegen.cli.reconstruct import _between, _named
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.measured import read_measurement
@@ -195,6 +195,12 @@ def test_an_interval_without_an_end_is_said_to_be_open(low, high, said):
     assert _between(0.1, low, high) == said
 
 
+def test_nothing_written_has_the_name_of_another():
+    assert _named(["a", "b"]) == ["a", "b"]
+    assert _named(["a", "b", "a"]) == ["a-1", "b", "a-2"]
+    assert len(set(_named(["a", "a", "a-1", "a-2"]))) == 4
+
+
 TOGETHER = """
 inherits = "ground-glass"
 name = "five-behind-one"
@@ -210,7 +216,7 @@ shape = [9, 9]
 
 
 def test_objects_through_one_medium_are_found_together(tmp_path):
-    """Images that were drawn by hand, as counts in files; one medium, and then one each, which is said."""
+    """Images that were drawn by hand, as counts: pages of a file, of one medium; files, of one each, which is said."""
     rng, side = np.random.default_rng(0), 99
     fields = np.zeros((4, side, side), complex)
     fields[:, :33, :33] = rng.normal(size=(4, 33, 33)) + 1j * rng.normal(size=(4, 33, 33))
@@ -218,16 +224,19 @@ def test_objects_through_one_medium_are_found_together(tmp_path):
     light = (rng.random((4, 9, 9)) < 0.1) * 1.0
     (tmp_path / "setup.toml").write_text(TOGETHER)
     for name, of in (("one", [0] * 4), ("many", range(4))):
-        for n, (own, medium) in enumerate(zip(light, of, strict=True)):
+        pages = []
+        for own, medium in zip(light, of, strict=True):
             image = sum(patterns[medium, 2 * y : 2 * y + 80, 2 * x : 2 * x + 80] for y, x in np.argwhere(own))
-            tifffile.imwrite(tmp_path / f"{name}-{n}.tiff", np.rint(1000 * image / image.mean()).astype(np.uint16))
-        files = [tmp_path / f"{name}-{n}.tiff" for n in range(4)]
+            pages.append(np.rint(1000 * image / image.mean()).astype(np.uint16))
+        files = [tmp_path / f"{name}-{n + 1}.tiff" for n in range(4)] if name == "many" else [tmp_path / "one.tiff"]
+        for file, page in zip(files, pages if name == "many" else [np.stack(pages)], strict=True):
+            tifffile.imwrite(file, page, photometric="minisblack")
         result = run("reconstruct", *files, "--together", "--setup", tmp_path / "setup.toml", "--out", tmp_path / name)
         assert result.exit_code == 0, result.output
         report = json.loads((tmp_path / name / "report.json").read_text())
-        assert ("do not believe the images" in result.output) == (name == "many")
-        assert report["names"] == [f"{name}-{n}" for n in range(4)]
-        found = np.stack([np.load(tmp_path / name / f"{name}-{n}.npy") for n in range(4)])
+        assert ("too little to be sure of the images" in result.output) == (name == "many")
+        assert report["names"] == [f"{name}-{n + 1}" for n in range(4)]
+        found = np.stack([np.load(tmp_path / name / f"{each}.npy") for each in report["names"]])
         padded = (np.pad(x, [(0, 0), *[(0, 32 - x.shape[-1])] * 2]) for x in (light, found))
         target, image = (torch.from_numpy(x).float() for x in padded)
         alike = pearson(align(image, target), target).mean()

@@ -14,10 +14,10 @@ SIDE, STEP, CAMERA, GRAIN, COUNT, MEDIA = 13, 2, 128, 3.0, 5, 3
 OPTICS = Optics(step=float(STEP), grain=GRAIN)
 
 
-def pattern(rng, side):
-    """Speckle of a square window, its grains three pixels."""
+def pattern(rng, side, grain=GRAIN):
+    """Speckle of a square window."""
     field = np.zeros((side, side), complex)
-    wide = round(side / GRAIN)
+    wide = round(side / grain)
     field[:wide, :wide] = rng.normal(size=(wide, wide)) + 1j * rng.normal(size=(wide, wide))
     return np.abs(np.fft.fft2(field)) ** 2
 
@@ -85,6 +85,22 @@ def test_mirrored_images_are_of_mirrored_objects(media):
     assert upright.all()
     assert straight.mean() > 0.8
     assert judged(mirrored, light)[0].mean() < straight.mean() - 0.1
+
+
+def test_steps_between_camera_pixels_and_a_wrong_one():
+    """Three objects, 1.5 camera pixels a cell, on a camera that is no square: the pattern is known at half pixels."""
+    rng = np.random.default_rng(5)
+    light, fine = objects(rng)[:3], pattern(rng, 320, 2 * GRAIN)
+    images = torch.zeros(3, 96, 112, dtype=torch.float64)
+    for image, own in zip(images, light, strict=True):
+        for y, x in np.argwhere(own):
+            image += own[y, x] * torch.from_numpy(fine[3 * y : 3 * y + 192 : 2, 3 * x : 3 * x + 224 : 2])
+    optics = Optics(step=1.5, grain=GRAIN)
+    scores, upright = judged(multiframe_deconvolution(images, optics, 16, starts=2), light)
+    assert scores.min() > 0.9
+    assert upright.all()
+    wrong = multiframe_deconvolution(images, optics._replace(step=2.0), 16, starts=2)
+    assert judged(wrong, light)[0].mean() < scores.mean() - 0.1
 
 
 def test_images_through_media_of_their_own_are_told(media):
