@@ -151,7 +151,7 @@ def same_optics(owner: str, optics: Optics, count: int) -> tuple[float, float]:
 
 
 def camera_spectra(flat: Tensor, grain: float, optics: Optics) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Of images real[N, H, W] about 0: their spectra under a window that falls to zero at the camera's edges.
+    """Spectra of images real[N, H, W] about 0, under a window that falls to zero at the camera's edges.
 
     Then the power that the optics pass, and the frequencies of rows and columns, in cycles a pixel: complex[N, H, G],
     float64[H, G], float64[H], float64[G].
