@@ -30,7 +30,7 @@ from specklegen.datasets.recipes.media import (
 from specklegen.datasets.recipes.parts.diffuser import KnownDiffuser
 from specklegen.datasets.recipes.parts.material import CharacterizedMaterial
 from specklegen.datasets.recipes.specification import Specification
-from specklegen.datasets.sample_schema import require_finite
+from specklegen.datasets.sample_schema import named_file, require_finite
 from specklegen.datasets.split import Purpose, Split, generator, split_number, substream
 from specklegen.planning.plan import Plan
 from specklegen.samplers.sampler import MediaRequest
@@ -163,6 +163,11 @@ class Recipe(Specification):
         """Shares float64[M, 2] of the light of media in either polarisation; None where they are alike."""
         return None
 
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the files that objects are made from, by the number "file" of a sample; () where there are none."""
+        return ()
+
     def host_work(self) -> list[str]:
         """What is made on the host, whatever the device, in words."""
         said = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
@@ -270,6 +275,8 @@ class Recipe(Specification):
     def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One sample: arrays, "index" and "parameters" (a flat dict of float64). Pure.
 
+        An object from a file of yours has its name too, "file", within the folder.
+
         Raises
         ------
         RuleError
@@ -279,7 +286,8 @@ class Recipe(Specification):
         index = whole_number(f"{type(self).__name__}.sample index", index, 0, 2**63 - 1)
         batch = self.batch(seed, split, [index])
         parameters = {name: float(value[0]) for name, value in batch.pop("parameters").items()}
-        return {name: value[0] for name, value in batch.items()} | {"parameters": parameters}
+        sample = {name: value[0] for name, value in batch.items()} | {"parameters": parameters}
+        return sample | named_file(self.file_names, parameters)
 
     def extremes(self) -> Sequence[Planned]:
         """Media at the ends of every range, looked at by the widest object and the most tilted beams."""
