@@ -76,7 +76,7 @@ class Families(ObjectFamily):
         return tuple(name for family in self.families for name in family.file_names)
 
     def labels(self, source: Source) -> dict[str, float]:
-        """Number of the family, and what it tells; -1 of what only others tell. Files are numbered through."""
+        """Number of the family, and its own words; -1 for those that only others have. Files are numbered through."""
         number = int(source[0])
         told = self.families[number].labels(source[1:])
         if "file" in told:
