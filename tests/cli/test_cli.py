@@ -18,7 +18,7 @@ from specklegen.cli.training import losses_starting_with
 from specklegen.core.errors import RuleError
 from specklegen.datasets import recipe_names
 
-COMMANDS = ["recipes", *commands.COMMANDS]
+COMMANDS = ["recipes", "measured", *commands.COMMANDS]
 
 
 def run(*words: str):
@@ -57,7 +57,12 @@ def context_of(line: str):
 
 
 def test_every_command_has_examples_that_the_command_line_reads():
-    assert set(EXAMPLES) == set(COMMANDS) | {"recipes show", "recipes schema"}
+    app = typer.main.get_command(commands.app)
+    inner = {f"{group} {name}" for group in app.commands for name in getattr(app.commands[group], "commands", {})}
+    assert set(EXAMPLES) == set(app.commands) | inner
+    assert len(inner) >= 4
+    for name in inner:
+        assert f"  specklegen {EXAMPLES[name][0]}\n" in succeed(*name.split(), "--help")
     for line in (line for lines in EXAMPLES.values() for line in lines):
         assert context_of(line).params is not None
     with pytest.raises(Exception, match="No such option: --no-such"):
