@@ -63,8 +63,43 @@ class Recipe(Specification):
     """What every kind of recipe has. Subclass it, or one of its kinds, for a kind of your own.
 
     A kind is known by its ``kind``: the name of the class, unless the field says another. It says its arrays in
-    :meth:`layout`, and lists in :meth:`extremes` the media that a plan must serve. Its fields are those of
-    :class:`~specklegen.datasets.recipes.specification.Specification`.
+    :meth:`layout`, and lists in :meth:`extremes` the media that a plan must serve.
+
+    Parameters
+    ----------
+    name, description
+        For people; not part of the fingerprint.
+    samples
+        Samples an epoch, of each split.
+    media
+        Media a split; sample n is seen through medium n mod ``media``. "new" (None, the default) never repeats one:
+        take a number where few media are to be learned, or drawing them takes most of the time.
+    media_group
+        Neighbouring samples that share a medium, where media never repeat; 1 by default.
+    material
+        What scatters: a slab of drawn numbers, a preset by its name, layers, or ground glass, with its wavelength.
+    window, camera
+        The rest of the scene in the engine's terms: how wide the light's window is, and the camera's pixels a grain.
+        Left out where there is a ``lab``.
+    lab
+        All of that in the terms of a laboratory, instead of wavelength, window, camera and field. None by default.
+    light
+        Bandwidth and polarisation; by default one wavelength, and one polarisation that reaches the camera.
+    exposure
+        Camera and its noises; where given, images are counts, and pixels average over their area. None: exact
+        intensities.
+    bench
+        What differs from bench to bench and nobody is told, in recipes with hidden objects: domain randomisation. None
+        by default.
+    sampler
+        "auto" renders with the sampler that the planner chooses: the stationary one where its error over all the
+        recipe's media is within 0.02, path sums elsewhere, which are slower; that of thin screens behind such. Or the
+        name of one: "stationary", "convolution", "paths" or "screens"; or one of your own, by its name, import path or
+        class.
+    strict
+        Whether to refuse, instead of warning of it, a sampler that is asked for and that the planner finds unfit.
+    kind
+        Name by which a file asks for the class; every kind states its own as the default.
 
     Examples
     --------

@@ -28,8 +28,14 @@ class Reconstructor:
     Attributes
     ----------
     network : torch.nn.Module
-    name, width, side, shape
-        How to build the network again.
+    name : str
+        Of the network's class, by which it is built again.
+    width, side : int
+        Its width, whatever that means to it, and pixels along a side of what it sees.
+    shape : (int, int)
+        Rows and columns of what it returns.
+    device : torch.device
+        Where it lies.
     input : str
         "camera" or "autocorrelation".
     target : str
@@ -188,6 +194,11 @@ def centred(images: Tensor) -> Tensor:
 
 def load_pretrained(device: torch.device | str = "cpu") -> Reconstructor:
     """Return the network that comes with the package, trained on characters behind slabs of unknown material.
+
+    Parameters
+    ----------
+    device
+        Torch device to put it on; "cpu" by default.
 
     Examples
     --------

@@ -238,7 +238,8 @@ def reconstruct_and_assess(
     frames
         Whether the frames of a measurement show one object through other states of the medium.
     memory_effect
-        C_I as it was measured, at distances on the camera in pixels: it takes the place of the setup's.
+        C_I as it was measured, at distances on the camera in pixels, instead of the setup's own; by default that is
+        taken.
     fit
         Whether to fit the memory-effect range; by default, where the setup leaves the slab open and there are at least
         four images.

@@ -66,8 +66,10 @@ class LabSetup(Value):
         Full side of the object, in its longer direction.
     aperture
         Full side or diameter of the illuminated part of the layer, D.
-    camera_distance, focal_length
-        From the layer to the camera, v, or the focal length of a lens focused at infinity: one of the two, or focus.
+    camera_distance
+        From the layer to the camera, v. Give this, or else ``focal_length``, or ``focus``.
+    focal_length
+        Instead: of a lens in front of the camera, focused at infinity.
     focus, magnification, numerical_aperture
         Of an objective, instead: how far behind the exit face the plane lies that it images (negative: inside the
         layer, as it looks from outside), how large its image is on the camera over the plane, and its aperture in air.

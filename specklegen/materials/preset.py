@@ -139,8 +139,12 @@ class BulkMaterial(Value):
     ----------
     name
         Of the preset.
-    scatterer, mean_free_path, albedo
-        As of :class:`specklegen.Slab`.
+    scatterer
+        What one particle does with the light that it scatters.
+    mean_free_path
+        1 / sigma_t, the mean distance between collisions, in the unit of length of the scene.
+    albedo
+        Share of collisions that scatter; the rest absorb.
     refractive_index
         Of what lies between the scatterers.
     wavelength

@@ -125,8 +125,8 @@ class CollimatedBeams(Light):
         float64[T, 3], or float64[T, 2] in flatland: unit vectors of travel, towards +z.
     width
         Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian") of the window,
-        measured on the entrance face and centred at x = 0 (and y = 0) for every tilt. The entrance face is
-        the medium's face of smallest z.
+        in the scene's unit of length, measured on the entrance face and centred at x = 0 (and y = 0) for every tilt.
+        The entrance face is the medium's face of smallest z.
     profile
         Shape of the window; the peak irradiance is 1 per area *of the face*, at every tilt.
     times
@@ -304,8 +304,11 @@ class IncoherentObject(Light):
         float64[h, w], irradiance of each pixel's beam at its peak, per area of the entrance face; >= 0.
     pitch
         Direction sine between neighbouring pixels, inside the medium.
-    width, profile
-        The window on the entrance face, as for :class:`CollimatedBeams`.
+    width
+        Of the window on the entrance face, in the scene's unit of length: full side ("square"), diameter ("disc") or
+        1/e^2 intensity diameter ("gaussian").
+    profile
+        Its shape; the peak irradiance is 1 per area of the face.
 
     Examples
     --------

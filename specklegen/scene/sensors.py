@@ -119,6 +119,12 @@ class Sensor(Registered):
 class FarField(Sensor):
     """Views at arbitrary directions of travel, unit vectors float64[..., 3], or float64[..., 2] in flatland.
 
+    Parameters
+    ----------
+    directions
+        Where light goes that is seen, unit vectors float64[..., 3], or float64[..., 2] in flatland; fields have the
+        shape of the axes before the last.
+
     Examples
     --------
     >>> import specklegen as sg
@@ -310,6 +316,12 @@ class NearField(Sensor):
     """Points at which the field itself is measured, float64[..., 3] or float64[..., 2]; inside or outside the medium.
 
     |u|^2 is an irradiance ratio.
+
+    Parameters
+    ----------
+    points
+        Where the field is measured, float64[..., 3] or float64[..., 2], in the scene's unit of length; fields have the
+        shape of the axes before the last.
 
     Examples
     --------
