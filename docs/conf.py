@@ -89,7 +89,9 @@ _OUTSIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICE
 """Files of the repository's root that are pages of the site too, in the folder project/."""
 
 
-PACKAGES = ("", ".datasets", ".models", ".coherence", ".instrument", ".measured", ".wavetracing", ".fdtd")
+PACKAGES = (
+    "", ".datasets", ".models", ".coherence", ".instrument", ".materials", ".measured", ".wavetracing", ".fdtd"
+)  # fmt: skip
 """Packages whose names are public."""
 
 

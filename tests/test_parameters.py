@@ -105,6 +105,27 @@ def test_every_parameter_is_described_where_it_stands(name):
     assert found == [], f"{name}: {'; '.join(found)}"
 
 
+def methods() -> dict[str, Any]:
+    """Public methods of these classes that have a section Parameters, by their qualified names."""
+    found = {}
+    for thing in (thing for thing in PUBLIC.values() if inspect.isclass(thing)):
+        for name, method in inspect.getmembers(thing):
+            method = getattr(method, "__func__", method)
+            if inspect.isfunction(method) and not name.startswith("_") and method.__module__.startswith("specklegen"):
+                if "Parameters" in SECTION.findall(inspect.getdoc(method) or ""):
+                    found[f"{method.__module__}.{method.__qualname__}"] = method
+    return found
+
+
+def test_methods_that_describe_parameters_describe_all():
+    """Small ones are told in a sentence; those with a section Parameters leave none out, and point nowhere."""
+    found = methods()
+    assert len(found) > 30
+    for name, method in found.items():
+        given = {key: default for key, default in parameters_of(method).items() if key not in ("self", "cls")}
+        assert list(faults(inspect.getdoc(method) or "", given)) == [], name
+
+
 def test_most_callables_have_parameters():
     assert sum(bool(parameters_of(thing)) for thing in PUBLIC.values()) > 180
 

@@ -163,6 +163,11 @@ class SpeckleCache(Dataset, Pictured):
     def numpy(self, index: int) -> dict[str, Any]:
         """Return a sample as arrays; -1 is the last one.
 
+        Parameters
+        ----------
+        index
+            Which sample.
+
         Raises
         ------
         RuleError, IndexError
@@ -191,7 +196,13 @@ class SpeckleCache(Dataset, Pictured):
         return sample | named_file(self.file_names, sample["parameters"])
 
     def batch(self, indices: Sequence[int]) -> dict[str, Any]:
-        """Return samples stacked along a new first axis, as tensors; read in the order of the shards."""
+        """Return samples stacked along a new first axis, as tensors; read in the order of the shards.
+
+        Parameters
+        ----------
+        indices
+            Which samples, in the order wanted; -1 is the last one.
+        """
         indices = whole_numbers("SpeckleCache.batch indices", indices, -(2**63))
         order = np.argsort(indices, kind="stable")
         samples: list[dict[str, Any]] = [{}] * len(order)
@@ -206,7 +217,19 @@ class SpeckleCache(Dataset, Pictured):
     def shuffled(
         self, batch_size: int = 32, seed: int = 0, buffer_shards: int = 4, **options: Any
     ) -> "ShuffledCache":
-        """Return epochs of shuffled batches that read few shards at a time; see :class:`ShuffledCache`."""
+        """Return epochs of shuffled batches that read few shards at a time.
+
+        Parameters
+        ----------
+        batch_size
+            Samples in a batch.
+        seed
+            Of the order; every epoch has another.
+        buffer_shards
+            Shards whose samples are shuffled among themselves: more are better mixed, and hold more files open.
+        options
+            ``rank``, ``world`` and ``drop_last``, as those of a :class:`~specklegen.datasets.SpeckleStream`.
+        """
         return ShuffledCache(self, batch_size, seed, buffer_shards, **options)
 
 

@@ -119,7 +119,17 @@ class Recipe(Specification):
         self.extremes()[0].probe.plot(axes, label)
 
     def material_of(self, seed: int, split: Split, medium: int) -> CharacterizedMaterial | KnownDiffuser:
-        """Material of one medium, with its kernel."""
+        """Material of one medium, with its kernel.
+
+        Parameters
+        ----------
+        seed
+            Of the data set: a whole number, or a sequence of them.
+        split
+            "train", "validation" or "test": no medium and no object of one is in another.
+        medium
+            Number of the medium.
+        """
         return self.material.realized(generator(substream(seed, split, Purpose.MATERIAL, medium)), split)
 
     @cached_property
@@ -259,7 +269,7 @@ class Recipe(Specification):
         object_pitch, base
             Direction sines float64[M] between its pixels, and float64[M, T, 2] of the base tilts.
         width : float64[M] or None
-            Of the windows, where each medium has its own.
+            Of the windows, in the recipe's unit of length, where each medium has its own.
         """
         if width is None:
             seen = self.geometry
@@ -303,7 +313,17 @@ class Recipe(Specification):
         return False
 
     def prepare(self, seed: int, split: Split, medium: int) -> "Medium":
-        """Make one medium ready to be looked through, with all that is drawn for it."""
+        """Make one medium ready to be looked through, with all that is drawn for it.
+
+        Parameters
+        ----------
+        seed
+            Of the data set: a whole number, or a sequence of them.
+        split
+            "train", "validation" or "test": no medium and no object of one is in another.
+        medium
+            Number of the medium.
+        """
         return _medium.medium_of_recipe(self, seed, split, medium)
 
     @shielded()
@@ -311,6 +331,15 @@ class Recipe(Specification):
         """One sample: arrays, "index" and "parameters" (a flat dict of float64). Pure.
 
         An object from a file of yours has its name too, "file", within the folder.
+
+        Parameters
+        ----------
+        seed
+            Of the data set: a whole number, or a sequence of them.
+        split
+            "train", "validation" or "test": no medium and no object of one is in another.
+        index
+            Which sample, from 0 on; there is no last one.
 
         Raises
         ------
@@ -335,7 +364,17 @@ class Recipe(Specification):
 
     @shielded()
     def batch(self, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:
-        """Samples stacked along a new first axis, parameters as a dict of float64[B]; the same bits as alone."""
+        """Samples stacked along a new first axis, parameters as a dict of float64[B]; the same bits as alone.
+
+        Parameters
+        ----------
+        seed
+            Of the data set: a whole number, or a sequence of them.
+        split
+            "train", "validation" or "test": no medium and no object of one is in another.
+        indices
+            Which samples, from 0 on.
+        """
         numbers = whole_numbers(f"{type(self).__name__}.batch indices", indices, 0, 2**63 - 1)
         words = seed_words(seed)
         seed = words if isinstance(seed, Sequence) else words[0]

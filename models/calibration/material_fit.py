@@ -245,9 +245,9 @@ class MaterialFit(Pictured):
         Parameters
         ----------
         name
-            As in ``values``.
+            Of a free number, or of one that follows from them: a key of ``values``.
         values
-            float[V].
+            What it is held at, float[V], in its own unit.
 
         Raises
         ------

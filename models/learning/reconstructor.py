@@ -107,7 +107,15 @@ class Reconstructor:
         return TARGETS[self.target].read(self(inputs))
 
     def save(self, path: str | os.PathLike, compact: bool = False) -> None:
-        """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter."""
+        """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter.
+
+        Parameters
+        ----------
+        path
+            Of the file, which is written whole or not at all.
+        compact
+            Whether to round to eight bits; False by default.
+        """
         stated = {name: getattr(self, name) for name in ("name", "input", "width", "side")}
         stated |= {"shape": list(self.shape), "trained_on": self.trained_on, "target": self.target}
         stated |= network_content(self.name) if self.name in NETWORKS else {}
@@ -119,6 +127,13 @@ class Reconstructor:
     @classmethod
     def load(cls, path: str | os.PathLike, device: torch.device | str = "cpu") -> Self:
         """Read a model.
+
+        Parameters
+        ----------
+        path
+            Of a file that :meth:`save` or a training wrote.
+        device
+            Torch device to put it on.
 
         Raises
         ------

@@ -291,6 +291,8 @@ class CylindricalFocus(Value):
         calibrated : bool
             Give the amplitude and phase of ``physical_optics(measurement=True)``; else the bare mean of
             (range of angles) e^{ik(s - s0)} that [Prahl09] prints.
+        threads : int, optional
+            Threads, by default all cores that the process may run on; the result does not depend on them.
 
         Raises
         ------

@@ -353,6 +353,15 @@ class LabSetup(Value):
         Its views are the pixels times the oversampling; :func:`specklegen.instrument.camera.expose` brings them
         together. A slab gets the faces of :attr:`layer_faces`, unless it has faces of its own.
 
+        Parameters
+        ----------
+        medium
+            What lies between object and camera, of wavelengths and lengths in the setup's unit.
+        brightness
+            Of the object, float[h, w], at least 0; its longer side is ``object_extent``.
+        profile
+            Shape of the illuminated part of the layer: "square", "disc" or "gaussian".
+
         Warns
         -----
         DoubtWarning

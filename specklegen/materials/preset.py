@@ -179,7 +179,7 @@ class BulkMaterial(Value):
         outside
             Refractive index before and behind it, whose step reflects light; None for matched faces.
         wall
-            Refractive index of a thin plate over each face.
+            Refractive index of a thin plate over each face; by default there is none.
         """
         faces = Faces() if outside is None else Faces(inside=self.refractive_index, outside=outside, wall=wall)
         return Slab(thickness=thickness, mean_free_path=self.mean_free_path, albedo=self.albedo,

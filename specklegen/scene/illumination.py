@@ -112,7 +112,16 @@ class PlaneWaves(Light):
 
     @classmethod
     def tilts(cls, angles: ArrayLike, dimensions: int = 3) -> Self:
-        """Plane waves tilted from the axis by ``angles`` in radians: see :meth:`CollimatedBeams.tilts`."""
+        """Plane waves tilted from the axis by ``angles`` in radians.
+
+        Parameters
+        ----------
+        angles
+            float[T] tilts in the x-z plane, or float[T, 2] tilts (x, y); the sine of an angle is the direction sine
+            along its axis.
+        dimensions
+            3, or 2 for flatland.
+        """
         return cls(directions=_tilted("PlaneWaves.tilts", angles, dimensions))
 
 
@@ -253,8 +262,15 @@ class CollimatedBeams(Light):
         angles
             float[T] tilts in the x-z plane, or float[T, 2] tilts (x, y); the sine of an angle is the
             direction sine along its axis.
-        width, profile, times, exposure
-            As for the class.
+        width
+            Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian") of the window on the
+            entrance face, in the scene's unit of length.
+        profile
+            Shape of the window.
+        times
+            float[T], when each beam is on, before a medium that moves; by default all at once.
+        exposure
+            float[T], or one number for all: how long each is on; by default an instant.
         dimensions
             3, or 2 for flatland.
         """

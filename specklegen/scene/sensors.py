@@ -167,7 +167,19 @@ class FarField(Sensor):
         center: tuple[float, float] = (0.0, 0.0),
         side: Side = "transmission",
     ) -> "FarFieldGrid":
-        """Views on a regular grid of direction sines: see :class:`FarFieldGrid`."""
+        """Views on a regular grid of direction sines, a :class:`FarFieldGrid`.
+
+        Parameters
+        ----------
+        shape
+            (rows, columns) = (y, x); row 0 and column 0 hold the smallest sines.
+        pitch
+            Direction sine between neighbouring views.
+        center
+            (x, y) direction sines of the middle of the grid.
+        side
+            "transmission" looks at light that leaves through z = thickness, "reflection" through z = 0.
+        """
         return FarFieldGrid(shape=shape, pitch=pitch, center=center, side=side)
 
 
