@@ -79,6 +79,12 @@ def test_recipes_are_listed_and_shown():
     assert "through-slab" in succeed("recipes")
 
 
+def test_plan_refuses_a_folder_before_it_says_anything(tmp_path):
+    result = run("plan", "through-slab", "--images", tmp_path / "nowhere")
+    assert result.output == ""
+    assert str(result.exception).startswith("Folder.path must be a folder that exists; got ")
+
+
 def test_plan_says_what_it_does_and_costs():
     said = succeed("plan", "through-slab", "--samples", "10")
     for part in ("Sampler: stationary", "Left out: ", "Idealised: faces", "10 samples", "MiB on disk"):
