@@ -64,7 +64,7 @@ def site(tmp_path_factory) -> Path:
 
 @pytest.mark.slow
 def test_every_public_name_has_a_page(site):
-    for package in ("", ".coherence", ".datasets", ".fdtd", ".instrument", ".materials", ".measured", ".models"):
+    for package in ("", ".coherence", ".datasets", ".fdtd", ".instrument", ".measured", ".models", ".wavetracing"):
         package = f"specklegen{package}"
         for name in importlib.import_module(package).__all__:
             same = getattr(importlib.import_module("specklegen"), name, None)
