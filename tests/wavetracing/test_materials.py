@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from specklegen.core.errors import DoubtWarning, RuleError
+from specklegen.kernels import kernel
 from specklegen.wavetracing import Absorber, Building, Conductor, Diffuse, Smooth, itu_permittivity
-from specklegen.wavetracing.kernels.surfaces import fill_power
+from specklegen.wavetracing.kernels.surfaces import power_coefficients
 from specklegen.wavetracing.materials import LIGHT_SPEED, fresnel, wall_coefficients
 
 
@@ -56,6 +57,13 @@ def test_energy():
     r, t, _, _ = wall_coefficients(3.0 + 0.2j, 200.0, 1.0, cosine)
     assert np.abs(r - fresnel(3.0 + 0.2j, cosine)[0]).max() < 1e-12
     assert np.abs(t).max() < 1e-12
+
+
+@kernel
+def fill_power(materials, row, cosines, out):
+    """Fill ``out`` float64[n, 2] with shares reflected and transmitted at ``cosines`` float64[n]."""
+    for n in range(cosines.shape[0]):
+        out[n, 0], out[n, 1] = power_coefficients(materials, row, cosines[n])
 
 
 @pytest.mark.parametrize("thickness", [None, 0.3, 1e4])
