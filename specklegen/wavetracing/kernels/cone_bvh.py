@@ -257,7 +257,6 @@ def closest(packed, near, far, tree):
     Return also the number of nodes visited.
     """
     boxes, link, corners = tree
-    n = corners.shape[0]
     best, place, visited = math.inf, -1, 1
     if link.shape[0] == 0:
         return best, place, 0
@@ -270,7 +269,7 @@ def closest(packed, near, far, tree):
         one = math.inf
         if link[node] < 0:
             first = -1 - link[node]
-            for f in range(first, min(first + LEAF, n)):
+            for f in range(first, min(first + LEAF, corners.shape[0])):
                 low, _ = triangle_in_cone(cone, near, far, corners, f)
                 if low < best:
                     best, place, far = low, f, low

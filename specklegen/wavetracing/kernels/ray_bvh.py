@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
+from specklegen.kernels.borrowing import borrowed
 from specklegen.wavetracing.kernels.cone_bvh import DEPTH, LEAF, next_waiting
 
 _HUGE = 1e300  # one over a component that is zero: products stay defined, 0 * huge = 0
@@ -77,7 +78,6 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, other, facet, tree):
     """
     boxes, link, corners = tree
     best, place, visited = far, -1, 1
-    n = corners.shape[0]
     if link.shape[0] == 0:
         return math.inf, -1, 0
     origin, slack = (px, py, pz), (4e-16 * abs(px), 4e-16 * abs(py), 4e-16 * abs(pz))
@@ -89,7 +89,7 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, other, facet, tree):
         one = math.inf
         if link[node] < 0:
             first = -1 - link[node]
-            for f in range(first, min(first + LEAF, n)):
+            for f in range(first, min(first + LEAF, corners.shape[0])):
                 t = _ray_triangle(ray, corners, f)
                 if t > near and t < math.inf and (skip < 0 or (facet[f] != skip and facet[f] != other)):
                     if t < best or (t == best and place < 0):
@@ -115,7 +115,7 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, other, facet, tree):
 @kernel
 def nearest_of(origins, directions, near, facet, tree, distance, place):
     """`nearest` of many rays: fill ``distance`` float64[n] and ``place`` int64[n]; return the nodes visited."""
-    visited = 0
+    visited, tree, facet = 0, borrowed(tree), borrowed(facet)
     for n in range(origins.shape[0]):
         distance[n], place[n], count = nearest(
             origins[n, 0], origins[n, 1], origins[n, 2], directions[n, 0], directions[n, 1], directions[n, 2],
