@@ -7,7 +7,7 @@ import shlex
 import numpy as np
 import pytest
 import typer
-from quick_recipes import few_paths
+from quick_recipes import few_paths, packaged
 from typer.testing import CliRunner
 from zscore import assert_z
 
@@ -16,7 +16,6 @@ from specklegen.cli import commands
 from specklegen.cli.examples import EXAMPLES
 from specklegen.cli.training import losses_starting_with
 from specklegen.core.errors import RuleError
-from specklegen.datasets import recipe_names
 
 COMMANDS = ["recipes", *commands.COMMANDS]
 
@@ -288,7 +287,7 @@ def test_verify_fails_on_damage_and_succeeds_once_it_is_mended(tmp_path):
     succeed("verify", store)
 
 
-@pytest.mark.parametrize("name", recipe_names())
+@pytest.mark.parametrize("name", packaged())
 def test_every_recipe_has_a_picture(name, tmp_path):
     fewer = ["material.kernel_paths=2000"] if few_paths(name) else []
     changes = [word for change in (*fewer, "samples.train=4") for word in ("--set", change)]
