@@ -9,7 +9,7 @@ and of a wall of thickness D between air and air, with x = exp(i 2 pi D q / wave
 
     R = r (1 - x^2) / (1 - r^2 x^2),   T = (1 - r^2) x / (1 - r^2 x^2).
 
-Building materials follow Recommendation ITU-R P.2040-3: eta = a f^b + i 17.975 c f^(d - 1), f in GHz. Power is
+Building materials follow Recommendation ITU-R P.2040-4: eta = a f^b + i 17.975 c f^(d - 1), f in GHz. Power is
 unpolarised in wave tracing: the mean of TE and TM.
 """
 
@@ -26,29 +26,44 @@ from specklegen.core.values import ComplexNumber, Positive, UnitInterval, Value
 ABSORBER, CONDUCTOR, HALF_SPACE, WALL, DIFFUSE = 0, 1, 2, 3, 4
 LIGHT_SPEED = 299_792_458.0
 
-# a, b, c, d and the band in GHz for which they are stated.
-ITU: dict[str, tuple[float, float, float, float, float, float]] = {
-    "concrete": (5.24, 0.0, 0.0462, 0.7822, 1, 100),
-    "brick": (3.91, 0.0, 0.0238, 0.16, 1, 40),
-    "plasterboard": (2.73, 0.0, 0.0085, 0.9395, 1, 100),
-    "wood": (1.99, 0.0, 0.0047, 1.0718, 1, 100),
-    "glass": (6.31, 0.0, 0.0036, 1.3394, 1, 100),
-    "ceiling board": (1.48, 0.0, 0.0011, 1.075, 1, 100),
-    "chipboard": (2.58, 0.0, 0.0217, 0.78, 1, 100),
-    "plywood": (2.71, 0.0, 0.33, 0.0, 1, 40),
-    "marble": (7.074, 0.0, 0.0055, 0.9262, 1, 60),
-    "floorboard": (3.66, 0.0, 0.0044, 1.3515, 50, 100),
-    "metal": (1.0, 0.0, 1e7, 0.0, 1, 100),
-    "very dry ground": (3.0, 0.0, 0.00015, 2.52, 1, 10),
-    "medium dry ground": (15.0, -0.1, 0.035, 1.63, 1, 10),
-    "wet ground": (30.0, -0.4, 0.15, 1.3, 1, 10),
-}
+# a, b, c, d and the band in GHz for which they are stated; a material may have several fits.
+ITU: dict[str, tuple[tuple[float, float, float, float, float, float], ...]] = {
+    "concrete": ((5.24, 0.0, 0.0462, 0.7822, 1, 100), (5.17, 0.0, 0.0145, 1.09, 110, 330)),
+    "brick": ((3.91, 0.0, 0.0238, 0.16, 1, 40), (4.15, 0.0, 0.0006, 1.5712, 110, 330)),
+    "plasterboard": (
+        (2.73, 0.0, 0.0085, 0.9395, 1, 100), (2.56, 0.0, 1e-4, 1.7799, 110, 330), (2.65, 0.0, 2e-4, 1.598, 100, 400),
+    ),
+    "wood": (
+        (1.99, 0, 0.0047, 1.0718, 1e-3, 100), (1.82, 0, 0.004, 1.0761, 110, 330), (2.1183, 0, 0.0055, 1.1113, 100, 400),
+    ),
+    "glass": (
+        (6.31, 0, 0.0036, 1.3394, 0.1, 100), (5.79, 0, 0.0004, 1.658, 220, 450), (6.5767, 0, 0.0012, 1.4697, 100, 400),
+    ),
+    "clear acrylic": ((2.58, 0.0, 0.0001, 1.6524, 110, 330),),
+    "ceiling board": (
+        (1.48, 0, 0.0011, 1.075, 1, 100), (1.52, 0, 0.0029, 1.029, 220, 450), (1.2567, 0, 1.3e-4, 1.454, 100, 400),
+    ),
+    "chipboard": ((2.58, 0.0, 0.0217, 0.78, 1, 100), (2.16, 0.0, 0.0023, 1.359, 100, 200)),
+    "plywood": (
+        (2.71, 0.0, 0.33, 0.0, 1, 40), (1.94, 0.0, 0.0067, 0.9982, 110, 330), (2.17, 0.0, 0.0063, 1.045, 100, 400),
+    ),
+    "marble": ((7.074, 0.0, 0.0055, 0.9262, 1, 60),),
+    "floorboard": ((3.66, 0.0, 0.0044, 1.3515, 50, 100),),
+    "vinyl tile": ((3.62, 0.0, 0.0051, 0.8422, 1, 40),),
+    "carpet tile": ((2.08, 0.0, 0.0009, 0.82, 1, 40),),
+    "asphalt": ((4.83, 0.0, 0.0108, 1.3969, 1, 40),),
+    "metal": ((1.0, 0.0, 1e7, 0.0, 1, 100),),
+    "very dry ground": ((3.0, 0.0, 0.00015, 2.52, 1, 10),),
+    "medium dry ground": ((15.0, -0.1, 0.035, 1.63, 1, 10),),
+    "wet ground": ((30.0, -0.4, 0.15, 1.3, 1, 10),),
+}  # fmt: skip
 
 
 def itu_permittivity(name: str, frequency: float) -> complex:
-    """Return the relative permittivity of a building material at a frequency in hertz (ITU-R P.2040-3).
+    """Return the relative permittivity of a building material at a frequency in hertz (ITU-R P.2040-4, table 3).
 
-    Outside the band for which the formula is stated it warns with a `DoubtWarning`.
+    Where two rows hold the frequency, the one of the narrower band counts; where none does, the nearest one, with a
+    `DoubtWarning`.
 
     Parameters
     ----------
@@ -70,12 +85,13 @@ def itu_permittivity(name: str, frequency: float) -> complex:
     """
     choice("material name", name, ITU)
     frequency = positive_number("frequency", frequency)
-    a, b, c, d, lowest, highest = ITU[name]
     gigahertz = frequency / 1e9
+    a, b, c, d, lowest, highest = min(
+        ITU[name], key=lambda row: (max(row[4] / gigahertz, gigahertz / row[5], 1.0), row[5] - row[4])
+    )
     if not lowest <= gigahertz <= highest:
-        warn_user(
-            f"the permittivity of {name} is stated for {lowest:g} to {highest:g} GHz, not {gigahertz:.4g} GHz",
-        )
+        bands = " and ".join(f"{row[4]:g} to {row[5]:g}" for row in ITU[name])
+        warn_user(f"the permittivity of {name} is stated for {bands} GHz, not {gigahertz:.4g} GHz")
     # sigma = c f^d over (omega eps_0) is 17.975 c f^(d - 1)
     return complex(a * gigahertz**b, 17.975 * c * gigahertz ** (d - 1))
 
@@ -224,7 +240,7 @@ class Smooth(Value):
 
 
 class Building(Value):
-    """A building material of ITU-R P.2040-3, by name; lengths in metres. With a thickness it is a wall.
+    """A building material of ITU-R P.2040-4, by name; lengths in metres. With a thickness it is a wall.
 
     Parameters
     ----------

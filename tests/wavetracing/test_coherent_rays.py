@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from wavetracing.solids import box
 
 from specklegen.core.errors import DoubtWarning, RuleError
@@ -40,6 +41,20 @@ def test_a_mirror_adds_an_image(polarisation, sign):
     found = coherent_rays(ground, lamp(source), points, diffractions=0, polarisation=polarisation)
     assert found == pytest.approx(expected, rel=1e-12)
     assert coherent_rays(ground, lamp(source), points * [1, 1, -1], 3, 0) == pytest.approx(0)
+
+
+@pytest.mark.parametrize("turned", range(6))
+def test_on_a_mirror(turned):
+    """At points of its surface, in any orientation: nothing if it is soft, twice the light if it is hard."""
+    turn = Rotation.random(random_state=turned).as_matrix() if turned else np.eye(3)
+    ground = Geometry(sheet(np.array([[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0.0]]) @ turn.T))
+    points, source = np.array([[5, -3, 0], [1, 10, 0], [-7.3, 4, 0.0]]), np.array([3.0, 2.0, 12.0])
+    found = [
+        coherent_rays(ground, lamp(turn @ source), points @ turn.T, diffractions=0, polarisation=p)
+        for p in ("soft", "hard")
+    ]
+    assert np.abs(found[0]).max() < 1e-12
+    assert np.abs(found[1]) == pytest.approx(2 / np.linalg.norm(points - source, axis=1), rel=1e-12)
 
 
 def test_a_corner_of_two_mirrors_has_three_images():

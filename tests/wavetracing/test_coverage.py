@@ -5,10 +5,12 @@ import pytest
 from wavetracing.solids import box
 from zscore import assert_z
 
-from specklegen.core.errors import RuleError
+from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.wavetracing import (
     Absorber,
+    Building,
     Conductor,
+    Diffuse,
     Geometry,
     Mesh,
     Plane,
@@ -114,6 +116,12 @@ def test_waves_reach_where_rays_do_not():
     assert not wave.rss_dBm.mask.any()
     free = coverage(AIR, source, behind, 1e9, beams=20_000)
     assert -40 < wave.rss_dBm[0, 0] - free.rss_dBm[0, 0] < -5
+
+
+@pytest.mark.parametrize("material", [Building(name="concrete", thickness=0.2), Diffuse(albedo=0.5)])
+def test_what_phases_leave_out_is_doubted(material):
+    with pytest.warns(DoubtWarning, match=r'"phase" has no light through walls and none of diffuse surfaces'):
+        coverage(Geometry(sheet(50.0, 0.0, material)), Transmitter([0, 0, 9.0]), street(4.0, (1, 1)), 1e9, "phase")
 
 
 def test_too_near_for_a_wave():

@@ -1,11 +1,12 @@
-"""Reflection and transmission of surfaces (ITU-R P.2040-3)."""
+"""Reflection and transmission of surfaces (ITU-R P.2040-4)."""
 
 import numpy as np
 import pytest
 
 from specklegen.core.errors import DoubtWarning, RuleError
+from specklegen.kernels import kernel
 from specklegen.wavetracing import Absorber, Building, Conductor, Diffuse, Smooth, itu_permittivity
-from specklegen.wavetracing.kernels.surfaces import fill_power
+from specklegen.wavetracing.kernels.surfaces import power_coefficients
 from specklegen.wavetracing.materials import LIGHT_SPEED, fresnel, wall_coefficients
 
 
@@ -58,6 +59,13 @@ def test_energy():
     assert np.abs(t).max() < 1e-12
 
 
+@kernel
+def fill_power(materials, row, cosines, out):
+    """Fill ``out`` float64[n, 2] with shares reflected and transmitted at ``cosines`` float64[n]."""
+    for n in range(cosines.shape[0]):
+        out[n, 0], out[n, 1] = power_coefficients(materials, row, cosines[n])
+
+
 @pytest.mark.parametrize("thickness", [None, 0.3, 1e4])
 def test_kernels_compute_the_same(thickness):
     """The mean of TE and TM; a wall of 1e4 wavelengths does not overflow."""
@@ -85,6 +93,29 @@ def test_building_materials():
         itu_permittivity("cheese", 1e9)
     with pytest.raises(RuleError, match="frequency"):
         itu_permittivity("wood", np.inf)
+
+
+@pytest.mark.parametrize(
+    ("name", "thickness", "reflected", "loss"),
+    [("concrete", 0.2, 0.152271, 456.972062), ("brick", 0.2, 0.116877, 228.055099), ("wood", 0.1, 0.022409, 99.100082),
+     ("glass", 0.01, 0.192810, 12.646834)],
+)  # fmt: skip
+def test_walls_at_140_gigahertz(name, thickness, reflected, loss):
+    """Power that the first face reflects, and decibels that a wall takes, at right angles, by another program."""
+    eta = itu_permittivity(name, 140e9)
+    assert abs(fresnel(eta, 1.0)[0]) ** 2 == pytest.approx(reflected, abs=1e-5)
+    through = wall_coefficients(eta, thickness, LIGHT_SPEED / 140e9, 1.0)[1]
+    assert -20 * np.log10(abs(through)) == pytest.approx(loss, rel=5e-4)  # 17.98 there for 17.975
+
+
+def test_which_row_of_a_material():
+    """The narrower of two bands that hold a frequency; between bands, or beyond them, the nearest, with a doubt."""
+    assert itu_permittivity("glass", 150e9).real == 6.5767
+    assert itu_permittivity("glass", 300e9).real == 5.79
+    assert itu_permittivity("asphalt", 30e9).real == 4.83
+    for frequency, real in ((60e9, 3.91), (90e9, 4.15), (400e9, 4.15)):
+        with pytest.warns(DoubtWarning, match=r"brick is stated for 1 to 40 and 110 to 330 GHz, not"):
+            assert itu_permittivity("brick", frequency).real == real
 
 
 def test_a_wrong_name_is_refused_where_it_is_written():

@@ -179,6 +179,20 @@ def test_point_source_and_knife_edge():
     assert_z(got, over_pixels(exact.mean(axis=0), 10), error, slack=0.02 * over_pixels(exact.mean(axis=0), 10))
 
 
+def test_an_edge_along_an_axis_lit_along_it():
+    """A knife edge along y, lit at 60 degrees along it: rays that leave it stay in its sheet's plane to rounding."""
+    source = PointEmitter([-8.0, -52.0, -30.0], 1.0, power=4 * np.pi, beam_angle=0.1)
+    behind = Plane(center=[14.0, 43.0, 25.0], shape=(12, 1), pitch=8.0)
+    scene, fine = Geometry(half(Conductor())), behind.replace(shape=(192, 16), pitch=0.5).points.copy()
+    exact = float(np.mean([np.abs(coherent_rays(scene, source, fine, 0, 1, b)) ** 2 for b in ("soft", "hard")]))
+    found = trace(scene, source, behind, 300_000, 2, diffraction="utd")
+    image, error = rows(found)
+    assert error[0] < 0.06 * exact
+    assert_z(image, exact, error, slack=0.01 * exact)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(image, exact / 0.74, error, slack=0.01 * exact)  # what meeting its own sheet again took off
+
+
 @pytest.mark.parametrize("place", [[-3.0, 0, -1.5], [2.0, 0, -2.0]])
 def test_a_point_nearer_to_an_edge_than_its_beams_are_wide(place):
     """Half of the rays that pass an edge so near have their nearest point behind the source: no less light for that."""

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
+from specklegen.kernels.borrowing import borrowed
 from specklegen.kernels.rng import normal_pair, uniforms
 from specklegen.wavetracing.kernels import beam_state as beam
 from specklegen.wavetracing.kernels.beam_events import Event, Light, Room, diffract, scatter_diffusely
@@ -196,6 +197,8 @@ def walk_beams(
     `specklegen.wavetracing.kernels`
     materials : float64[M, 4], see `specklegen.wavetracing.kernels.surfaces`
     """
+    tree, facets, openings, table = borrowed(tree), borrowed(facets), borrowed(openings), borrowed(table)
+    receivers, tally = borrowed(receivers), borrowed(tally)
     k0, k1 = np.uint64(key[0]), np.uint64(key[1])
     first, count = share
     mode, amplitude, max_events = rules.mode, rules.amplitude, rules.max_events
@@ -206,11 +209,13 @@ def walk_beams(
     most_edges = max(1, facets.loop_ends.shape[0])  # of all holes, or of one facet
     for f in range(rims.shape[0] - 1):
         most_edges = max(most_edges, rims[f + 1] - rims[f])
-    state = np.empty(beam.STATE)
+    own_state = np.empty(beam.STATE)
     candidates, places = np.empty(max(1, table.edges.shape[0]), np.int64), np.empty(256, np.int64)
     marked, memory = np.empty(KEPT, np.int64), np.empty(KEPT, np.int64)
     fine, mask = np.empty((FINE, WORDS), np.uint64), np.empty((GRID, GRID))
-    room = Room(np.empty(CONE), marked, memory, np.empty((most_edges, 4)), fine, mask)
+    own_room = Room(np.empty(CONE), marked, memory, np.empty((most_edges, 4)), fine, mask)
+    state, room = borrowed(own_state), borrowed(own_room)
+    marked, memory = room.marked, room.memory
     light = Light(k, least)
 
     for n in range(count):
@@ -335,3 +340,4 @@ def walk_beams(
             if fate == REFLECTED:
                 mirror(state, state[beam.PX], state[beam.PY], state[beam.PZ], nx, ny, nz)
         ends[end] += 1
+    own_state[0] = own_room.mask[0, 0]  # they live until here

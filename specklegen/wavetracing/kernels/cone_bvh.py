@@ -239,17 +239,13 @@ def _span(cone, near, far, slack):
 
 
 @inlined
-def push_nearer_last(stack, depths, height, left, one, right, two):
-    """Push those of two nodes that are met, at finite depths, so that the nearer is taken first; the new height."""
-    if one > two:
-        left, right, one, two = right, left, two, one
-    if two < math.inf:
-        stack[height], depths[height] = right, two
-        height += 1
-    if one < math.inf:
-        stack[height], depths[height] = left, one
-        height += 1
-    return height
+def next_waiting(waiting, height, best):
+    """The last of the waiting nodes (number, depth) not beyond ``best``, -1 for none, and how many wait still."""
+    while height > 0:
+        height -= 1
+        if waiting[height, 1] <= best:
+            return int(waiting[height, 0]), height
+    return -1, 0
 
 
 @kernel
@@ -261,37 +257,37 @@ def closest(packed, near, far, tree):
     Return also the number of nodes visited.
     """
     boxes, link, corners = tree
-    n = corners.shape[0]
-    best, place, visited = math.inf, -1, 0
+    best, place, visited = math.inf, -1, 1
     if link.shape[0] == 0:
-        return best, place, visited
+        return best, place, 0
     cone, slack = unpacked(packed), rounding(packed, boxes)
     slack_y, span = slack * (abs(cone[6]) + abs(cone[7]) + abs(cone[8])), _span(cone, near, far, slack)
-    stack = np.empty(DEPTH, np.int32)
-    depths = np.empty(DEPTH)
-    start = _box(cone, span, slack, slack_y, near, far, boxes, 0)
-    if start == math.inf:
-        return best, place, 1
-    stack[0], depths[0], height = 0, start, 1
-    while height > 0:
-        height -= 1
-        if depths[height] >= best:
-            continue
-        node = stack[height]
-        visited += 1
+    if _box(cone, span, slack, slack_y, near, far, boxes, 0) == math.inf:
+        return best, place, visited
+    waiting, node, height = np.empty((DEPTH, 2)), 0, 0
+    while node >= 0:
+        one = math.inf
         if link[node] < 0:
             first = -1 - link[node]
-            for f in range(first, min(first + LEAF, n)):
+            for f in range(first, min(first + LEAF, corners.shape[0])):
                 low, _ = triangle_in_cone(cone, near, far, corners, f)
                 if low < best:
                     best, place, far = low, f, low
             if best <= near:
                 break  # nothing comes before the beginning
-            continue
-        left, right = node + 1, link[node]
-        one = _box(cone, span, slack, slack_y, near, far, boxes, left)
-        two = _box(cone, span, slack, slack_y, near, far, boxes, right)
-        height = push_nearer_last(stack, depths, height, left, one, right, two)
+        else:
+            left, right = node + 1, link[node]
+            one = _box(cone, span, slack, slack_y, near, far, boxes, left)
+            two = _box(cone, span, slack, slack_y, near, far, boxes, right)
+            if one > two:
+                left, right, one, two = right, left, two, one
+            if two < math.inf:
+                waiting[height, 0], waiting[height, 1] = right, two
+                height += 1
+            node = left
+        if one == math.inf:
+            node, height = next_waiting(waiting, height, best)
+        visited += node >= 0
     return best, place, visited
 
 

@@ -10,7 +10,8 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
-from specklegen.wavetracing.kernels.cone_bvh import DEPTH, LEAF, push_nearer_last
+from specklegen.kernels.borrowing import borrowed
+from specklegen.wavetracing.kernels.cone_bvh import DEPTH, LEAF, next_waiting
 
 _HUGE = 1e300  # one over a component that is zero: products stay defined, 0 * huge = 0
 
@@ -22,46 +23,39 @@ def inverse(component):
 
 
 @inlined
-def box_entry(px, py, pz, ix, iy, iz, near, far, boxes, node):
-    """Distance at which a ray enters a box; inf where it surely misses it between near and far."""
-    x, y, z = boxes[node, 0] - px, boxes[node, 1] - py, boxes[node, 2] - pz
-    hx, hy, hz = boxes[node, 3], boxes[node, 4], boxes[node, 5]
-    # The difference of centre and origin is rounded once; the half extents take it in.
-    hx, hy, hz = hx + 4e-16 * abs(px), hy + 4e-16 * abs(py), hz + 4e-16 * abs(pz)
-    ax, bx = (x - hx) * ix, (x + hx) * ix
-    ay, by = (y - hy) * iy, (y + hy) * iy
-    az, bz = (z - hz) * iz, (z + hz) * iz
+def _box_entry(origin, slack, over, near, far, boxes, node):
+    """Distance at which a ray enters a box; inf where it surely misses it between near and far.
+
+    slack : 4e-16 of the origin's components; the difference of centre and origin is rounded once
+    over  : `inverse` of the direction's components
+    """
+    x, y, z = boxes[node, 0] - origin[0], boxes[node, 1] - origin[1], boxes[node, 2] - origin[2]
+    hx, hy, hz = boxes[node, 3] + slack[0], boxes[node, 4] + slack[1], boxes[node, 5] + slack[2]
+    ax, bx = (x - hx) * over[0], (x + hx) * over[0]
+    ay, by = (y - hy) * over[1], (y + hy) * over[1]
+    az, bz = (z - hz) * over[2], (z + hz) * over[2]
     enter = max(min(ax, bx), min(ay, by), min(az, bz))
     leave = min(max(ax, bx), max(ay, by), max(az, bz))
     leave += 4e-15 * abs(leave)
-    enter -= 4e-15 * abs(enter)
-    if enter > leave or leave < near or enter > far:
-        return math.inf
-    return max(enter, near)
+    enter = max(enter - 4e-15 * abs(enter), near)
+    return enter if enter <= min(leave, far) else math.inf
 
 
 @inlined
-def largest_axis(dx, dy, dz):
-    """Number of the axis along which a direction is largest."""
+def _sheared(px, py, pz, dx, dy, dz):
+    """A ray seen along the axis w on which its direction is largest: numbers of three axes, origin, and its slopes."""
     ax, ay, az = abs(dx), abs(dy), abs(dz)
     if az >= ax and az >= ay:
-        return 2
-    return 1 if ay >= ax else 0
+        return 0, 1, 2, px, py, pz, dx / dz, dy / dz, 1.0 / dz
+    if ay >= ax:
+        return 2, 0, 1, pz, px, py, dz / dy, dx / dy, 1.0 / dy
+    return 1, 2, 0, py, pz, px, dy / dx, dz / dx, 1.0 / dx
 
 
 @inlined
-def ray_triangle(px, py, pz, dx, dy, dz, axis, corners, f):
-    """Distance along a ray to a triangle, in units of the direction's length; inf for a miss. Edges belong to both."""
-    if axis == 2:
-        u, v, w = 0, 1, 2
-        pu, pv, pw, du, dv, dw = px, py, pz, dx, dy, dz
-    elif axis == 1:
-        u, v, w = 2, 0, 1
-        pu, pv, pw, du, dv, dw = pz, px, py, dz, dx, dy
-    else:
-        u, v, w = 1, 2, 0
-        pu, pv, pw, du, dv, dw = py, pz, px, dy, dz, dx
-    shear_u, shear_v, scale = du / dw, dv / dw, 1.0 / dw
+def _ray_triangle(ray, corners, f):
+    """Distance along a ray, `_sheared`, to a triangle; inf for a miss. Edges belong to both that share them."""
+    u, v, w, pu, pv, pw, shear_u, shear_v, scale = ray
     az, bz, cz = corners[f, w] - pw, corners[f, 3 + w] - pw, corners[f, 6 + w] - pw
     ax, ay = (corners[f, u] - pu) - shear_u * az, (corners[f, v] - pv) - shear_v * az
     bx, by = (corners[f, 3 + u] - pu) - shear_u * bz, (corners[f, 3 + v] - pv) - shear_v * bz
@@ -83,35 +77,36 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, other, facet, tree):
     facet : int32[n], the plane facet that each place belongs to
     """
     boxes, link, corners = tree
-    best, place, visited = far, -1, 0
-    n = corners.shape[0]
+    best, place, visited = far, -1, 1
     if link.shape[0] == 0:
         return math.inf, -1, 0
-    ix, iy, iz = inverse(dx), inverse(dy), inverse(dz)
-    axis = largest_axis(dx, dy, dz)
-    stack = np.empty(DEPTH, np.int32)
-    depths = np.empty(DEPTH)
-    stack[0], depths[0], height = 0, near, 1
-    if box_entry(px, py, pz, ix, iy, iz, near, far, boxes, 0) == math.inf:
+    origin, slack = (px, py, pz), (4e-16 * abs(px), 4e-16 * abs(py), 4e-16 * abs(pz))
+    over, ray = (inverse(dx), inverse(dy), inverse(dz)), _sheared(px, py, pz, dx, dy, dz)
+    if _box_entry(origin, slack, over, near, far, boxes, 0) == math.inf:
         return math.inf, -1, 1
-    while height > 0:
-        height -= 1
-        if depths[height] > best:
-            continue
-        node = stack[height]
-        visited += 1
+    waiting, node, height = np.empty((DEPTH, 2)), 0, 0
+    while node >= 0:
+        one = math.inf
         if link[node] < 0:
             first = -1 - link[node]
-            for f in range(first, min(first + LEAF, n)):
-                t = ray_triangle(px, py, pz, dx, dy, dz, axis, corners, f)
+            for f in range(first, min(first + LEAF, corners.shape[0])):
+                t = _ray_triangle(ray, corners, f)
                 if t > near and t < math.inf and (skip < 0 or (facet[f] != skip and facet[f] != other)):
                     if t < best or (t == best and place < 0):
                         best, place = t, f
-            continue
-        left, right = node + 1, link[node]
-        a = box_entry(px, py, pz, ix, iy, iz, near, best, boxes, left)
-        b = box_entry(px, py, pz, ix, iy, iz, near, best, boxes, right)
-        height = push_nearer_last(stack, depths, height, left, a, right, b)
+        else:
+            left, right = node + 1, link[node]
+            one = _box_entry(origin, slack, over, near, best, boxes, left)
+            two = _box_entry(origin, slack, over, near, best, boxes, right)
+            if one > two:
+                left, right, one, two = right, left, two, one
+            if two < math.inf:
+                waiting[height, 0], waiting[height, 1] = right, two
+                height += 1
+            node = left
+        if one == math.inf:
+            node, height = next_waiting(waiting, height, best)
+        visited += node >= 0
     if place < 0:
         return math.inf, -1, visited
     return best, place, visited
@@ -120,7 +115,7 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, other, facet, tree):
 @kernel
 def nearest_of(origins, directions, near, facet, tree, distance, place):
     """`nearest` of many rays: fill ``distance`` float64[n] and ``place`` int64[n]; return the nodes visited."""
-    visited = 0
+    visited, tree, facet = 0, borrowed(tree), borrowed(facet)
     for n in range(origins.shape[0]):
         distance[n], place[n], count = nearest(
             origins[n, 0], origins[n, 1], origins[n, 2], directions[n, 0], directions[n, 1], directions[n, 2],

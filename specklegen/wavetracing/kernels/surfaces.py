@@ -7,7 +7,7 @@ thickness in wavelengths; see `specklegen.wavetracing.materials` for the equatio
 import cmath
 import math
 
-from specklegen.kernels import inlined, kernel
+from specklegen.kernels import inlined
 
 ABSORBER, CONDUCTOR, HALF_SPACE, WALL, DIFFUSE = 0, 1, 2, 3, 4
 # Outcomes.
@@ -61,10 +61,3 @@ def outcome(materials, row, cosine, u):
     if u < reflected:
         return REFLECTED
     return TRANSMITTED if u < reflected + transmitted else ABSORBED
-
-
-@kernel
-def fill_power(materials, row, cosines, out):
-    """Fill ``out`` float64[n, 2] with `power_coefficients` at ``cosines`` float64[n]."""
-    for n in range(cosines.shape[0]):
-        out[n, 0], out[n, 1] = power_coefficients(materials, row, cosines[n])

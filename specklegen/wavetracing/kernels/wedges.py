@@ -152,13 +152,6 @@ def geometric_weights(n, phi, incidence):
 
 
 @kernel
-def transitions(x, out):
-    """Fill ``out`` complex128[m] with F(X) of ``x`` float64[m]."""
-    for m in range(x.size):
-        out[m] = transition(math.sqrt(x[m]))
-
-
-@kernel
 def wedge_pairs(n, phi, incidence, distance, k, sin_beta, soft, hard):
     """Fill ``soft``, ``hard`` complex128[m] with the coefficients for angles and distances float64[m]."""
     for m in range(phi.size):
