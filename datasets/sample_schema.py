@@ -13,7 +13,7 @@ from pydantic import field_validator, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.values import Value
 
-RESERVED = ("index", "parameters", "seed", "seal", "valid", "checksum")
+RESERVED = ("index", "parameters", "seed", "seal", "valid", "checksum", "file")
 """Names that the transport gives to its own columns; no array of a layout is stored under them."""
 
 
@@ -126,6 +126,14 @@ def stored_arrays(recipe: Renderable) -> dict[str, ArraySpec]:
                     f"Name the axis of length {length} otherwise, such as '{key}_{dim}'.",
                 )
     return layout
+
+
+def named_file(names: Sequence[str], parameters: Mapping[str, float]) -> dict[str, str]:
+    """What a sample says of the file that its object is from: its name; "" of an object of a mixture from none."""
+    if not names or "file" not in parameters:
+        return {}
+    number = int(parameters["file"])
+    return {"file": names[number] if number >= 0 else ""}
 
 
 def require_finite(sample: Mapping[str, Any], recipe: Renderable, seed: int, split: str) -> None:

@@ -90,7 +90,7 @@ _OUTSIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICE
 
 
 PACKAGES = ("", ".datasets", ".models", ".coherence", ".instrument", ".measured", ".wavetracing", ".fdtd")
-"""Packages whose names are public."""
+"""Packages whose names are public; all of ``specklegen.materials`` is on the page of that name."""
 
 
 def write_pages(app, config) -> None:

@@ -1,9 +1,9 @@
 """Notebooks of the gallery's scripts, made when the site is built: each installs the release first, and runs in Colab.
 
 Sphinx-Gallery turns a script into a notebook. Here it gets a first cell that installs what the script imports, a place
-that does not change, and a line at the head of its page: a link that opens it in Colab, where the project has an
-address at GitHub, else the notebook itself. A script whose packages are not there is shown and not run, and its page
-says so.
+that does not change, and a line at the head of its page: a badge that opens it in Colab, where the project has an
+address there (urls.Notebooks of pyproject.toml, without which there is no release), and the notebook itself. A script
+whose packages are not there is shown and not run, and its page says so.
 """
 
 import ast
@@ -65,18 +65,16 @@ def with_install(notebook: dict, script: str, version: str) -> dict:
     return notebook | {"cells": [cell, *notebook["cells"]]}
 
 
-def repository() -> str | None:
-    """owner/name of the project at GitHub, by the addresses of the package; None while it has none there."""
-    urls = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["urls"]
-    found = re.match(r"https://github\.com/([^/]+/[^/]+?)(?:\.git)?/?$", urls["Source"])
-    return found and found[1]
+def colab() -> str | None:
+    """Address at which Colab finds the site, by those of the package; None while it is nobody's."""
+    urls = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
+    return urls["Notebooks"] if urls["Notebooks"].startswith("https://colab.research.google.com/github/") else None
 
 
-def head(name: str, script: str, source: str | None) -> str:
+def head(name: str, script: str, address: str | None) -> str:
     """What stands below the title of a script's page, as reStructuredText."""
     opened = (
-        f'<a href="https://colab.research.google.com/github/{source}/blob/gh-pages/{FOLDER}/{name}.ipynb">'
-        "Open in Colab</a> · " if source else ""
+        f'<a class="sg-badge" href="{address}/{FOLDER}/{name}.ipynb">Open in Colab</a> · ' if address else ""
     )  # fmt: skip
     told = f'{opened}<a href="../{FOLDER}/{name}.ipynb" download>Notebook</a>, which installs what it needs'
     lines = [".. raw:: html", "", f'   <p class="sg-notebook">{told}</p>', ""]
@@ -106,7 +104,7 @@ def insert_head(app, page: str, source: list[str]) -> None:
     name = page.removeprefix("auto_gallery/")
     if name != page and name in scripts():
         source[0] = re.sub(
-            r"(?m)^(=+)$", lambda rule: f"{rule[1]}\n\n{head(name, scripts()[name], repository())}", source[0], count=1
+            r"(?m)^(=+)$", lambda rule: f"{rule[1]}\n\n{head(name, scripts()[name], colab())}", source[0], count=1
         )
 
 

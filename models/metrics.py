@@ -66,6 +66,13 @@ def move(image: Tensor, motion: Alignment) -> Tensor:
 def align(image: Tensor, target: Tensor) -> Tensor:
     """Move each image onto its target by the best of all cyclic shifts, flipped by 180 degrees or not.
 
+    Parameters
+    ----------
+    image
+        real[..., H, W], to be moved.
+    target
+        real[..., H, W], which stays.
+
     Raises
     ------
     RuleError
@@ -158,6 +165,13 @@ SCORES = {"pearson": pearson, "psnr": psnr, "ssim": ssim, "jaccard": jaccard}
 
 def scores(image: Tensor, target: Tensor) -> dict[str, Tensor]:
     """Align images to targets, then every score of `SCORES`, float[...] each.
+
+    Parameters
+    ----------
+    image
+        real[..., H, W], up to a shift and a turn by 180 degrees, in any unit and with any offset.
+    target
+        real[..., H, W], what it should be.
 
     Examples
     --------

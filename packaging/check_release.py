@@ -16,6 +16,8 @@ PLACEHOLDER = re.compile(r"example\.(org|com|net)|\bTODO\b|^$", re.IGNORECASE)
 """Addresses that nobody has (RFC 2606), words that wait, and nothing at all."""
 URLS = ("Homepage", "Documentation", "Source", "Issues", "Changelog")
 """Addresses that a release shows."""
+COLAB = re.compile(r"https://colab\.research\.google\.com/github/[\w.-]+/[\w.-]+/blob/gh-pages")
+"""Where Colab finds the site, below which the gallery's notebooks lie: a branch at GitHub (:mod:`publish_site`)."""
 
 
 def findings(root: Path) -> list[str]:
@@ -34,6 +36,8 @@ def findings(root: Path) -> list[str]:
     for name in URLS:
         if PLACEHOLDER.search(urls.get(name, "")):
             found.append(f"pyproject.toml urls.{name} must be an address of the project; got {urls.get(name, '')!r}")
+    if not COLAB.fullmatch(urls.get("Notebooks", "")):
+        found.append(f"pyproject.toml urls.Notebooks must be {COLAB.pattern}; got {urls.get('Notebooks', '')!r}")
     version = project["version"]
     for file, said in (("CITATION.cff", re.search(r"^version: (.*)$", citation, re.MULTILINE)),
                        ("CHANGELOG.md", re.search(r"^## (\S+)$", (root / "CHANGELOG.md").read_text(encoding="utf-8"),

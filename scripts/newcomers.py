@@ -36,7 +36,7 @@ name = "my-setup"
 [lab]
 object_distance = 300.0
 aperture = 3.0
-object_extent = 0.4
+object_extent = 0.45
 
 [material]
 thickness = 0.1

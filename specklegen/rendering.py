@@ -81,6 +81,18 @@ class SpeckleStack(Pictured, Labelled):
     float32[(R,) T, *sensor], and there is no field. An incoherent object has one intensity image,
     float32[(R,) *sensor], and no field.
 
+    Attributes
+    ----------
+    field : complex64[(R,) T, *sensor] or None
+        The field, in the square root of power per solid angle over irradiance (of points that of an irradiance ratio);
+        asking for it raises a RuleError where there is none.
+    intensity : float32
+        |field|^2, or what there is without a field.
+    report : Report
+        How it was made: sampler, paths, expected errors, and what was left out, with reasons.
+    scene : Scene or None
+        The scene, whose coordinates pictures and tables have; None of a stack put together by hand.
+
     Examples
     --------
     >>> import specklegen as sg

@@ -113,13 +113,16 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
 
     Parameters
     ----------
-    scene, arguments
-        See :func:`render_tiles`.
+    scene
+        Beams through a slab, seen on a regular far-field grid.
     out
         Folder of the group; chunks of the field are one tilt of the stack's pieces. It gets its name when it is
         complete: until then it lies beside it under a temporary name (:mod:`specklegen.core.whole_files`).
     progress
-        Show a bar.
+        Whether to show a bar.
+    arguments
+        ``paths`` (100 000 by default) or ``rel_error``, ``seed``, ``realization``, ``sampler``, ``reverse``, ``mean``,
+        ``field_tolerance``, ``threads``: by name, with the meaning that they have in :func:`render_tiles`.
 
     Returns
     -------
@@ -129,7 +132,7 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     Raises
     ------
     RuleError
-        See :func:`render_tiles`.
+        At once, for a scene of another kind, and for arguments that :func:`specklegen.plan` refuses.
     FileExistsError
         If there is something at ``out``.
 

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -56,14 +57,16 @@ def differing(found: dict[str, dict[str, str]]) -> dict[str, dict[str, str]]:
 def compare_tests(selection: Sequence[str], settings: Sequence[str]) -> int:
     """Run tests under settings and print those that differ, and those that fail; 1 if there are any."""
     found: dict[str, dict[str, str]] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        for n, name in enumerate(settings):
-            report = Path(folder) / f"{n}.xml"
-            options = "-q", "--tb=no", "-p", "no:cacheprovider", f"--junit-xml={report}"
-            status = run(name, "-m", "pytest", *options, *selection)
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as beside:
+        reports = [str(Path(folder) / f"{n}.xml") for n in range(len(settings))]
+        options = "-m", "pytest", "-qq", "--tb=no", "-p", "no:cacheprovider"
+        each = beside.map(
+            lambda name, report: run(name, *options, f"--junit-xml={report}", *selection), settings, reports
+        )
+        for name, report, status in zip(settings, reports, each, strict=True):
             if status not in (0, 1):  # 1: tests failed; all else: pytest did not run them
                 return status
-            found[name] = outcomes(report)
+            found[name] = outcomes(Path(report))
             passed = sum(outcome == "passed" for outcome in found[name].values())
             print(f"{name}: {len(found[name])} tests, {passed} passed", flush=True)
     failed = {test: outcome for test, outcome in found[settings[0]].items() if outcome in ("failure", "error")}

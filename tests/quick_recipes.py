@@ -1,6 +1,27 @@
-"""Packaged recipes with few paths a kernel."""
+"""Packaged recipes with few paths a kernel, and those of them that stand for the others."""
 
-from specklegen.datasets import load_recipe
+import pytest
+
+from specklegen.datasets import load_recipe, recipe_names
+
+KIN = {
+    "any-object": "unknown-slab",
+    "characters-of-new-fonts": "unknown-slab",
+    "one-angular-size": "unknown-slab",
+    "unseen-material": "unknown-slab",
+    "through-slab-lab": "through-slab",
+    "brownian-slab": "dynamic-slab",
+    "registered-tilts": "material-regression",
+    "star-behind-slab": "masked-light-slab",
+    "tissue-microscope": "refocus-stack",
+}
+"""Recipes that another one's program draws, from other numbers or objects: slow tests look at them too."""
+
+
+def packaged(which=lambda name: True):
+    """Names of the packaged recipes for which ``which`` holds, as a test's parameters."""
+    names = filter(which, recipe_names())
+    return [pytest.param(name, marks=pytest.mark.slow) if name in KIN else name for name in names]
 
 
 def few_paths(name, count=1000):

@@ -125,6 +125,7 @@ def test_the_conda_recipe_asks_for_what_the_package_needs():
     assert conda == pip
 
 
+COLAB = "https://colab.research.google.com/github"
 PAPERS = ("pyproject.toml", "CITATION.cff", ".zenodo.json", "CHANGELOG.md")
 
 
@@ -135,6 +136,7 @@ def filled(tmp_path_factory):
     shutil.copytree(ROOT / ".github", folder / ".github")
     for name in PAPERS:
         text = (ROOT / name).read_text(encoding="utf-8")
+        text = text.replace("https://example.org/specklegen/notebooks", f"{COLAB}/ada/engine/blob/gh-pages")
         text = re.sub(r"TODO: [^\"]*", "Ada Lovelace", text).replace("example.org", "specklegen.dev")
         (folder / name).write_text(text.replace(" (unreleased)", ""), encoding="utf-8")
     return folder
@@ -148,6 +150,7 @@ def test_a_release_needs_its_papers(filled, tmp_path):
     for name, old, new, said in (
         ("pyproject.toml", 'name = "Ada Lovelace"', 'name = " "', "pyproject.toml authors"),
         ("pyproject.toml", "Issues =", "Errata =", "urls.Issues"),
+        ("pyproject.toml", f"{COLAB}/ada", "https://specklegen.dev/ada", "urls.Notebooks"),
         ("CITATION.cff", "Ada Lovelace", "TODO", "CITATION.cff authors"),
         ("CITATION.cff", "version: ", "version: 9.", "CITATION.cff must be of version"),
         (".zenodo.json", "Ada Lovelace", "", ".zenodo.json creators"),
@@ -159,6 +162,31 @@ def test_a_release_needs_its_papers(filled, tmp_path):
         assert old in text
         (broken / name).write_text(text.replace(old, new), encoding="utf-8")
         assert any(said in line for line in findings(broken)), said
+
+
+def test_a_site_takes_the_place_of_the_one_before(tmp_path):
+    publish = runpy.run_path(str(ROOT / "packaging/publish_site.py"))["publish"]
+    remote, site = tmp_path / "remote.git", tmp_path / "site"
+    subprocess.run(["git", "init", "--quiet", "--bare", str(remote)], check=True)
+    (site / "notebooks").mkdir(parents=True)
+    with pytest.raises(SystemExit, match="site must be a folder that `make docs` made"):
+        publish(site, str(remote))
+    for name in ("index.html", "_static/a.css", "notebooks/plot_01.ipynb"):
+        (site / name).parent.mkdir(exist_ok=True)
+        (site / name).write_text(name)
+    (site / ".gitignore").write_text("*.ipynb")
+    publish(site, str(remote))
+    (site / "index.html").write_text("newer")
+    publish(site, str(remote))
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", f"--git-dir={remote}", *words], capture_output=True, text=True, check=True).stdout
+
+    assert git("ls-tree", "-r", "--name-only", "gh-pages").split() == [
+        ".gitignore", ".nojekyll", "_static/a.css", "index.html", "notebooks/plot_01.ipynb"
+    ]  # fmt: skip
+    assert git("show", "gh-pages:index.html") == "newer"
+    assert git("rev-list", "--count", "gh-pages").strip() == "1"
 
 
 @pytest.mark.slow

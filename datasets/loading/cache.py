@@ -15,7 +15,7 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.loading.stream import tensors
-from specklegen.datasets.sample_schema import Renderable, require_finite
+from specklegen.datasets.sample_schema import Renderable, named_file, require_finite
 from specklegen.datasets.store.creation import require_same
 from specklegen.datasets.store.identity import identity
 from specklegen.datasets.store.places import place_of
@@ -27,7 +27,8 @@ from specklegen.datasets.store.store import Store
 class SpeckleCache(Dataset, Pictured):
     """A store as a map-style data set: ``cache[n]`` equals ``recipe.sample(seed, split, n)`` to the bit.
 
-    A sample is a dict of tensors, with "index" (int) and "parameters" (a dict of floats). Files are opened
+    A sample is a dict of tensors, with "index" (int) and "parameters" (a dict of floats); and "file", a name, where
+    objects are pictures of a folder. Files are opened
     when first read, in whichever process reads them; a process that finds another data set at the path than the one
     that was opened there refuses it.
 
@@ -102,6 +103,14 @@ class SpeckleCache(Dataset, Pictured):
         return self._store.keys
 
     @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the files that objects are from, by the number "file" among a sample's parameters; () without.
+
+        As they were when the store was begun.
+        """
+        return self._store.file_names
+
+    @property
     def fingerprint(self) -> str:
         """SHA-256 of the identity."""
         return self._store.attributes["fingerprint"]
@@ -154,6 +163,11 @@ class SpeckleCache(Dataset, Pictured):
     def numpy(self, index: int) -> dict[str, Any]:
         """Return a sample as arrays; -1 is the last one.
 
+        Parameters
+        ----------
+        index
+            Which sample.
+
         Raises
         ------
         RuleError, IndexError
@@ -171,17 +185,24 @@ class SpeckleCache(Dataset, Pictured):
         with one_torch_thread():
             sample = self.recipe.sample(seed, split, index)
         require_finite(sample, self.recipe, seed, split)
-        return sample
+        rendered = {key: value for key, value in sample.items() if key != "file"}
+        return rendered | named_file(self.file_names, sample["parameters"])  # the names of those that were stored
 
     def _read(self, index: int) -> dict[str, Any]:
         stored = self._reader.read(index)
         sample: dict[str, Any] = {key: np.array(array, self._types[key]) for key, array in stored.arrays.items()}
         sample["index"] = index
         sample["parameters"] = dict(zip(self._store.parameter_names, stored.parameters.tolist(), strict=True))
-        return sample
+        return sample | named_file(self.file_names, sample["parameters"])
 
     def batch(self, indices: Sequence[int]) -> dict[str, Any]:
-        """Return samples stacked along a new first axis, as tensors; read in the order of the shards."""
+        """Return samples stacked along a new first axis, as tensors; read in the order of the shards.
+
+        Parameters
+        ----------
+        indices
+            Which samples, in the order wanted; -1 is the last one.
+        """
         indices = whole_numbers("SpeckleCache.batch indices", indices, -(2**63))
         order = np.argsort(indices, kind="stable")
         samples: list[dict[str, Any]] = [{}] * len(order)
@@ -196,7 +217,19 @@ class SpeckleCache(Dataset, Pictured):
     def shuffled(
         self, batch_size: int = 32, seed: int = 0, buffer_shards: int = 4, **options: Any
     ) -> "ShuffledCache":
-        """Return epochs of shuffled batches that read few shards at a time; see :class:`ShuffledCache`."""
+        """Return epochs of shuffled batches that read few shards at a time.
+
+        Parameters
+        ----------
+        batch_size
+            Samples in a batch.
+        seed
+            Of the order; every epoch has another.
+        buffer_shards
+            Shards whose samples are shuffled among themselves: more are better mixed, and hold more files open.
+        options
+            ``rank``, ``world`` and ``drop_last``, as those of a :class:`~specklegen.datasets.SpeckleStream`.
+        """
         return ShuffledCache(self, batch_size, seed, buffer_shards, **options)
 
 

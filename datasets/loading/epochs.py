@@ -132,7 +132,15 @@ class EpochBatches(IterableDataset):
         return self.starting_at(0)
 
     def loader(self, num_workers: int = 0, **options: Any) -> "EpochLoader":
-        """Return an iterable over epochs with exact resume: specklegen.datasets.loading.loader.EpochLoader."""
+        """Return an iterable over epochs with exact resume: specklegen.datasets.loading.loader.EpochLoader.
+
+        Parameters
+        ----------
+        num_workers
+            Processes that make batches; 0 makes them in this one. The batches are the same.
+        options
+            Further arguments of ``torch.utils.data.DataLoader``, such as ``pin_memory``.
+        """
         from specklegen.datasets.loading.loader import EpochLoader
 
         return EpochLoader(self, num_workers, **options)

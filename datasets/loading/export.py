@@ -67,6 +67,7 @@ def export(
             line = (
                 {"index": values["index"], "seed": cache.identity["seed"]}
                 | values["parameters"]
+                | ({"file_name": csv_cell(values["file"])} if isinstance(values.get("file"), str) else {})
                 | columns[row]
             )
             if row == 0:

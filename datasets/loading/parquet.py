@@ -1,6 +1,7 @@
 """Samples of a store as a data set for the Hugging Face hub: Parquet, a card with front matter, Croissant metadata.
 
-    <out>/data/<split>.parquet   a row a sample: index, seed, the arrays, parameter_<name>
+    <out>/data/<split>.parquet   a row a sample: index, seed, file (name, of objects of a folder), the arrays,
+                                 parameter_<name>
     <out>/README.md              the card; its front matter says where the splits are
     <out>/croissant.json         Croissant 1.0 (MLCommons): files with their SHA-256, and every field
 
@@ -64,21 +65,24 @@ def write_parquet(cache: SpeckleCache, chosen: Sequence[int], out: Path) -> tupl
     arrays = {key: first[key] for key in cache.keys}
     drawn = {f"parameter_{name}": name for name in first["parameters"]}  # an array may have the name of a parameter
     fields = [pa.field("index", pa.int64()), pa.field("seed", pa.int64())]
+    named = ["file"] if "file" in first else []  # objects from a folder
+    fields += [pa.field(name, pa.string()) for name in named]
     fields += [_array_field(pa, key, array) for key, array in arrays.items()]
     fields += [pa.field(name, pa.float64()) for name in drawn]
-    features = {"info": {"features": _features(arrays, list(drawn))}}
+    features = {"info": {"features": _features(arrays, list(drawn), named)}}
     schema = pa.schema(fields, metadata={"huggingface": json.dumps(features)})
     with pq.ParquetWriter(file, schema, compression="zstd") as writer:
         for start in range(0, len(chosen), _ROWS):
             samples = [cache.numpy(n) for n in chosen[start : start + _ROWS]]
             columns: dict[str, Any] = {"index": [s["index"] for s in samples]}
             columns["seed"] = [cache.identity["seed"]] * len(samples)
+            columns |= {name: [s[name] for s in samples] for name in named}
             columns |= {key: [s[key].tolist() for s in samples] for key in arrays}
             columns |= {column: [s["parameters"][name] for s in samples] for column, name in drawn.items()}
             writer.write_table(pa.table(columns, schema=schema))
     rows = {path.stem: pq.read_metadata(path).num_rows for path in sorted(file.parent.glob("*.parquet"))}
     write_whole(out / "README.md", _card(cache, rows).encode())
-    croissant = json.dumps(_croissant(cache, arrays, list(drawn), out), indent=2)
+    croissant = json.dumps(_croissant(cache, arrays, list(drawn), named, out), indent=2)
     write_whole(out / "croissant.json", croissant.encode())
     return [file, out / "README.md", out / "croissant.json"], [{}] * len(chosen)
 
@@ -103,7 +107,7 @@ def _has_array_type(array: np.ndarray) -> bool:
     return 2 <= array.ndim <= 5
 
 
-def _features(arrays: dict[str, np.ndarray], parameters: list[str]) -> dict[str, Any]:
+def _features(arrays: dict[str, np.ndarray], parameters: list[str], named: list[str]) -> dict[str, Any]:
     """Features in the words of the ``datasets`` library: Array2D for images, Array3D for stacks of them."""
 
     def value(dtype: str) -> dict[str, Any]:
@@ -114,7 +118,7 @@ def _features(arrays: dict[str, np.ndarray], parameters: list[str]) -> dict[str,
             return {"shape": list(array.shape), "dtype": str(array.dtype), "_type": f"Array{array.ndim}D"}
         return value(str(array.dtype)) if array.ndim == 0 else {"feature": value(str(array.dtype)), "_type": "List"}
 
-    told = {"index": value("int64"), "seed": value("int64")}
+    told = {"index": value("int64"), "seed": value("int64")} | {name: value("string") for name in named}
     told |= {key: feature(array) for key, array in arrays.items()}
     return told | {name: value("float64") for name in parameters}
 
@@ -136,7 +140,7 @@ def _card(cache: SpeckleCache, rows: dict[str, int]) -> str:
 
 
 def _croissant(
-    cache: SpeckleCache, arrays: dict[str, np.ndarray], parameters: list[str], out: Path
+    cache: SpeckleCache, arrays: dict[str, np.ndarray], parameters: list[str], named: list[str], out: Path
 ) -> dict[str, Any]:
     files = sorted((out / "data").glob("*.parquet"))
     described = cache.store.describe()
@@ -153,6 +157,7 @@ def _croissant(
                   f"{described[key]['description']}; axes {', '.join(described[key]['dims'])}", array.ndim > 0)
             for key, array in arrays.items()
         ]  # fmt: skip
+        numbers += [field(split, name, "sc:Text", "file of the object, within its folder") for name in named]
         drawn = [field(split, name, "sc:Float", "parameter of the sample") for name in parameters]
         return {"@type": "cr:RecordSet", "@id": split, "name": split, "field": [*numbers, *images, *drawn]}
 

@@ -70,6 +70,16 @@ class Families(ObjectFamily):
         """Picture of the family's source."""
         return self.families[int(source[0])].picture(source[1:], rng)
 
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the files of all families, one family after another."""
+        return tuple(name for family in self.families for name in family.file_names)
+
     def labels(self, source: Source) -> dict[str, float]:
-        """Number of the family, and its label."""
-        return {"family": float(source[0])} | self.families[int(source[0])].labels(source[1:])
+        """Number of the family, and its own words; -1 for those that only others have. Files are numbered through."""
+        number = int(source[0])
+        told = self.families[number].labels(source[1:])
+        if "file" in told:
+            told["file"] += sum(len(family.file_names) for family in self.families[:number])
+        others = dict.fromkeys((name for family in self.families for name in family.label_names), -1.0)
+        return {"family": float(number)} | others | told

@@ -79,6 +79,8 @@ class ObjectFamily(Registered):
     """
 
     registry: ClassVar = Registry("family of objects", _is_family)
+    label_names: ClassVar[tuple[str, ...]] = ("label",)
+    """Names of what :meth:`labels` tells."""
     type: Any = None
     shape: tuple[PositiveInt, PositiveInt] = (28, 28)
 
@@ -132,8 +134,13 @@ class ObjectFamily(Registered):
         """Draw one source at a random size and place: float[h, w], at least 0."""
 
     def labels(self, source: Source) -> dict[str, float]:  # noqa: ARG002
-        """What is told of a source with every sample, under the same names for all: "label", -1 where it has none."""
+        """What is told of a source with every sample, by ``label_names``: "label", -1 where it has none."""
         return {"label": -1.0}
+
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the files that objects are made from, by the number "file" of a sample; none of other families."""
+        return ()
 
 
 AnyFamily = Annotated[ObjectFamily, *member_of(ObjectFamily)]

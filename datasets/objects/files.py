@@ -7,6 +7,9 @@ subject can: that is the user's to know.)
 Where every file lies in a subfolder, and there are two at least, the subfolders are classes, as in an ImageFolder of
 torchvision: a label is the number of a subfolder among all, by their names. It comes with every sample, so that sorting
 files into classes is another data set.
+
+A file's number is its place among the different files by their SHA-256, so that it says nothing of names; it comes with
+every sample, in stores and streams too. Its name is looked up where somebody reads it (``file_names``).
 """
 
 import hashlib
@@ -39,6 +42,7 @@ class FileFamily(ListedFamily):
     _suffixes: ClassVar[tuple[str, ...]] = ()
     _noun: ClassVar[str] = "file"
     _plural: ClassVar[str] = "files"
+    label_names: ClassVar[tuple[str, ...]] = ("label", "file")
 
     @abstractmethod
     def require_readable(self, path: Path) -> None:
@@ -64,6 +68,20 @@ class FileFamily(ListedFamily):
         for path in paths:
             found.setdefault(self._digest(path), str(path))
         return found
+
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Name of each different file within the folder, with "/", by its number."""
+        return self._names
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        folder = Path(self.path).expanduser()
+        return tuple(Path(self.files[digest]).relative_to(folder).as_posix() for digest in sorted(self.files))
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        return {digest: number for number, digest in enumerate(sorted(self.files))}
 
     @cached_property
     def class_names(self) -> tuple[str, ...]:
@@ -101,8 +119,9 @@ class FileFamily(ListedFamily):
         return sorted(p for p in folder.rglob("*") if p.suffix.lower() in self._suffixes and p.is_file())
 
     def labels(self, source: Source) -> dict[str, float]:
-        """Number of the class that a file lies in; -1 where the folder is no tree of classes."""
-        return {"label": float(self._labels.get(str(source[0]), -1))}
+        """Number of the class that a file lies in, -1 where the folder is no tree of classes; number of the file."""
+        digest = str(source[0])
+        return {"label": float(self._labels.get(digest, -1)), "file": float(self._numbers[digest])}
 
     def file(self, seed: int, split: Split, index: int) -> Path:
         """Path of the file that a sample shows."""

@@ -16,7 +16,8 @@ class Folder(FileFamily):
     """Pictures of a folder and its subfolders, whole, centred, their aspect kept, dark around.
 
     Subfolders are classes where every picture lies in one: ``label`` among a sample's parameters is the number of its
-    subfolder (``class_names``), -1 otherwise; ``file(seed, split, index)`` is the picture that a sample shows.
+    subfolder (``class_names``), -1 otherwise. ``file`` there is the number of the picture that it shows, in stores and
+    streams too (``file_names``); ``file`` of a sample by itself is its name, such as "cats/7.png".
     PNG, JPEG, TIFF and NPY (one array [h, w] or [h, w, 3] a file) are read; colours become grey.
     Each file is read once, when the first picture is asked for, so that a broken one is found before
     hours of rendering.

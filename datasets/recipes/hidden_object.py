@@ -88,8 +88,8 @@ class HiddenObject(Recipe):
     """Camera images of hidden incoherent objects; mean 1 over the expected intensity of the whole image.
 
     Samples: ``image`` float32[H, W] (or uint16 counts), ``object`` float32[h, w] (brightness 0 to 1). Among the
-    parameters are the material, what the object is (``label``; in mixtures ``family`` too) and where its centre of
-    brightness lies in its frame (``object_row``, ``object_column``).
+    parameters are the material, what the object is (``label``; in mixtures ``family`` too, of a folder ``file``) and
+    where its centre of brightness lies in its frame (``object_row``, ``object_column``).
 
     Parameters
     ----------
@@ -130,6 +130,11 @@ class HiddenObject(Recipe):
     def physics(self) -> dict[str, Any]:
         """Everything that decides a pixel; a folder of pictures counts by its contents, not by its path."""
         return super().physics() | {"objects": self.objects.identity()}
+
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the files of the objects, by number."""
+        return self.objects.file_names
 
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""

@@ -30,7 +30,7 @@ from specklegen.datasets.recipes.media import (
 from specklegen.datasets.recipes.parts.diffuser import KnownDiffuser
 from specklegen.datasets.recipes.parts.material import CharacterizedMaterial
 from specklegen.datasets.recipes.specification import Specification
-from specklegen.datasets.sample_schema import require_finite
+from specklegen.datasets.sample_schema import named_file, require_finite
 from specklegen.datasets.split import Purpose, Split, generator, split_number, substream
 from specklegen.planning.plan import Plan
 from specklegen.samplers.sampler import MediaRequest
@@ -63,8 +63,43 @@ class Recipe(Specification):
     """What every kind of recipe has. Subclass it, or one of its kinds, for a kind of your own.
 
     A kind is known by its ``kind``: the name of the class, unless the field says another. It says its arrays in
-    :meth:`layout`, and lists in :meth:`extremes` the media that a plan must serve. Its fields are those of
-    :class:`~specklegen.datasets.recipes.specification.Specification`.
+    :meth:`layout`, and lists in :meth:`extremes` the media that a plan must serve.
+
+    Parameters
+    ----------
+    name, description
+        For people; not part of the fingerprint.
+    samples
+        Samples an epoch, of each split.
+    media
+        Media a split; sample n is seen through medium n mod ``media``. "new" (None, the default) never repeats one:
+        take a number where few media are to be learned, or drawing them takes most of the time.
+    media_group
+        Neighbouring samples that share a medium, where media never repeat; 1 by default.
+    material
+        What scatters: a slab of drawn numbers, a preset by its name, layers, or ground glass, with its wavelength.
+    window, camera
+        The rest of the scene in the engine's terms: how wide the light's window is, and the camera's pixels a grain.
+        Left out where there is a ``lab``.
+    lab
+        All of that in the terms of a laboratory, instead of wavelength, window, camera and field. None by default.
+    light
+        Bandwidth and polarisation; by default one wavelength, and one polarisation that reaches the camera.
+    exposure
+        Camera and its noises; where given, images are counts, and pixels average over their area. None: exact
+        intensities.
+    bench
+        What differs from bench to bench and nobody is told, in recipes with hidden objects: domain randomisation. None
+        by default.
+    sampler
+        "auto" renders with the sampler that the planner chooses: the stationary one where its error over all the
+        recipe's media is within 0.02, path sums elsewhere, which are slower; that of thin screens behind such. Or the
+        name of one: "stationary", "convolution", "paths" or "screens"; or one of your own, by its name, import path or
+        class.
+    strict
+        Whether to refuse, instead of warning of it, a sampler that is asked for and that the planner finds unfit.
+    kind
+        Name by which a file asks for the class; every kind states its own as the default.
 
     Examples
     --------
@@ -84,7 +119,17 @@ class Recipe(Specification):
         self.extremes()[0].probe.plot(axes, label)
 
     def material_of(self, seed: int, split: Split, medium: int) -> CharacterizedMaterial | KnownDiffuser:
-        """Material of one medium, with its kernel."""
+        """Material of one medium, with its kernel.
+
+        Parameters
+        ----------
+        seed
+            Of the data set: a whole number, or a sequence of them.
+        split
+            "train", "validation" or "test": no medium and no object of one is in another.
+        medium
+            Number of the medium.
+        """
         return self.material.realized(generator(substream(seed, split, Purpose.MATERIAL, medium)), split)
 
     @cached_property
@@ -163,6 +208,11 @@ class Recipe(Specification):
         """Shares float64[M, 2] of the light of media in either polarisation; None where they are alike."""
         return None
 
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the files that objects are made from, by the number "file" of a sample; () where there are none."""
+        return ()
+
     def host_work(self) -> list[str]:
         """What is made on the host, whatever the device, in words."""
         said = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
@@ -219,7 +269,7 @@ class Recipe(Specification):
         object_pitch, base
             Direction sines float64[M] between its pixels, and float64[M, T, 2] of the base tilts.
         width : float64[M] or None
-            Of the windows, where each medium has its own.
+            Of the windows, in the recipe's unit of length, where each medium has its own.
         """
         if width is None:
             seen = self.geometry
@@ -263,12 +313,33 @@ class Recipe(Specification):
         return False
 
     def prepare(self, seed: int, split: Split, medium: int) -> "Medium":
-        """Make one medium ready to be looked through, with all that is drawn for it."""
+        """Make one medium ready to be looked through, with all that is drawn for it.
+
+        Parameters
+        ----------
+        seed
+            Of the data set: a whole number, or a sequence of them.
+        split
+            "train", "validation" or "test": no medium and no object of one is in another.
+        medium
+            Number of the medium.
+        """
         return _medium.medium_of_recipe(self, seed, split, medium)
 
     @shielded()
     def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
         """One sample: arrays, "index" and "parameters" (a flat dict of float64). Pure.
+
+        An object from a file of yours has its name too, "file", within the folder.
+
+        Parameters
+        ----------
+        seed
+            Of the data set: a whole number, or a sequence of them.
+        split
+            "train", "validation" or "test": no medium and no object of one is in another.
+        index
+            Which sample, from 0 on; there is no last one.
 
         Raises
         ------
@@ -279,7 +350,8 @@ class Recipe(Specification):
         index = whole_number(f"{type(self).__name__}.sample index", index, 0, 2**63 - 1)
         batch = self.batch(seed, split, [index])
         parameters = {name: float(value[0]) for name, value in batch.pop("parameters").items()}
-        return {name: value[0] for name, value in batch.items()} | {"parameters": parameters}
+        sample = {name: value[0] for name, value in batch.items()} | {"parameters": parameters}
+        return sample | named_file(self.file_names, parameters)
 
     def extremes(self) -> Sequence[Planned]:
         """Media at the ends of every range, looked at by the widest object and the most tilted beams."""
@@ -292,7 +364,17 @@ class Recipe(Specification):
 
     @shielded()
     def batch(self, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:
-        """Samples stacked along a new first axis, parameters as a dict of float64[B]; the same bits as alone."""
+        """Samples stacked along a new first axis, parameters as a dict of float64[B]; the same bits as alone.
+
+        Parameters
+        ----------
+        seed
+            Of the data set: a whole number, or a sequence of them.
+        split
+            "train", "validation" or "test": no medium and no object of one is in another.
+        indices
+            Which samples, from 0 on.
+        """
         numbers = whole_numbers(f"{type(self).__name__}.batch indices", indices, 0, 2**63 - 1)
         words = seed_words(seed)
         seed = words if isinstance(seed, Sequence) else words[0]

@@ -39,7 +39,8 @@ def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) ->
         Name of a packaged recipe, or path of a TOML file. Where a ``type`` or ``kind`` is an import path, as in
         "my_module:Rings", **the module is imported, which runs it**: read such a file as you would run a program.
     changes
-        A nested table merged over it, such as ``{"objects": {"type": "Folder", "path": "my-images"}}``.
+        A nested table merged over it, such as ``{"objects": {"type": "Folder", "path": "my-images"}}``. By default
+        none.
 
     Raises
     ------

@@ -88,36 +88,7 @@ it holds ``layers``."""
 
 
 class Specification(Registered, Pictured):
-    """What every kind of recipe says.
-
-    Parameters
-    ----------
-    name, description
-        For people; not part of the fingerprint.
-    samples
-        Samples an epoch.
-    media
-        Media a split; sample n is seen through medium n mod ``media``. "new" (None) never repeats one.
-    media_group
-        Neighbouring samples that share a medium, where media never repeat.
-    material, window, camera
-        The scene, in the engine's terms.
-    lab
-        Or in those of a laboratory, instead of wavelength, window, camera and field.
-    light
-        Bandwidth and polarisation.
-    exposure
-        Camera and its noises; where given, images are counts, and pixels average over their area.
-    bench
-        What differs from bench to bench and nobody is told, in recipes with hidden objects: domain randomisation.
-    sampler
-        "auto" renders with the sampler that the planner chooses: the stationary one where its error over all the
-        recipe's media is within 0.02, path sums elsewhere, which are slower; that of thin screens behind such. Or the
-        name of one: "stationary", "convolution", "paths" or "screens"; or one of your own, by its name, import path or
-        class.
-    strict
-        Refuse, instead of warning of it, a sampler that is asked for and that the planner finds unfit.
-    """
+    """What every kind of recipe says: :class:`~specklegen.datasets.Recipe` describes each field."""
 
     name: str
     description: str = ""

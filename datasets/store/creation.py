@@ -12,7 +12,7 @@ from specklegen.core.errors import RuleError, reject, warn_user
 from specklegen.core.libraries import library_versions
 from specklegen.core.whole_files import making, sweep, unfinished
 from specklegen.datasets.sample_schema import Renderable
-from specklegen.datasets.store import metadata
+from specklegen.datasets.store import file_names, metadata
 from specklegen.datasets.store.files import writing
 from specklegen.datasets.store.identity import differences, fingerprint, identity
 from specklegen.datasets.store.layout import layout_of, rendering_note, write_empty
@@ -135,6 +135,7 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
             made = write_empty(Path(temporary), layout)
         made.write_arrays(folder, samples)
         made.write(folder)
+        file_names.write(folder, layout.file_names)
         return found
 
 

@@ -13,7 +13,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 from specklegen.core.libraries import library_versions
 from specklegen.core.memory import require_memory
 from specklegen.datasets.sample_schema import ArraySpec, Renderable, stored_arrays
-from specklegen.datasets.store import metadata
+from specklegen.datasets.store import file_names, metadata
 from specklegen.datasets.store.identity import fingerprint
 
 SHARD_BYTES = 32 * 2**20
@@ -49,6 +49,8 @@ class Layout:
         Description and stored type of each array.
     tables : dict
         What each column of the transport is made with.
+    file_names : tuple of str
+        Of objects from files of a user's: their names by number.
     """
 
     samples: int
@@ -56,6 +58,7 @@ class Layout:
     arrays: Mapping[str, ArraySpec]
     types: Mapping[str, np.dtype]
     tables: Mapping[str, dict[str, Any]]
+    file_names: tuple[str, ...] = ()
 
 
 def rendering_note(recipe: Renderable) -> str:
@@ -94,7 +97,8 @@ def layout_of(
         "rendering": rendering_note(recipe),
     }
     tables = _tables(samples, rows, names, parameters.description if parameters else "")
-    return Layout(samples, attributes, arrays, types, tables)
+    files = tuple(getattr(recipe, "file_names", ()))
+    return Layout(samples, attributes, arrays, types, tables, files)
 
 
 def write_empty(folder: Path, layout: Layout) -> metadata.Metadata:
@@ -119,6 +123,7 @@ def write_empty(folder: Path, layout: Layout) -> metadata.Metadata:
     made = metadata.record_of(folder, samples)
     made.write_arrays(folder, samples)  # as this program writes them, whatever the version of zarr
     made.write(folder)
+    file_names.write(folder, layout.file_names)
     return made
 
 

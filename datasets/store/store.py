@@ -7,6 +7,7 @@
     <folder>/checksum              SHA-256 of a shard's files, and of which shard it is
     <folder>/valid                 true for the samples that are there; written last, one file a shard
     <folder>/valid/record.json     what every zarr.json says, see :mod:`metadata`
+    <folder>/valid/names.json      of objects from files of a user's: their names by number, see :mod:`file_names`
     <folder>/valid/locks           empty; its bytes are locked by those who write, see :mod:`locks`
 
 A shard is the unit of work: rendered whole by one process and written whole. Each file appears by renaming,
@@ -27,7 +28,7 @@ import zarr.storage
 
 from specklegen.core.errors import reject
 from specklegen.core.whole_files import patiently
-from specklegen.datasets.store import metadata
+from specklegen.datasets.store import file_names, metadata
 from specklegen.datasets.store.locks import LockState, claim
 from specklegen.datasets.store.places import is_remote, place_of
 from specklegen.datasets.store.seals import seal, shard_digest
@@ -89,6 +90,11 @@ class Store:
     def samples(self) -> int:
         """Number of samples that the store has room for."""
         return self.metadata.samples
+
+    @cached_property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the files that objects are from, as they were when the store was begun; () where none are known."""
+        return file_names.read(self.folder)
 
     @property
     def shard_count(self) -> int:
@@ -229,7 +235,7 @@ class Store:
         """Find files that are not yet whole, of the living and of the dead; others belong to the user."""
         for name in ["", *self.metadata.arrays]:
             for file in (self.folder / name).glob("*.partial"):
-                if file.name.split(".")[0] in ("zarr", "record"):
+                if file.name.split(".")[0] in ("zarr", "record", "names"):
                     yield file
         for name in self.metadata.arrays:
             for file in (self.folder / name / "c").rglob("*.partial"):

@@ -136,13 +136,21 @@ class MaterialFit(Pictured):
     covariance : float64[n, n]
         Of the logarithms of the free numbers (of g that of 1 - g, of the albedo -ln), where chi squared is a parabola.
     chi_squared : float
-        Of the residuals, with ``degrees`` of freedom, by the errors of the data and of the tables together.
+        Of the residuals, by the errors of the data and of the tables together.
+    degrees : int
+        Its degrees of freedom: values less free numbers.
     p_value : float
         Chance of a chi squared as large, if model and errors are right.
     degenerate : tuple of str
         What the data do not determine, and what they do instead; empty where all is determined.
     doubts : tuple of str
         What speaks against the model or the data.
+    problem : Problem
+        What was fitted, from which further fits and profiles start.
+    spread : float64[n, n]
+        Covariance of the problem's own unknowns at the best fit; of directions that the data leave open 1e12.
+    at : float64[n]
+        Those unknowns at the best fit.
 
     Examples
     --------
@@ -237,9 +245,9 @@ class MaterialFit(Pictured):
         Parameters
         ----------
         name
-            As in ``values``.
+            Of a free number, or of one that follows from them: a key of ``values``.
         values
-            float[V].
+            What it is held at, float[V], in its own unit.
 
         Raises
         ------
@@ -341,7 +349,7 @@ def fit_material(
     free
         Names of those to be found.
     faces
-        Matched ones: the tables know no step of the index.
+        Matched ones, which is the default: the tables know no step of the index.
     lobe
         "henyey-greenstein", the lobes that the tables are of.
 

@@ -97,9 +97,14 @@ class SetupFit(Pictured):
         Of every shape, by how many standard errors it is less likely than ``profile``.
     p_value : float
         Chance of a spectrum as far from the fitted one.
+    pixel_integration : bool
+        Whether pixels were taken to average over their area.
     tiles : int
+        Pieces of the frames whose spectra were fitted.
     measured : Measurement
         The frames.
+    spectra : tuple of float64[F]
+        Radial frequency in cycles a camera pixel, and the measured and the fitted power there, for the picture.
     doubts : tuple of str
         What speaks against the model, and which shapes the photographs do not tell apart.
     range : float or None

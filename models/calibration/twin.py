@@ -193,12 +193,17 @@ def twin(
         :func:`fit_setup` is fitted first.
     images
         How many images, or stacks, to simulate.
-    envelope, dark
-        As of ``read_measurement``. Without a recipe the envelope is fitted and taken off; beside a recipe it stays.
-    pixel_integration, profile
-        As of :func:`fit_setup`, without a recipe.
+    envelope
+        An image [h, w] of the light's envelope, by which photographs are divided, or "fit". By default it is fitted and
+        taken off without a recipe, and stays beside one.
+    dark
+        Frames without light, or the black level in counts; by default nothing is taken off.
+    pixel_integration
+        Without a recipe: whether pixels average over their area, as those of cameras do.
+    profile
+        Without a recipe: shape of the iris, "square", "disc" or "gaussian"; by default all are tried.
     seed
-        Of the simulated images.
+        Of the simulated images, a whole number.
 
     Raises
     ------

@@ -228,7 +228,7 @@ def benchmark(
     samples
         Images of each task, the first of its test split. Only runs of all :data:`SAMPLES` are to be compared.
     progress
-        Called with (images done, images in all).
+        Called with (images done, images in all); by default nothing is.
     limits
         Time and memory of each function, which runs in a process of its own, on one thread. None runs all of them in
         this process, without limits, as a network on a CUDA device needs. Either way each gets copies of its own; one

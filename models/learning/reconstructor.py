@@ -28,8 +28,14 @@ class Reconstructor:
     Attributes
     ----------
     network : torch.nn.Module
-    name, width, side, shape
-        How to build the network again.
+    name : str
+        Of the network's class, by which it is built again.
+    width, side : int
+        Its width, whatever that means to it, and pixels along a side of what it sees.
+    shape : (int, int)
+        Rows and columns of what it returns.
+    device : torch.device
+        Where it lies.
     input : str
         "camera" or "autocorrelation".
     target : str
@@ -101,7 +107,15 @@ class Reconstructor:
         return TARGETS[self.target].read(self(inputs))
 
     def save(self, path: str | os.PathLike, compact: bool = False) -> None:
-        """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter."""
+        """Write the model; ``compact`` rounds its weights to eight bits, which makes the file a quarter.
+
+        Parameters
+        ----------
+        path
+            Of the file, which is written whole or not at all.
+        compact
+            Whether to round to eight bits; False by default.
+        """
         stated = {name: getattr(self, name) for name in ("name", "input", "width", "side")}
         stated |= {"shape": list(self.shape), "trained_on": self.trained_on, "target": self.target}
         stated |= network_content(self.name) if self.name in NETWORKS else {}
@@ -113,6 +127,13 @@ class Reconstructor:
     @classmethod
     def load(cls, path: str | os.PathLike, device: torch.device | str = "cpu") -> Self:
         """Read a model.
+
+        Parameters
+        ----------
+        path
+            Of a file that :meth:`save` or a training wrote.
+        device
+            Torch device to put it on.
 
         Raises
         ------
@@ -188,6 +209,11 @@ def centred(images: Tensor) -> Tensor:
 
 def load_pretrained(device: torch.device | str = "cpu") -> Reconstructor:
     """Return the network that comes with the package, trained on characters behind slabs of unknown material.
+
+    Parameters
+    ----------
+    device
+        Torch device to put it on; "cpu" by default.
 
     Examples
     --------

@@ -188,8 +188,12 @@ class Solver:
 
         Parameters
         ----------
-        seen, optics, memory
-            As of :meth:`solve`.
+        seen
+            Of B objects; :func:`~specklegen.models.likelihood.periodogram.periodogram`.
+        optics
+            Steps between object pixels, grains, window.
+        memory
+            C_I of the slab before each of them.
         draws
             How many, 2 to 64; the first half begins at noise, the others at the solver's image and at phase
             retrieval's.
@@ -223,7 +227,13 @@ class Solver:
         return posterior(load_prior(), likelihood, between, at_lags, solved.image, shown.answers, count, seed)
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write the solver, its weights rounded to eight bits."""
+        """Write the solver, its weights rounded to eight bits.
+
+        Parameters
+        ----------
+        path
+            Of the file, which is written whole or not at all.
+        """
         stated = {
             "name": "unrolled", "frame": self.network.frame, "side": self.network.side, "width": self.network.width,
             "stages": self.network.count, "answers": self.network.answers, "units": self.network.units,
@@ -240,6 +250,11 @@ class Solver:
     @classmethod
     def load(cls, path: str | os.PathLike) -> Self:
         """Read a solver.
+
+        Parameters
+        ----------
+        path
+            Of a file that :meth:`save` wrote.
 
         Raises
         ------

@@ -163,7 +163,7 @@ def train(
     Parameters
     ----------
     training
-        Settings.
+        Settings: network, width, input, target, loss, epochs, batch size, learning rate, seed (:class:`Training`).
     data
         Examples in memory, or (a function of (epoch, first step) to batches, batches in an epoch) for a stream.
     validation
@@ -176,10 +176,10 @@ def train(
     device
         Torch device. On CUDA the forward pass runs in bfloat16, which the CPU would only emulate.
     progress
-        Called with each row of the log.
+        Called with each row of the log; by default nothing is.
     steps
         Called after every step with (steps done, steps in all): of all epochs, or as many as the seconds will do for at
-        the pace so far.
+        the pace so far. By default nothing is.
     about
         What "data" and "validation" are, as tables of JSON: recorded with the run, and named where another run differs.
     save_every

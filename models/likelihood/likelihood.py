@@ -101,6 +101,11 @@ def memory_effect_between(
 def expected_deviance(looks: float) -> float:
     """Deviance of the true object: log n - psi(n) for n looks, Euler's constant for one.
 
+    Parameters
+    ----------
+    looks
+        Independent periodograms of which each value is the mean, more than 0.
+
     Examples
     --------
     >>> from specklegen.models import expected_deviance

@@ -4,6 +4,7 @@ A setup is a recipe with hidden objects: its window, camera, slab, and how large
 be given as ranges. Then one range is fitted to all the images, which were taken through one slab.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -238,7 +239,8 @@ def reconstruct_and_assess(
     frames
         Whether the frames of a measurement show one object through other states of the medium.
     memory_effect
-        C_I as it was measured, at distances on the camera in pixels: it takes the place of the setup's.
+        C_I as it was measured, at distances on the camera in pixels, instead of the setup's own; by default that is
+        taken.
     fit
         Whether to fit the memory-effect range; by default, where the setup leaves the slab open and there are at least
         four images.
@@ -332,10 +334,17 @@ def _certified(solution: Solution, third: Tensor, solver: Solver) -> tuple[Solut
     for n in torch.nonzero(solution.probability.isnan()).flatten().tolist():
         far = [] if solution.points[n] else torch.nonzero(certificate.unlike(evidence[n])).flatten().tolist()
         silent[n] = "; ".join(
-            f"{names[k]} {float(evidence[n, k]):.3g}, fitted to {certificate.low[k]:.3g} to {certificate.high[k]:.3g}"
-            for k in far
-        ) or "points unlike all that it was fitted to"  # fmt: skip
+            _beyond(names[k], float(evidence[n, k]), float(certificate.low[k]), float(certificate.high[k])) for k in far
+        ) or "points unlike all that it was fitted to"
     return solution, silent
+
+
+def _beyond(name: str, value: float, low: float, high: float) -> str:
+    """Say which number lies outside of those that a certificate knows; of a logarithm the number itself."""
+    plain = name.removeprefix("logarithm of the ")
+    if plain != name:
+        value, low, high = math.exp(value), math.exp(low), math.exp(high)
+    return f"{plain} {value:.3g}, fitted to {low:.3g} to {high:.3g}"
 
 
 def _turns(

@@ -74,7 +74,9 @@ class PhotographVerdict(Pictured):
     frames_needed : int or None
         Frames through other states of the medium with which success is as likely as not; None where none suffice.
     grain : (float, float)
-        Camera pixels in a grain, down and across, with ``grain_error``, relative; infinite where no edge is seen.
+        Camera pixels in a grain, down and across; infinite where no edge is seen.
+    grain_error : float
+        Standard error of these, relative.
     contrast, contrast_error : float
         Of the light, envelope and camera noise taken off.
     electrons : float
@@ -203,7 +205,8 @@ def judge_photograph(
     dark
         Frames without light, or the black level in counts.
     camera
-        That took them: its gain says how many photons there are.
+        That took them: its gain says how many photons there are. Without it that stays open, and the rest does not need
+        it.
 
     Raises
     ------

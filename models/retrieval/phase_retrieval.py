@@ -138,15 +138,16 @@ def retrieve(
     autocorrelation
         real[B, n, n], of :func:`~specklegen.models.retrieval.autocorrelation.autocorrelation`.
     retrieval
-        Restarts, iterations, support, extent.
+        Restarts, iterations, support, extent; by default ``Retrieval()``.
     memory_effect
         C_I at every lag, real[n, n] or real[B, n, n]: divide by it. By default it is taken for 1 (Katz et al.).
     transfer
-        real[n, n], apodise by its root; see :func:`fourier_modulus`.
+        real[n, n], the aperture's transfer function: the measured modulus is apodised by its root. By default it is
+        not.
     seed
         Of the random starts.
     threads
-        Threads on the CPU; the result does not depend on it.
+        Threads on the CPU, by default all cores that the process may run on; the result does not depend on them.
 
     Raises
     ------

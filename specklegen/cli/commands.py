@@ -55,7 +55,7 @@ def specklegen(
 
 
 app.add_typer(recipes.recipes, name="recipes", epilog=epilog("recipes"))
-app.add_typer(measured.measured, name="measured")
+app.add_typer(measured.measured, name="measured", epilog=epilog("measured"))
 COMMANDS: dict[str, Callable[..., None]] = {
     "plan": recipes.plan,
     "render": scenes.render,

@@ -39,6 +39,9 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "twin": ("twin run1 --dark 20 --out twin.toml --picture twin.png", "twin run1 --setup setup.toml --envelope fit"),
     "compare": ("compare through-slab --out compared.png",),
     "benchmark": ("benchmark --list", "benchmark mine.py:mine --task thin --samples 8"),
+    "measured": ("measured list", "measured get hidden-shapes --out shapes"),
+    "measured list": ("measured list --json",),
+    "measured get": ("measured get hidden-shapes", "measured get five-digits --out digits"),
     "explore": ("explore", "explore --port 2718 --no-browser"),
 }
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from specklegen.cli.examples import epilog
 from specklegen.cli.output import AsJson, echo_json
 from specklegen.core.errors import counted
 
@@ -14,7 +15,7 @@ measured = typer.Typer(
 )  # fmt: skip
 
 
-@measured.command("list")
+@measured.command("list", epilog=epilog("measured list"))
 def list_measured(as_json: AsJson = False) -> None:
     """List public measurements: what they are, their licence, where they lie."""
     from specklegen.measured import public_data, public_data_names
@@ -31,7 +32,7 @@ def list_measured(as_json: AsJson = False) -> None:
         typer.echo(f"{each.name:16s} {each.what} ({licence}; {each.address}, {each.commit[:7]})")
 
 
-@measured.command("get")
+@measured.command("get", epilog=epilog("measured get"))
 def get_measured(
     name: Annotated[str, typer.Argument(help="Name of the set; `specklegen measured list` has them all.")],
     out: Annotated[Path | None, typer.Option(help="Folder to clone into, or a clone to check (default: NAME).")] = None,

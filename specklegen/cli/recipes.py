@@ -77,6 +77,7 @@ def plan(
 ) -> None:
     """Tell how a recipe's scenes are rendered, which parts are left out, and the cost; with --verbose, why."""
     loaded = load(recipe, changes, images)
+    loaded.fingerprint()  # reads a folder of pictures: what is wrong with it is said before anything else
     plans = loaded.plans()
     if not as_json:
         typer.echo("\n\n".join(made.explain() for made in plans) + "\n" if verbose else _in_short(plans))

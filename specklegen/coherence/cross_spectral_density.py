@@ -142,7 +142,10 @@ def separable_coherent_modes(
     ----------
     W0_y, W0_x : [ny, ny], [nx, nx]
         Cross-spectral densities along the two axes.
-    n_modes, energy : as in `coherent_modes`
+    n_modes : int, optional
+        How many; by default the fewest that hold the share ``energy`` of the trace.
+    energy : float
+        Between 0 and 1, .99 by default; 1 keeps all modes.
 
     Returns
     -------
@@ -214,6 +217,13 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
     small and at most three too many (tested for a / sigma_g <= 50, energies 0.5 to 1 - 1e-6);
     `coherent_modes` counts exactly.
 
+    Parameters
+    ----------
+    a_over_sigma : float
+        Half the width of the source over its coherence length sigma_g.
+    energy : float
+        Share of the power that the modes are to hold, between 0 and 1; .99 by default. More asks for more modes.
+
     Raises
     ------
     RuleError
@@ -241,6 +251,11 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
 
 def effective_modes(W: np.ndarray) -> float:
     """Return N_eff = (tr W)^2 / tr W^2, the number of equally strong modes of the same contrast.
+
+    Parameters
+    ----------
+    W : float64[n, n] or complex128[n, n]
+        Cross-spectral density of the light, between points of one spacing.
 
     Raises
     ------
@@ -476,6 +491,11 @@ def intensity_from_modes(G: np.ndarray, modes: np.ndarray, eigenvalues: np.ndarr
 
 def spectral_density(W: np.ndarray) -> np.ndarray:
     """Return S = diag W, the mean intensity: float64[n].
+
+    Parameters
+    ----------
+    W : float64[n, n] or complex128[n, n]
+        Cross-spectral density.
 
     Raises
     ------

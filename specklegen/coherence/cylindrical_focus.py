@@ -45,6 +45,13 @@ _FINEST = 1e-11
 class TransverseDetector(Value):
     """``n_pixels`` adjoining pixels on [-half_width, half_width] of the focal plane.
 
+    Parameters
+    ----------
+    half_width
+        Half the width of the row of pixels, in the unit of all lengths.
+    n_pixels
+        How many pixels share it.
+
     Examples
     --------
     >>> from specklegen.coherence import TransverseDetector
@@ -78,6 +85,14 @@ class TransverseDetector(Value):
 
 class AxialDetector(Value):
     """Pixels of one width centred on the axis, ``z`` behind the focal plane (away from the lens).
+
+    Parameters
+    ----------
+    z
+        Places of the pixels' middles behind the focal plane, away from the lens, float64[P], in the unit of all
+        lengths.
+    pixel_width
+        Width of each, across the axis, in the same unit.
 
     Examples
     --------
@@ -145,6 +160,19 @@ class CylindricalFocus(Value):
 
     The source is ``n_source`` elements of equal width. With ``n_source=1`` physical optics makes it a
     point, while the rays of `monte_carlo` still leave from the whole element and come to a focus.
+
+    Parameters
+    ----------
+    half_aperture
+        Half the width of the source and of the lens, in the unit of all lengths.
+    focal_length
+        Distance from the lens to the focal plane, in the same unit.
+    wavelength
+        In the medium of the light, in the same unit.
+    n_source
+        Elements of the source: more where the field must be right further from the axis.
+    detector
+        Pixels across the focal plane (:class:`TransverseDetector`) or along the axis (:class:`AxialDetector`).
 
     Examples
     --------
@@ -263,6 +291,8 @@ class CylindricalFocus(Value):
         calibrated : bool
             Give the amplitude and phase of ``physical_optics(measurement=True)``; else the bare mean of
             (range of angles) e^{ik(s - s0)} that [Prahl09] prints.
+        threads : int, optional
+            Threads, by default all cores that the process may run on; the result does not depend on them.
 
         Raises
         ------

@@ -66,10 +66,15 @@ def source_lattice(
 
     Parameters
     ----------
-    wavelength, width, profile
-        As in `CollimatedBeams`.
+    wavelength
+        Inside the medium, in the unit of all lengths.
+    width
+        Of the window on the entrance face, in the same unit: full side ("square"), diameter ("disc") or 1/e^2 intensity
+        diameter ("gaussian").
+    profile
+        Its shape.
     shortest, longest
-        Coherence lengths at the ends, same unit.
+        Coherence lengths at the ends, in the same unit.
 
     Returns
     -------
@@ -106,6 +111,17 @@ def source_lattice(
 def gaussian_brightness(count: int, pitch: float, wavelength: float, coherence_length: float) -> np.ndarray:
     """Return the angular spectrum of a Gaussian Schell-model source: float64[count, count], of sum 1.
 
+    Parameters
+    ----------
+    count
+        Directions along either axis.
+    pitch
+        Direction sine between neighbours.
+    wavelength
+        In the medium of the light, in the unit of all lengths.
+    coherence_length
+        sigma_g, in the same unit: the spectrum is the wider the shorter it is.
+
     Examples
     --------
     >>> from specklegen.coherence import gaussian_brightness
@@ -134,12 +150,15 @@ def gaussian_schell_object(
     Parameters
     ----------
     wavelength
-        Inside the medium.
+        Inside the medium, in the unit of all lengths.
     coherence_length
         sigma_g on the entrance face, in the same unit: at least a wavelength and width / 800; infinity
         (in fact 100 widths) is coherent light.
-    width, profile
-        The window, as in `CollimatedBeams`; the peak irradiance is 1.
+    width
+        Of the window on the entrance face, in the same unit: full side ("square"), diameter ("disc") or 1/e^2 intensity
+        diameter ("gaussian").
+    profile
+        Its shape; the peak irradiance is 1.
 
     Returns
     -------
@@ -174,10 +193,16 @@ def effective_source_modes(
 
     Parameters
     ----------
-    brightness, pitch, width, profile
-        As in `IncoherentObject`, float64[h, w] not all 0.
+    brightness
+        Of the beams of each direction, float64[h, w], at least 0 and not all 0.
+    pitch
+        Difference of direction sines between neighbours.
     wavelength
-        Inside the medium.
+        Inside the medium, in the unit of all lengths.
+    width
+        Of the window through which all beams come, in the same unit: full side, diameter or 1/e^2 diameter.
+    profile
+        Shape of the window: "square" (the default), "disc" or "gaussian".
 
     Examples
     --------
@@ -228,7 +253,8 @@ def render_partially_coherent(
         With `CollimatedBeams`; every beam becomes a Gaussian Schell-model beam of its direction, window and
         irradiance.
     coherence_length
-        As in `gaussian_schell_object`.
+        sigma_g on the entrance face, in the scene's unit of length: at least a wavelength and width / 800; infinity is
+        coherent light.
     paths
         Random paths a realization; 100 000 by default. A finite number raises contrast^2 by `finite_path_excess`,
         however small the contrast is.
@@ -306,12 +332,17 @@ def finite_path_excess(
 
     Parameters
     ----------
-    scene, paths
+    scene
         What the path sampler renders, reversed paths left out.
+    paths
+        N, the paths of one bank.
     shift
-        Direction sine d between the two views, along x from the axis of transmission.
-    samples, threads
-        Paths from which the weights are known; keyed by the scene.
+        Direction sine d between the two views, along x from the axis of transmission; 0 by default, the excess of one
+        view.
+    samples
+        Paths from which the weights are known, drawn by a seed that the scene decides: more know them better.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
 
     Examples
     --------

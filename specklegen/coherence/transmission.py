@@ -125,10 +125,12 @@ def source_modes(
     source
         Such as `specklegen.coherence.partially_coherent.gaussian_schell_object`.
     wavelength
-        Inside the medium.
-    n_modes, energy
-        As in `specklegen.coherence.cross_spectral_density.coherent_modes`; modes of less than 1e-12 of the power are
+        Inside the medium, in the unit of all lengths.
+    n_modes
+        How many; by default the fewest that hold the share ``energy`` of the power. Modes of less than 1e-12 of it are
         left out.
+    energy
+        Between 0 and 1, .99 by default; more asks for more modes.
 
     Returns
     -------
@@ -162,6 +164,15 @@ def source_modes(
 
 def face_beams(wavelength: float, width: float, count: int) -> CollimatedBeams:
     """Return the beams of a Fourier series on a square window: count^2 sines, whole multiples of wavelength / width.
+
+    Parameters
+    ----------
+    wavelength
+        Inside the medium, in the unit of all lengths.
+    width
+        Full side of the window, in the same unit.
+    count
+        Beams along either axis: as many as pixels of a wavelength or more are to be told apart on the window.
 
     Raises
     ------

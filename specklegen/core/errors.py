@@ -20,6 +20,13 @@ class ToldError(Exception):
 class RuleError(ToldError, ValueError):
     """A value that breaks a rule; the message names the field, the rule, the value and the remedy.
 
+    Parameters
+    ----------
+    message
+        What is said, in the words of a program: ``Material.g must be ...``.
+    in_tables
+        The same in the words of a file, ``material.g must be ...``, where that differs; by default the message.
+
     Examples
     --------
     >>> import specklegen as sg

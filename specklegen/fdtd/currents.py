@@ -26,6 +26,11 @@ _HALVINGS = 11  # a 32nd of a period to 1e-4 rad, where the fit is flat to 1e-8
 def in_phase(moments: Moments) -> np.ndarray:
     """Sum the second moments over the cells up to each cell: A float64[N].
 
+    Parameters
+    ----------
+    moments
+        Of a layer (:class:`Moments`).
+
     Examples
     --------
     >>> from specklegen.fdtd import RandomLayer, in_phase
@@ -40,7 +45,12 @@ def in_phase(moments: Moments) -> np.ndarray:
 def out_of_phase(moments: Moments, theta: np.ndarray) -> np.ndarray:
     """Sum the delayed second moments over the cells beyond each cell: P complex128[F, N].
 
-    ``theta`` float64[F] is the phase a cell.
+    Parameters
+    ----------
+    moments
+        Of a layer (:class:`Moments`).
+    theta
+        Phase a cell, float64[F], radians.
 
     Examples
     --------
@@ -64,8 +74,14 @@ def out_of_phase(moments: Moments, theta: np.ndarray) -> np.ndarray:
 class SingleDelay:
     """P_m(omega) replaced by alpha_m exp(-i omega d_m): one delayed copy of the incident field.
 
-    amplitude : alpha, float64[N];  delay : d in time steps, float64[N]
-    error : relative error of P over the band, root of the weighted mean square, float64[N]; 0 where P is 0
+    Attributes
+    ----------
+    amplitude : float64[N]
+        alpha.
+    delay : float64[N]
+        d, in time steps.
+    error : float64[N]
+        Relative error of P over the band, root of the weighted mean square; 0 where P is 0.
 
     Examples
     --------

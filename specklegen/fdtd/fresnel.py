@@ -20,7 +20,7 @@ def slab_fresnel(
     n_slab, n_background : float
         Indices inside and on both sides.
     thickness : float
-        Slab thickness.
+        Of the slab, in the unit of length whose inverse the wave numbers have.
     wavenumber : float64[F]
         Vacuum wave numbers k0 = 2 pi/lambda0.
 

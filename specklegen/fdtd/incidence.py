@@ -32,10 +32,16 @@ _FLOOR = 1e-8  # spectral lines weaker than this, relative to the strongest, are
 class Pulse(Value):
     """A Gaussian pulse exp(-((t - t0)/tau)^2), times sin(omega0 (t - t0)) where it is modulated.
 
-    wavelength : vacuum wavelength of the carrier
-    duration : c0 tau
-    delay : t0/tau; the pulse is cut off at its start, at exp(-delay^2) of its peak
-    modulated : False leaves the carrier out, so that the band reaches from 0
+    Parameters
+    ----------
+    wavelength
+        Of the carrier in vacuum, in the layer's unit of length.
+    duration
+        c0 tau, a length: how long the pulse is. A longer one has a narrower band.
+    delay
+        t0/tau; the pulse is cut off at its start, at exp(-delay^2) of its peak.
+    modulated
+        Whether there is a carrier; False leaves it out, so that the band reaches from 0.
 
     Examples
     --------
@@ -61,14 +67,26 @@ class Pulse(Value):
 class Incidence:
     """A pulse on the grid of a layer: the march's parameters, and the spectrum at the layer's first cell.
 
-    courant : S, of the background
-    dt : time step times c0
-    mur : coefficient of the ends
-    margin : cells between the layer and each end of the grid
-    source : float64[T], the soft source
-    n_fft, bins : length of the discrete Fourier transform, and its lines int[F] that the pulse occupies
-    omega, theta : float64[F], phase a step and phase a cell
-    spectrum : complex128[F], of the incident field at the first cell
+    Attributes
+    ----------
+    courant : float
+        S, of the background.
+    dt : float
+        Time step times c0, a length.
+    mur : float
+        Coefficient of the ends.
+    margin : int
+        Cells between the layer and each end of the grid.
+    source : float64[T]
+        The soft source.
+    n_fft : int
+        Length of the discrete Fourier transform.
+    bins : int[F]
+        Its lines that the pulse occupies.
+    omega, theta : float64[F]
+        Phase a step and phase a cell, radians.
+    spectrum : complex128[F]
+        Of the incident field at the first cell.
 
     Examples
     --------
@@ -157,6 +175,17 @@ def illuminate(
 
     The run lasts until the pulse has left after a round trip of the layer, with a tenth to spare.
     ``courant`` defaults to 1/n_b, a Courant number of 1 in vacuum.
+
+    Parameters
+    ----------
+    layer
+        The layer: its grid, its background, and the law of its index.
+    pulse
+        The light that comes in; by default the reference pulse, ``Pulse()``.
+    courant
+        Courant number of the background, at most 1; by default 1/n_b, which is 1 in vacuum. Smaller is slower.
+    margin
+        Cells between the layer and each end of the grid, at least as many as the source takes.
 
     Raises
     ------

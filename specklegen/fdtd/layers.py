@@ -32,6 +32,8 @@ _STREAM = 0x1DF5  # keeps these draws apart from every other use of the same see
 class Moments:
     """First and second moments of kappa over the N cells of a layer.
 
+    Attributes
+    ----------
     mean : float64[N]
         <kappa_m>.
     second : float64[N] or float64[N, N]
@@ -54,10 +56,20 @@ class Moments:
 class RandomLayer(Value):
     """A layer of ``n_points`` cells with a Gaussian index of exponential correlation in a uniform background.
 
-    n_background : index around the layer, and the mean index inside
-    n_points, dx : cells, and their width (length unit)
-    rms_index : standard deviation sigma_n of the index
-    correlation_length : L_c (length unit); 0 is white from cell to cell, inf one index for the whole layer
+    Parameters
+    ----------
+    n_background
+        Index around the layer, and the mean index inside.
+    n_points
+        Cells of the layer: its thickness is ``n_points * dx``.
+    dx
+        Width of a cell, in the unit of all lengths; at most an eighth of the wavelength in the background.
+    rms_index
+        Standard deviation sigma_n of the index.
+    correlation_length
+        L_c, in the same unit; 0 is white from cell to cell, inf one index for the whole layer.
+    correlation
+        Law of the correlation: "exponential" is the one there is.
 
     Examples
     --------
@@ -144,6 +156,11 @@ class RandomLayer(Value):
 
 def sample_moments(kappa: np.ndarray) -> Moments:
     """Moments of a sample of media float64[R, N], the second in full (N x N): no stationarity assumed.
+
+    Parameters
+    ----------
+    kappa : float64[R, N]
+        The media, a row each: kappa = (n/n_b)^2 - 1 in every cell.
 
     Raises
     ------

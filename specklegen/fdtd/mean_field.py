@@ -49,8 +49,12 @@ WEAK = 0.1  # largest rms_index/n_b at which the second cumulant is: OD then off
 class CoherentTransmission:
     """Mean transmission amplitude over the incident wave at the exit face.
 
+    Attributes
+    ----------
     amplitude : complex
-    standard_error : root of E|mean - <t>|^2; 0 for the closed form, NaN for one realization
+        <t>, over the wave that would be there without the layer.
+    standard_error : float
+        Root of E|mean - <t>|^2; 0 for the closed form, NaN for one realization.
 
     Examples
     --------
@@ -73,10 +77,18 @@ class CoherentTransmission:
 class EquivalentSlab:
     """A bulk scattering medium with the same coherent transmission, in the limit of `coherent`, Eq. 2.
 
-    thickness : L
-    forward_coefficient, backward_coefficient : sigma_f = k^2 S(0)/4 and sigma_b = k^2 S(2k)/4, 1/length
-    optical_depth_of_layer : OD of the finite layer, Eq. 2 before the limit, on its grid
-    valid, reason : whether Beer's law with the sum of the two describes this layer, and if not, why
+    Attributes
+    ----------
+    thickness : float
+        L, in the layer's unit of length.
+    forward_coefficient, backward_coefficient : float
+        sigma_f = k^2 S(0)/4 and sigma_b = k^2 S(2k)/4, 1/length.
+    optical_depth_of_layer : float
+        OD of the finite layer, Eq. 2 before the limit, on its grid.
+    valid : bool
+        Whether Beer's law with the sum of the two describes this layer.
+    reason : str
+        Why not; empty where it does.
 
     Examples
     --------
@@ -121,8 +133,16 @@ def coherent_transmission(
 
     Parameters
     ----------
+    layer
+        The layer: its grid, its background, and the law of its index.
+    wavelength
+        In vacuum, in the layer's unit of length.
     method : {"cumulant", "transfer_matrix"}
         Eq. 1 on the layer's grid, or the mean of the exact solution over ``n_realizations`` media.
+    n_realizations
+        Media of that mean, whose error falls with the root of their number.
+    seed
+        Of these media, a whole number.
 
     Raises
     ------
@@ -152,6 +172,13 @@ def coherent_transmission(
 
 def equivalent_slab(layer: RandomLayer, wavelength: float) -> EquivalentSlab:
     """Find the bulk medium that has the coherent transmission of ``layer``, and say whether there is one.
+
+    Parameters
+    ----------
+    layer
+        The layer: its grid, its background, and the law of its index.
+    wavelength
+        In vacuum, in the layer's unit of length.
 
     Raises
     ------

@@ -39,10 +39,22 @@ def monte_carlo_mean(
 
     Parameters
     ----------
+    layer
+        The layer: its grid, its background, and the law of its index.
+    n_realizations
+        Media in the mean, whose error falls with the root of their number.
     method : {"transfer_matrix", "fdtd"}
         Exact frequency-domain solution of the grid, or a march for every medium (thirty times slower).
-    pulse, courant, margin
-        As in `yee`; the transfer matrix has no ends and no use for ``margin``.
+    seed
+        Of the media, a whole number.
+    pulse
+        The light that comes in; by default the reference pulse, ``Pulse()``.
+    courant
+        Courant number of the background, at most 1; by default 1/n_b, which is 1 in vacuum. Smaller is slower.
+    margin
+        Of "fdtd": cells between the layer and each end of the grid; the transfer matrix has no ends.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
 
     Raises
     ------

@@ -35,10 +35,16 @@ class Validity(TypedDict):
 class ScatteredField(Pictured):
     """Scattered field, total minus incident, in time.
 
-    time : float64[T], c0 t
-    incident : float64[T], the incident field at the first cell
-    back, forward : float64[T] or float64[R, T], the scattered field at the first and at the last cell
-    validity : verdict of a perturbation order; None where nothing was approximated
+    Attributes
+    ----------
+    time : float64[T]
+        c0 t, a length.
+    incident : float64[T]
+        The incident field at the first cell.
+    back, forward : float64[T] or float64[R, T]
+        The scattered field at the first and at the last cell.
+    validity : Validity or None
+        Verdict of a perturbation order; None where nothing was approximated.
 
     Examples
     --------
@@ -72,7 +78,20 @@ class ScatteredField(Pictured):
 class MeanField(ScatteredField):
     """Brute-force mean over ``realizations`` media.
 
-    back_error, forward_error : float64[T], standard errors of the means; NaN for one realization
+    Attributes
+    ----------
+    time : float64[T]
+        c0 t, a length.
+    incident : float64[T]
+        The incident field at the first cell.
+    back, forward : float64[T]
+        Mean scattered field at the first and at the last cell.
+    validity : Validity or None
+        Of brute force None: nothing was approximated.
+    back_error, forward_error : float64[T]
+        Standard errors of the means; NaN for one realization.
+    realizations : int
+        Media in the mean.
 
     Examples
     --------

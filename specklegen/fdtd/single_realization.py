@@ -41,6 +41,8 @@ def single_realization(
 
     Parameters
     ----------
+    layer
+        The layer: its grid, its background, and the law of its index.
     order : {1, 2}
         2 is consistent to sigma_n^2; 1 alone never is, except where it vanishes.
     method : {"fdtd", "frequency"}
@@ -48,11 +50,15 @@ def single_realization(
     covariance : {"stationary", "sample"}
         Exact moments of the layer, O(N) a frequency, or those of the media ``kappa``, O(N^2).
     kappa : float64[R, N]
-        The sample, for covariance="sample".
+        The sample, for covariance="sample", and without use otherwise.
     delays : {"all", "single"}
         Keep every delay of the out-of-phase current, or replace it by one delayed source a cell.
-    pulse, courant, margin
-        As in `yee`.
+    pulse
+        The light that comes in; by default the reference pulse, ``Pulse()``.
+    courant
+        Courant number of the background, at most 1; by default 1/n_b, which is 1 in vacuum. Smaller is slower.
+    margin
+        Cells between the layer and each end of the grid, at least as many as the source takes.
 
     Raises
     ------

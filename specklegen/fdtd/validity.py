@@ -34,6 +34,13 @@ BACK_TOLERANCE = 0.1  # V < 0.033: the mean back field is small, and brute force
 def phase_variance(layer: RandomLayer, wavenumber: float) -> float:
     """Variance V (radians squared) of the phase through the layer, at a vacuum wave number k0.
 
+    Parameters
+    ----------
+    layer
+        The layer: its grid, its background, and the law of its index.
+    wavenumber
+        k0 = 2 pi over the wavelength in vacuum, at least 0.
+
     Raises
     ------
     RuleError

@@ -46,6 +46,8 @@ def yee(
         By default the reference pulse.
     kappa : float64[N] or float64[R, N], optional
         The media; by default realization 0 of ``seed``.
+    seed : int
+        Of the medium, where ``kappa`` names none.
     form : {"total", "scattered"}
         Which equations are marched; the total form is twice as fast.
     margin : int

@@ -45,6 +45,12 @@ MOST_ELECTRONS = 1e15
 class NoiseStreams(NamedTuple):
     """Seeds of the noises: whole numbers of at least 0, each a sequence for `numpy.random.SeedSequence`.
 
+    Parameters
+    ----------
+    shot, background, dark, read
+        Of the noise of photons, of stray light, of the dark current and of reading out; :meth:`of` makes all four of
+        one seed.
+
     Examples
     --------
     >>> from specklegen.instrument import NoiseStreams
@@ -191,7 +197,7 @@ def expose(camera: Camera, image: ArrayLike, streams: NoiseStreams) -> np.ndarra
     Parameters
     ----------
     camera
-        See :class:`Camera`.
+        The camera: photons a pixel at intensity 1, noises, gain, full well and bits of its converter (:class:`Camera`).
     image
         Intensity, float[..., H m, W m], m the camera's oversampling; 1 stands for ``camera.photons``.
         Its mean is not brought to 1: that of a speckle image truly varies.

@@ -19,6 +19,11 @@ _WITHOUT_CODECS = {1, 8, 32773, 32946}  # that tifffile decodes by itself
 def read_frames(path: str | Path) -> np.ndarray:
     """Read raw counts[n, h, w]: a TIFF of one or many pages, PNG, BMP, or an NPY of [h, w] or [n, h, w].
 
+    Parameters
+    ----------
+    path
+        Of the file, whose suffix says what it is.
+
     Raises
     ------
     ValueError

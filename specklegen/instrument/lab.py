@@ -66,8 +66,10 @@ class LabSetup(Value):
         Full side of the object, in its longer direction.
     aperture
         Full side or diameter of the illuminated part of the layer, D.
-    camera_distance, focal_length
-        From the layer to the camera, v, or the focal length of a lens focused at infinity: one of the two, or focus.
+    camera_distance
+        From the layer to the camera, v. Give this, or else ``focal_length``, or ``focus``.
+    focal_length
+        Instead: of a lens in front of the camera, focused at infinity.
     focus, magnification, numerical_aperture
         Of an objective, instead: how far behind the exit face the plane lies that it images (negative: inside the
         layer, as it looks from outside), how large its image is on the camera over the plane, and its aperture in air.
@@ -350,6 +352,15 @@ class LabSetup(Value):
 
         Its views are the pixels times the oversampling; :func:`specklegen.instrument.camera.expose` brings them
         together. A slab gets the faces of :attr:`layer_faces`, unless it has faces of its own.
+
+        Parameters
+        ----------
+        medium
+            What lies between object and camera, of wavelengths and lengths in the setup's unit.
+        brightness
+            Of the object, float[h, w], at least 0; its longer side is ``object_extent``.
+        profile
+            Shape of the illuminated part of the layer: "square", "disc" or "gaussian".
 
         Warns
         -----

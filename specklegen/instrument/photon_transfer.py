@@ -75,14 +75,21 @@ class CameraFit(Pictured):
     Attributes
     ----------
     gain, read_noise, offset : float
-        Electrons a count, electrons, counts; with standard errors ``gain_error`` and so on.
+        Electrons a count, electrons, counts.
+    gain_error, read_noise_error, offset_error : float
+        Standard errors of these.
     full_well : float or None
-        Electrons, with ``full_well_error``; None where no level shows one below the converter's end.
+        Electrons; None where no level shows one below the converter's end.
+    full_well_error : float or None
+        Standard error of that; None without one.
     bit_depth : int
+        Bits of the converter, as they were given or read off the frames.
     levels : tuple of Level
         In order of their means.
     chi_squared : float
-        Of the levels about the line, with ``degrees`` of freedom.
+        Of the levels about the line.
+    degrees : int
+        Its degrees of freedom.
     doubts : tuple of str
         What is wrong with the frames, though not so much that they are refused.
 

@@ -27,6 +27,8 @@ _COMPILED: dict[str, Any] = {
     "no_cfunc_wrapper": True,  # for callers in C: nobody, and more to compile
 }  # fmt: skip
 
+_FOLDED: dict[str, Any] = {"nopython": True, "nogil": True, "forceinline": True, "error_model": "numpy"}
+
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel: serial, no interpreter lock, cached under the digest of all that its file imports."""
@@ -42,16 +44,19 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     Its arithmetic is strict (no contraction but by :func:`specklegen.kernels.arithmetic.fma`), so that a value has
     the same bits in every lane of a vector loop and in the scalar loop that finishes it.
     """
-    return Helper(
-        function,
-        targetoptions={
-            "nopython": True, "nogil": True, "forceinline": True, "error_model": "numpy", "fastmath": False,
-        },
-    )  # fmt: skip
+    return Helper(function, targetoptions=_FOLDED | {"fastmath": False})
+
+
+def folded(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a helper as :func:`inlined` does, with the kernels' own arithmetic: for what is no part of vector loops.
+
+    It is typed and translated once, however often it is called; a spliced helper, once at every call.
+    """
+    return Helper(function, targetoptions=_FOLDED | {"fastmath": {"contract"}})
 
 
 def spliced(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Copy a small helper into its callers before they are compiled: for helpers that take a tuple of arrays.
+    """Copy a small helper into its callers before they are compiled: for few lines that take a tuple of arrays.
 
     A call counts a reference to each array, which LLVM removes from a body but not from a call: 450 ns a draw
     against 5 ns.

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import inlined, spliced
+from specklegen.kernels import folded, inlined
 from specklegen.kernels.arithmetic import exponential
 from specklegen.kernels.footprints import GAUSSIAN, footprint_density, sample_footprint
 from specklegen.kernels.frames import deflect
@@ -156,7 +156,7 @@ def _finely(words, word, n):
     return words[LANES * word + n] + (words[LANES * (word + 1) + n] - 0.5) * 2.0**-32
 
 
-@spliced
+@folded
 def sample_ray(bounds, cells, kinds, rows, r, words, n):
     """Draw a ray of source r: origin, direction; for a source of no ray, a point of the volume and no direction."""
     u, v = _finely(words, ACROSS, n), _finely(words, ACROSS + 2, n)
@@ -195,7 +195,7 @@ def sample_ray(bounds, cells, kinds, rows, r, words, n):
     return lx + u * sx, y, lz + v * sz, px, py, pz
 
 
-@spliced
+@folded
 def sample_start(bounds, cells, extinction, kinds, rows, words, n):
     """Draw the first vertex and direction of path n of ``words``; (found, x, y, z, wx, wy, wz).
 
@@ -229,7 +229,7 @@ def sample_start(bounds, cells, extinction, kinds, rows, words, n):
     return True, x, y, z, wx, wy, wz
 
 
-@spliced
+@folded
 def source_density(bounds, cells, extinction, sigma, kinds, rows, r, x, y, z):
     """Density p_r(x) of a first vertex where the extinction is ``sigma``, and the direction of source r's ray there."""
     kind = kinds[r, 0]
@@ -277,7 +277,7 @@ def source_density(bounds, cells, extinction, sigma, kinds, rows, r, x, y, z):
     return rays * sigma * exponential(-before) / -math.expm1(-(before + after)), dx, dy, dz
 
 
-@spliced
+@folded
 def start_densities(bounds, cells, extinction, sigma, kinds, rows, x, y, z, wx, wy, wz):
     """Densities of the mixture: (of the first vertex alone, of the first vertex and direction).
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel, spliced
+from specklegen.kernels import folded, inlined, kernel, spliced
 from specklegen.kernels.arithmetic import exponential, fma, minus_log
 from specklegen.kernels.jones import (
     amplitudes_of_type,
@@ -128,10 +128,11 @@ def _judged_power(by_lobe, g, rows, places, table, kind, even, cos):
     return max(power(table, kind, cos), 0.1 * even)  # a zero of the amplitude at a probe judges no connection
 
 
-@spliced
-def _probe_power(volume, by_lobe, lobe, table, even, kinds, points, leg, kind, scatters, enough):
+@folded
+def _probe_power(medium, by_lobe, lobe, table, even, kinds, points, leg, kind, scatters, enough):
     """Largest |end|^2 over a few probes, by which connections are thinned; where not above ``enough``, any below it."""
-    bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
+    bounds, cells, extinction = medium
+    g, rows, places = lobe
     x, y, z, wx, wy, wz = leg
     box = corners(bounds)
     best = 0.0
@@ -147,7 +148,7 @@ def _probe_power(volume, by_lobe, lobe, table, even, kinds, points, leg, kind, s
             decay = 1.0 / reach if cells[EXTRA, 0] == 2 else 1.0 / (reach * reach)
         if scatters:
             cos = wx * dx + wy * dy + wz * dz
-            decay *= _judged_power(by_lobe, lobe.g, lobe.rows, lobe.places, table, kind, even, cos)
+            decay *= _judged_power(by_lobe, g, rows, places, table, kind, even, cos)
         if decay <= max(best, enough):
             continue  # what is lost on the way out only lowers it
         reach = min(reach, escape_distance(box, x, y, z, dx, dy, dz))
@@ -260,6 +261,7 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
     mobility, flow = volume.mobility, volume.flow
     source_kinds, source_rows = sources.kinds, sources.rows
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
+    medium, judging = (bounds, cells, extinction), (g, rows, places)
     box, dimension = corners(bounds), cells[EXTRA, 0]
     homogeneous = is_homogeneous(cells)
     typed = table.kinds.shape[0] > 1
@@ -312,7 +314,7 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
                 for kinds, ends in ((light_kinds, lights), (view_kinds, views)):
                     # What is lost on the way out only lowers it, but for points, which may be close.
                     if near or survivor_weight(weight, w, threshold, u) > 0.0:
-                        w *= _probe_power(volume, by_lobe, lobe, table, even, kinds, ends, leg, kind, False, 0.0)
+                        w *= _probe_power(medium, by_lobe, judging, table, even, kinds, ends, leg, kind, False, 0.0)
                 kept = survivor_weight(weight, w, threshold, u)
             if kept > 0.0:
                 if kept_count < capacity:
@@ -337,11 +339,11 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
             if threshold > 0.0:
                 leg = Leg(x, y, z, -ox, -oy, -oz)
                 state[POWER + i] = _probe_power(
-                    volume, by_lobe, lobe, table, even, light_kinds, lights, leg, kind, True, 0.0
+                    medium, by_lobe, judging, table, even, light_kinds, lights, leg, kind, True, 0.0
                 )
                 if bidirectional:
                     state[BACKWARD + i] = _probe_power(
-                        volume, by_lobe, lobe, table, even, view_kinds, views, leg, kind, True, 0.0
+                        medium, by_lobe, judging, table, even, view_kinds, views, leg, kind, True, 0.0
                     )
         if flying == 0:
             break
@@ -382,12 +384,12 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
             if threshold > 0.0:
                 lost = u * threshold  # a contribution that is dropped
                 best = state[POWER + i] * _probe_power(
-                    volume, by_lobe, lobe, table, even, view_kinds, views, leg, kind, True,
+                    medium, by_lobe, judging, table, even, view_kinds, views, leg, kind, True,
                     _below(lost, state[POWER + i] * weight),
                 )  # fmt: skip
                 if bidirectional:
                     back = _probe_power(
-                        volume, by_lobe, lobe, table, even, light_kinds, lights, leg, kind, True,
+                        medium, by_lobe, judging, table, even, light_kinds, lights, leg, kind, True,
                         _below(lost, state[BACKWARD + i] * weight),
                     )  # fmt: skip
                     best = max(best, state[BACKWARD + i] * back)

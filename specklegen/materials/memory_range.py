@@ -76,8 +76,15 @@ def memory_range(
 
     Parameters
     ----------
-    name, wavelength, unit, numbers
-        As of :func:`specklegen.materials.get`; numbers that are given are taken as known.
+    name
+        Of the material, one of ``specklegen.materials.list()``.
+    wavelength
+        In vacuum, micrometres.
+    unit
+        Metres in the unit of length of the thickness; micrometres by default.
+    **numbers
+        Of the material, in the units that ``specklegen.materials.about(name)`` states: they are taken as known, and all
+        else is drawn for the interval.
     thickness
         Of the layer, in units of ``unit`` metres.
     outside

@@ -139,8 +139,12 @@ class BulkMaterial(Value):
     ----------
     name
         Of the preset.
-    scatterer, mean_free_path, albedo
-        As of :class:`specklegen.Slab`.
+    scatterer
+        What one particle does with the light that it scatters.
+    mean_free_path
+        1 / sigma_t, the mean distance between collisions, in the unit of length of the scene.
+    albedo
+        Share of collisions that scatter; the rest absorb.
     refractive_index
         Of what lies between the scatterers.
     wavelength
@@ -175,7 +179,7 @@ class BulkMaterial(Value):
         outside
             Refractive index before and behind it, whose step reflects light; None for matched faces.
         wall
-            Refractive index of a thin plate over each face.
+            Refractive index of a thin plate over each face; by default there is none.
         """
         faces = Faces() if outside is None else Faces(inside=self.refractive_index, outside=outside, wall=wall)
         return Slab(thickness=thickness, mean_free_path=self.mean_free_path, albedo=self.albedo,

@@ -34,6 +34,11 @@ def names() -> list[str]:
 def about(name: str) -> Preset:
     """Record of a preset: its numbers, their ranges, where they come from and how far that was checked; print it.
 
+    Parameters
+    ----------
+    name
+        One of ``list()``.
+
     Raises
     ------
     RuleError
@@ -140,7 +145,21 @@ def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None
 def draw(
     name: str, wavelength: float, *, seed: Seed, unit: float = 1e-6, **numbers: float
 ) -> BulkMaterial | GroundGlass:
-    """A material by its name, what is not given drawn evenly from the ranges of the literature; see :func:`get`."""
+    """A material by its name, what is not given drawn evenly from the ranges of the literature.
+
+    Parameters
+    ----------
+    name
+        One of ``list()``.
+    wavelength
+        In vacuum, micrometres.
+    seed
+        A whole number, or a sequence of them: another one draws another material.
+    unit
+        Metres in the unit of length of what is returned; micrometres by default.
+    **numbers
+        What is known, in the units that ``about(name)`` states; all else is drawn.
+    """
     require_measured(name, known_wavelength(name, wavelength), numbers)
     rng = np.random.default_rng(stream_key(seed, Stream.MATERIALS))
     spread = {field: number.drawn(rng) for field, number in about(name).left_open(()).items()}

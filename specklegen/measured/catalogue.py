@@ -116,6 +116,11 @@ def public_data_names() -> tuple[str, ...]:
 def public_data(name: str) -> PublicData:
     """One of the public measurements, by its name.
 
+    Parameters
+    ----------
+    name
+        One of ``public_data_names()``.
+
     Raises
     ------
     RuleError

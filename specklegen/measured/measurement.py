@@ -36,7 +36,9 @@ class Measurement(Pictured):
     envelope : ndarray or None
         float64[h, w] of mean 1; None where none was given or asked for.
     envelope_order : int or None
-        Degree of a fitted one, with ``envelope_error``, the standard error of its root mean square, relative.
+        Degree of a fitted one; None of another.
+    envelope_error : float or None
+        Standard error of the fitted one's root mean square, relative; None of another.
     region : Region
         Rows and columns of the file's frames that are kept.
     bit_depth : int or None
@@ -143,15 +145,16 @@ def read_measurement(
     dark
         Frames without light, or the black level in counts.
     flat
-        Frames of even light, by which the pixels' own sensitivity is divided out.
+        Frames of even light, by which the pixels' own sensitivity is divided out; by default it is taken for even.
     envelope
-        ``"fit"``, or an image [h, w] of the light's envelope, by which ``images`` are divided.
+        ``"fit"``, or an image [h, w] of the light's envelope, by which ``images`` are divided; by default they are not.
     region
-        ``(top, left, height, width)`` in pixels, or ``"find"``: the largest rectangle that is lit.
+        ``(top, left, height, width)`` in pixels, or ``"find"``: the largest rectangle that is lit. By default all of
+        it.
     frames
         Number, numbers or slice of the frames to keep; by default all.
     variable
-        Name of the array in an HDF5 or MATLAB file that has several.
+        Name of the array in an HDF5 or MATLAB file that has several; of one that has one it may be left out.
     bit_depth
         Bits of the camera's converter, where they are known.
     hot_pixels

@@ -164,6 +164,8 @@ class MemoryCurve(_Curve):
     error
         Standard error, one number or float[M]. Of independent values: tilts that share one reference image share its
         error (docs/measured.md).
+    file, lines
+        Where the values were read, for messages; by default nowhere.
 
     Examples
     --------
@@ -209,6 +211,8 @@ class TemporalCurve(_Curve):
         Standard error, one number or float[M].
     beta
         What pixels, polarisation and bandwidth leave of g2 - 1 at lag 0.
+    file, lines
+        Where the values were read, for messages; by default nowhere.
 
     Examples
     --------
@@ -251,6 +255,8 @@ class ContrastVersusBandwidth(_Curve):
         Standard error, one number or float[M].
     spectrum
         "gaussian" or "flat".
+    file, lines
+        Where the values were read, for messages; by default nowhere.
 
     Examples
     --------

@@ -45,6 +45,15 @@ class Sphere(NamedTuple):
     """A sphere: diameters of it and of its ports, in millimetres, and the reflectance of its wall.
 
     The third port lets light in, or out, or closes the sphere.
+
+    Parameters
+    ----------
+    diameter
+        Of the sphere, mm.
+    sample_port, third_port, detector_port
+        Diameters of the ports, mm.
+    wall
+        Reflectance of the wall for diffuse light, 0 to 1.
     """
 
     diameter: float

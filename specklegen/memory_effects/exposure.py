@@ -34,7 +34,7 @@ class ExposureContrast(Pictured, Labelled):
     Attributes
     ----------
     exposures : float64[...]
-        As asked for.
+        How long the camera looks, in the unit of time of the motion.
     x : float64[...]
         k^2 <Dr^2(T)> / 6, of the fastest particles: T / tau0 = D k^2 T of Brownian motion.
     squared : float64[...]

@@ -141,7 +141,7 @@ def joint_correlation(
     medium
         A slab, or thin screens.
     wavelength
-        Inside the medium.
+        Inside the medium, in its unit of length.
     tilts, shifts
         float[T] differences of direction sines, float[S] lengths on the exit plane, both along x.
     lags

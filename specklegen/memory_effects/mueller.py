@@ -141,9 +141,11 @@ def mueller_matrix(
         A slab or layers with a ``polarisation``.
     wavelength
         Inside the medium, in its unit of length.
-    mode, view
-        As for :func:`specklegen.memory_effect`: behind the slab on the axis, or 5 degrees off exact backscattering, or
-        a unit vector float64[3].
+    mode
+        "transmission" looks along the axis; "reflection" back through the entrance face.
+    view
+        float64[3], direction in which light is seen. By default the axis in transmission, and in reflection 5 degrees
+        off exact backscattering, away from its enhancement.
     paths
         Random paths to trace; 100 000 by default. Errors fall with the root of their number.
     seconds

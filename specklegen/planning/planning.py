@@ -101,7 +101,7 @@ def plan(
     Parameters
     ----------
     scene
-        What to simulate.
+        What to simulate: medium, light and sensor.
     paths
         Random paths a realization; 100 000 by default. The error of an image falls with the root of their number.
     reverse
@@ -122,9 +122,9 @@ def plan(
         (:class:`specklegen.samplers.sampler.Sampler`). A sampler that is
         asked for serves even where its rule is against it, if it can; the plan's ``doubts`` say so.
     mean
-        Whether the mean field will be added.
+        Whether the mean field will be added, as where light that is not scattered is seen too.
     field_tolerance
-        Relative error of the NUFFT against the direct sum.
+        Relative error of the NUFFT against the direct sum, between 0 and 1; 0.001 by default. Smaller is slower.
     streamed
         State, and hold against the memory there is, what :func:`specklegen.render_tiles` holds at a time.
     envelope
@@ -134,7 +134,7 @@ def plan(
         How many media will be drawn. "auto" takes the sampler that is quickest to draw so many: what is found once
         for all of them counts once.
     threads
-        Threads for the prediction of seconds.
+        Threads for which seconds are predicted, by default all cores that the process may run on.
 
     Raises
     ------

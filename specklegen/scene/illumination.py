@@ -112,7 +112,16 @@ class PlaneWaves(Light):
 
     @classmethod
     def tilts(cls, angles: ArrayLike, dimensions: int = 3) -> Self:
-        """Plane waves tilted from the axis by ``angles`` in radians: see :meth:`CollimatedBeams.tilts`."""
+        """Plane waves tilted from the axis by ``angles`` in radians.
+
+        Parameters
+        ----------
+        angles
+            float[T] tilts in the x-z plane, or float[T, 2] tilts (x, y); the sine of an angle is the direction sine
+            along its axis.
+        dimensions
+            3, or 2 for flatland.
+        """
         return cls(directions=_tilted("PlaneWaves.tilts", angles, dimensions))
 
 
@@ -125,8 +134,8 @@ class CollimatedBeams(Light):
         float64[T, 3], or float64[T, 2] in flatland: unit vectors of travel, towards +z.
     width
         Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian") of the window,
-        measured on the entrance face and centred at x = 0 (and y = 0) for every tilt. The entrance face is
-        the medium's face of smallest z.
+        in the scene's unit of length, measured on the entrance face and centred at x = 0 (and y = 0) for every tilt.
+        The entrance face is the medium's face of smallest z.
     profile
         Shape of the window; the peak irradiance is 1 per area *of the face*, at every tilt.
     times
@@ -253,8 +262,15 @@ class CollimatedBeams(Light):
         angles
             float[T] tilts in the x-z plane, or float[T, 2] tilts (x, y); the sine of an angle is the
             direction sine along its axis.
-        width, profile, times, exposure
-            As for the class.
+        width
+            Full side ("square"), diameter ("disc") or 1/e^2 intensity diameter ("gaussian") of the window on the
+            entrance face, in the scene's unit of length.
+        profile
+            Shape of the window.
+        times
+            float[T], when each beam is on, before a medium that moves; by default all at once.
+        exposure
+            float[T], or one number for all: how long each is on; by default an instant.
         dimensions
             3, or 2 for flatland.
         """
@@ -304,8 +320,11 @@ class IncoherentObject(Light):
         float64[h, w], irradiance of each pixel's beam at its peak, per area of the entrance face; >= 0.
     pitch
         Direction sine between neighbouring pixels, inside the medium.
-    width, profile
-        The window on the entrance face, as for :class:`CollimatedBeams`.
+    width
+        Of the window on the entrance face, in the scene's unit of length: full side ("square"), diameter ("disc") or
+        1/e^2 intensity diameter ("gaussian").
+    profile
+        Its shape; the peak irradiance is 1 per area of the face.
 
     Examples
     --------

@@ -34,13 +34,15 @@ class Pupil(Value):
     stop
         Radius of a dark disc in the middle over that of the aperture: a ring.
     waist
-        Radius at which a Gaussian amplitude has fallen to 1/e, over that of the aperture, which still ends it.
+        Radius at which a Gaussian amplitude has fallen to 1/e, over that of the aperture, which still ends it; by
+        default the amplitude is even.
     zernike
         Aberrations: coefficients in waves rms, in Noll's order from 1 (piston, tilt along x, tilt along y, defocus,
         two of astigmatism, two of coma, ...). The phase is 2 pi times their sum.
     measured
         complex128[n, m], amplitude transmission in cells over the square around the aperture, rows along y, from
-        negative sines to positive ones; straight lines between the middles of cells.
+        negative sines to positive ones; straight lines between the middles of cells. By default nothing was measured:
+        1.
 
     Examples
     --------

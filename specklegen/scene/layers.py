@@ -48,8 +48,16 @@ class Layer(Value):
 
     Parameters
     ----------
-    thickness, mean_free_path, albedo, scatterer, motion
-        Of what lies in it, as of a :class:`Slab`.
+    thickness
+        Length along the optical axis (z).
+    mean_free_path
+        1 / sigma_t, the mean distance between collisions, in the same unit of length.
+    albedo
+        Share of collisions that scatter; the rest absorb. 1 by default: nothing is absorbed.
+    scatterer
+        What one particle does with the light that it scatters.
+    motion
+        How the particles move (:class:`Brownian`, or a :class:`Motion` of one's own); by default they are at rest.
     index
         Its refractive index; left out, that of the medium's ``faces.inside``, as of all neighbours that say none. Where
         two layers differ, the face between them reflects and refracts.
@@ -348,7 +356,9 @@ class Layers(Stratified):
         films and `temporal_correlation` those that are met near the axis, in transmission (docs/media.md). Polarised
         light, lenses and light of a band refuse them.
     polarisation
-        What the particles of all layers do to polarised light, as of a :class:`Slab`.
+        What the particles of all layers do to polarised light. "scalar": light has none. "projector": every scattering
+        takes away what of the field lies along the new direction. "vector": by the particles' own amplitudes
+        (:class:`Mie`, :class:`Rayleigh`).
 
     Examples
     --------

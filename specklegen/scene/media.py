@@ -191,8 +191,14 @@ class Box(_Bounded):
     ----------
     lower, upper
         float64[3] or float64[2], opposite corners; the last axis is the optical axis.
-    mean_free_path, albedo, scatterer, motion
-        As for :class:`Slab`.
+    mean_free_path
+        1 / sigma_t, the mean distance between collisions, in the unit of the corners.
+    albedo
+        Share of collisions that scatter; the rest absorb. 1 by default: nothing is absorbed.
+    scatterer
+        What one particle does with the light that it scatters.
+    motion
+        How the particles move (:class:`Brownian`, or a :class:`Motion` of one's own); by default they are at rest.
 
     Examples
     --------

@@ -39,13 +39,17 @@ class Scene(Value, Pictured):
     Parameters
     ----------
     wavelength
-        Inside the medium.
-    medium, illumination, sensor
-        See :class:`Slab`, :class:`Layers`, :class:`Box`, :class:`VoxelGrid`; :class:`PlaneWaves`,
-        :class:`CollimatedBeams`, :class:`FocusedBeams`, :class:`PointSources`, :class:`IncoherentObject`;
-        :class:`FarField`, :class:`NearField`, :class:`Imaging`. All of them in space, or all in flatland: the length of
-        their vectors says which. Thin media (:class:`PhaseScreen`, :class:`GroundGlass`, :class:`ScreenStack`) are lit
-        by collimated beams or an object, and seen by a far-field grid in transmission.
+        Inside the medium, in the unit of length of the scene.
+    medium
+        What scatters: :class:`Slab`, :class:`Layers`, :class:`Box`, :class:`VoxelGrid`; or thin, :class:`PhaseScreen`,
+        :class:`GroundGlass`, :class:`ScreenStack`, which are lit by collimated beams or an object, and seen by a
+        far-field grid in transmission.
+    illumination
+        What lights it: :class:`PlaneWaves`, :class:`CollimatedBeams`, :class:`FocusedBeams`, :class:`PointSources`, or
+        an :class:`IncoherentObject`, which is hidden behind it.
+    sensor
+        Where its light is seen: :class:`FarField`, :class:`FarFieldGrid`, :class:`NearField`, :class:`Imaging`. Medium,
+        light and sensor are all in space, or all in flatland: the length of their vectors says which.
     polarisers
         Light and analyser before and behind a medium whose ``polarisation`` is not "scalar" (:class:`Polarisers`); of
         others none.

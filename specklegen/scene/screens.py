@@ -46,9 +46,10 @@ class PhaseScreen(_Thin):
     correlation_length
         xi, the distance at which the correlation of the phase falls to 1/e; at least the wavelength.
     rms_phase
-        sigma, radians.
+        sigma, radians; or else give the two below.
     rms_height, index
-        Or, instead: the rms height of a rough face, and its refractive index over that of its surroundings.
+        Instead of ``rms_phase``: the rms height of a rough face, in the scene's unit of length, and its refractive
+        index over that of its surroundings.
 
     Examples
     --------
@@ -129,11 +130,13 @@ class GroundGlass(_Thin):
     Parameters
     ----------
     grit
-        Of the abrasive, one of :data:`GRITS`.
+        Of the abrasive, one of :data:`GRITS`, as the catalogue has it; or else give the angle.
     angle
-        Full width at half maximum of the scattered intensity in direction sines, in the surroundings.
+        Instead of the grit: full width at half maximum of the scattered intensity in direction sines, in the
+        surroundings.
     rms_height
-        Of the face. Assumed 2 micrometres of a glass that is given by its angle.
+        Of the face, in the unit of length of the scene, where it is known; otherwise that of the grit, and 2
+        micrometres of a glass that is given by its angle.
     index
         Of the glass over that of its surroundings.
     unit

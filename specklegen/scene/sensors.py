@@ -119,6 +119,12 @@ class Sensor(Registered):
 class FarField(Sensor):
     """Views at arbitrary directions of travel, unit vectors float64[..., 3], or float64[..., 2] in flatland.
 
+    Parameters
+    ----------
+    directions
+        Where light goes that is seen, unit vectors float64[..., 3], or float64[..., 2] in flatland; fields have the
+        shape of the axes before the last.
+
     Examples
     --------
     >>> import specklegen as sg
@@ -161,7 +167,19 @@ class FarField(Sensor):
         center: tuple[float, float] = (0.0, 0.0),
         side: Side = "transmission",
     ) -> "FarFieldGrid":
-        """Views on a regular grid of direction sines: see :class:`FarFieldGrid`."""
+        """Views on a regular grid of direction sines, a :class:`FarFieldGrid`.
+
+        Parameters
+        ----------
+        shape
+            (rows, columns) = (y, x); row 0 and column 0 hold the smallest sines.
+        pitch
+            Direction sine between neighbouring views.
+        center
+            (x, y) direction sines of the middle of the grid.
+        side
+            "transmission" looks at light that leaves through z = thickness, "reflection" through z = 0.
+        """
         return FarFieldGrid(shape=shape, pitch=pitch, center=center, side=side)
 
 
@@ -310,6 +328,12 @@ class NearField(Sensor):
     """Points at which the field itself is measured, float64[..., 3] or float64[..., 2]; inside or outside the medium.
 
     |u|^2 is an irradiance ratio.
+
+    Parameters
+    ----------
+    points
+        Where the field is measured, float64[..., 3] or float64[..., 2], in the scene's unit of length; fields have the
+        shape of the axes before the last.
 
     Examples
     --------

@@ -86,6 +86,15 @@ def triangles_transform(triangles: ArrayLike, amplitudes: ArrayLike, xi: ArrayLi
     Linear between the corners, exact to 4e-15 of the area for phases up to 100 radians across a triangle, whether
     corners coincide, edges stand across xi, or neither. Orientation does not matter.
 
+    Parameters
+    ----------
+    triangles
+        Corners, float64[T, 3, 2].
+    amplitudes
+        Field at the corners, complex128[T, 3].
+    xi
+        Wave vectors at which Psi is wanted, float64[..., 2], radians per unit length.
+
     Raises
     ------
     RuleError

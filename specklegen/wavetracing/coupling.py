@@ -69,6 +69,11 @@ class WindowLosses:
 def window_losses(fields: PlaneField | Sequence[PlaneField]) -> WindowLosses:
     """Return what a window loses of the fields on it, before they are turned into beams.
 
+    Parameters
+    ----------
+    fields
+        On planes before the window, as :func:`illumination_of` takes them: one, or several of one plane.
+
     Raises
     ------
     RuleError
@@ -174,7 +179,7 @@ def light_behind(values: np.ndarray, sensor: FarFieldGrid, wavelength: float) ->
         Views of one grid, fine enough for the light: it repeats sideways with the period wavelength / pitch, which must
         hold the place where light leaves and what it moves aside on its way.
     wavelength
-        Inside the medium.
+        Inside the medium, in the unit of all lengths.
 
     Returns
     -------

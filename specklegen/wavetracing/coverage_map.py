@@ -137,8 +137,17 @@ def coverage(
         phases, without chance (`coherent_rays`; mean power of TE and TM, surfaces by their material).
     gain
         G_r of the receiving antenna, as a factor.
-    beams, seed, max_events, diffraction, threads
-        As in `trace`; ``diffraction`` for "wave" alone. With "utd" noise may leave cells below 0, which are masked.
+    beams
+        Of "wave" and "ray": how many leave the transmitter; errors fall with the root of their number.
+    seed
+        Of these, a whole number or a sequence of them. Beam n is the same for any number of beams and threads.
+    max_events
+        Interactions after which a beam is stopped, and counted as such.
+    diffraction
+        Of "wave" alone. "fraunhofer": directions from the far-field pattern of each region. "utd": rays from edges by
+        the uniform theory; noise may leave cells below 0, which are masked.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
 
     Raises
     ------

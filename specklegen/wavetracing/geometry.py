@@ -178,6 +178,10 @@ class Geometry:
         ----------
         origins, directions : float64[..., 3]
             Broadcast against each other; directions of any length but 0.
+        near : float
+            What is nearer is passed over, in units of each direction's length; 0 by default.
+        threads : int, optional
+            Threads, by default all cores that the process may run on; the result does not depend on them.
 
         Returns
         -------

@@ -48,7 +48,7 @@ class PlaneWave(Value):
     Parameters
     ----------
     wavelength
-        In the medium around the screen.
+        In the medium around the screen, in the unit of all lengths.
     direction
         float64[3], unit vector of travel, towards +z.
     amplitude
@@ -99,7 +99,7 @@ class WaveSum(Value):
     amplitudes
         complex128[m], field of each at the origin.
     wavelength
-        In the medium around.
+        In the medium around, in the unit of all lengths.
 
     Examples
     --------

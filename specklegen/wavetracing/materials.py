@@ -50,6 +50,13 @@ def itu_permittivity(name: str, frequency: float) -> complex:
 
     Outside the band for which the formula is stated it warns with a `DoubtWarning`.
 
+    Parameters
+    ----------
+    name
+        Of the table, such as "concrete", "brick", "glass" or "wood".
+    frequency
+        Hertz.
+
     Raises
     ------
     RuleError
@@ -112,6 +119,11 @@ def reflected(row: np.ndarray, cosine: np.ndarray) -> tuple[np.ndarray, np.ndarr
 class Absorber(Value):
     """A black surface: takes all light in.
 
+    Parameters
+    ----------
+    kind
+        Name by which a file asks for it; there is no other.
+
     Examples
     --------
     >>> from specklegen.wavetracing import Absorber, perforated_screen
@@ -130,6 +142,11 @@ class Absorber(Value):
 class Conductor(Value):
     """A perfect electric conductor: reflects all light, as a mirror.
 
+    Parameters
+    ----------
+    kind
+        Name by which a file asks for it; there is no other.
+
     Examples
     --------
     >>> from specklegen.wavetracing import Conductor, perforated_screen
@@ -147,6 +164,13 @@ class Conductor(Value):
 
 class Diffuse(Value):
     """A Lambert surface: reflects the share ``albedo`` of power over its hemisphere, on the side that is lit.
+
+    Parameters
+    ----------
+    kind
+        Name by which a file asks for it; there is no other.
+    albedo
+        Share of the power that is reflected, 0 to 1; the rest is taken in.
 
     Examples
     --------
@@ -167,7 +191,14 @@ class Diffuse(Value):
 class Smooth(Value):
     """A smooth dielectric: a half space, or a wall of a thickness in air, which also transmits.
 
-    ``permittivity`` is relative, with Im >= 0; ``thickness`` in the unit of lengths.
+    Parameters
+    ----------
+    kind
+        Name by which a file asks for it; there is no other.
+    permittivity
+        Relative, complex, with Im >= 0: the square of the refractive index (time goes as e^{-i omega t}).
+    thickness
+        Of a wall, in the unit of all lengths; by default there is a half space behind the face.
 
     Examples
     --------
@@ -194,6 +225,15 @@ class Smooth(Value):
 
 class Building(Value):
     """A building material of ITU-R P.2040-3, by name; lengths in metres. With a thickness it is a wall.
+
+    Parameters
+    ----------
+    kind
+        Name by which a file asks for it; there is no other.
+    name
+        Of the table, such as "concrete", "brick", "glass" or "wood".
+    thickness
+        Of a wall, metres; by default there is a half space behind the face.
 
     Examples
     --------

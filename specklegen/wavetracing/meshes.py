@@ -105,6 +105,15 @@ def load_mesh(path: str | Path, scale: float = 1.0, material: Material | None = 
 
     Nothing is repaired or dropped: a vertex that is not finite is refused, double vertices are welded by `Geometry`.
 
+    Parameters
+    ----------
+    path
+        Of the file, whose suffix says what it is.
+    scale
+        What vertices are multiplied by, such as .001 from millimetres to metres; 1 by default.
+    material
+        Of every face; by default an :class:`Absorber`.
+
     Raises
     ------
     RuleError

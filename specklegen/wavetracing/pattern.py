@@ -106,9 +106,10 @@ def sample_slits(
     seed
         A whole number or a sequence of them.
     wavelength
-        Draws with |xi| > 2 pi / wavelength are drawn again and counted; None: none are.
+        In the unit of the slits' lengths: draws with |xi| > 2 pi / wavelength are drawn again and counted; None: none
+        are.
     threads
-        Does not change the draws.
+        Threads, by default all cores that the process may run on; they do not change the draws.
 
     Returns
     -------
@@ -156,15 +157,23 @@ def sample_pattern(
     Parameters
     ----------
     opening
-        As in `specklegen.wavetracing.aperture_transform`, of positive area.
-    count, seed, wavelength, threads
-        As in `sample_slits`.
+        A loop float64[n, 2], or several: outer ones counter-clockwise, holes clockwise; of positive area.
+    count
+        Number of draws.
+    seed
+        A whole number or a sequence of them.
+    wavelength
+        In the unit of the opening's lengths: draws with |xi| > 2 pi / wavelength are drawn again and counted. None:
+        none are.
+    threads
+        Threads, by default all cores that the process may run on; they do not change the draws.
     method
         "rejection": exact, for uniform light; its work grows with the square of the number of edges.
         "table": |Psi|^2 on square cells of 2 pi / (16 size) out to the wave number, bilinear within a cell. Then
         ``evanescent`` counts the corners of the square that the table covers and no more.
     amplitude
-        For the table: as in `aperture_transform`; a function is taken at Gauss nodes an eighth of a wavelength apart.
+        For the table: the field in the opening, one number for all of it (1 by default), or a function of points
+        float64[P, 2], which is taken at Gauss nodes an eighth of a wavelength apart.
 
     Returns
     -------
@@ -203,6 +212,11 @@ def sample_pattern(
 
 def expected_trials(opening: Opening) -> float:
     """Return the mean trials a draw of `sample_pattern` by rejection, evanescent draws included, before any is drawn.
+
+    Parameters
+    ----------
+    opening
+        A loop float64[n, 2], or several: outer ones counter-clockwise, holes clockwise; of positive area.
 
     Raises
     ------

@@ -75,7 +75,7 @@ def field_on_plane(
         The screen's place: turned by ``rotation`` float64[3, 3] (proper), then moved by ``shift``, as `Mesh.placed`.
         Light and plane stay where they are. "spectrum" wants planes parallel to the screen.
     threads
-        Of "boundary"; results do not depend on it.
+        Of "boundary", by default all cores that the process may run on; results do not depend on them.
 
     Returns
     -------

@@ -67,7 +67,30 @@ def coherent_paths(
 ) -> list[RayPath]:
     """Return the paths to a point float64[3], the shortest first; their amplitudes add up to `coherent_rays`.
 
-    Arguments, errors and warnings as there. A ray that ends on a boundary of light and shadow counts by half.
+    A ray that ends on a boundary of light and shadow counts by half.
+
+    Parameters
+    ----------
+    geometry
+        The scene.
+    source
+        Its place, wavelength and power; the beam angle plays no part.
+    point : float64[3]
+        Where paths end, in the scene's unit of length.
+    reflections
+        Most reflections on a path; 1 by default. Combinations of facets grow as their number to that power.
+    diffractions
+        Most edges on a path: 0, 1 or 2.
+    polarisation
+        "soft": u = 0 on perfect surfaces, TE on others; "hard": du/dn = 0, TM.
+    surfaces
+        "perfect": whatever their material; "material": by it, without what goes through walls.
+
+    Raises
+    ------
+    RuleError
+        For arguments out of range; a point or a source nearer to an edge on a path than 1 / k, where there is no ray
+        yet; more than 50000 combinations of facets and edges.
 
     Examples
     --------

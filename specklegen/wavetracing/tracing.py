@@ -91,7 +91,7 @@ def trace(
     max_events
         Interactions after which a beam is stopped, and counted as such.
     threads
-        Does not change the result by a bit.
+        Threads, by default all cores that the process may run on; they do not change the result by a bit.
 
     Returns
     -------

@@ -101,6 +101,13 @@ def geometric_shares(n: float, phi: ArrayLike, incidence: ArrayLike) -> np.ndarr
 
     1 or 0, and one half exactly on a boundary, by the same rounded angles as `wedge_coefficients`.
 
+    Parameters
+    ----------
+    n
+        Exterior angle over pi, from 1 (a plane) to 2 (a half plane).
+    phi, incidence
+        Angles of the receiver and of the source from the 0-face, radians in [0, n pi].
+
     Examples
     --------
     >>> from specklegen.wavetracing import geometric_shares
@@ -128,10 +135,14 @@ def wedge_field(
 
     Parameters
     ----------
-    n, phi, incidence, k
-        As in `wedge_coefficients`.
+    n
+        Exterior angle over pi, from 1 (a plane) to 2 (a half plane).
+    phi, incidence
+        Angles of the receiver and of the source from the 0-face, radians in [0, n pi].
+    k
+        Wave number, radians per unit length.
     distance
-        Distance r of the receiver from the edge, in the plane z = 0 across it.
+        Length r from the edge to the receiver, in the plane z = 0 across it.
     boundary
         "soft" or "hard".
     beta
@@ -186,8 +197,14 @@ def lossy_wedge_field(
 
     Parameters
     ----------
-    n, phi, incidence, distance, k
-        As in `wedge_field`.
+    n
+        Exterior angle over pi, from 1 (a plane) to 2 (a half plane).
+    phi, incidence
+        Angles of the receiver and of the source from the 0-face, radians in [0, n pi].
+    distance
+        Length r from the edge to the receiver, in the plane across it.
+    k
+        Wave number, radians per unit length.
     permittivity
         Relative, of both faces, Im >= 0; a half space each.
     boundary

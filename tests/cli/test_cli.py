@@ -7,7 +7,7 @@ import shlex
 import numpy as np
 import pytest
 import typer
-from quick_recipes import few_paths
+from quick_recipes import few_paths, packaged
 from typer.testing import CliRunner
 from zscore import assert_z
 
@@ -16,9 +16,8 @@ from specklegen.cli import commands
 from specklegen.cli.examples import EXAMPLES
 from specklegen.cli.training import losses_starting_with
 from specklegen.core.errors import RuleError
-from specklegen.datasets import recipe_names
 
-COMMANDS = ["recipes", *commands.COMMANDS]
+COMMANDS = ["recipes", "measured", *commands.COMMANDS]
 
 
 def run(*words: str):
@@ -57,7 +56,12 @@ def context_of(line: str):
 
 
 def test_every_command_has_examples_that_the_command_line_reads():
-    assert set(EXAMPLES) == set(COMMANDS) | {"recipes show", "recipes schema"}
+    app = typer.main.get_command(commands.app)
+    inner = {f"{group} {name}" for group in app.commands for name in getattr(app.commands[group], "commands", {})}
+    assert set(EXAMPLES) == set(app.commands) | inner
+    assert len(inner) >= 4
+    for name in inner:
+        assert f"  specklegen {EXAMPLES[name][0]}\n" in succeed(*name.split(), "--help")
     for line in (line for lines in EXAMPLES.values() for line in lines):
         assert context_of(line).params is not None
     with pytest.raises(Exception, match="No such option: --no-such"):
@@ -72,6 +76,12 @@ def test_losses_are_completed():
 
 def test_recipes_are_listed_and_shown():
     assert "through-slab" in succeed("recipes")
+
+
+def test_plan_refuses_a_folder_before_it_says_anything(tmp_path):
+    result = run("plan", "through-slab", "--images", tmp_path / "nowhere")
+    assert result.output == ""
+    assert str(result.exception).startswith("Folder.path must be a folder that exists; got ")
 
 
 def test_plan_says_what_it_does_and_costs():
@@ -288,7 +298,7 @@ def test_verify_fails_on_damage_and_succeeds_once_it_is_mended(tmp_path):
     succeed("verify", store)
 
 
-@pytest.mark.parametrize("name", recipe_names())
+@pytest.mark.parametrize("name", packaged())
 def test_every_recipe_has_a_picture(name, tmp_path):
     fewer = ["material.kernel_paths=2000"] if few_paths(name) else []
     changes = [word for change in (*fewer, "samples.train=4") for word in ("--set", change)]

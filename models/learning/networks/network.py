@@ -43,6 +43,8 @@ class Network(nn.Module):
         What it may see, of :data:`specklegen.models.learning.inputs.INPUTS` and ``FEATURES``; by default pictures.
     targets
         What it can tell, of :data:`specklegen.models.learning.targets.TARGETS`; by default objects.
+    args, kwargs
+        Of the constructor of the subclass: (side, shape, width), or more with defaults.
 
     Examples
     --------

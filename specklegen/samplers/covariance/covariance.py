@@ -287,10 +287,21 @@ def covariance_blocks(
 
     Parameters
     ----------
+    scene
+        Medium, lights and views, whose every pair is a row.
     rows
-        Rows at a time.
-    scene, paths, seed, reverse, tolerance, threads
-        As for :func:`covariance`.
+        Rows at a time: memory grows with their number, and paths are traced anew for each block.
+    paths
+        Random paths; 100 000 by default. Errors fall with the root of their number.
+    seed
+        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
+    reverse
+        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
+        ``tolerance`` of the intensity.
+    tolerance
+        Share of the intensity below which "auto" leaves a part out; smaller is slower.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on them.
 
     Examples
     --------

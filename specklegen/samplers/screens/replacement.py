@@ -100,11 +100,13 @@ def stack_like(slab: Slab, *, wavelength: float, screens: int = 8, paths: int = 
     slab
         Of matched faces; forward scattering, or the screens are refused.
     wavelength
-        Inside the slab.
+        Inside the slab, in its unit of length.
     screens
-        At least 2.
-    paths, seed
-        Of the slab's memory effect, with which it is compared.
+        How many, at least 2: more follow the slab's curve further, and take longer to render.
+    paths
+        Random paths of the slab's memory effect, with which the screens' is compared.
+    seed
+        Of those paths: a whole number, or a sequence of them.
 
     Raises
     ------

@@ -87,6 +87,13 @@ class Tabulated(_WithAnisotropy):
     def from_power(cls, theta: np.ndarray, power: np.ndarray) -> Self:
         """Make a particle of a phase function given at some angles: s is its root, so linear is the root.
 
+        Parameters
+        ----------
+        theta
+            Angles of scattering, radians, float64[n], from 0 to pi, rising.
+        power
+            Phase function there, float64[n], at least 0, in any unit.
+
         Raises
         ------
         RuleError

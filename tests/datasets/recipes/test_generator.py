@@ -5,7 +5,7 @@ import plain_forms
 import pytest
 import torch
 from plain_forms import as_on_devices
-from quick_recipes import quick_recipe
+from quick_recipes import packaged, quick_recipe
 from torch.utils._pytree import tree_flatten
 from zscore import assert_mean
 
@@ -16,7 +16,6 @@ from specklegen.datasets.loading import stream as stream_module
 from specklegen.datasets.recipes import contrast_map
 from specklegen.datasets.recipes import generator as generator_module
 from specklegen.datasets.recipes.generator import SpeckleGenerator
-from specklegen.datasets.recipes.recipe_files import recipe_names
 from specklegen.samplers.screens import objects as screen_objects
 from specklegen.synthesis import fused, optics
 from specklegen.synthesis import imaging as imaging_module
@@ -85,7 +84,7 @@ def agree(found, expected, parameters=1e-11):
             np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-14)
 
 
-@pytest.mark.parametrize("name", [name for name in recipe_names() if load_recipe(name).kind != "lens-stack"])
+@pytest.mark.parametrize("name", packaged(lambda name: load_recipe(name).kind != "lens-stack"))
 def test_images_are_those_of_double_precision(name, monkeypatch):
     """The same program in complex128."""
     recipe, indices = recipe_of(name), [*range(SAMPLES - 1), 2**40 + 7]
@@ -107,14 +106,11 @@ def test_images_are_those_of_double_precision(name, monkeypatch):
     assert asked
 
 
-SLOW = {"beyond-memory-effect"}  # many modes
+MANY_MODES = pytest.param("beyond-memory-effect", marks=pytest.mark.slow)
 BANDS = {"bandwidth of the light": ("through-slab", {"light": {"bandwidth": 0.004}, "media": "new"})}
 
 
-@pytest.mark.parametrize(
-    "name",
-    [*(pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in recipe_names()), *BANDS],
-)
+@pytest.mark.parametrize("name", [*packaged(lambda name: name != "beyond-memory-effect"), MANY_MODES, *BANDS])
 def test_devices_render_what_the_cpu_renders(name, monkeypatch):
     """What they run, the torch forms on media of few ranks and of one size in chunks that are filled up, on the CPU."""
     source, changes = BANDS.get(name, (name, {}))

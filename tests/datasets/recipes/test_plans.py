@@ -7,11 +7,11 @@ import warnings
 
 import numpy as np
 import pytest
-from quick_recipes import quick_recipe
+from quick_recipes import packaged, quick_recipe
 from scipy.integrate import simpson
 
 import specklegen as sg
-from specklegen.datasets import SpeckleStream, load_recipe, recipe_names
+from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.media import MediumView, medium_plan
 from specklegen.datasets.recipes.parts.sampler import NUMBERS
@@ -73,7 +73,7 @@ def rendered(recipe):
     return parameters, "stationary" if imaging.polynomials is None else "screens"
 
 
-@pytest.mark.parametrize("name", recipe_names())
+@pytest.mark.parametrize("name", packaged())
 def test_packaged_recipes_run_as_planned(name):
     recipe = quick_recipe(name, 2000)
     plans = recipe.plans()
@@ -329,7 +329,7 @@ def calls(monkeypatch):
     return found
 
 
-@pytest.mark.parametrize("name", recipe_names())
+@pytest.mark.parametrize("name", packaged())
 def test_the_planned_sampler_makes_every_medium_ready_once(name, calls, monkeypatch):
     """It is the object in a plan; media that come again, and those that are alike, are not made again."""
     recipe, planned, plans = quick_recipe(name, 2000), [], Recipe.plans

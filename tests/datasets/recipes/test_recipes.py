@@ -9,7 +9,7 @@ import pytest
 import torch
 from fake_recipe import assert_same
 from PIL import Image
-from quick_recipes import quick_recipe
+from quick_recipes import packaged, quick_recipe
 from typer.testing import CliRunner
 from zscore import assert_mean
 
@@ -30,7 +30,7 @@ from specklegen.scene.scatterers import HenyeyGreenstein
 NOISE = {"photons": 200.0, "background": 10.0, "dark_current": 2.0, "read_noise": 3.0, "gain": 0.5, "offset": 20.0}
 
 
-@pytest.mark.parametrize("name", recipe_names())
+@pytest.mark.parametrize("name", packaged())
 def test_samples_are_pure(name):
     """Alone, in a batch, in another order, after pickling and with other threads: the same bits."""
     recipe = quick_recipe(name)
@@ -56,7 +56,7 @@ def test_samples_are_pure(name):
         assert other[key].tobytes() != first[0][key].tobytes()
 
 
-@pytest.mark.parametrize("name", recipe_names())
+@pytest.mark.parametrize("name", packaged())
 @pytest.mark.parametrize("noisy", [False, True])
 def test_layout_describes_the_sample(name, noisy):
     if noisy and load_recipe(name).kind == "lens-stack":
