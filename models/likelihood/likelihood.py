@@ -206,6 +206,10 @@ class SpeckleLikelihood(nn.Module):
         lags = autocorrelation_of(objects.to(self.power))
         if memory_effect is not None:
             lags = lags * memory_effect.to(self.power)
+        return self.of_lags(lags)
+
+    def of_lags(self, lags: Tensor) -> Tensor:
+        """S without noise, float[B, ..., F, G], of what pairs of pixels add, R C: float[B, ..., 2 h - 1, 2 w - 1]."""
         found = Transforms(self.rows, self.columns)(lags)
         return torch.maximum(found, _LEAST * found.detach().amax((-2, -1), keepdim=True))
 

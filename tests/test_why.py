@@ -1,0 +1,141 @@
+"""What scripts/figures/why.py trains networks on, by closed forms and by waves, and how it counts."""
+
+import sys
+from itertools import count, islice
+
+import numpy as np
+import pytest
+from scenes import ROOT
+from zscore import assert_mean, assert_z
+
+FIGURES = ROOT / "scripts" / "figures"
+
+
+@pytest.fixture(scope="module")
+def why():
+    sys.path.insert(0, str(FIGURES))
+    try:
+        import why
+    finally:
+        sys.path.remove(str(FIGURES))
+    return why
+
+
+@pytest.fixture(scope="module")
+def images(why):
+    import _why
+
+    return _why
+
+
+def covariance(patterns, along):
+    """<I(x) I(x + along)> / <I>^2 - 1 of each pattern, about the mean of all, which is known to be even."""
+    moved = patterns / patterns.mean()
+    return (moved[:, :, : moved.shape[2] - along] * moved[:, :, along:]).mean((1, 2)) - 1
+
+
+def test_patterns_have_the_grain_of_a_square_window(images):
+    patterns = images.pattern(np.random.default_rng(1), 100)
+    for along in (0, 1, 2, 3):
+        assert_mean(covariance(patterns, along), np.sinc(along / 2) ** 2)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(covariance(patterns, 1), np.sinc(1 / 2.2) ** 2)
+
+
+def test_rows_are_beads_of_one_diameter_with_gaps(images):
+    rng = np.random.default_rng(2)
+    for diameter in images.DIAMETERS:
+        edges = [np.flatnonzero(np.diff(images.row(rng, diameter))) + 1 for _ in range(50)]
+        lit = np.concatenate([np.diff(e) for e in edges])
+        assert (lit == diameter).any()
+        assert lit.min() >= 1
+        for found in islice((images.row(rng, diameter) for _ in count()), 20):
+            starts = np.flatnonzero(np.diff(found) > 0)[:-1] + 1
+            assert all(found[n : n + diameter].all() for n in starts)
+            assert not any(found[n + diameter] for n in starts if n + diameter < len(found))
+
+
+@pytest.mark.parametrize("kind", ["fresh", "one"])
+def test_convolution_moves_a_pattern_with_every_point(images, monkeypatch, kind):
+    points = np.zeros(images.FIELD, np.float32)
+    points[[3, 20]] = 1.0, 0.5
+    drawn = images.pattern(np.random.default_rng(3))
+    monkeypatch.setattr(images, "pattern", lambda rng, number=1: drawn)
+    monkeypatch.setattr(images, "row", lambda rng, diameter: points)
+    image, _ = next(images.by_convolution(kind, 4))
+    np.testing.assert_allclose(image, drawn[0, :, 3:67] + 0.5 * drawn[0, :, 20:84], rtol=1e-5)
+
+
+def test_who_forgets_and_who_does_not(images, monkeypatch):
+    """Two points twelve bins apart: C_I is 1 by convolution, and 0 of independent patterns; a peak of 1/2, and none."""
+    points = np.zeros(images.FIELD, np.float32)
+    points[[5, 17]] = 1.0
+    monkeypatch.setattr(images, "row", lambda rng, diameter: points)
+    for kind, peak in (("fresh", 0.5), ("independent", 0.0)):
+        found = [images.lags(image)[11] for image, _ in islice(images.by_convolution(kind, 5), 60)]
+        assert_mean(np.array(found), peak, slack=0.02)  # the smooth brightness is taken off
+
+
+def test_stacks_by_a_curve_forget_by_it(images):
+    stacks = list(islice(images.stacks_by_a_curve(6), 60))
+    shown = np.array([images.registered(stack, 1)[1::3] for stack, _ in stacks])
+    wide = 10 ** np.array([told[0] for _, told in stacks])
+    asked = 2.0 ** -np.square(images.TILTS[1:] / wide[:, None])
+    for errors in (shown - asked).T:
+        assert_mean(errors, 0.0, slack=0.02)
+    other = 2.0 ** -np.square(images.TILTS[1:] / (1.2 * wide[:, None]))
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean((shown - other)[:, 2], 0.0, slack=0.02)
+    apart = np.array([images.registered(stack, -1)[1::3] for stack, _ in stacks])  # the other way nothing overlaps
+    assert np.abs(apart.mean(0)).max() < 0.05
+
+
+def test_samples_are_made_by_number_and_by_time(why):
+    images, within, spent = why.made(((np.ones(2), n) for n in count()), lambda x: x, 7, 0.0)
+    assert (len(images.told), within) == (7, 1)
+    assert spent > 0
+    images, within, _ = why.made(((np.ones(2), n) for n in count()), lambda x: x, 3, 0.02)
+    assert len(images.told) == within + 1  # the last one came too late
+    images, within, _ = why.made(((np.ones(2), n) for n in range(5)), lambda x: x, 5, np.inf)
+    assert (len(images.told), within) == (5, 5)
+
+
+def test_networks_beside_each_other_learn_what_each_is_told(why, monkeypatch):
+    monkeypatch.setattr(why, "WIDTH", 16)
+    rng = np.random.default_rng(7)
+    seen = rng.standard_normal((200, 3)).astype(np.float32)
+    told = (seen[:, 0] > 0).astype(int)
+    answers = why.trained([why.Images(seen, told), why.Images(seen, 1 - told)], 2, 300)(seen)
+    assert (answers[0] == told).mean() > 0.9
+    assert (answers[1] == 1 - told).mean() > 0.9
+    numbers = np.stack([seen[:, 1], np.full(200, np.nan)], 1)
+    guessed = why.trained([why.Images(seen, numbers)], 2, 300)(seen)[0]
+    assert np.corrcoef(guessed[:, 0], numbers[:, 0])[0, 1] > 0.9
+    assert np.isfinite(guessed).all()
+
+
+def test_seeds_widen_an_interval(why):
+    media = np.repeat(np.arange(6), 10)
+    rng = np.random.default_rng(8)
+    right = rng.random(60) < 0.7
+    alike = why.interval([right, right, right], media)
+    apart = why.interval([right, np.ones(60, bool), np.zeros(60, bool)], media)
+    assert apart[2] - apart[1] > alike[2] - alike[1]
+    assert alike[0] == pytest.approx(right.mean())
+
+
+@pytest.mark.slow
+def test_the_stream_has_the_correlations_of_waves(images, tmp_path):
+    """Six media by waves and 400 images of the stream behind the thick slab; convolution is told from them."""
+    images.keep_rows(tmp_path / "rows", 9, 300)
+    stream = np.array([images.lags(x) for x, _ in images.of_the_stream(tmp_path / "rows", 240.0, 9, 400)])
+    media = np.array([np.mean([images.lags(x) for x, _ in images.by_waves(240.0, n, 100)], 0) for n in range(6)])
+    new = np.array([images.lags(x) for x, _ in islice(images.by_convolution("fresh", 9), 400)])
+
+    def compare(found):
+        error = np.hypot(found.std(0, ddof=1) / np.sqrt(len(found)), media.std(0, ddof=1) / np.sqrt(len(media)))
+        assert_z(found.mean(0)[:24], media.mean(0)[:24], error[:24], degrees=5, slack=0.05)
+
+    compare(stream)
+    with pytest.raises(AssertionError, match="z ="):
+        compare(new)
