@@ -16,6 +16,7 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder, _LowerResult
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
+from numba.core.types import unliteral
 
 
 class _LinkedLibrary(JITCodeLibrary):
@@ -72,6 +73,12 @@ class Helper(CPUDispatcher):
     ) -> None:
         super().__init__(py_func, locals or {}, targetoptions, pipeline_class)
         self._alone: Any = None
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Find what is compiled for types of arguments; a number that stands in the call is one of its type."""
+        return super().get_call_template(
+            tuple(map(unliteral, args)), {name: unliteral(each) for name, each in kws.items()}
+        )
 
     def add_overload(self, cres: Any) -> None:
         """Keep what was compiled for callers, and from Python's way to call it."""
