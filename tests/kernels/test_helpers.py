@@ -6,7 +6,7 @@ import pytest
 
 import specklegen as sg
 from specklegen.core.values import read_only
-from specklegen.kernels import inlined, kernel
+from specklegen.kernels import folded, inlined, kernel
 from specklegen.paths.endpoints import Endpoints
 from specklegen.paths.jones import ends_of, type_matrices, walk_matrices
 from specklegen.paths.phase_tables import walk_lobes
@@ -54,6 +54,31 @@ def test_helpers_are_linked_in_and_never_machine_code():
     numba.njit(lambda x: plain(x))(1.0)
     (known,) = plain.overloads.values()
     assert known.library.get_pointer_to_function(known.fndesc.llvm_func_name) > 0
+
+
+@folded
+def _place(row, axis, doubled):
+    return 2 * row[axis] if doubled else row[axis]
+
+
+@kernel
+def _sum(row):
+    total = 0.0
+    for axis in range(row.shape[0]):
+        total += _place(row, axis, False)
+    return total + _place(row, 0, True) + _place(row, 1, False)
+
+
+def test_numbers_that_stand_in_a_call_compile_no_helper_anew():
+    """Numba alone takes every literal for a type of its own."""
+    alone = kernel(_sum.py_func)
+    alone._cache = numba.core.caching.NullCache()
+    assert alone(np.array([1.0, 3.0])) == 4.0 + 2.0 + 3.0
+    (types,) = _place.overloads
+    assert [str(each) for each in types[1:]] == ["int64", "bool"]
+    plain = numba.njit(lambda axis: axis)
+    numba.njit(lambda axis: plain(axis) + plain(0) + plain(1))(2)
+    assert len(plain.overloads) > 1
 
 
 def test_walks_are_compiled_once_for_all_lobes_and_matrices():
