@@ -124,17 +124,32 @@ def test_seeds_widen_an_interval(why):
     assert alike[0] == pytest.approx(right.mean())
 
 
+def test_no_row_is_of_two_classes(images, tmp_path):
+    """Draws of this seed are: a bead's end alone in the field."""
+    images.keep_rows(tmp_path / "rows", 9, 300)
+    rows = [{np.load(file).tobytes() for file in folder.glob("*.npy")} for folder in (tmp_path / "rows").iterdir()]
+    assert len(rows) == 4
+    assert len(set.union(*rows)) == sum(map(len, rows))
+    rng, drawn = np.random.default_rng([9, 1]), []
+    for diameter in images.DIAMETERS:
+        drawn.append({images.row(rng, diameter).tobytes() for _ in range(300)})
+    assert len(set.union(*drawn)) < sum(map(len, drawn))
+
+
 @pytest.mark.slow
 def test_the_stream_has_the_correlations_of_waves(images, tmp_path):
-    """Six media by waves and 400 images of the stream behind the thick slab; convolution is told from them."""
+    """Sixteen media by waves and 400 images of the stream behind the thick slab; convolution is told from them.
+
+    The slack is less than what the planner says of the sampler that is asked for: correlations off by .08.
+    """
     images.keep_rows(tmp_path / "rows", 9, 300)
     stream = np.array([images.lags(x) for x, _ in images.of_the_stream(tmp_path / "rows", 240.0, 9, 400)])
-    media = np.array([np.mean([images.lags(x) for x, _ in images.by_waves(240.0, n, 100)], 0) for n in range(6)])
+    media = np.array([np.mean([images.lags(x) for x, _ in images.by_waves(240.0, n, 50)], 0) for n in range(16)])
     new = np.array([images.lags(x) for x, _ in islice(images.by_convolution("fresh", 9), 400)])
 
     def compare(found):
         error = np.hypot(found.std(0, ddof=1) / np.sqrt(len(found)), media.std(0, ddof=1) / np.sqrt(len(media)))
-        assert_z(found.mean(0)[:24], media.mean(0)[:24], error[:24], degrees=5, slack=0.05)
+        assert_z(found.mean(0)[:24], media.mean(0)[:24], error[:24], degrees=15, slack=0.05)
 
     compare(stream)
     with pytest.raises(AssertionError, match="z ="):

@@ -75,12 +75,15 @@ def of_the_stream(folder: Path, thickness: float, seed: int, count: int) -> Iter
 
 
 def keep_rows(folder: Path, seed: int, count: int) -> None:
-    """Write rows for the stream, a subfolder for each class."""
-    rng = np.random.default_rng([seed, 1])
+    """Write rows for the stream, a subfolder for each class; of a bead's end alone nobody can tell whose it is."""
+    rng, classes = np.random.default_rng([seed, 1]), {}
     for number, diameter in enumerate(DIAMETERS):
         (folder / str(number)).mkdir(parents=True)
         for n in range(count):
-            np.save(folder / str(number) / f"{n}.npy", row(rng, diameter)[None])
+            found = row(rng, diameter)
+            while classes.setdefault(found.tobytes(), number) != number:
+                found = row(rng, diameter)
+            np.save(folder / str(number) / f"{n}.npy", found[None])
 
 
 def pattern(rng: np.random.Generator, count: int = 1) -> np.ndarray:
