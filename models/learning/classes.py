@@ -7,8 +7,8 @@ image takes, and each explains an image so well (Whittle 1953)
     log L = -looks * [ n log(mean of I / S) + sum log S ],     n frequencies, the brightness that fits best put in.
 
 The evidence for a class is the mean of L over its examples, whatever their font, size, turn and material: Bayes' rule
-by Monte Carlo (Robert and Casella, *Monte Carlo Statistical Methods*, 2004, section 3.2). No network learns the law
-from examples better than that; what is left out is what examples that were not drawn look like.
+by Monte Carlo (Robert and Casella, *Monte Carlo Statistical Methods*, 2004, section 3.2). Nothing is learned; objects
+unlike every example that was drawn are what it does not know.
 """
 
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ from torch import Tensor
 
 from specklegen.core.arguments import instance, real_tensor, whole_number
 from specklegen.core.errors import reject
+from specklegen.core.shielded import shielded
 from specklegen.datasets.addresses import Addresses
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models.learning.measurement import seen_by_camera
@@ -54,13 +55,15 @@ class ClassEvidence:
         return self.classes[self.log_evidence.argsort(dim=1, descending=True)]
 
 
+@shielded()
 def classes_by_law(images: Tensor, recipe: HiddenObject, *, samples: int = SAMPLES, seed: int = 0) -> ClassEvidence:
     """Tell which class the object in each image is of.
 
     Parameters
     ----------
     images
-        real[N, H, W], one camera image each, of the setup that the recipe describes.
+        real[N, H, W], one camera image each, of the setup that the recipe describes. The mean of their noises stands
+        for all, so that of counts an image's evidence depends a little on its companions.
     recipe
         What may be hidden, with ``label``, and behind what. Objects have one pitch and images one window.
     samples

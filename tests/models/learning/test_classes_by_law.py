@@ -11,6 +11,7 @@ from specklegen.datasets.addresses import Addresses
 from specklegen.models import SpeckleLikelihood, memory_effect_between
 from specklegen.models.learning.classes import MATERIALS, classes_by_law
 from specklegen.models.learning.measurement import measured
+from tests.core.test_shielded import CONTEXTS
 
 SMALL = {"camera": {"shape": [48, 48]}, "objects": {"shape": [20, 20]}, "field": {"pitch": 5e-6}}
 
@@ -73,6 +74,15 @@ def test_it_is_a_function_of_images_and_seed(recipe, batch):
     )
     assert not torch.equal(one.log_evidence, other.log_evidence)
     np.testing.assert_allclose(one.log_evidence[:1], alone.log_evidence, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["autocast", "double", "inference", "meta device", "threads"])
+def test_what_the_program_has_set_does_not_matter(recipe, batch, name):
+    expected = classes_by_law(batch["image"][:3], recipe, samples=200, seed=1).log_evidence
+    with CONTEXTS[name]():
+        found = classes_by_law(batch["image"][:3], recipe, samples=200, seed=1).log_evidence
+    assert found.dtype == torch.float64
+    assert found.numpy().tobytes() == expected.numpy().tobytes()
 
 
 def test_what_it_cannot_answer_is_refused(recipe, batch):
