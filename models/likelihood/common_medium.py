@@ -23,6 +23,7 @@ from torch import Tensor
 from specklegen.core.arguments import choice, flag, instance, real_tensor
 from specklegen.core.display.plot import Pictured, draw_stack
 from specklegen.core.errors import counted, reject
+from specklegen.core.shielded import shielded
 from specklegen.models.likelihood.likelihood import Optics, each_of
 from specklegen.scene.window import PROFILES, Window
 
@@ -80,6 +81,7 @@ class Joint(Pictured):
         axes.set_title(label or "")
 
 
+@shielded()
 def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:
     """Improve reconstructions of several objects by what their images through one medium have in common.
 

@@ -29,8 +29,8 @@ from torch import Tensor
 from specklegen.core.arguments import positive_number, real_number, real_tensor, whole_number
 from specklegen.core.display.plot import Pictured, draw_stack
 from specklegen.core.errors import counted, reject
-from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed, seed_words
+from specklegen.core.shielded import shielded
 from specklegen.models.likelihood.common_medium import camera_spectra, same_optics
 from specklegen.models.likelihood.likelihood import PASSED, Optics
 from specklegen.models.likelihood.periodogram import flattened
@@ -91,6 +91,7 @@ class Multiframe(Pictured):
         axes.set_title(label or "")
 
 
+@shielded()
 def multiframe_deconvolution(
     images: Tensor,
     optics: Optics,
@@ -151,13 +152,12 @@ def multiframe_deconvolution(
     if size * step > min(images.shape[-2:]):
         reject(f"{owner} size", f"at most {int(min(images.shape[-2:]) / step)}, the camera's side", size)
     flat, _, lowest = flattened(images.cpu().double(), real_number(f"{owner} background", background), sigma, owner)
-    with one_torch_thread():
-        law = _Law(flat, lowest, size, step, grain, optics)
-        found = law.search(words, starts)
-        order = found.cost.argsort(stable=True)
-        image, *others = (law.drawn(found.pixels[n]) for n in order.tolist())
-        alike = [float(pearson(align(other, image), image).mean()) for other in others]
-        explained = float(found.explained[order[0]])
+    law = _Law(flat, lowest, size, step, grain, optics)
+    found = law.search(words, starts)
+    order = found.cost.argsort(stable=True)
+    image, *others = (law.drawn(found.pixels[n]) for n in order.tolist())
+    alike = [float(pearson(align(other, image), image).mean()) for other in others]
+    explained = float(found.explained[order[0]])
     return Multiframe(image, float(np.mean(alike)) if alike else float("nan"), explained)
 
 
@@ -191,6 +191,7 @@ class _Law:
         self.waves = tuple(torch.exp(-2j * torch.pi * step * f[:, None] * torch.arange(size)) for f in (down, across))
         self.spot = SHARP * grain / step
 
+    @torch.enable_grad()
     def search(self, words: tuple[int, ...], starts: int) -> _Found:
         """Search from blobs, each start's its own; starts do not see each other."""
         count, n = len(self.spectrum), self.size

@@ -6,9 +6,11 @@ The images are made here, by a literal sum of a moved pattern over the pixels of
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter
 
-from specklegen.models import Multiframe, Optics, align, multiframe_deconvolution
+from specklegen.models import Multiframe, Optics, align, joint_objects, multiframe_deconvolution
 from specklegen.models.metrics import alignment, pearson
+from tests.core.test_shielded import CONTEXTS
 
 SIDE, STEP, CAMERA, GRAIN, COUNT, MEDIA = 13, 2, 128, 3.0, 5, 3
 OPTICS = Optics(step=float(STEP), grain=GRAIN)
@@ -152,3 +154,25 @@ def test_what_cannot_be_is_refused(change, message):
     given = {"images": torch.rand(3, 64, 64), "optics": OPTICS, "size": 8} | change
     with pytest.raises(ValueError, match=message):
         multiframe_deconvolution(**given)
+
+
+@pytest.mark.parametrize("name", ["autocast", "double", "inference", "meta device", "threads"])
+@pytest.mark.parametrize("call", [
+    lambda images: multiframe_deconvolution(images, Optics(step=2.0, grain=3.0), 12, starts=1).image,
+    lambda images: joint_objects(images, images[:, :12, :12], Optics(step=2.0, grain=3.0)).image,
+], ids=["images alone", "joint"])  # fmt: skip
+def test_what_the_program_has_set_does_not_matter(call, name):
+    rng = np.random.default_rng(0)
+    seen = torch.from_numpy(1 + gaussian_filter(rng.standard_normal((3, 48, 48)), (0, 1.3, 1.3)))
+    expected = call(seen)
+    with CONTEXTS[name]():
+        found = call(seen)
+    assert found.dtype == torch.float32
+    assert torch.equal(found.cpu(), expected)
+
+
+def test_images_made_in_inference_mode_serve():
+    with torch.inference_mode():
+        seen = torch.from_numpy(1 + 0.3 * np.random.default_rng(0).random((3, 48, 48))) * 1.0
+    assert seen.is_inference()
+    assert multiframe_deconvolution(seen, Optics(step=2.0, grain=3.0), 12, starts=1).image.isfinite().all()
