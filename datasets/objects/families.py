@@ -1,5 +1,6 @@
 """Families: objects of several families in one data set, the family of each sample drawn at random."""
 
+from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -73,7 +74,16 @@ class Families(ObjectFamily):
     @property
     def file_names(self) -> tuple[str, ...]:
         """Names of the files of all families, one family after another."""
+        return self._names
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
         return tuple(name for family in self.families for name in family.file_names)
+
+    @cached_property
+    def _others(self) -> dict[str, float]:
+        """What is told of a source whose family does not tell it."""
+        return dict.fromkeys((name for family in self.families for name in family.label_names), -1.0)
 
     def labels(self, source: Source) -> dict[str, float]:
         """Number of the family, and its own words; -1 for those that only others have. Files are numbered through."""
@@ -81,5 +91,4 @@ class Families(ObjectFamily):
         told = self.families[number].labels(source[1:])
         if "file" in told:
             told["file"] += sum(len(family.file_names) for family in self.families[:number])
-        others = dict.fromkeys((name for family in self.families for name in family.label_names), -1.0)
-        return {"family": float(number)} | others | told
+        return {"family": float(number)} | self._others | told
