@@ -107,10 +107,10 @@ class PresetMaterial(Value):
         require_above("Material.thickness", self.thickness, 0)
         if "wavelength" not in self.preset:
             return self  # a laboratory gives it
-        made = [self._bulk(numbers) for numbers in self._corners()]
-        if len({bulk.refractive_index for bulk in made}) > 1:
+        bulks = [self._bulk(numbers) for numbers in self._corners()]
+        if len({bulk.refractive_index for bulk in bulks}) > 1:
             reject("Material.preset", "of one refractive index, which fixes the wavelength inside",
-                   sorted({bulk.refractive_index for bulk in made}), "Give a constant for what the index depends on.")
+                   sorted({bulk.refractive_index for bulk in bulks}), "Give a constant for what the index depends on.")
         return self
 
     @property
@@ -156,8 +156,8 @@ class PresetMaterial(Value):
         """One slab with its memory effect, and the numbers that were drawn for it."""
         thickness = drawn(self.thickness, rng)
         numbers = {name: drawn(source, rng) for name, source in self._draws().items()}
-        told = {f"preset_{name}": float(value) for name, value in numbers.items()}
-        return replace(self.known(self._slab(thickness, numbers)), drawn=told)
+        labels = {f"preset_{name}": float(value) for name, value in numbers.items()}
+        return replace(self.known(self._slab(thickness, numbers)), drawn=labels)
 
     def slab_of(self, parameters: Mapping[str, float]) -> Slab:
         """Slab of a sample, from its stored parameters."""
@@ -188,10 +188,10 @@ class PresetMaterial(Value):
         return [dict(zip(draws, corner, strict=True)) for corner in corners]
 
     def _bulk(self, numbers: Mapping[str, float]) -> BulkMaterial:
-        made = materials.get(**{**self.preset, **numbers})
-        if not isinstance(made, BulkMaterial):
+        bulk = materials.get(**{**self.preset, **numbers})
+        if not isinstance(bulk, BulkMaterial):
             reject("Material.preset", "a bulk", self.preset["name"], "Write a ground glass as screens.")
-        return made
+        return bulk
 
     def _slab(self, thickness: float, numbers: Mapping[str, float]) -> Slab:
         return self._bulk(numbers).slab(thickness, None if self.outside == "matched" else self.outside)
