@@ -69,10 +69,10 @@ def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTrac
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, stream=Stream.PILOT, threads=1)
         return contributions_of_pairs(layout, bank)[0].max(axis=0)
 
-    found = np.concatenate([*map(largest, slices(min(SLAB_PATHS, max(fitting, 16)), at_once))])
-    if len(found) == 0:
+    contributions = np.concatenate([*map(largest, slices(min(SLAB_PATHS, max(fitting, 16)), at_once))])
+    if len(contributions) == 0:
         return tracer
-    threshold = ALWAYS_FROM * float(found.sum() / len(found))
+    threshold = ALWAYS_FROM * float(contributions.sum() / len(contributions))
     # Where none of the pilot's light comes out, connections of no weight are dropped, not all of them kept.
     return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold or 1e-300))
 
@@ -85,8 +85,8 @@ def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:
     judging = replace(tracer, threshold=1e-300)
     bank = judging.trace(seed, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
     # The first paths may all be short: between the faces of a slab a few of them scatter OD^2 times.
-    found = max(len(bank), int(_FIRST_PATHS * _events_between_faces(tracer.layout.volume)), 1)
-    count = min(VOLUME_PATHS, _FIRST_PATHS * max(1, _PILOT_CONNECTIONS // found))
+    connections = max(len(bank), int(_FIRST_PATHS * _events_between_faces(tracer.layout.volume)), 1)
+    count = min(VOLUME_PATHS, _FIRST_PATHS * max(1, _PILOT_CONNECTIONS // connections))
     if count > _FIRST_PATHS:
         bank = judging.trace(seed, count, stream=Stream.PILOT, threads=1)
     if len(bank) < 4 * count:
