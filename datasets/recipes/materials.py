@@ -65,7 +65,7 @@ class Materials:
         if not bandwidth:
             return [([*range(len(self))], None)]
         by_count: dict[int, list[int]] = {}
-        modes = [known_light(made(), paths, bandwidth, light.spectrum) for made in self.slabs]  # type: ignore[arg-type]
+        modes = [known_light(make(), paths, bandwidth, light.spectrum) for make in self.slabs]  # type: ignore[arg-type]
         for place, own in enumerate(modes):
             by_count.setdefault(len(own.shares), []).append(place)
         put = lambda rows: torch.tensor(np.array(rows), dtype=torch.float64).to(self.half_range.device)  # noqa: E731
