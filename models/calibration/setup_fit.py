@@ -453,7 +453,7 @@ def _ranges(tiles: _Seen, near: _Fitted, pixel: bool) -> RangeProfile:
         ratio = (tiles.power * (1 / second - 1 / first)).sum(axis=1)
         return max(1.0, _EDGES**2 * float(ratio.var(ddof=1)) / expected) if expected else 1.0
 
-    return profile_of(tiles.target, quick, fitted, scatter)
+    return profile_of(tiles.target, quick, fitted, scatter, count)
 
 
 def _falling(
@@ -464,7 +464,7 @@ def _falling(
     at = np.clip([near.grain, np.log(fall.bend), fall.power], low + 1e-3, high - 1e-3)
 
     def alone(values: np.ndarray, moved: Sequence[tuple[float, float]] = ()) -> np.ndarray:
-        """At a grain, of the fall and of others beside it."""
+        """Spectra at a grain, of the fall and of others beside it."""
         bends = [values[1:], *(values[1:] + np.array(step) for step in moved)]
         behind = [tiles.target.behind(reach, Fall(np.exp(bend), power)) for bend, power in bends]
         return _alone_behind(tiles, behind, near.profile, float(values[0]), pixel)

@@ -36,6 +36,7 @@ GAUSSIAN = Fall(1.0, 2.0)
 BOUNDS = ((np.log(0.1), np.log(4.0)), (0.05, 2.0))
 """Of ln(bend) and power."""
 _FALLS = (*(Fall(bend, power) for bend in (0.1, 0.3, 1.0, 2.5) for power in (0.1, 0.7, 1.3)), GAUSSIAN)
+_NUMBERS = 6
 _SHAPE = 0.03
 """Spread of ln(range): what the form leaves of a slab's."""
 _STEPS = 25
@@ -106,11 +107,14 @@ class RangeProfile(NamedTuple):
         The likeliest at each.
     likely : float64[n]
         Logarithm of the likelihood less the highest, over the scatter's share.
+    tiles : int
+        Whose scatter that is.
     """
 
     ranges: np.ndarray
     falls: tuple[Fall, ...]
     likely: np.ndarray
+    tiles: int
 
     @property
     def best(self) -> float:
@@ -126,7 +130,7 @@ class RangeProfile(NamedTuple):
 
     @property
     def fall(self) -> Fall:
-        """That of the likeliest range."""
+        """Fall at the likeliest range."""
         return self.falls[self._likeliest]
 
     @property
@@ -136,7 +140,7 @@ class RangeProfile(NamedTuple):
 
     def interval(self, level: float) -> tuple[float, float]:
         """Ends of an interval; 0 and infinity where no range tried is short, or long, enough to be excluded."""
-        return scan.interval(self.ranges, scan.blurred(self.ranges, self.likely, _SHAPE), level)
+        return scan.interval(self.ranges, scan.blurred(self.ranges, self.likely, _SHAPE), level, self.tiles - _NUMBERS)
 
     def told(self, level: float) -> str:
         """The interval in words."""
@@ -181,7 +185,7 @@ def ranges_of(target: Target) -> np.ndarray:
 def profile_of(
     target: Target, quick: Callable[[list[Target]], np.ndarray],
     fitted: Callable[[float, Fall], tuple[float, Fall, np.ndarray]],
-    scatter: Callable[[np.ndarray, np.ndarray], float],
+    scatter: Callable[[np.ndarray, np.ndarray], float], tiles: int,
 ) -> RangeProfile:  # fmt: skip
     """Profile a range: coarsely with all but the brightness held, then anew about the best.
 
@@ -194,7 +198,9 @@ def profile_of(
     fitted
         The same at a range, all other numbers fitted from a fall to start with; the fall, and the spectrum.
     scatter
-        Variance of the scores over that of the likelihood's own curvature, of what tells two spectra apart; at least 1.
+        Variance of the tiles' ratios of likelihoods of two spectra over what the likelihood itself expects; at least 1.
+    tiles
+        How many there are.
     """
     tried = ranges_of(target)
     first = np.array([quick([target.behind(reach, fall) for fall in _FALLS]) for reach in tried])
@@ -209,5 +215,7 @@ def profile_of(
     for m in np.flatnonzero(costs < costs.min() + _LIKELY):
         costs[m], falls[m], spectra[m] = fitted(float(tried[m]), falls[m])
     best = int(np.argmin(costs))
-    beside = min((m for m in spectra if m != best), key=lambda m: abs(m - best))
-    return RangeProfile(tried, tuple(falls), (costs.min() - costs) / scatter(spectra[beside], spectra[best]))
+    shares = {m: scatter(spectrum, spectra[best]) for m, spectrum in spectra.items() if m != best}
+    nearest = [min(shares, key=lambda m, own=own: abs(m - own)) for own in range(len(tried))]
+    spread = np.array([shares[m] for m in nearest])
+    return RangeProfile(tried, tuple(falls), (costs.min() - costs) / spread, tiles)
