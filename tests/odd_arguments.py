@@ -409,9 +409,9 @@ def bound(name: str, method: Callable[..., Any], **given: Any) -> Call:
 def others() -> Iterator[Call]:
     """Public functions of coherence, instruments, materials, data sets and models."""
     skin = {"name": "skin", "wavelength": 0.633, "lobe": "von-mises-fisher"}
-    yield Call("materials.get", materials.get, skin, ("name", "lobe"))
+    yield Call("materials.get", materials.get, skin, ("name",))
     yield Call("materials.about", materials.about, {"name": "milk"}, ("name",))
-    yield Call("materials.draw", materials.draw, skin | {"seed": 0}, ("name", "lobe"))
+    yield Call("materials.draw", materials.draw, skin | {"seed": 0}, ("name",))
     yield Call(
         "materials.memory_range",
         materials.memory_range,
@@ -419,7 +419,7 @@ def others() -> Iterator[Call]:
             "name": "intralipid", "wavelength": 0.633, "thickness": 500.0, "outside": (1.0, None), "unit": 1e-6,
             "draws": 1, "paths": 300, "seed": 0, "lobe": None,
         },
-        ("name", "lobe"),
+        ("name",),
     )
     for name, given in {
         "coherent_modes": {"W0": W0, "n_modes": 2, "energy": 0.9},
