@@ -5,13 +5,19 @@ of Henyey and Greenstein wide ones, and measured tissues lie between them. Both 
 """
 
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import brentq
 
 from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
+from specklegen.core.lazy import LazyModule
 from specklegen.scene.scatterers import HenyeyGreenstein, Scatterer, VonMisesFisher
+
+if TYPE_CHECKING:
+    from scipy import optimize
+else:
+    optimize = LazyModule("scipy.optimize")
 
 LOBES = ("henyey-greenstein", "von-mises-fisher")
 
@@ -29,5 +35,9 @@ def _concentration(g: float) -> float:
     if not g < 1:
         reject("materials g", "below 1", g)
     low, high = np.log([g, 4 / (1 - g)])  # g < kappa / 3 of a wide lobe, 1 - 1 / kappa of a narrow one
-    log = brentq(lambda x: VonMisesFisher(concentration=float(np.exp(x))).mean_cosine() - g, low, high, xtol=1e-14)
+
+    def off(log: float) -> float:
+        return VonMisesFisher(concentration=float(np.exp(log))).mean_cosine() - g
+
+    log = optimize.brentq(off, low, high, xtol=1e-14)
     return float(np.exp(log))  # type: ignore[arg-type]
