@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.memory import memory_limit
 from specklegen.core.random_streams import seed_words
 from specklegen.core.values import PositiveInt
 from specklegen.datasets.objects.family import AnyFamily, ObjectFamily, Source
@@ -60,6 +61,10 @@ class Scan(ObjectFamily):
     def _check(self) -> Self:
         if self.step > min(self.shape):
             reject("Scan.step", f"at most the side of the spot, {min(self.shape)}", self.step)
+        if 64 * prod(self.wide) > 0.1 * memory_limit():
+            most = 0.1 * memory_limit() / 64
+            reject("Scan.grid", f"such that a page has at most {most:.1e} pixels here", self.grid,
+                   "A page is drawn whole for every sample: use fewer places.")  # fmt: skip
         if isinstance(self.of, Scan):
             reject("Scan.of", "a family of pictures", self.of.type)
         return self

@@ -60,6 +60,7 @@ def test_what_a_sample_tells_of_its_place_is_that_of_its_image():
     ("change", "rule"),
     [
         ({"step": 11}, r"Scan\.step must be at most the side of the spot, 10"),
+        ({"grid": (10**6, 10**6)}, r"Scan\.grid must be such that a page has at most"),
         ({"of": SCAN}, r"Scan\.of must be a family of pictures"),
     ],
 )
